@@ -1,9 +1,9 @@
-//! Answers of people, sealed to who asked: others that overhear all messages cannot read them.
+//! Answers of people, sealed to the agent that asked: agents that overhear all messages cannot read them.
 //!
-//! Each question has a key of its own, which its asker holds and forgets with the question. A sealed box
-//! says nothing of who made it, and nobody but the asker can open it. What it does not do: say that the
-//! key in a question is the asker's. In an ecosystem without certificates a participant can pose as the
-//! asker.
+//! Each question has a key pair of its own; the asking agent holds it and drops it with the question. A
+//! sealed box does not show its author, and only the asking agent can open it. The scheme does not prove
+//! that the public key in a question is the asking agent's: in an ecosystem without certificates a
+//! participant can pose as another agent.
 
 use crypto_box::aead::OsRng;
 use crypto_box::{KEY_SIZE, PublicKey, SecretKey};
@@ -11,23 +11,23 @@ use crypto_box::{KEY_SIZE, PublicKey, SecretKey};
 /// The longest answer, in bytes.
 const ANSWER_BYTES_MAX: usize = 4 << 10;
 
-/// What a sealed box adds: a public key and a tag.
+/// Length that sealing adds, in bytes: a public key and a tag.
 const SEAL_BYTES: usize = 48;
 
-/// The key of one question.
+/// The key pair of one question.
 pub struct AnswerKey(SecretKey);
 
 /// Why an answer cannot be sealed or read. Completes “the answer …”.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SealError {
-    /// The question's key is none.
+    /// The key in the question is not valid.
     #[error("cannot be sealed: the key of the question is not 64 hexadecimal digits")]
     NoKey,
-    /// It is longer than any may be.
+    /// The answer is too long.
     #[error("is longer than {ANSWER_BYTES_MAX} bytes")]
     TooLong,
-    /// It was sealed to another key, or changed on its way.
+    /// The answer was sealed to another key, or changed on its way.
     #[error("was not sealed to the key of this question")]
     Foreign,
 }
@@ -35,21 +35,21 @@ pub enum SealError {
 // === impl AnswerKey ===
 
 impl AnswerKey {
-    /// A new one.
+    /// Generates a key pair.
     pub fn new() -> AnswerKey {
         AnswerKey(SecretKey::generate(&mut OsRng))
     }
 
-    /// What the question says of it.
+    /// Returns the public key in hexadecimal, as the question carries it.
     pub fn public(&self) -> String {
         digits(self.0.public_key().as_bytes())
     }
 
-    /// Reads an answer.
+    /// Opens a sealed answer.
     ///
     /// # Errors
     ///
-    /// If it was not sealed to this key.
+    /// Returns an error if the answer is too long or was not sealed to this key.
     pub fn open(&self, sealed: &str) -> Result<String, SealError> {
         if sealed.len() > 2 * (ANSWER_BYTES_MAX + SEAL_BYTES) {
             return Err(SealError::TooLong);
@@ -66,11 +66,11 @@ impl Default for AnswerKey {
     }
 }
 
-/// Seals an answer to the key that its question names.
+/// Seals an answer to the public key in its question.
 ///
 /// # Errors
 ///
-/// If that is no key, or the answer too long.
+/// Returns an error if `key` is not a public key, or the answer is too long.
 pub fn seal_answer(key: &str, text: &str) -> Result<String, SealError> {
     let key = bytes(key).and_then(|bytes| <[u8; KEY_SIZE]>::try_from(bytes).ok());
     let key = PublicKey::from_bytes(key.ok_or(SealError::NoKey)?);

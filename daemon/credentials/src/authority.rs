@@ -1,4 +1,4 @@
-//! The authority of an ecosystem: makes certificates for its daemons, and takes them back.
+//! The authority of an ecosystem: issues certificates for its daemons, and revokes them.
 
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -19,21 +19,21 @@ use crate::is_certifiable;
 use crate::revocations::Revocations;
 use crate::trust::Trust;
 
-/// How long an authority lasts unless said otherwise: ten years, as long as a building's devices.
+/// Default validity of an authority, in days: ten years, as long as a building's devices last.
 pub const AUTHORITY_DAYS: u32 = 3_650;
 
-/// How long a daemon's certificate lasts unless said otherwise: two years, so that renewing is
-/// done often enough to be remembered and seldom enough not to be a burden.
+/// Default validity of a daemon's certificate, in days: two years. Renewal is then frequent enough to be
+/// remembered and rare enough not to be a burden.
 pub const DAEMON_DAYS: u32 = 730;
 
-/// How far back a certificate is valid: the clocks of boards without a battery run behind.
+/// How far the start of validity is set back: the clocks of boards without a battery run behind.
 const BACKDATED: Duration = Duration::from_secs(24 * 3_600);
 
 const DAY: Duration = Duration::from_secs(24 * 3_600);
 
-/// Of what a key may be used only if its owner may write it, and nobody else read it.
+/// Mode of a key file: only its owner may read and write it.
 const SECRET: u32 = 0o600;
-/// Of what everybody may know.
+/// Mode of a file that every user may read.
 const PUBLIC: u32 = 0o644;
 
 /// An ecosystem's authority, with its key.
@@ -52,11 +52,11 @@ impl std::fmt::Debug for Authority {
 // === impl Authority ===
 
 impl Authority {
-    /// Makes one: `authority.pem` and `authority.key`.
+    /// Creates an authority: writes `authority.pem` and `authority.key`.
     ///
     /// # Errors
     ///
-    /// If there is one already, or the folder cannot be written.
+    /// Returns an error if there is one already, or the folder cannot be written.
     pub fn create(
         folder: &Folder,
         ecosystem: &EcosystemId,
@@ -79,11 +79,11 @@ impl Authority {
         Authority::open(folder)
     }
 
-    /// Opens the one in this folder.
+    /// Opens the authority in this folder.
     ///
     /// # Errors
     ///
-    /// If there is none, or its key can be read by others.
+    /// Returns an error if there is none, or its key can be read by others.
     pub fn open(folder: &Folder) -> Result<Authority, CredentialError> {
         let path = folder.authority_key();
         if !path.exists() {
@@ -100,17 +100,18 @@ impl Authority {
         Ok(Authority { folder: folder.clone(), certificate, issuer })
     }
 
-    /// Its certificate.
+    /// Returns the authority's certificate.
     pub fn certificate(&self) -> &Certificate {
         &self.certificate
     }
 
-    /// Makes a key and a certificate for a daemon: `NAME.key` and `NAME.pem`. An older
-    /// certificate of that name is replaced here; it stays valid until it ends or is revoked.
+    /// Issues a key and a certificate for a daemon: `NAME.key` and `NAME.pem`. An older certificate of that
+    /// name is replaced here; it stays valid until it expires or is revoked.
     ///
     /// # Errors
     ///
-    /// If the name or a host cannot stand in a certificate, or the folder cannot be written.
+    /// Returns an error if the name or a host cannot stand in a certificate, or the folder cannot be
+    /// written.
     pub fn issue(
         &self,
         daemon: &DaemonId,
@@ -139,7 +140,7 @@ impl Authority {
         Ok(made)
     }
 
-    /// All certificates it has made, by name and end.
+    /// Returns all certificates it has issued, sorted by name and expiry.
     pub fn issued(&self) -> Vec<Certificate> {
         let Ok(entries) = std::fs::read_dir(self.folder.issued()) else { return Vec::new() };
         let read = entries.flatten().filter_map(|entry| Certificate::read(&entry.path()).ok());
@@ -148,11 +149,12 @@ impl Authority {
         issued
     }
 
-    /// Takes back all certificates of a daemon: writes `revoked.pem`. Yields how many they are.
+    /// Revokes all certificates of a daemon: writes `revoked.pem`. Returns the number of certificates that
+    /// were not revoked before.
     ///
     /// # Errors
     ///
-    /// If it has none, or the folder cannot be written.
+    /// Returns an error if the daemon has none, or the folder cannot be written.
     pub fn revoke(&self, daemon: &DaemonId) -> Result<usize, CredentialError> {
         let issued = self.issued();
         let is_meant = |each: &&Certificate| each.subject == daemon.as_str();
@@ -205,14 +207,14 @@ fn name(common: &str, organization: &str) -> DistinguishedName {
     name
 }
 
-/// Valid from a little before now, for so many days.
+/// Sets the validity: from a little before now, for this number of days.
 fn lasting(params: &mut CertificateParams, days: u32) {
     let now = SystemTime::now();
     params.not_before = OffsetDateTime::from(now.checked_sub(BACKDATED).unwrap_or(UNIX_EPOCH));
     params.not_after = OffsetDateTime::from(now) + DAY * days;
 }
 
-/// Its name, its name as mDNS has it, and what else was said.
+/// Returns the daemon's name, its mDNS name, and the given hosts.
 fn alternative_names(daemon: &DaemonId, hosts: &[String]) -> Result<Vec<SanType>, CredentialError> {
     // A host name has no underscore.
     let own = [daemon.to_string(), format!("{daemon}.local")];

@@ -1,4 +1,4 @@
-//! What a certificate says, read once.
+//! Certificates, with their parsed content.
 
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -12,33 +12,33 @@ use x509_parser::prelude::{FromDer as _, X509Certificate};
 use crate::error::CredentialError;
 use crate::files;
 
-/// A certificate, and what it says. Whether that is true, [`crate::Trust`] knows.
+/// A certificate and its parsed content. Whether it is trusted is checked by [`crate::Trust`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Certificate {
     /// The certificate itself.
     pub(crate) der: CertificateDer<'static>,
-    /// To whom it was made out: a daemon's name, or the authority's description.
+    /// Common name of the subject: a daemon's name, or the authority's description.
     pub subject: String,
-    /// Its number among those of its authority.
+    /// Serial number among those of its authority.
     pub serial: Vec<u8>,
-    /// From when on it is valid.
+    /// Start of its validity.
     pub not_before: SystemTime,
-    /// Until when.
+    /// End of its validity.
     pub not_after: SystemTime,
-    /// The host names and addresses at which its owner is reached.
+    /// Host names and addresses at which the daemon is reached.
     pub hosts: Vec<String>,
-    /// The Ed25519 key, if it is one.
+    /// The Ed25519 public key; `None` if the key is of another kind.
     pub(crate) public_key: Option<[u8; 32]>,
 }
 
 // === impl Certificate ===
 
 impl Certificate {
-    /// Reads a file.
+    /// Reads a PEM file.
     ///
     /// # Errors
     ///
-    /// If there is none, or no certificate in it.
+    /// Returns an error if there is no file, or no certificate in it.
     pub fn read(path: &Path) -> Result<Certificate, CredentialError> {
         let text = files::read(path)?;
         let malformed = |problem: &str| CredentialError::Malformed {
@@ -50,7 +50,7 @@ impl Certificate {
         Certificate::from_der(&der).ok_or_else(|| malformed("its certificate cannot be read"))
     }
 
-    /// Reads what came from outside; of garbage, nothing.
+    /// Reads a certificate from outside. Returns `None` if the bytes are not one.
     pub(crate) fn from_der(der: &[u8]) -> Option<Certificate> {
         let (rest, read) = X509Certificate::from_der(der).ok()?;
         if !rest.is_empty() {
@@ -71,12 +71,12 @@ impl Certificate {
         })
     }
 
-    /// The daemon it was made out to, if it was made out to one.
+    /// Returns the daemon for which it was issued; `None` if it is not a daemon's.
     pub fn daemon(&self) -> Option<DaemonId> {
         DaemonId::new(&self.subject).ok().filter(crate::is_certifiable)
     }
 
-    /// How long it is still valid; nothing when it has ended.
+    /// Returns how long it is still valid; zero if it has expired.
     pub fn left(&self, now: SystemTime) -> Duration {
         self.not_after.duration_since(now).unwrap_or_default()
     }

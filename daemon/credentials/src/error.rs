@@ -1,4 +1,4 @@
-//! What can be wrong with files and certificates, and why something heard is not believed.
+//! Errors of files and certificates, and the reasons why a message is not believed.
 
 use std::io;
 use std::path::PathBuf;
@@ -10,23 +10,23 @@ pub enum CredentialError {
     /// A file or a folder cannot be used.
     #[error("use {}: {source}", path.display())]
     Io {
-        /// Which.
+        /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         #[source]
         source: io::Error,
     },
-    /// A file that is needed is not there.
+    /// A required file does not exist.
     #[error("find {what}: there is no {}; {remedy}", path.display())]
     Missing {
-        /// What it is.
+        /// Description of the file.
         what: &'static str,
-        /// Where it was looked for.
+        /// Path at which it was looked for.
         path: PathBuf,
-        /// What would be right.
+        /// The remedy.
         remedy: String,
     },
-    /// Somebody else could read a key.
+    /// Other users can read a key.
     #[error(
         "use the key {0}: others can read it (mode {mode:03o}); make it yours alone: chmod 600 {0}",
         path.display()
@@ -34,10 +34,10 @@ pub enum CredentialError {
     Loose {
         /// The key.
         path: PathBuf,
-        /// Its permissions.
+        /// The permissions of the key.
         mode: u32,
     },
-    /// Anybody on this machine can put another in its place.
+    /// Every user of this machine can replace the file.
     #[error("trust {0}: anybody can write it (mode {mode:03o}); take that right away: chmod o-w {0}",
         path.display())]
     Writable {
@@ -46,15 +46,15 @@ pub enum CredentialError {
         /// Its permissions.
         mode: u32,
     },
-    /// A file is not what it should be.
+    /// A file does not have the expected content.
     #[error("read {}: {problem}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
-    /// What is to be made is there already.
+    /// The file to create exists already.
     #[error("make {}: it is there already, and what it has signed would be worth nothing without \
              it; move the folder away first, if that is meant", path.display())]
     Exists {
@@ -70,23 +70,23 @@ pub enum CredentialError {
     /// A host name that cannot stand in a certificate.
     #[error("put `{0}` into a certificate: write a host name or an IP address")]
     Host(String),
-    /// Nobody of this name has a certificate of this authority.
+    /// The authority has issued no certificate for this name.
     #[error("revoke `{name}`: this authority has given it no certificate{}", others(known))]
     Unknown {
         /// The name.
         name: String,
-        /// Who has one.
+        /// Names for which it has issued one.
         known: Vec<String>,
     },
-    /// The library that makes certificates declined.
+    /// The library that makes certificates returned an error.
     #[error("make a certificate: {0}")]
     Making(#[from] rcgen::Error),
-    /// A certificate is not worth anything here.
+    /// A certificate is not valid here.
     #[error("use the certificate {}: {why}", path.display())]
     Distrusted {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         why: Distrust,
     },
 }
@@ -98,44 +98,44 @@ fn others(names: &[String]) -> String {
     }
 }
 
-/// Why something heard is not believed. Completes “the message …”.
+/// Why a message is not believed. Completes “the message …”.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum Distrust {
-    /// It has no seal.
+    /// The message has no seal.
     #[error("is not signed")]
     Unsigned,
     /// The seal cannot be read.
     #[error("has a seal that cannot be read")]
     Malformed,
-    /// The certificate is not this authority's, or not one that may speak.
+    /// The certificate is not this authority's, or is not a daemon's.
     #[error("is signed with a certificate that the ecosystem's authority has not made")]
     Stranger,
-    /// The certificate is not valid yet, or no longer.
+    /// The certificate is not valid yet, or has expired.
     #[error("is signed with a certificate that is not valid at this time")]
     Expired,
-    /// The certificate was taken back.
+    /// The certificate was revoked.
     #[error("is signed with a certificate that was revoked")]
     Revoked,
-    /// The signature is not one over this message.
+    /// The signature does not match the message.
     #[error("has a signature that is not one over it: it was changed, or signed by another")]
     Forged,
-    /// The speaker's name is not the certificate's.
+    /// The sender's name does not match the certificate.
     #[error("is signed by a daemon in the name of another")]
     Impostor,
-    /// It was heard before, or is of a former life.
+    /// The message was received before, or is of an earlier incarnation of its sender.
     #[error("was heard before, or is of a former life")]
     Replayed,
-    /// It is for another life of who heard it.
+    /// The message is for an earlier incarnation of its receiver.
     #[error("is for a former life of this daemon: somebody plays it again, or its sender is late")]
     Belated,
-    /// It was sealed too long ago.
+    /// The message was sealed too long ago.
     #[error("was held back for longer than anybody waits for it")]
     Overdue,
-    /// Its sender has not been called yet, or had not when it said this: it may be old.
+    /// The sender has not answered a call yet, or had not when it sent this: the message may be old.
     #[error("was said before its daemon was called")]
     Uncalled,
-    /// Its sender speaks too much.
+    /// The sender exceeds its rate limit.
     #[error("is one of too many")]
     Flooded,
 }

@@ -1,4 +1,4 @@
-//! Which file is which in a folder of credentials, and how they are written and read.
+//! Names of the files in a folder of credentials, and how they are written and read.
 //!
 //! ```text
 //! authority.pem     whom the ecosystem trusts; on every machine
@@ -20,7 +20,7 @@ use rustls_pki_types::pem::PemObject as _;
 
 use crate::error::CredentialError;
 
-/// The longest file read: a list with ten thousand revoked certificates has half a megabyte.
+/// Maximum length of a file, in bytes: a list with ten thousand revoked certificates has half a megabyte.
 const FILE_BYTES_MAX: u64 = 4 << 20;
 
 /// A folder of credentials.
@@ -30,47 +30,47 @@ pub struct Folder(PathBuf);
 // === impl Folder ===
 
 impl Folder {
-    /// The folder at this path, whether or not it is there.
+    /// Returns the folder at this path, which need not exist.
     pub fn new(path: impl Into<PathBuf>) -> Folder {
         Folder(path.into())
     }
 
-    /// Its path.
+    /// Returns the path of the folder.
     pub fn path(&self) -> &Path {
         &self.0
     }
 
-    /// The authority's certificate.
+    /// Path of the authority's certificate.
     pub fn authority(&self) -> PathBuf {
         self.0.join("authority.pem")
     }
 
-    /// The authority's key.
+    /// Path of the authority's key.
     pub fn authority_key(&self) -> PathBuf {
         self.0.join("authority.key")
     }
 
-    /// A daemon's certificate.
+    /// Path of a daemon's certificate.
     pub fn certificate(&self, daemon: &DaemonId) -> PathBuf {
         self.0.join(format!("{daemon}.pem"))
     }
 
-    /// A daemon's key.
+    /// Path of a daemon's key.
     pub fn key(&self, daemon: &DaemonId) -> PathBuf {
         self.0.join(format!("{daemon}.key"))
     }
 
-    /// The certificates that were taken back.
+    /// Path of the list of revoked certificates.
     pub fn revocations(&self) -> PathBuf {
         self.0.join("revoked.pem")
     }
 
-    /// Copies of all certificates that the authority here has made.
+    /// Path of the folder with copies of all certificates that the authority here has made.
     pub(crate) fn issued(&self) -> PathBuf {
         self.0.join("issued")
     }
 
-    /// The daemons whose keys are here, in the order of their names.
+    /// Returns the daemons that have a key here, sorted by name.
     pub fn daemons(&self) -> Vec<DaemonId> {
         let Ok(entries) = fs::read_dir(&self.0) else { return Vec::new() };
         let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
@@ -81,7 +81,7 @@ impl Folder {
         daemons
     }
 
-    /// Makes the folder, for this user alone.
+    /// Makes the folder, with access for this user alone.
     pub(crate) fn make(&self) -> Result<(), CredentialError> {
         for folder in [&self.0, &self.issued()] {
             let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);
@@ -95,7 +95,7 @@ fn failed(path: &Path, source: io::Error) -> CredentialError {
     CredentialError::Io { path: path.to_owned(), source }
 }
 
-/// Reads a text of bounded length.
+/// Reads a text file of at most [`FILE_BYTES_MAX`] bytes.
 pub(crate) fn read(path: &Path) -> Result<String, CredentialError> {
     let length = fs::metadata(path).map_err(|source| failed(path, source))?.len();
     if length > FILE_BYTES_MAX {
@@ -105,11 +105,12 @@ pub(crate) fn read(path: &Path) -> Result<String, CredentialError> {
     fs::read_to_string(path).map_err(|source| failed(path, source))
 }
 
-/// Refuses what anybody could put another in the place of: whoever does that decides whom all trust.
+/// Rejects a file that is world-writable, or in a world-writable folder: a user that can replace the CA
+/// certificate controls which certificates every daemon trusts.
 pub(crate) fn not_for_anybody(folder: &Folder, path: &Path) -> Result<(), CredentialError> {
     for each in [folder.path(), path] {
         let mode = fs::metadata(each).map_err(|source| failed(each, source))?.mode() & 0o1777;
-        // In a folder that is sticky nobody can replace what is another's.
+        // In a sticky folder no user can replace another user's file.
         if mode & 0o002 != 0 && mode & 0o1000 == 0 {
             return Err(CredentialError::Writable { path: each.to_owned(), mode });
         }
@@ -117,20 +118,20 @@ pub(crate) fn not_for_anybody(folder: &Folder, path: &Path) -> Result<(), Creden
     Ok(())
 }
 
-/// Reads a key, unless others can read it too.
+/// Reads a key; returns an error if other users can read it too.
 pub(crate) fn read_key(path: &Path) -> Result<PrivatePkcs8KeyDer<'static>, CredentialError> {
     let mode = fs::metadata(path).map_err(|source| failed(path, source))?.mode() & 0o777;
     if mode & 0o077 != 0 {
         return Err(CredentialError::Loose { path: path.to_owned(), mode });
     }
     PrivatePkcs8KeyDer::from_pem_slice(read(path)?.as_bytes()).map_err(|_| {
-        // Not what the parser says: it could quote the key.
+        // The parser's error is not passed on: it could quote the key.
         let problem = "there is no PKCS#8 key in it".to_owned();
         CredentialError::Malformed { path: path.to_owned(), problem }
     })
 }
 
-/// Writes a file that nobody else may write, or of a key read; never over one that is there.
+/// Writes a new file with this mode. Returns an error if it exists already.
 pub(crate) fn write_new(path: &Path, text: &str, mode: u32) -> Result<(), CredentialError> {
     let mut options = OpenOptions::new();
     let file = options.write(true).create_new(true).mode(mode).open(path);
@@ -142,10 +143,10 @@ pub(crate) fn write_new(path: &Path, text: &str, mode: u32) -> Result<(), Creden
     written.map_err(|source| failed(path, source))
 }
 
-/// Writes a file in the place of another: whoever reads sees the old one or the new one, whole.
+/// Replaces a file atomically: a reader sees either the old content or the new, never a part.
 pub(crate) fn replace(path: &Path, text: &str, mode: u32) -> Result<(), CredentialError> {
     let aside = path.with_extension(format!("new-{}", std::process::id()));
-    // One that was left by a process that died.
+    // A remnant of a process that died.
     let _ = fs::remove_file(&aside);
     write_new(&aside, text, mode)?;
     fs::rename(&aside, path).map_err(|source| {

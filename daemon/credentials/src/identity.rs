@@ -1,4 +1,4 @@
-//! A daemon's own key and certificate: what it seals its messages with.
+//! A daemon's own key and certificate, which seal its messages.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -13,53 +13,53 @@ use crate::files::{self, Folder};
 use crate::seal::{Nonce, Seal, Statement};
 use crate::trust::Trust;
 
-/// How many channels there are.
+/// Number of channels.
 const CHANNELS: usize = 3;
 
-/// The channels whose messages are numbered.
+/// The channels with sequence numbers.
 const NUMBERED: [usize; NUMBERED_CHANNELS] = [Channel::Message as usize, Channel::Beat as usize];
 pub(crate) const NUMBERED_CHANNELS: usize = 2;
 
-/// Messages of one channel come nearly in order; those of two may overtake each other at will, and
-/// are numbered apart.
+/// Kind of message. Messages of one channel arrive nearly in order; those of two channels may overtake each
+/// other at will, so each channel has its own sequence numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Channel {
-    /// Messages to one and to all.
+    /// Messages to one agent and to all.
     Message = 0,
     /// Models and heartbeats, which travel at a lower priority.
     Beat = 1,
-    /// Answers to questions: they are bound to their question, and not numbered.
+    /// Answers to questions: they are bound to their question by its nonce, and not numbered.
     Answer = 2,
 }
 
-/// How far a speaker has come, by its own word in answer to a question: whatever it has numbered
-/// up to here, it has said before.
+/// Sequence numbers that a sender has reached, as it states them in answer to a call: every message with a
+/// number up to these was sent earlier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Said {
-    /// Its life: microseconds since the Unix epoch at its beginning.
+    /// Incarnation: microseconds since the Unix epoch at its start.
     pub life: u64,
     /// The last number of each numbered channel, in the order of [`Channel`].
     pub numbers: [u64; NUMBERED_CHANNELS],
-    /// How old its life is: milliseconds, by a clock that nobody sets. Nothing, of who does not say
-    /// when it has sealed what.
+    /// Age of the incarnation in milliseconds, by a monotonic clock. 0 if the sender's version does not
+    /// state it.
     #[serde(default)]
     pub age: u64,
 }
 
-/// What a seal says of its place among others.
+/// Position of a message among the others, for its seal.
 struct Numbers {
     channel: Channel,
     number: u64,
     to: u64,
 }
 
-/// Who speaks, and with which key.
+/// The key of a daemon, and the name under which it signs.
 pub struct Identity {
     folder: Folder,
     certificate: Certificate,
     key: Ed25519KeyPair,
-    /// The daemon, or a guest that speaks with its key.
+    /// The daemon, or a guest that signs with its key.
     speaker: DaemonId,
     life: u64,
     began: Instant,
@@ -75,11 +75,11 @@ impl std::fmt::Debug for Identity {
 // === impl Identity ===
 
 impl Identity {
-    /// Reads a daemon's key and certificate, of which `trust` must think well. Its life begins.
+    /// Reads a daemon's key and certificate, and checks them against `trust`. A new incarnation begins.
     ///
     /// # Errors
     ///
-    /// If one of them is missing, can be read by others, or is not worth anything here.
+    /// Returns an error if one of them is missing, can be read by others, or is not valid here.
     pub fn read(
         folder: &Folder,
         daemon: &DaemonId,
@@ -128,29 +128,29 @@ impl Identity {
         })
     }
 
-    /// The same, in a life that is known to be later than any before, where the clock may not say so.
+    /// Sets the incarnation to one known to be later than all before, in case the clock was set back.
     #[must_use]
     pub fn in_life(self, life: u64) -> Identity {
         Identity { life, ..self }
     }
 
-    /// The same key, for a guest of this daemon; see [`DaemonId::guest`].
+    /// Uses the same key for a guest of this daemon; see [`DaemonId::guest`].
     #[must_use]
     pub fn for_guest(self, guest: DaemonId) -> Identity {
         Identity { speaker: guest, ..self }
     }
 
-    /// Who speaks.
+    /// Returns the daemon or guest that signs.
     pub fn speaker(&self) -> &DaemonId {
         &self.speaker
     }
 
-    /// Its certificate.
+    /// Returns the certificate.
     pub fn certificate(&self) -> &Certificate {
         &self.certificate
     }
 
-    /// The files of its key, its certificate and its authority's certificate, for TLS.
+    /// Returns the files of its key, its certificate and its authority's certificate, for TLS.
     pub fn files(&self) -> (std::path::PathBuf, std::path::PathBuf, std::path::PathBuf) {
         let daemon = DaemonId::new(&self.certificate.subject);
         let daemon = daemon.expect("invariant: it was made out to a daemon when it was read");
@@ -158,7 +158,7 @@ impl Identity {
         (folder.key(&daemon), folder.certificate(&daemon), folder.authority())
     }
 
-    /// Which life this is, and how many messages it has sealed in each numbered channel.
+    /// Returns the incarnation, its age, and the number of messages sealed in each numbered channel.
     pub fn said(&self) -> Said {
         let numbers = NUMBERED.map(|channel| self.numbers[channel].load(Ordering::Relaxed));
         Said { life: self.life, numbers, age: self.age() }
@@ -168,8 +168,8 @@ impl Identity {
         u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    /// The seal for a payload that goes out under this key expression, to one daemon in this life
-    /// of it, or to all.
+    /// Returns the seal for a payload that goes out under this key expression: to the incarnation `to` of
+    /// one daemon, or to all.
     pub fn seal(
         &self,
         channel: Channel,
@@ -182,7 +182,7 @@ impl Identity {
         self.sealed(Numbers { channel, number, to }, key_expr, payload, &[])
     }
 
-    /// The seal for an answer to the question with this nonce.
+    /// Returns the seal for an answer to the question with this nonce.
     pub fn seal_answer(&self, key_expr: &str, payload: &[u8], nonce: &Nonce) -> Vec<u8> {
         let numbers = Numbers { channel: Channel::Answer, number: 0, to: 0 };
         self.sealed(numbers, key_expr, payload, nonce)
@@ -205,7 +205,7 @@ impl Identity {
     }
 }
 
-/// A life, by its beginning: greater than that of any life before, if the clock does not jump.
+/// Returns a new incarnation by the clock: greater than every earlier one, unless the clock was set back.
 fn now() -> u64 {
     let micros = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
     u64::try_from(micros).unwrap_or(u64::MAX)

@@ -1,16 +1,15 @@
-//! What a daemon is known by: its key and certificate, the seals on what it says, and whom nobody
-//! believes any more.
+//! Credentials of daemons: keys and certificates, the seals on messages, and revocations.
 //!
 //! - [`Authority`] makes certificates and revokes them; its key stays where it was made.
-//! - [`Folder`] says which file is which, and refuses a key that others can read.
-//! - [`AnswerKey`] opens what people answer, [`seal_answer`] seals it.
-//! - [`Identity`] seals what a daemon says, [`Verifier`] opens what it hears.
+//! - [`Folder`] names the files, and refuses a key that other users can read.
+//! - [`AnswerKey`] opens the answers of people, [`seal_answer`] seals them.
+//! - [`Identity`] seals outgoing messages, [`Verifier`] opens incoming ones.
 //!
-//! One Ed25519 key per daemon serves TLS and seals; what is signed begins with a text of its own
-//! in each, so that neither can be taken for the other. Knows nothing of Zenoh, nor of rights: who
-//! may say what is decided above.
+//! One Ed25519 key per daemon serves TLS and seals. The signed bytes begin with a different text in each,
+//! so that a signature for one is never valid for the other. This crate knows nothing of Zenoh, nor of
+//! rights: which daemon may send which message is decided in higher layers.
 //!
-//! Keys never leave this crate but as files, and nothing here is logged or shown that holds one.
+//! Keys never leave this crate except as files, and no value that holds one is logged or shown.
 
 mod answer;
 mod authority;
@@ -38,10 +37,10 @@ pub use verifier::{Sealed, Verified, Verifier};
 
 use acl::DaemonId;
 
-/// The longest name of a daemon that has a certificate: a guest's is longer.
+/// Maximum length of a certified daemon name, in bytes; the name of a guest is longer.
 const CERTIFIED_NAME_BYTES_MAX: usize = 40;
 
-/// Whether a certificate may be made out to this name.
+/// Whether a certificate may be issued for this name.
 fn is_certifiable(name: &DaemonId) -> bool {
     name.as_str().len() <= CERTIFIED_NAME_BYTES_MAX && !name.is_guest()
 }

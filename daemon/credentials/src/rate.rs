@@ -1,8 +1,8 @@
-//! How much one daemon may say: a bucket that fills by the second.
+//! Rate limit of one daemon: a token bucket.
 
 use std::time::Instant;
 
-/// A bucket of allowances.
+/// A bucket of permits for messages.
 #[derive(Debug)]
 pub(crate) struct Rate {
     left: f64,
@@ -10,17 +10,17 @@ pub(crate) struct Rate {
 }
 
 impl Rate {
-    /// Full.
+    /// Returns a full bucket.
     pub(crate) fn new(per_second: u32, now: Instant) -> Rate {
         Rate { left: burst(per_second), since: now }
     }
 
-    /// Takes one allowance, if there is any.
+    /// Takes one permit; returns `false` if there is none.
     pub(crate) fn take(&mut self, per_second: u32, now: Instant) -> bool {
         self.take_up_to(1, per_second, now) == 1
     }
 
-    /// Takes so many allowances, or as many as there are; yields how many.
+    /// Takes up to `count` permits; returns how many were taken.
     pub(crate) fn take_up_to(&mut self, count: u32, per_second: u32, now: Instant) -> u32 {
         let passed = now.saturating_duration_since(self.since).as_secs_f64();
         self.since = now;
@@ -32,7 +32,8 @@ impl Rate {
     }
 }
 
-/// Two seconds' worth at once: all agents of a daemon answer one call in the same instant.
+/// Capacity of a bucket: two seconds' worth, because all agents of a daemon answer one call in the same
+/// instant.
 fn burst(per_second: u32) -> f64 {
     2.0 * f64::from(per_second)
 }

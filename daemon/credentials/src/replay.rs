@@ -1,12 +1,13 @@
-//! What was heard already: a sliding window per speaker, life and channel (as in RFC 4303, 3.4.3).
+//! Replay protection: a sliding window of sequence numbers per sender, incarnation and channel (as in RFC
+//! 4303, 3.4.3).
 //!
-//! Of a speaker the newest life counts; what is of an older one was recorded and is played again.
-//! Whoever begins to listen has heard nothing yet, and could be played all that was said before.
-//! So what is said to all counts only from where the speaker itself says, when it is called, that
-//! it has come; and what is said to one is for one life of it.
+//! Only the newest incarnation of a sender counts; a message of an older one is a recording. A daemon that
+//! has just begun to listen has received nothing yet, so recordings of all earlier messages could be sent
+//! to it. So a broadcast counts only if its number is beyond the one that the sender itself states when it
+//! is called, and a message to one daemon is bound to one incarnation of that daemon.
 //!
-//! Clocks of two machines are not compared: a speaker says how old its life is whenever it is called,
-//! and when in its life it has sealed a message.
+//! Clocks of two machines are not compared: a sender states the age of its incarnation whenever it is
+//! called, and in each seal the age at which the message was sealed.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -15,74 +16,75 @@ use std::time::{Duration, Instant};
 use crate::error::Distrust;
 use crate::identity::{NUMBERED_CHANNELS, Said};
 
-/// How far a message may come behind a later one of its channel. Ten times what a burst of bids
-/// was seen to be shuffled by.
+/// Window size: how far a message may arrive behind a later one of its channel. It is ten times the
+/// reordering that was seen in a burst of bids.
 const WINDOW: u64 = 4_096;
 const WORDS: usize = (WINDOW / 64) as usize;
 
-/// How long what was said before a speaker answered may be on its way after that: it is not heard,
-/// and nobody is blamed.
+/// How long after the sender's answer a message sent before it may still arrive. It is dropped, but not
+/// reported as a replay.
 const UNDERWAY: Duration = Duration::from_secs(2);
 
-/// How long a message may be under way. Whoever speaks waits for answers for seconds and says it anew;
-/// what comes later was held back by somebody.
+/// How long a message may be under way. A sender waits seconds for an answer and then sends again; a
+/// message that arrives later than this was held back.
 const UNDERWAY_MAX: Duration = Duration::from_secs(30);
 
-/// Speakers remembered per certificate: a daemon and its guests, each of which is there for a
-/// moment. Beyond it the one that was silent for longest is forgotten, and with it nobody of a
-/// life as old is believed any more, unless it is still remembered.
+/// Maximum number of senders remembered per certificate: a daemon and its guests, each of which exists for
+/// a moment only. Beyond it the one that was silent for longest is dropped. From then on no unknown sender
+/// is believed in an incarnation as old as that one's.
 const SPEAKERS_MAX: usize = 64;
 
-/// What was heard of all speakers with one certificate's name.
+/// State of all senders with one certificate name.
 #[derive(Debug, Default)]
 pub(crate) struct Replays {
     speakers: BTreeMap<String, Speaker>,
-    /// Lives up to this were forgotten.
+    /// Greatest incarnation that was dropped.
     forgotten: u64,
-    /// Counts messages, to know who was silent for longest.
+    /// Counts messages, to find the sender that was silent for longest.
     turn: u64,
 }
 
 #[derive(Debug)]
 struct Speaker {
     life: u64,
-    /// Where it had come when it was first called in this life, and when that was.
+    /// Sequence numbers in its first answer in this incarnation, and the time of that answer.
     from: Option<([u64; NUMBERED_CHANNELS], Instant)>,
-    /// How old its life was when it was called last, and until when that was heard.
+    /// Age of the incarnation in milliseconds in its latest answer, and the time of that answer.
     age: Option<(u64, Instant)>,
     windows: [Option<Box<Window>>; NUMBERED_CHANNELS],
     heard: u64,
 }
 
-/// One message's place among others.
+/// Position of one message among the others.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
     pub(crate) life: u64,
     pub(crate) channel: usize,
     pub(crate) number: u64,
-    /// When it was sealed: milliseconds of that life.
+    /// Time of the seal: milliseconds since the sender's incarnation began.
     pub(crate) at: u64,
-    /// It is for this life of the listener, which is why it cannot have been said before it began.
+    /// Whether it is bound to this incarnation of the receiver; it can then not be a recording from before
+    /// that.
     pub(crate) is_for_this_life: bool,
 }
 
-/// The numbers heard lately.
+/// Duplicate window: the sequence numbers received lately.
 #[derive(Debug)]
 struct Window {
-    /// The greatest heard.
+    /// Greatest number received.
     newest: u64,
-    /// A bit for each of the last [`WINDOW`] numbers, by number modulo the window.
+    /// One bit for each of the last [`WINDOW`] numbers, at the number modulo the window.
     heard: [u64; WORDS],
 }
 
 // === impl Replays ===
 
 impl Replays {
-    /// Hears a message, if it is new.
+    /// Records a message if it is new.
     ///
     /// # Errors
     ///
-    /// If it may have been said before.
+    /// Returns the reason if it may be a replay.
     pub(crate) fn note(
         &mut self,
         speaker: &str,
@@ -90,8 +92,8 @@ impl Replays {
         now: Instant,
     ) -> Result<(), Distrust> {
         let Place { life, channel, number, at, is_for_this_life } = place;
-        // Only who has answered, or speaks to this life, is remembered: who plays what was recorded of
-        // many must push nobody out.
+        // Only a sender that has answered, or sends to this incarnation, is remembered: recordings of many
+        // senders must not displace the real ones.
         let known = match is_for_this_life {
             true => self.speaker(speaker, life).ok_or(Distrust::Replayed)?,
             false => self.answerer(speaker, life)?,
@@ -113,7 +115,7 @@ impl Replays {
         if is_new { Ok(()) } else { Err(Distrust::Replayed) }
     }
 
-    /// A speaker that has answered in this life of it.
+    /// Returns the state of a sender that has answered a call in this incarnation.
     fn answerer(&mut self, speaker: &str, life: u64) -> Result<&mut Speaker, Distrust> {
         self.turn += 1;
         let known = self.speakers.get_mut(speaker).ok_or(Distrust::Uncalled)?;
@@ -127,8 +129,8 @@ impl Replays {
         }
     }
 
-    /// A speaker has answered how far it has come. That is its word of this moment, also where it was
-    /// forgotten.
+    /// Records the answer of a sender to a call. The answer is fresh, so it also counts if the sender had
+    /// been dropped.
     pub(crate) fn answered(&mut self, speaker: &str, said: Said, now: Instant) {
         if !self.speakers.contains_key(speaker) {
             self.remember(speaker, said.life);
@@ -139,13 +141,14 @@ impl Replays {
         }
     }
 
-    /// The life in which a speaker has answered.
+    /// Returns the incarnation in which a sender has answered; `None` if it has not.
     pub(crate) fn life(&self, speaker: &str) -> Option<u64> {
         let known = self.speakers.get(speaker)?;
         known.from.map(|_| known.life)
     }
 
-    /// What is known of a speaker in this life, unless it is a former one.
+    /// Returns the state of a sender, reset if this incarnation is newer; `None` if the incarnation is an
+    /// older one.
     fn speaker(&mut self, speaker: &str, life: u64) -> Option<&mut Speaker> {
         self.turn += 1;
         if !self.speakers.contains_key(speaker) && !self.admit(speaker, life) {
@@ -159,7 +162,7 @@ impl Replays {
         Some(known)
     }
 
-    /// Makes room for a speaker not known yet, unless it may be one that was forgotten.
+    /// Makes room for an unknown sender; returns `false` if it may be one that was dropped.
     fn admit(&mut self, speaker: &str, life: u64) -> bool {
         if life <= self.forgotten {
             return false;
@@ -186,8 +189,8 @@ impl Speaker {
         Speaker { life, from: None, age: None, windows: Default::default(), heard: 0 }
     }
 
-    /// Whether what was sealed then has been under way for too long. It is at least as old as that:
-    /// its age was true before it was heard here.
+    /// Whether a message sealed at `at` has been under way for too long. The result is a lower bound of its
+    /// age, because the stated age of the incarnation was measured before the answer arrived here.
     fn is_overdue(&self, at: u64, now: Instant) -> bool {
         let Some((age, heard)) = self.age else { return false };
         let before_answer = Duration::from_millis(age.saturating_sub(at));
@@ -219,7 +222,7 @@ impl Window {
         is_new
     }
 
-    /// Frees the places of the numbers after the newest, up to this one.
+    /// Clears the bits of the numbers after the newest, up to this one.
     fn forget_up_to(&mut self, number: u64) {
         if number - self.newest >= WINDOW {
             self.heard = [0; WORDS];
@@ -234,7 +237,7 @@ impl Window {
 
 fn place(number: u64) -> (usize, u64) {
     let index = number % WINDOW;
-    // Below WORDS, and so it fits.
+    // The index is less than `WORDS`, so it fits.
     ((index / 64) as usize, 1 << (index % 64))
 }
 
@@ -246,7 +249,7 @@ mod tests {
 
     use super::*;
 
-    /// Whether something said to all is heard.
+    /// Whether a broadcast is accepted.
     fn is_heard(
         replays: &mut Replays,
         speaker: &str,
@@ -337,7 +340,7 @@ mod tests {
     fn what_was_held_back_is_overdue_whatever_clocks_say() {
         let (mut replays, began) = (Replays::default(), Instant::now());
         let second = Duration::from_secs(1);
-        // It has lived for an hour when it is called.
+        // The incarnation is an hour old when it is called.
         let hour = 3_600_000;
         replays.answered("pi", Said { life: 5, numbers: [0; 2], age: hour }, began);
         let mut hears = |number, at, now| {
@@ -367,7 +370,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against a set that remembers everything.
+        /// Compares the window with a set that remembers every number.
         #[test]
         fn a_window_is_a_set_of_the_last(numbers in prop::collection::vec(1..10_000_u64, 1..400)) {
             let (mut window, mut all, mut newest) = (Window::default(), BTreeSet::new(), 0);

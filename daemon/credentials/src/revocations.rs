@@ -1,5 +1,5 @@
-//! The list of certificates that were taken back (an X.509 CRL), which the authority has signed:
-//! whoever brings it, it is believed for its signature.
+//! The list of revoked certificates (an X.509 CRL). It is believed because of the authority's signature,
+//! whichever daemon sends it.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ use x509_parser::revocation_list::CertificateRevocationList;
 
 use crate::certificate::Certificate;
 
-/// A list whose signature was checked.
+/// A list with a verified signature.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Revocations {
     der: Vec<u8>,
@@ -22,7 +22,7 @@ pub struct Revocations {
 // === impl Revocations ===
 
 impl Revocations {
-    /// Reads a list, if the authority has signed it.
+    /// Reads a list. Returns `None` if it is malformed or the authority has not signed it.
     pub(crate) fn from_der(der: &[u8], authority: &Certificate) -> Option<Revocations> {
         let (rest, list) = CertificateRevocationList::from_der(der).ok()?;
         let key = UnparsedPublicKey::new(&ED25519, authority.public_key?);
@@ -40,17 +40,17 @@ impl Revocations {
         Revocations::from_der(&der, authority)
     }
 
-    /// The list as it travels.
+    /// Returns the list in DER, as it is sent.
     pub fn der(&self) -> &[u8] {
         &self.der
     }
 
-    /// Greater than that of every list before it.
+    /// Returns its number, which is greater than that of every earlier list.
     pub fn number(&self) -> u64 {
         self.number
     }
 
-    /// Whether a certificate is on it.
+    /// Whether a certificate is on the list.
     pub fn has(&self, certificate: &Certificate) -> bool {
         self.serials.contains(&certificate.serial)
     }

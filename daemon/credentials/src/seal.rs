@@ -1,4 +1,4 @@
-//! The seal on a message: what travels beside the payload, and what is signed.
+//! The seal on a message: its layout beside the payload, and the bytes that are signed.
 //!
 //! ```text
 //! 1 byte    version
@@ -12,9 +12,11 @@
 //! …         the certificate, DER
 //! ```
 //!
-//! Signed is a text of this protocol's own, then channel, the four numbers, speaker, key expression
-//! and nonce, each with its length, then the SHA-256 of the payload: so that a message of 16 MiB
-//! is not copied to be signed.
+//! A *life* is an incarnation, and the *speaker* is the sender: a daemon or a guest of one.
+//!
+//! The signed bytes are a text of this protocol's own, then channel, the four numbers, sender, key
+//! expression and nonce, each of the last three with its length, then the SHA-256 of the payload. The
+//! payload is hashed so that a message of 16 MiB is not copied to be signed.
 
 use ring::digest::{SHA256, digest};
 use ring::rand::{SecureRandom as _, SystemRandom};
@@ -25,38 +27,38 @@ const VERSION: u8 = 3;
 const NUMBERS_BYTES: usize = 8;
 pub(crate) const SIGNATURE_BYTES: usize = 64;
 
-/// The longest certificate looked at. Ours have some 500 bytes.
+/// Maximum length of a certificate, in bytes. Those of this crate have some 500.
 const CERTIFICATE_BYTES_MAX: usize = 4_096;
 
-/// What is signed begins with this, and so nothing else that the key signs can be taken for it.
+/// Prefix of the signed bytes; so no other signature of the key is valid for a message.
 const CONTEXT: &[u8] = b"althing seal 3";
 
-/// Length of a [`Nonce`].
+/// Length of a [`Nonce`], in bytes.
 pub const NONCE_BYTES: usize = 16;
 
-/// What an asker chose, so that an answer is to its question and to no other.
+/// Random value of one question; it binds an answer to that question alone.
 pub type Nonce = [u8; NONCE_BYTES];
 
-/// A nonce that nobody can guess; nothing, if the system has no randomness.
+/// Returns an unpredictable nonce; `None` if the system has no randomness.
 pub fn nonce() -> Option<Nonce> {
     let mut nonce = [0; NONCE_BYTES];
     SystemRandom::new().fill(&mut nonce).ok().map(|()| nonce)
 }
 
-/// A seal, read and not yet believed.
+/// A parsed seal that is not verified yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Seal<'s> {
     pub(crate) life: u64,
     pub(crate) number: u64,
     pub(crate) at: u64,
     pub(crate) to: u64,
-    /// Empty where the certificate's owner speaks itself.
+    /// Empty if the sender is the certificate's owner itself, not a guest.
     pub(crate) speaker: &'s str,
     pub(crate) signature: &'s [u8],
     pub(crate) certificate: &'s [u8],
 }
 
-/// What is signed, but for the payload.
+/// The signed fields, without the payload.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Statement<'s> {
     pub(crate) channel: Channel,
@@ -66,7 +68,7 @@ pub(crate) struct Statement<'s> {
     pub(crate) to: u64,
     pub(crate) speaker: &'s str,
     pub(crate) key_expr: &'s str,
-    /// Of an answer; empty otherwise.
+    /// Nonce of the question, if this is an answer; empty otherwise.
     pub(crate) nonce: &'s [u8],
 }
 
@@ -90,7 +92,7 @@ impl<'s> Seal<'s> {
         bytes
     }
 
-    /// Reads what came from outside; of garbage, nothing.
+    /// Reads a seal from outside. Returns `None` if it is malformed or of another version.
     pub(crate) fn read(bytes: &'s [u8]) -> Option<Seal<'s>> {
         let (version, rest) = bytes.split_first()?;
         let (life, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
@@ -118,7 +120,7 @@ impl<'s> Seal<'s> {
 // === impl Statement ===
 
 impl Statement<'_> {
-    /// The bytes that are signed.
+    /// Returns the bytes that are signed.
     pub(crate) fn bytes(&self, payload: &[u8]) -> Vec<u8> {
         let Statement { channel, life, number, at, to, speaker, key_expr, nonce } = *self;
         let mut bytes = Vec::with_capacity(CONTEXT.len() + key_expr.len() + speaker.len() + 104);

@@ -1,4 +1,4 @@
-//! An authority, its daemons, and everything that can be wrong with what they say.
+//! An authority, its daemons, and every way in which their messages can be wrong.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -11,7 +11,7 @@ use super::*;
 const KEY: &str = "althing/office/in/pi/robot/request";
 const PLENTY: u32 = 1_000_000;
 
-/// The life of who hears.
+/// Incarnation of the receiver.
 const HERE: u64 = 77;
 
 struct House {
@@ -65,7 +65,7 @@ fn what_a_daemon_says_is_believed_once() {
     refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Replayed, Some("pi"));
 }
 
-/// Whoever plays again what it has recorded of another does not use up what that may say.
+/// A replay of another daemon's messages does not use up that daemon's rate limit.
 #[test]
 fn what_is_played_again_is_not_charged_to_whose_it_was() {
     let house = house();
@@ -102,7 +102,7 @@ fn what_was_recorded_before_one_listened_is_not_believed() {
     assert_eq!(beat(&said), Err(Distrust::Replayed));
 
     let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE - 1));
-    // Its sender may not have noticed yet that this is another life.
+    // The sender may not have noticed yet that this is another incarnation.
     refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Uncalled, Some("pi"));
     let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE));
     assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
@@ -295,7 +295,7 @@ fn a_key_that_others_can_read_is_refused_with_the_remedy() {
     assert!(matches!(Authority::open(&house.folder), Err(CredentialError::Loose { .. })));
 }
 
-/// Whoever can put another authority there decides whom all trust.
+/// A user that can replace the authority decides which certificates are trusted.
 #[test]
 fn what_anybody_can_write_is_not_trusted() {
     let house = house();

@@ -1,4 +1,4 @@
-//! Whom an ecosystem trusts: its authority, and whom it has not taken back.
+//! The trust of an ecosystem: its authority, and the certificates that were revoked.
 
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -15,7 +15,7 @@ use crate::revocations::Revocations;
 #[derive(Clone, Debug)]
 pub struct Trust {
     folder: Folder,
-    /// Where a list that comes over the wire is kept, beside the folder's own.
+    /// File for lists that come over the network; by default the same as the folder's own.
     kept: PathBuf,
     authority: Certificate,
     anchor: TrustAnchor<'static>,
@@ -25,11 +25,11 @@ pub struct Trust {
 // === impl Trust ===
 
 impl Trust {
-    /// Reads what is in the folder.
+    /// Reads the authority's certificate and the list of revocations from the folder.
     ///
     /// # Errors
     ///
-    /// If there is no authority, or something cannot be read.
+    /// Returns an error if there is no authority, or a file cannot be read.
     pub fn read(folder: &Folder) -> Result<Trust, CredentialError> {
         let path = folder.authority();
         if !path.exists() {
@@ -54,8 +54,8 @@ impl Trust {
         Ok(trust)
     }
 
-    /// Keeps lists that come over the wire in this file instead of the folder, which may be one
-    /// that a daemon cannot write; reads what was kept there before.
+    /// Stores lists that come over the network in this file instead of the folder, which the daemon may not
+    /// be able to write. Also reads the list that was stored there before.
     ///
     /// # Errors
     ///
@@ -66,21 +66,21 @@ impl Trust {
         Ok(self)
     }
 
-    /// The authority's certificate.
+    /// Returns the authority's certificate.
     pub fn authority(&self) -> &Certificate {
         &self.authority
     }
 
-    /// The newest list of revocations.
+    /// Returns the newest list of revocations.
     pub fn revocations(&self) -> Option<&Revocations> {
         self.revocations.as_ref()
     }
 
-    /// The newest list there is as a file, if there is one.
+    /// Returns the newest list in the files, if there is one.
     ///
     /// # Errors
     ///
-    /// If a file cannot be read, or the authority has not signed it.
+    /// Returns an error if a file cannot be read, or the authority has not signed it.
     pub fn read_revocations(&self) -> Result<Option<Revocations>, CredentialError> {
         let own = self.folder.revocations();
         let kept = Some(&self.kept).filter(|kept| **kept != own);
@@ -99,12 +99,12 @@ impl Trust {
         Ok(newest)
     }
 
-    /// Reads a list that came over the wire; nothing, if the authority has not signed it.
+    /// Reads a list that came over the network. Returns `None` if the authority has not signed it.
     pub fn revocations_of(&self, der: &[u8]) -> Option<Revocations> {
         Revocations::from_der(der, &self.authority)
     }
 
-    /// Takes a list if it is newer; whether it was.
+    /// Takes a list if it is newer than the known one; returns whether it was.
     pub(crate) fn take(&mut self, list: Revocations) -> bool {
         let is_newer = self.revocations.as_ref().is_none_or(|known| known.number() < list.number());
         if is_newer {
@@ -113,21 +113,21 @@ impl Trust {
         is_newer
     }
 
-    /// Keeps a list for the next life.
+    /// Stores a list for the next incarnation.
     ///
     /// # Errors
     ///
-    /// If the folder cannot be written.
+    /// Returns an error if the folder cannot be written.
     pub fn keep(&self, list: &Revocations) -> Result<(), CredentialError> {
         let text = pem::encode(&pem::Pem::new("X509 CRL", list.der()));
         files::replace(&self.kept, &text, 0o644)
     }
 
-    /// Whether a certificate is a daemon's of this ecosystem, and valid now.
+    /// Checks that a certificate is a daemon's of this ecosystem, and valid at `now`.
     ///
     /// # Errors
     ///
-    /// Says why not.
+    /// Returns the reason if it is not.
     pub fn check(&self, certificate: &Certificate, now: SystemTime) -> Result<(), Distrust> {
         if certificate.daemon().is_none() || certificate.public_key.is_none() {
             return Err(Distrust::Stranger);

@@ -1,7 +1,8 @@
-//! Opens seals: whose key, whether over this, whether for the first time.
+//! Verifies seals: which key has signed, whether it has signed this message, and whether the message is
+//! new.
 //!
-//! A certificate is checked once and remembered by its hash; a signature each time. Everything
-//! that is kept is bounded, and only of daemons that the authority knows.
+//! A certificate is checked once and remembered by its hash; a signature is checked each time. All stored
+//! state is bounded, and belongs to daemons that the authority has certified.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,51 +22,51 @@ use crate::revocations::Revocations;
 use crate::seal::{Nonce, Seal, Statement};
 use crate::trust::Trust;
 
-/// Certificates remembered as good. Beyond it all are checked anew, which takes a tenth of a
-/// millisecond each.
+/// Maximum number of certificates remembered as valid. When it is reached all are dropped and checked anew,
+/// which takes a tenth of a millisecond each.
 const CERTIFICATES_MAX: usize = 1_024;
 
-/// How long others may take to notice that a daemon has begun a new life: they call it at least once a
-/// second while anybody comes or goes.
+/// How long other daemons may take to notice a new incarnation of this one: they call it at least once a
+/// second while the membership changes.
 const NOTICED: Duration = Duration::from_secs(5);
 
-/// Something heard, with its seal.
+/// A received message or answer, with its seal.
 #[derive(Clone, Copy, Debug)]
 pub struct Sealed<'s> {
-    /// What kind it is.
+    /// Its channel.
     pub channel: Channel,
-    /// Under which key expression it came.
+    /// Key expression under which it came.
     pub key_expr: &'s str,
-    /// Its bytes.
+    /// Payload of the message.
     pub payload: &'s [u8],
-    /// What came beside them.
+    /// Seal that came with it, if any.
     pub seal: Option<&'s [u8]>,
-    /// Of an answer: what was chosen for the question.
+    /// Nonce of the question, if this is an answer.
     pub nonce: Option<&'s Nonce>,
-    /// The daemon that alone may say something under this key expression, if there is one.
+    /// The only daemon that may send under this key expression; `None` if there is no such restriction.
     pub only: Option<&'s str>,
-    /// The life of who has heard it.
+    /// Incarnation of the receiver.
     pub heard_in: u64,
 }
 
-/// Who has said something.
+/// Verified origin of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Verified {
-    /// The daemon, or a guest of one.
+    /// The sender: a daemon, or a guest of one.
     pub speaker: DaemonId,
-    /// The daemon whose key it is: the same, or the guest's host.
+    /// The daemon that owns the key: the sender itself, or the guest's host.
     pub voucher: DaemonId,
 }
 
-/// Believes, or says why not.
+/// Verifies messages, and returns the reason if one is not believed.
 #[derive(Debug)]
 pub struct Verifier {
     trust: RwLock<Trust>,
-    /// By the hash of the certificate.
+    /// Valid certificates, by their hash.
     known: Mutex<HashMap<[u8; 32], Arc<Certificate>>>,
-    /// By the name in the certificate.
+    /// State per name in a certificate.
     heard: Mutex<BTreeMap<String, Heard>>,
-    /// How many messages one certificate's name may send in a second.
+    /// Maximum number of messages per second and certificate name.
     messages_per_second: u32,
     began: Instant,
     /// How often the list of revocations has changed.
@@ -81,7 +82,7 @@ struct Heard {
 // === impl Verifier ===
 
 impl Verifier {
-    /// Believes whom `trust` trusts, up to so many messages a second from each.
+    /// Returns a verifier with these trusted certificates and this rate limit per sender.
     pub fn new(trust: Trust, messages_per_second: u32) -> Verifier {
         Verifier {
             trust: RwLock::new(trust),
@@ -93,11 +94,11 @@ impl Verifier {
         }
     }
 
-    /// Who has said this.
+    /// Verifies a message and returns its origin.
     ///
     /// # Errors
     ///
-    /// Says why it is not believed, and in whose name it came as far as that can be read.
+    /// Returns the reason why it is not believed, and the name in which it came if that can be read.
     pub fn open(&self, sealed: Sealed<'_>) -> Result<Verified, (Distrust, Option<String>)> {
         let Some(seal) = sealed.seal else { return Err((Distrust::Unsigned, None)) };
         let Some(seal) = Seal::read(seal) else { return Err((Distrust::Malformed, None)) };
@@ -142,7 +143,7 @@ impl Verifier {
         Ok(verified)
     }
 
-    /// A certificate that is good now.
+    /// Returns a certificate that is valid now, from memory or after a check.
     fn certificate(&self, der: &[u8]) -> Result<Arc<Certificate>, (Distrust, Option<String>)> {
         let now = SystemTime::now();
         let hash = hash(der);
@@ -155,7 +156,7 @@ impl Verifier {
         let Some(certificate) = Certificate::from_der(der) else {
             return Err((Distrust::Stranger, None));
         };
-        // Held until it is remembered, so that a revocation does not come between.
+        // The lock is held until the certificate is remembered, so that no revocation comes between.
         let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
         if let Err(why) = trust.check(&certificate, now) {
             return Err((why, Some(certificate.subject)));
@@ -169,7 +170,8 @@ impl Verifier {
         Ok(certificate)
     }
 
-    /// Notes that a message was heard, whose signature is good.
+    /// Checks a message with a valid signature against the duplicate window and the rate limit, and records
+    /// it.
     fn note(
         &self,
         certificate: &Certificate,
@@ -181,7 +183,7 @@ impl Verifier {
         let mut heard = lock(&self.heard);
         let heard = self.heard_of(&mut heard, &certificate.subject, now);
         if seal.to != 0 && seal.to != sealed.heard_in {
-            // Whoever has not noticed yet that this is another life of it is not to blame.
+            // A sender that has not noticed this new incarnation yet is not at fault.
             let is_young = now.saturating_duration_since(self.began) < NOTICED;
             return Err(if is_young { Distrust::Uncalled } else { Distrust::Belated });
         }
@@ -189,37 +191,36 @@ impl Verifier {
         let Seal { life, number, at, .. } = *seal;
         let place = Place { life, channel, number, at, is_for_this_life };
         heard.replays.note(speaker, place, now)?;
-        // Last the rate: whoever plays again what was recorded of others must not use up theirs. A
-        // message that is dropped for it is told again under another number.
+        // The rate is checked last: a replay of another daemon's messages must not use up that daemon's
+        // permits. A message that is dropped because of the rate is sent again under another number.
         match heard.rate.take(self.messages_per_second, now) {
             true => Ok(()),
             false => Err(Distrust::Flooded),
         }
     }
 
-    /// How many of so many more messages one may send that has come with a seal of its own: those
-    /// that several agents say together cost what they would cost one by one.
+    /// Returns how many of `count` more messages the daemon may send that came under one seal: each
+    /// heartbeat of a batch costs the same as a single one.
     pub fn allowed(&self, voucher: &DaemonId, count: u32) -> u32 {
         let (mut heard, now) = (lock(&self.heard), Instant::now());
         let heard = self.heard_of(&mut heard, voucher.as_str(), now);
         heard.rate.take_up_to(count, self.messages_per_second, now)
     }
 
-    /// Who was asked has answered how far it has come: what it has said to all before is not
-    /// believed, what it says from now on is.
+    /// Records the answer of a daemon to a call. Broadcasts with a number up to `said` are not believed;
+    /// later ones are.
     pub fn answered(&self, answerer: &Verified, said: Said) {
         let (mut heard, now) = (lock(&self.heard), Instant::now());
         let heard = self.heard_of(&mut heard, answerer.voucher.as_str(), now);
         heard.replays.answered(answerer.speaker.as_str(), said, now);
     }
 
-    /// The life in which a daemon, or a guest of one, has last answered how far it has come.
+    /// Returns the incarnation in which a daemon, or a guest of one, last answered a call.
     pub fn life(&self, speaker: &DaemonId) -> Option<u64> {
         lock(&self.heard).get(speaker.host())?.replays.life(speaker.as_str())
     }
 
-    /// What was heard of one certificate's name. The names are those that the authority has given:
-    /// they are few.
+    /// Returns the state of one certificate name. Only the authority gives these names, so they are few.
     fn heard_of<'h>(
         &self,
         heard: &'h mut BTreeMap<String, Heard>,
@@ -234,31 +235,31 @@ impl Verifier {
 
     // === revocations ===
 
-    /// The list of revocations as it travels, if there is one.
+    /// Returns the list of revocations in DER, if there is one.
     pub fn revocations(&self) -> Option<Vec<u8>> {
         let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
         trust.revocations().map(|list| list.der().to_vec())
     }
 
-    /// To whom a certificate was made out, if it was taken back. It is given in DER, as it comes.
+    /// Returns the subject of a certificate (in DER) if it was revoked; `None` otherwise.
     pub fn revoked(&self, certificate: &[u8]) -> Option<String> {
         let certificate = Certificate::from_der(certificate)?;
         self.has_revoked(&certificate).then_some(certificate.subject)
     }
 
-    /// How often the list of revocations has changed.
+    /// Returns how often the list of revocations has changed.
     pub fn revisions(&self) -> u64 {
         self.revisions.load(Ordering::Acquire)
     }
 
-    /// Whether a certificate was taken back.
+    /// Whether a certificate was revoked.
     pub fn has_revoked(&self, certificate: &Certificate) -> bool {
         let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
         trust.revocations().is_some_and(|list| list.has(certificate))
     }
 
-    /// Takes a list that came over the wire, and keeps it in the folder. `None`: it is not the
-    /// authority's; otherwise whether it was news.
+    /// Takes a list that came over the network, without storing it. Returns `None` if the authority has not
+    /// signed it; otherwise whether it was newer.
     pub fn take_revocations(&self, der: &[u8]) -> Option<bool> {
         let list = {
             let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
@@ -267,11 +268,11 @@ impl Verifier {
         Some(self.take(list))
     }
 
-    /// Takes the list in the folder, if there is a newer one; whether there was.
+    /// Takes the list in the folder if it is newer; returns whether it was.
     ///
     /// # Errors
     ///
-    /// If there is one that cannot be used.
+    /// Returns an error if there is a list that cannot be used.
     pub fn reread_revocations(&self) -> Result<bool, crate::CredentialError> {
         let list = {
             let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
@@ -280,11 +281,11 @@ impl Verifier {
         Ok(list.is_some_and(|list| self.take(list)))
     }
 
-    /// Keeps the newest list in the folder for the next life.
+    /// Stores the newest list in the folder for the next incarnation.
     ///
     /// # Errors
     ///
-    /// If the folder cannot be written.
+    /// Returns an error if the folder cannot be written.
     pub fn keep_revocations(&self) -> Result<(), crate::CredentialError> {
         let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
         match trust.revocations() {
@@ -297,7 +298,7 @@ impl Verifier {
         let mut trust = self.trust.write().unwrap_or_else(PoisonError::into_inner);
         let is_newer = trust.take(list);
         if is_newer {
-            // Whoever was believed is looked at again.
+            // Certificates that were valid have to be checked against the new list.
             lock(&self.known).clear();
             self.revisions.fetch_add(1, Ordering::AcqRel);
         }
@@ -305,7 +306,8 @@ impl Verifier {
     }
 }
 
-/// Who speaks with this certificate under this name, if they may.
+/// Returns the origin of a message with this certificate and sender name; `None` if the certificate does
+/// not cover the name.
 fn speaking(speaker: &str, certificate: &Certificate) -> Option<Verified> {
     let speaker = DaemonId::new(speaker).ok()?;
     let voucher = certificate.daemon()?;

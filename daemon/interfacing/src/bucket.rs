@@ -1,15 +1,14 @@
-//! How much passes: a token bucket for each direction.
+//! Rate limit of one direction: a token bucket.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// How many seconds' worth may pass at once after a quiet while: a plan of a few steps, and the
-/// news that they bring.
+/// Capacity of a bucket in seconds of its rate: enough for a plan of a few steps and the reports about it.
 const BURST_SECONDS: f64 = 2.0;
 
-/// Lets so many pass in a second.
+/// Limits the number of messages per second.
 #[derive(Debug)]
 pub(super) struct Bucket {
     per_second: f64,
@@ -23,13 +22,13 @@ struct State {
 }
 
 impl Bucket {
-    /// A full one.
+    /// Returns a full bucket.
     pub(super) fn new(per_second: f64) -> Bucket {
         let tokens = Bucket::room(per_second);
         Bucket { per_second, state: Mutex::new(State { tokens, filled: Instant::now() }) }
     }
 
-    /// How many may pass in a second.
+    /// Returns the number of messages per second.
     pub(super) fn per_second(&self) -> f64 {
         self.per_second
     }
@@ -38,7 +37,7 @@ impl Bucket {
         (per_second * BURST_SECONDS).max(1.0)
     }
 
-    /// Whether one more may pass now.
+    /// Takes a token; returns `false` if there is none.
     pub(super) fn take(&self) -> bool {
         let mut state = self.fill();
         let is_enough = state.tokens >= 1.0;
@@ -48,7 +47,7 @@ impl Bucket {
         is_enough
     }
 
-    /// Waits until one more may pass.
+    /// Waits for a token and takes it.
     pub(super) async fn wait(&self) {
         loop {
             let missing = {
@@ -59,7 +58,7 @@ impl Bucket {
                 }
                 1.0 - state.tokens
             };
-            // A millisecond more, because time is told in whole ones.
+            // One millisecond more, because the timer has a resolution of a millisecond.
             let wait = Duration::from_secs_f64(missing / self.per_second);
             tokio::time::sleep(wait + Duration::from_millis(1)).await;
         }

@@ -1,4 +1,4 @@
-//! The life of a mirror: it is here while the real one is there, and leaves when that leaves.
+//! Lifecycle of a proxy agent: it exists while the real agent is present, and leaves when that leaves.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -11,14 +11,14 @@ use serde_json::Value;
 
 use super::mirror::{Crossing, Mirror};
 
-/// Ecosystems that an agent may come through. Whoever lends what was lent to him twice over does
-/// not know any more what he lends.
+/// Maximum number of ecosystems on an agent's route. An ecosystem that lends on what has been lent twice
+/// before cannot oversee what it lends.
 const VIA_MAX: usize = 3;
 
-/// How long a mirror that ended by itself, because its name is taken, stays away.
+/// Pause before a proxy agent is started again that ended by itself, because its name is taken.
 const REST: Duration = Duration::from_secs(5);
 
-/// Keeps the mirror of one agent alive, until the daemon drains.
+/// Keeps the proxy agent of one agent running until the daemon drains.
 pub(super) async fn mirror(crossing: Arc<Crossing>, mut sight: Sight, near: Landing) {
     let stopping = near.stopping.clone();
     loop {
@@ -56,7 +56,7 @@ pub(super) async fn mirror(crossing: Arc<Crossing>, mut sight: Sight, near: Land
     }
 }
 
-/// One life of a mirror; whether it ended because the real one did.
+/// Runs one incarnation of a proxy agent. Returns `true` if it ended because the real agent left.
 async fn live(
     crossing: &Crossing,
     device: Mirror,
@@ -87,7 +87,7 @@ async fn live(
         ended = &mut life => ended,
         () = gone(sight, incarnation) => {
             tracing::info!(%id, of = %crossing.passage.agent, far = %crossing.far, "has left");
-            // It gives up what it is at, takes back its token, and ends.
+            // The proxy agent cancels its request, withdraws its presence, and ends.
             stopping.cancel();
             let _ = life.await;
             return true;
@@ -96,13 +96,13 @@ async fn live(
     match ended {
         Ok(Ok(())) => (),
         Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),
-        // The panic itself is on stderr already, with its place.
+        // The panic itself has been printed on stderr, with its place.
         Err(error) => tracing::error!(%id, %error, "the mirror broke"),
     }
     false
 }
 
-/// The way an agent has come when it is here; `None` if it must not come.
+/// Returns the route of an agent up to here; `None` if it must not be represented here.
 fn route(crossing: &Crossing, sighted: &Sighted, near: &EcosystemId) -> Option<Vec<EcosystemId>> {
     let mut via = sighted.via.clone();
     via.push(crossing.far.clone());
@@ -118,20 +118,21 @@ fn route(crossing: &Crossing, sighted: &Sighted, near: &EcosystemId) -> Option<V
     Some(via)
 }
 
-/// Waits until the agent is there; `None` when nobody watches any more.
+/// Waits until the agent is present. Returns `None` if the observer has ended.
 async fn appeared(sight: &mut Sight) -> Option<Sighted> {
     sight.wait_for(Option::is_some).await.ok()?.clone()
 }
 
-/// Waits until the agent is gone, or another life of it is there.
+/// Waits until the agent is gone, or another incarnation of it is present.
 async fn gone(sight: &mut Sight, incarnation: Incarnation) {
     let is_gone =
         |sighted: &Option<Sighted>| sighted.as_ref().is_none_or(|it| it.incarnation != incarnation);
-    // Nobody watching is the same as nothing seen.
+    // An observer that has ended counts as a missing agent.
     let _ = sight.wait_for(is_gone).await;
 }
 
-/// Waits until something else is seen than what could not be mirrored.
+/// Waits until the agent has another incarnation or model, or is gone: the present one cannot be
+/// represented.
 async fn wait_for_another(sight: &mut Sight, (incarnation, digest): (Incarnation, String)) {
     let is_other = |sighted: &Option<Sighted>| {
         sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)

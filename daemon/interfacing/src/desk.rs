@@ -1,8 +1,9 @@
-//! A desk: whom agents of one ecosystem ask for goals of another.
+//! A desk: the agent that accepts goals of one ecosystem for the other.
 //!
-//! It takes the goals that its rule names, in mapped words, and asks the other's own Plan Requester
-//! for them. How they stand comes back, in words of its own. A goal that has come from another
-//! ecosystem itself goes no further: two desks must never pass one goal to each other for ever.
+//! The desk accepts goals over the predicates of its rule, translates them, and requests them from the
+//! other ecosystem's Plan Requester. It passes back how they stand, in texts of its own. It refuses a goal
+//! of an agent that comes from another ecosystem itself: otherwise two desks could pass one goal to each
+//! other for ever.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -21,26 +22,26 @@ use super::translate::Translator;
 use super::voice::{Asked, News, Voice};
 use super::words::Words;
 
-/// Goals that one desk follows at a time.
+/// Maximum number of goals that one desk follows at a time.
 const GOALS_MAX: usize = 64;
 
 pub(super) struct Desk {
-    /// Where the goals go.
+    /// The ecosystem that is to achieve the goals.
     pub(super) far: EcosystemId,
-    /// The predicates, in near words, that they may be made of.
+    /// Predicates, by near name, that goals may contain.
     pub(super) goals: BTreeSet<String>,
-    /// Near = far.
+    /// Vocabulary, near name = far name.
     pub(super) words: Words,
     pub(super) near: (Arc<Domain>, Arc<Problem>),
     pub(super) revocable: bool,
     pub(super) voice: Voice,
     pub(super) outward: Arc<Bucket>,
     pub(super) counters: Arc<Counters>,
-    /// By who asked and its token: a token is its asker's alone.
+    /// Open goals, by initiator and token: tokens of different initiators may be equal.
     pub(super) open: BTreeMap<Asking, Work>,
 }
 
-/// Who has asked, and what it calls that.
+/// Initiator of a request, and the token that it gave it.
 pub(super) type Asking = (AgentId, ReplyToken);
 
 impl Agent for Desk {
@@ -68,7 +69,7 @@ impl Desk {
         }
     }
 
-    /// The goal in the other's words, if it may pass.
+    /// Translates a goal. Returns a refusal if it must not pass.
     fn admit(&self, message: &Message, achieve: Achieve) -> Result<Wish, Refusal> {
         let Desk { far, goals, words, near, outward, counters, .. } = self;
         if !message.via.is_empty() {
@@ -106,7 +107,7 @@ impl Desk {
         self.open.insert(asking, work);
     }
 
-    /// Waits for the next news of a goal.
+    /// Waits for the next report on a goal.
     fn follow(&mut self, engagement: Engagement, mut asked: Asked, ctx: &mut Context<Self>) {
         let asking = asking(&engagement);
         let next = async move {
@@ -124,7 +125,7 @@ impl Desk {
         self.open.insert(asking, work);
     }
 
-    /// Passes on how a goal stands, and nothing else that is said of it over there.
+    /// Passes on how a goal stands, without the other ecosystem's texts.
     fn answer(&mut self, engagement: &Engagement, news: &News, ctx: &mut Context<Self>) {
         let far = &self.far;
         match news {
@@ -149,7 +150,7 @@ impl Desk {
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
         let Some(exchange) = message.exchange().cloned() else { return };
-        // Dropped, it is taken back over there too.
+        // Dropping the work also cancels the goal in the other ecosystem.
         if self.open.remove(&(message.sender.clone(), exchange)).is_some() {
             let report = Report::new(Outcome::Cancelled, "given up as asked");
             ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
@@ -165,7 +166,7 @@ fn asking(engagement: &Engagement) -> Asking {
 mod tests {
     use super::*;
 
-    /// Tokens are counted by whoever gives them: two may give the same.
+    /// Tokens are counted by their initiator: two initiators may give the same one.
     #[test]
     fn what_two_call_the_same_is_two_things() {
         let of = |asker: &str| {

@@ -1,54 +1,55 @@
-//! Where an ecosystem meets another, as its file means it. Whoever reads that file holds the words of
-//! both against each other before anything is opened.
+//! An interface between two ecosystems as the file of one of them declares it. The reader of that file has
+//! checked it against the vocabularies of both.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use acl::{AgentId, DaemonId, Performative};
 
-/// What can be let through: news, calls for proposals, requests, and taking them back. An answer
-/// passes where what it answers did.
+/// Performatives that a rule can let pass: reports, calls for proposals, requests, and cancellations. An
+/// answer passes if the message that it answers did.
 pub const PASSING: [Performative; 4] =
     [Performative::Inform, Performative::Cfp, Performative::Request, Performative::Cancel];
 
 /// One `[[interface]]`.
 #[derive(Clone, Debug)]
 pub struct InterfaceEntry {
-    /// The other ecosystem's file.
+    /// File of the other ecosystem.
     pub file: PathBuf,
-    /// Which of our daemons joins both; none where whoever runs alone does.
+    /// The daemon of this ecosystem that joins both; `None` if the only daemon does.
     pub daemon: Option<DaemonId>,
-    /// What it is called over there: the daemon, and the agent that speaks for us.
+    /// Name in the other ecosystem of the daemon, and of the agent that makes requests for this one.
     pub called: AgentId,
-    /// Messages a second that pass, each way.
+    /// Maximum number of messages per second, each way.
     pub rate: f64,
-    /// Ours = theirs, of each sort; what is not here does not pass.
+    /// Types, own name = other name. Symbols without an entry do not pass; the same holds for the next
+    /// three.
     pub types: BTreeMap<String, String>,
-    /// Predicates.
+    /// Predicates, own name = other name.
     pub predicates: BTreeMap<String, String>,
-    /// Functions.
+    /// Functions, own name = other name.
     pub functions: BTreeMap<String, String>,
-    /// Objects.
+    /// Objects, own name = other name.
     pub objects: BTreeMap<String, String>,
-    /// What of theirs is here.
+    /// Rules for agents and goals of the other ecosystem that are available here.
     pub imports: Vec<RuleEntry>,
-    /// What of ours is there.
+    /// Rules for agents and goals of this ecosystem that are available there.
     pub exports: Vec<RuleEntry>,
 }
 
 /// One `[[interface.import]]` or `[[interface.export]]`.
 #[derive(Clone, Debug)]
 pub struct RuleEntry {
-    /// The agent it lets through under its own name; none where it lets goals through.
+    /// The agent to represent, by its own name; `None` if the rule is about goals.
     pub agent: Option<AgentId>,
-    /// What the agent, or whoever takes the goals, is called on the other side.
+    /// Name on the other side of the agent, or of the desk that takes the goals.
     pub called: AgentId,
-    /// What passes.
+    /// Performatives that pass.
     pub performatives: BTreeSet<Performative>,
-    /// Its actions: ours = theirs.
+    /// Actions of the agent: own name = other name.
     pub actions: BTreeMap<String, String>,
-    /// What its actions cost plans where it is seen, under the names they have there.
+    /// Costs of its actions in plans of the side where it is represented, under the names there.
     pub costs: BTreeMap<String, f64>,
-    /// Our predicates that goals may be made of.
+    /// Predicates of this ecosystem that goals may contain.
     pub goals: BTreeSet<String>,
 }

@@ -1,7 +1,7 @@
-//! The part of an agent's action model that another ecosystem may know: its mirror's own model.
+//! The part of an agent's action model that another ecosystem may know: the model of its proxy agent.
 //!
-//! Pure: the same model, dictionary and ontologies give the same mirror. Who reads this for
-//! `althing check` and who hosts the mirror see the same things left out, for the same reasons.
+//! All functions are pure: the same model, vocabulary and ontologies give the same result. So `althing
+//! check` and the running daemon leave out the same things for the same reasons.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -17,63 +17,64 @@ use pddl::{
 use super::translate::{Lost, TOTAL_COST, Translator};
 use super::words::{Passage, Words};
 
-/// Both ecosystems, as far as their files tell.
+/// Both ecosystems, as their files describe them.
 #[derive(Clone, Copy)]
 pub struct Shores<'s> {
-    /// The ontology and the map where the agent lives.
+    /// Ontology and map of the agent's side.
     pub far: (&'s Domain, &'s Problem),
-    /// The same where its mirror does.
+    /// Ontology and map of the proxy agent's side.
     pub near: (&'s Domain, &'s Problem),
 }
 
-/// A mirror's model, and what is not in it.
+/// Model of a proxy agent, and what was left out of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Exported {
-    /// What it says of itself.
+    /// The model.
     pub model: ActionModel,
-    /// What is so over there whatever the agent says: the map's facts, and what is exported.
+    /// Facts that hold regardless of the agent's announcements: the exported facts of the far map, and the
+    /// guards of exported objects.
     pub standing: Vec<InitElement>,
-    /// Of each of its actions, the longest it may take over there.
+    /// Longest duration of each of its actions on the far side.
     pub timeouts: BTreeMap<String, Duration>,
-    /// What cannot be said here.
+    /// Actions that cannot be exported.
     pub left_out: Vec<LeftOut>,
 }
 
-/// An action that a rule names and that is not exported all the same.
+/// An action that a rule names and that cannot be exported.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LeftOut {
     /// Its far name.
     pub action: String,
     /// Its near name, which is in the rule.
     pub near: String,
-    /// Why.
+    /// The reason.
     pub why: Why,
 }
 
 /// Why an action is not exported.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Why {
-    /// Its agent does not offer it.
+    /// The agent does not offer it.
     NotOffered,
-    /// A condition would be lost.
+    /// A condition cannot be translated.
     Condition(Lost),
-    /// A parameter would take what the action does not.
+    /// The exported parameter type would admit objects that the original action does not accept.
     Parameter(Name, Lost),
-    /// An effect would be told otherwise than it is.
+    /// An effect cannot be translated exactly.
     Effect(Lost),
-    /// What it costs would be lost.
+    /// The cost cannot be translated.
     Cost(Lost),
-    /// It would change nothing that can be seen.
+    /// No effect is exported.
     Nothing,
-    /// It takes time in its model.
+    /// The action is durative.
     Durative,
 }
 
-/// What `model` looks like from the near side, or why its agent cannot be seen from there.
+/// Returns the part of `model` that the near side may know.
 ///
 /// # Errors
 ///
-/// If the agent is of no exported type.
+/// Returns an error if the agent has no exported type.
 pub fn export(
     words: &Words,
     passage: &Passage,
@@ -117,7 +118,7 @@ pub fn export(
     Ok(Exported { model: mirror, standing, timeouts, left_out })
 }
 
-/// The type that the mirror is of: the narrowest exported one of its agent's.
+/// Returns the type of the proxy agent: the narrowest exported type of its agent.
 fn own_type(
     passage: &Passage,
     shores: Shores<'_>,
@@ -133,7 +134,7 @@ fn own_type(
         .ok_or_else(|| format!("`{}` is of the type `{}`, which is not exported", own.name, own.ty))
 }
 
-/// Exported types that the near ontology does not have.
+/// Returns the exported types that the near ontology does not declare.
 fn declared_types(words: &Words, near: &Domain, translator: &Translator<'_>) -> Vec<Typed> {
     let is_new = |name: &Name| *name != "object" && near.types.iter().all(|it| it.name != *name);
     let declared = words.types.iter().filter(|(_, name)| is_new(name));
@@ -184,7 +185,7 @@ fn declared_functions(
     .collect()
 }
 
-/// The mirror itself, and exported things that the near map does not have.
+/// Returns the proxy agent itself, and the exported objects that the near map does not declare.
 fn objects(
     words: &Words,
     passage: &Passage,
@@ -216,7 +217,7 @@ fn objects(
     objects
 }
 
-/// What of these may be said, once each.
+/// Returns the translations of those facts that are exported, once each.
 fn facts(said: &[InitElement], translator: &Translator<'_>) -> Vec<InitElement> {
     let mut facts: Vec<InitElement> = Vec::new();
     for fact in said.iter().filter_map(|fact| translator.fact(fact)) {
@@ -227,7 +228,7 @@ fn facts(said: &[InitElement], translator: &Translator<'_>) -> Vec<InitElement> 
     facts
 }
 
-/// Says which things are exported: an action is offered for those alone.
+/// Declares the guard predicate and returns its facts: actions are offered only for exported objects.
 fn guard(
     words: &Words,
     passage: &Passage,
@@ -251,7 +252,7 @@ fn shared_with(guard: &Name, thing: Term) -> Atom {
     Atom { predicate: guard.clone(), arguments: vec![thing], span: Span::default() }
 }
 
-/// One action, as it is known on the near side.
+/// Returns an action in near terms, or the reason why it cannot be exported.
 fn exported(
     schema: &ActionSchema,
     near: &Name,
@@ -261,7 +262,7 @@ fn exported(
     own: &TypeExpr,
 ) -> Result<ActionSchema, Why> {
     translator.begin();
-    // Whoever the action is for, its mirror alone offers it.
+    // Only the proxy agent offers the action, whichever agent the schema is for.
     let agent = Typed { name: translator.variable(&agent_variable(schema)), ty: own.clone() };
     let mut parameters = Vec::new();
     for parameter in &schema.parameters {
@@ -284,7 +285,7 @@ fn exported(
         Some(cost) => Effect::And(vec![effect, costing(cost)]),
         None => effect,
     };
-    // What is not said over there cannot be found out by it.
+    // A predicate that is not exported cannot be observed on the near side.
     let observe = schema.observe.iter().filter_map(|it| translator.observed(it).ok()).collect();
     let span = Span::default();
     Ok(ActionSchema {
@@ -298,7 +299,7 @@ fn exported(
     })
 }
 
-/// The variable of who acts.
+/// Returns the variable of the acting agent.
 fn agent_variable(schema: &ActionSchema) -> Name {
     schema.agent.as_ref().map_or_else(|| Name::new("self"), |agent| agent.name.clone())
 }
@@ -313,8 +314,8 @@ fn costing(value: Expression) -> Effect {
     Effect::Assign(Box::new(Assign { assignment, fluent, value, span }))
 }
 
-/// A goal in the other side's words: a conjunction of facts over predicates that a rule lets
-/// through. The error is for a person.
+/// Translates a goal: a conjunction of facts over the predicates that a rule lets pass. The error is a text
+/// for a person.
 pub(crate) fn goal(
     text: &str,
     predicates: &BTreeSet<String>,
@@ -348,7 +349,7 @@ pub(crate) fn goal(
     Ok(format!("(and {})", said.join(" ")))
 }
 
-/// The facts of a conjunction.
+/// Returns the facts of a conjunction.
 fn atoms(condition: &Condition) -> Result<Vec<&Atom>, String> {
     match condition {
         Condition::Atom(atom) => Ok(vec![atom]),
@@ -382,7 +383,7 @@ impl fmt::Display for LeftOut {
 }
 
 impl LeftOut {
-    /// What would let it through.
+    /// Returns a change of the rule that would let the action pass, if there is one.
     pub fn help(&self) -> Option<String> {
         let LeftOut { near, why, .. } = self;
         match why {
@@ -422,7 +423,7 @@ mod tests {
         pairs.iter().map(|(far, near)| ((*far).to_owned(), Name::new(near))).collect()
     }
 
-    /// What of one action of a robot `r1` is exported as `act` of `helper`.
+    /// Returns the exported form of one action of a robot `r1`, as `do` of `helper`.
     fn exported(action: &str) -> Result<String, String> {
         let words = Words {
             types: table(&[("place", "spot"), ("robot", "aide")]),
@@ -536,7 +537,7 @@ mod tests {
         assert!(exported(&other).expect_err("not offered").contains("does not offer"));
     }
 
-    /// A name of a variable is a word like any other.
+    /// The name of a variable is a symbol of the agent's, too.
     #[test]
     fn variables_are_numbered_and_stay_bound_as_they_were() {
         let text = exported(&action(

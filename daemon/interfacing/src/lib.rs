@@ -1,16 +1,17 @@
-//! Interfacing nodes (the paper, “Interfacing Node”; design, “Between ecosystems”): a daemon that
-//! takes part in two ecosystems, and passes on exactly what its rules export.
+//! Interfacing nodes (the paper, “Interfacing Node”; design, “Between ecosystems”): a daemon that takes
+//! part in two ecosystems, and passes on exactly what its rules export.
 //!
-//! - No message crosses. What crosses is an agent: where one lives, an `agent::Observer` watches it; where it
-//!   is to be known, `mirror` is an actuator of its own with what its model says in the words of
-//!   that side (`words`, `translate`, `export`); what the mirror is asked to do, `voice` asks on
-//!   the real one's side, as a person would. So tokens, receipts, incarnations and conversations
-//!   are each ecosystem's own, and no id of one is ever heard in the other.
-//! - `desk` takes goals for the other side; `crossing` lets a mirror live and leave with the real
-//!   one, and stops what comes back to where it came from; `bucket` bounds how much passes.
+//! - No message crosses; agents are represented. On the *far* side, where an agent runs, an
+//!   `agent::Observer` watches it. On the *near* side a proxy agent (`mirror`) stands for it: an actuator
+//!   of its own, with the agent's model translated into the near vocabulary (`words`, `translate`,
+//!   `export`). A request to the proxy agent is sent to the real agent by a Keyboard Agent on the far side
+//!   (`voice`), as a person would. So tokens, receipts, incarnations and conversations belong to one
+//!   ecosystem each, and no identifier of one ever appears in the other.
+//! - `desk` accepts goals for the other side. `crossing` starts and stops a proxy agent with the real one,
+//!   and rejects agents that would return to the ecosystem they come from. `bucket` limits the rate.
 //!
-//! Leaves to others: what a mirror does as an actuator (`actuator`); reading the rules, holding them
-//! against both ecosystems' words, and both wires (`althing`).
+//! This crate leaves to others: the behaviour of a proxy agent as an actuator (`actuator`); reading the
+//! rules, checking them against both ecosystems' vocabularies, and both substrates (`althing`).
 
 mod bucket;
 mod crossing;
@@ -38,46 +39,46 @@ use mirror::Crossing;
 use voice::Voice;
 use words::{Passage, Way, Words};
 
-/// One ecosystem, and where in it our agents can live.
+/// One of the two ecosystems, and where this daemon's agents are started in it.
 #[derive(Clone)]
 pub struct Shore {
     /// The ecosystem.
     pub name: EcosystemId,
-    /// Its words.
+    /// Its ontology.
     pub domain: Arc<Domain>,
     /// Its map.
     pub problem: Arc<Problem>,
-    /// Where our agents live.
+    /// Where agents are started.
     pub landing: Landing,
 }
 
-/// What an interface has let through so far.
+/// Counters of a running interface.
 pub struct Interface {
-    /// From them to us.
+    /// From the other ecosystem to this one.
     pub imported: Arc<Counters>,
-    /// From us to them.
+    /// From this ecosystem to the other.
     pub exported: Arc<Counters>,
 }
 
 /// Why an interface cannot work. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 pub enum InterfaceError {
-    /// What it would be called cannot be a name.
+    /// The name of an agent cannot be formed.
     #[error("join `{far}`: {source}")]
     Name {
         /// The other ecosystem.
         far: EcosystemId,
-        /// What is wrong with the name.
+        /// Why the name is not valid.
         #[source]
         source: acl::InvalidName,
     },
 }
 
-/// Lets an interface work until its daemon drains: `home` is ours, `away` the other ecosystem.
+/// Starts an interface, which runs until its daemon drains: `home` is this ecosystem, `away` the other.
 ///
 /// # Errors
 ///
-/// If a name cannot be made for what speaks or watches.
+/// Returns an error if no valid name can be formed for an agent of the interface.
 pub fn connect(
     entry: &InterfaceEntry,
     home: &Shore,
@@ -116,15 +117,15 @@ pub fn connect(
     Ok(interface)
 }
 
-/// One direction of an interface: agents of `far` are known in `near`.
+/// One direction of an interface: agents of `far` are represented in `near`.
 struct Bridge<'b> {
     entry: &'b InterfaceEntry,
     way: Way,
     near: Shore,
     far: Shore,
-    /// What speaks for `near` in `far`.
+    /// Name in `far` of the agent that makes requests for `near`.
     called: AgentId,
-    /// To `far`, and from it.
+    /// Rate limits to `far`, and from it.
     outward: Arc<Bucket>,
     inward: Arc<Bucket>,
     counters: Arc<Counters>,
@@ -149,7 +150,7 @@ impl Bridge<'_> {
         }
     }
 
-    /// What speaks for `near` comes from there.
+    /// The route of the agents that act for `near` in `far`: they come from `near`.
     fn speaking_for(&self) -> Vec<EcosystemId> {
         vec![self.near.name.clone()]
     }
@@ -188,7 +189,8 @@ impl Bridge<'_> {
     }
 
     fn desk(&self, rule: &RuleEntry, voice: &Voice) {
-        // Goals are always named in our words; a rule of exports lets them be asked for in theirs.
+        // Rules name goals in this ecosystem's vocabulary; a rule of exports lets the other ecosystem
+        // request them in its own.
         let words = Words::of(self.entry, self.way).reversed();
         let goals = match self.way {
             Way::Import => rule.goals.clone(),

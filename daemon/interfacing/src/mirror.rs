@@ -1,9 +1,9 @@
-//! A mirror: an agent of another ecosystem, as it may be known in this one.
+//! Proxy agents: an agent of another ecosystem, as far as this one may know it.
 //!
-//! It is an actuator like any other here, with heartbeats, tokens and bids of its own; what it is
-//! asked to do, it asks of the real one, by the real one's own Plan Executor ([`Voice`]). Both
-//! conversations are whole on their own side, and nothing but a step in mapped names passes from
-//! one to the other, and back how it ended.
+//! A proxy agent is an actuator like any other here, with heartbeats, tokens and bids of its own. A request
+//! to it is passed to the real agent through the Plan Executor of that agent's ecosystem ([`Voice`]). Each
+//! side has a conversation of its own. Only a step in translated names passes to the far side, and only its
+//! outcome passes back.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -23,38 +23,38 @@ use super::translate::{self, Translator};
 use super::voice::{News, Voice};
 use super::words::{Passage, Words};
 
-/// What the real one's Plan Executor may take beside the method itself: to be found, to agree, to
-/// confirm, and the same on this side.
+/// Time for the far side's Plan Executor in addition to the method's own: discovery, agreement and
+/// confirmation there, and the same on this side.
 const BESIDE_METHOD: Duration = Duration::from_secs(10);
 
-/// What passes between two ecosystems by one rule.
+/// Everything that one rule passes between the two ecosystems.
 pub(super) struct Crossing {
     pub(super) passage: Passage,
     pub(super) performatives: BTreeSet<Performative>,
-    /// Far = near.
+    /// Vocabulary, far name = near name.
     pub(super) words: Words,
-    /// The ecosystem it comes from.
+    /// The ecosystem of the real agent.
     pub(super) far: EcosystemId,
     pub(super) far_files: (Arc<Domain>, Arc<Problem>),
     pub(super) near_files: (Arc<Domain>, Arc<Problem>),
-    /// What speaks for us over there.
+    /// Client that makes requests in the far ecosystem.
     pub(super) voice: Voice,
-    /// What goes there, and what comes from there.
+    /// Rate limits to the far side, and from it.
     pub(super) outward: Arc<Bucket>,
     pub(super) inward: Arc<Bucket>,
     pub(super) counters: Arc<Counters>,
 }
 
-/// What was let through and what was not, for the operator.
+/// Numbers of requests and agents that passed or did not, for the operator.
 #[derive(Debug, Default)]
 pub struct Counters {
-    /// Requests that were passed on.
+    /// Requests passed on.
     pub passed: AtomicU64,
-    /// Requests that were refused because too much passed.
+    /// Requests refused because of the rate limit.
     pub over_rate: AtomicU64,
-    /// Requests that name what is not exported.
+    /// Requests that name a symbol that is not exported.
     pub unexported: AtomicU64,
-    /// Agents that would have come back to where they come from.
+    /// Agents and goals that would have returned to the ecosystem they come from.
     pub looped: AtomicU64,
 }
 
@@ -65,11 +65,11 @@ impl Crossing {
         self.performatives.contains(&performative)
     }
 
-    /// What the agent looks like from the near side.
+    /// Returns the proxy agent's model of the agent.
     ///
     /// # Errors
     ///
-    /// If it cannot be seen from there at all.
+    /// Returns an error if the agent cannot be represented at all.
     pub(super) fn export(&self, sighted: &Sighted) -> Result<Exported, String> {
         let shores = Shores {
             far: (&self.far_files.0, &self.far_files.1),
@@ -88,7 +88,7 @@ impl Crossing {
         Translator::of_model(&self.words, &self.passage, far, model)
     }
 
-    /// A step as it is called over there. The error says what is not exported.
+    /// Translates a step to the far side. The error names what is not exported.
     fn far_step(&self, action: &str) -> Result<String, String> {
         let step = pddl::parse_step(action).into_result();
         let step = step.map_err(|_| "the action cannot be read".to_owned())?;
@@ -102,7 +102,7 @@ impl Crossing {
 
 // === impl Mirror ===
 
-/// The device of a mirror.
+/// Device of the actuator that is a proxy agent.
 pub(super) struct Mirror {
     crossing: Arc<Crossing>,
     sight: Sight,
@@ -111,7 +111,7 @@ pub(super) struct Mirror {
 }
 
 impl Mirror {
-    /// The mirror of what is seen now.
+    /// Returns a proxy of the agent as it is observed now.
     pub(super) fn new(
         crossing: Arc<Crossing>,
         sight: Sight,
@@ -122,7 +122,8 @@ impl Mirror {
         Mirror { crossing, sight, sighted, exported }
     }
 
-    /// Looks again at the agent. One that cannot be seen any more takes its mirror with it.
+    /// Updates the proxy from the latest observation. If the agent is gone, nothing changes here;
+    /// `crossing` ends the proxy agent.
     fn look(&mut self) {
         let Some(sighted) = self.sight.borrow_and_update().clone() else { return };
         if sighted.digest != self.sighted.digest {
@@ -190,7 +191,7 @@ impl Device for Mirror {
             let fact = translator.fact(fact).filter(|_| !is_over)?;
             Some(OwnFact { fact, known_for })
         });
-        // A heartbeat is complete: what it does not say is false.
+        // A heartbeat is complete: a fact that it does not contain is false.
         current.chain(self.exported.standing.iter().cloned().map(OwnFact::from)).collect()
     }
 
@@ -243,10 +244,10 @@ impl Device for Mirror {
         let inward = Arc::clone(&self.crossing.inward);
         Some(Box::pin(async move {
             if sight.changed().await.is_err() {
-                // With the observer, the mirror goes too.
+                // The observer has ended, and the proxy agent ends too.
                 return std::future::pending().await;
             }
-            // What is overtaken while it waits is never said.
+            // Observations that are replaced during this wait are never announced.
             inward.wait().await;
             let stir: Stir<Mirror> = Box::new(|mirror| {
                 mirror.look();
@@ -261,7 +262,7 @@ impl Device for Mirror {
     }
 }
 
-/// What became of what was asked, in words of our own.
+/// Converts the end of a request to a result, without the other ecosystem's texts.
 fn ended(crossing: &Crossing, news: News) -> Result<Report, Failure> {
     let far = &crossing.far;
     let reason = news.reason();

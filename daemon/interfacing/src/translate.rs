@@ -1,12 +1,12 @@
-//! From an agent's words to those of another ecosystem: symbol by symbol, through a dictionary.
+//! Translates an agent's symbols to those of another ecosystem, one by one, by a vocabulary.
 //!
-//! - What the dictionary does not have is not said. Nothing private is said, whatever the
-//!   dictionary has. No text is passed on: all that comes out is built of the dictionary's words,
-//!   and of variables that are numbered anew.
-//! - What an action *needs* must be said whole, or the action is not offered ([`Lost`]): who plans
-//!   with it would plan what cannot be done. Only what is its agent's own secret is left to the
-//!   agent, which looks after it when it is asked to act (MA-PDDL's public projection).
-//! - What an action *changes* may be left unsaid: nobody over there can see it anyway.
+//! - Symbols that are not in the vocabulary are left out. Private symbols are left out even if they are in
+//!   it. No text is passed on: the output consists of names of the vocabulary and of renumbered variables.
+//! - The *preconditions* of an action must be translated completely, or the action is not offered
+//!   ([`Lost`]): otherwise plans would contain steps that cannot be done. Only a condition over private
+//!   symbols alone is left to the agent, which checks it when it is requested to act (MA-PDDL's public
+//!   projection).
+//! - *Effects* may be left out: the other side cannot observe them anyway.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -20,31 +20,31 @@ use pddl::{
 
 use super::words::{Passage, Words};
 
-/// What plans are measured by, in every ontology.
+/// The function that measures plans, in every ontology.
 pub(crate) const TOTAL_COST: &str = "total-cost";
 
-/// Something that an action needs and that cannot be said over there.
+/// Part of an action that cannot be translated.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Lost {
-    /// A symbol that is not in the dictionary: which sort, and which.
+    /// A symbol that is not in the vocabulary: its sort and its name.
     Unexported(&'static str, Name),
-    /// A symbol that is its agent's own secret, where it cannot be left to the agent.
+    /// A private symbol, in a condition that cannot be left to the agent.
     Private(Name),
-    /// A predicate that follows from others by axioms, which stay where they are.
+    /// A predicate that axioms derive; axioms are not exported.
     Derived(Name),
-    /// A way of saying that means something else where other things are there.
+    /// A construct that has another meaning where other objects exist.
     Construct(&'static str),
 }
 
-/// What is known of the far side, and what it is called on the near one.
+/// Translates symbols of the far side to the near one.
 pub struct Translator<'t> {
     words: &'t Words,
-    /// The agent whose words these are, and its mirror.
+    /// The agent and its proxy agent, if a model is translated.
     who: Option<(&'t AgentId, &'t AgentId)>,
     types: Types,
     private: BTreeSet<Name>,
     derived: BTreeSet<Name>,
-    /// The variables of what is being said, in the order in which they came.
+    /// Variables of the current action or declaration, in the order of their first use.
     variables: RefCell<Vec<Name>>,
 }
 
@@ -53,7 +53,7 @@ type Said<T> = Result<T, Lost>;
 // === impl Translator ===
 
 impl<'t> Translator<'t> {
-    /// A translator of what `model`'s agent says, over the far ontology.
+    /// Returns a translator for the model of an agent, over the far ontology.
     pub fn of_model(
         words: &'t Words,
         passage: &'t Passage,
@@ -72,7 +72,7 @@ impl<'t> Translator<'t> {
         translator
     }
 
-    /// A translator of what anybody may say over an ontology and a map.
+    /// Returns a translator for facts and goals over an ontology and a map.
     pub fn of_ontology(words: &'t Words, (ontology, map): (&Domain, &Problem)) -> Translator<'t> {
         let derived = ontology.derived.iter().map(|axiom| axiom.predicate.clone()).collect();
         let (types, private) = (Types::of(ontology), BTreeSet::new());
@@ -90,7 +90,7 @@ impl<'t> Translator<'t> {
         self.private.extend(private.map(|(name, _)| name.clone()));
     }
 
-    /// Whether a symbol is its agent's own secret.
+    /// Whether a symbol is private.
     pub fn is_private(&self, name: &str) -> bool {
         self.private.contains(name)
     }
@@ -128,13 +128,14 @@ impl<'t> Translator<'t> {
         }
     }
 
-    /// Begins to say something else, whose variables are numbered anew.
+    /// Begins another action or declaration, with numbers of variables from 1.
     pub(crate) fn begin(&self) {
         self.variables.borrow_mut().clear();
     }
 
-    /// A variable: its name is a word of its agent's as any other, and nobody over there needs it. Two of
-    /// one name stay so, and none becomes another, so what each is bound by stays the same.
+    /// Returns the numbered name of a variable. Names of variables are symbols of the agent's too, and are
+    /// not passed on. Equal names get equal numbers and different names different ones, so the bindings
+    /// stay the same.
     pub(crate) fn variable(&self, name: &Name) -> Name {
         let mut variables = self.variables.borrow_mut();
         let known = variables.iter().position(|known| known == name);
@@ -156,7 +157,7 @@ impl<'t> Translator<'t> {
         terms.iter().map(|term| self.term(term)).collect()
     }
 
-    /// A type exactly: another would let in what the agent does not take.
+    /// Translates a type exactly: another type would admit objects that the agent does not accept.
     pub(crate) fn exact_type(&self, ty: &TypeExpr) -> Said<TypeExpr> {
         if ty.is_object() {
             return Ok(TypeExpr::default());
@@ -169,7 +170,7 @@ impl<'t> Translator<'t> {
         Ok(TypeExpr { alternatives })
     }
 
-    /// The narrowest exported type that a thing of this type has.
+    /// Returns the narrowest exported type of an object of this type.
     pub(crate) fn nearest_type(&self, ty: &TypeExpr) -> Option<TypeExpr> {
         let [name] = &ty.alternatives[..] else { return None };
         match self.words.types.get(name.as_str()) {
@@ -178,9 +179,9 @@ impl<'t> Translator<'t> {
         }
     }
 
-    /// The narrowest exported type above this one.
+    /// Returns the narrowest exported supertype.
     pub(crate) fn nearest_supertype(&self, name: &str) -> Option<TypeExpr> {
-        // Nearest first.
+        // The nearest supertype comes first.
         let mut above = self.types.supertypes(name);
         above.find_map(|ty| self.words.types.get(ty.as_str())).cloned().map(TypeExpr::of)
     }
@@ -197,7 +198,7 @@ impl<'t> Translator<'t> {
         Ok(Atom { predicate, arguments: self.terms(&atom.arguments)?, span: atom.span })
     }
 
-    /// What an action observes: a predicate or a function.
+    /// Translates an atom that an action observes: of a predicate or a function.
     pub(crate) fn observed(&self, observed: &Atom) -> Said<Atom> {
         let named = self.predicate(&observed.predicate);
         let predicate = named.or_else(|_| self.function(&observed.predicate))?;
@@ -224,7 +225,7 @@ impl<'t> Translator<'t> {
         })
     }
 
-    /// A fact, if all of it may be said.
+    /// Translates a fact; `None` if a part of it is not exported.
     pub(crate) fn fact(&self, fact: &InitElement) -> Option<InitElement> {
         match fact {
             InitElement::Atom(atom) => self.atom(atom).ok().map(InitElement::Atom),
@@ -239,8 +240,7 @@ impl<'t> Translator<'t> {
 
     // === conditions ===
 
-    /// What an action needs, as others may know it: conjunct by conjunct, without those that are
-    /// the agent's own secret alone.
+    /// Translates a precondition, conjunct by conjunct, without conjuncts over private symbols alone.
     pub(crate) fn precondition(&self, condition: &Condition) -> Said<Condition> {
         let mut kept = Vec::new();
         for conjunct in conjuncts(condition) {
@@ -253,7 +253,8 @@ impl<'t> Translator<'t> {
         Ok(Condition::And(kept))
     }
 
-    /// A whole condition. `holds` is false under a negation, where quantifiers are the other way.
+    /// Translates a condition completely. `holds` is `false` under a negation, where `exists` and `forall`
+    /// change places.
     pub(crate) fn condition(&self, condition: &Condition, holds: bool) -> Said<Condition> {
         let all = |parts: &[Condition]| -> Said<Vec<Condition>> {
             parts.iter().map(|part| self.condition(part, holds)).collect()
@@ -280,19 +281,19 @@ impl<'t> Translator<'t> {
                 let left = self.condition(left, !holds)?;
                 Condition::Imply(Box::new(left), Box::new(self.condition(right, holds)?))
             }
-            // Some of what is exported is some of what is there.
+            // If it holds of some exported object, it holds of some object.
             Condition::Exists(variables, inner) if holds => {
                 Condition::Exists(self.typed(variables)?, Box::new(self.condition(inner, holds)?))
             }
             Condition::Forall(variables, inner) if !holds => {
                 Condition::Forall(self.typed(variables)?, Box::new(self.condition(inner, holds)?))
             }
-            // All that is exported is not all that is there.
+            // If it holds of all exported objects, it need not hold of all objects.
             Condition::Exists(..) | Condition::Forall(..) => return Err(Lost::Construct("forall")),
         })
     }
 
-    /// Whether a condition speaks of the agent's own secrets and of nothing else.
+    /// Whether a condition contains private symbols and no others.
     fn is_secret(&self, condition: &Condition) -> bool {
         let mut symbols = condition.symbols().peekable();
         symbols.peek().is_some() && symbols.all(|name| self.private.contains(name))
@@ -300,7 +301,7 @@ impl<'t> Translator<'t> {
 
     // === effects ===
 
-    /// What an action changes, as far as others can see it; `None` where they see nothing.
+    /// Translates the observable part of an effect; `None` if there is none.
     pub(crate) fn effect(&self, effect: &Effect) -> Said<Option<Effect>> {
         Ok(match effect {
             Effect::And(parts) => {
@@ -317,7 +318,8 @@ impl<'t> Translator<'t> {
             },
             Effect::When(condition, inner) => match self.effect(inner)? {
                 Some(inner) => {
-                    // It must hold there exactly when it holds here: no quantifier at all.
+                    // The condition must be equivalent on both sides, so it may contain no quantifier: it
+                    // is checked under both signs.
                     self.condition(condition, false)?;
                     let condition = self.condition(condition, true)?;
                     Some(Effect::When(Box::new(condition), Box::new(inner)))
@@ -327,7 +329,7 @@ impl<'t> Translator<'t> {
         })
     }
 
-    /// A numeric effect; that on the cost is dealt with apart.
+    /// Translates a numeric effect; `None` for one on the cost, which [`Translator::cost`] handles.
     fn assign(&self, assign: &Assign) -> Said<Option<Effect>> {
         let Assign { assignment, fluent, value, span } = assign;
         if fluent.function == TOTAL_COST {
@@ -339,7 +341,7 @@ impl<'t> Translator<'t> {
         Ok(Some(Effect::Assign(Box::new(assign))))
     }
 
-    /// What an action adds to the cost of a plan, if it says so at all.
+    /// Returns the cost that an action adds to a plan; `None` if it declares none.
     pub(crate) fn cost(&self, effect: &Effect) -> Said<Option<Expression>> {
         match effect {
             Effect::And(parts) => {
@@ -361,8 +363,8 @@ impl<'t> Translator<'t> {
     }
 }
 
-/// A ground action under the names it has on the other side: of the agent, of its action, of what
-/// it is done to. The error says what is not there.
+/// Translates the names in a ground action: of the agent, of the action, of the objects. The error names
+/// what is not exported.
 pub(crate) fn step(
     step: &PlanStep,
     actions: &BTreeMap<String, Name>,

@@ -1,8 +1,8 @@
-//! What speaks for an ecosystem in another: an ordinary Keyboard Agent, as a person's would be.
+//! Client in another ecosystem: an ordinary Keyboard Agent, as a person's would be.
 //!
-//! So an action is asked of the other's own Plan Executor, and a goal of its own Plan Requester,
-//! with the tokens, the receipts and the checks that they give to everybody: nobody acts there but
-//! by their rules, and no id of one ecosystem is ever heard in the other.
+//! An action is requested from that ecosystem's own Plan Executor, and a goal from its own Plan Requester,
+//! with the tokens, the receipts and the checks that apply to all requests. So the actions there follow the
+//! rules of that ecosystem, and no identifier of one ecosystem ever appears in the other.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -11,11 +11,11 @@ use acl::{ConversationId, Message, Performative};
 use keyboard::{Heard, Said, Terminal, Wish};
 use tokio::sync::mpsc;
 
-/// Orders, and news of one order, that may wait.
+/// Maximum number of queued requests, and of queued reports of one request.
 const ORDERS_MAX: usize = 256;
 const NEWS_MAX: usize = 64;
 
-/// A hold on the voice. Clones speak with the same one.
+/// Handle of the client. Clones share one client.
 #[derive(Clone, Debug)]
 pub struct Voice(mpsc::Sender<Order>);
 
@@ -25,28 +25,28 @@ enum Order {
     Cancel(ConversationId),
 }
 
-/// Something that was asked for. Dropped before its end, it is taken back.
+/// A request that was sent. If it is dropped before its end, it is cancelled.
 pub struct Asked {
     voice: Voice,
     news: mpsc::Receiver<Heard>,
     conversation: Option<ConversationId>,
-    /// Whether it is taken back when nobody waits for it any more.
+    /// Whether it is cancelled when it is dropped.
     revocable: bool,
 }
 
-/// What became of it.
+/// Progress or end of a request.
 #[derive(Clone, Debug)]
 pub enum News {
-    /// How it stands.
+    /// A report of its state.
     Report(Report),
-    /// It was declined.
+    /// The request was refused.
     Refused(Refusal),
-    /// Nobody took it.
+    /// No agent answered.
     Unanswered,
 }
 
 impl Voice {
-    /// A voice that speaks through this terminal; the future carries what is said.
+    /// Returns a client that uses this terminal; the future runs it.
     pub fn new(terminal: Terminal) -> (Voice, impl Future<Output = ()> + Send + 'static) {
         let (orders, heard) = mpsc::channel(ORDERS_MAX);
         let speaker =
@@ -54,38 +54,38 @@ impl Voice {
         (Voice(orders), speaker.run())
     }
 
-    /// Asks for one action.
+    /// Requests one action.
     pub async fn act(&self, action: String, revocable: bool) -> Asked {
         self.ask(Said::Act(action), revocable).await
     }
 
-    /// Asks for a goal.
+    /// Requests a goal.
     pub async fn wish(&self, wish: Wish, revocable: bool) -> Asked {
         self.ask(Said::Wish(wish), revocable).await
     }
 
-    /// Gives something up.
+    /// Cancels a request.
     pub async fn cancel(&self, conversation: ConversationId) {
-        // A voice that has ended has given up everything.
+        // A client that has ended has cancelled everything.
         let _ = self.0.send(Order::Cancel(conversation)).await;
     }
 
-    /// Says something that is answered.
+    /// Sends a request that is answered.
     pub async fn ask(&self, said: Said, revocable: bool) -> Asked {
         let (tell, news) = mpsc::channel(NEWS_MAX);
-        // A voice that has ended drops the sender: then nothing is heard, which is an answer.
+        // A client that has ended drops the sender; [`Asked::next`] then returns [`News::Unanswered`].
         let _ = self.0.send(Order::Ask(said, tell)).await;
         Asked { voice: self.clone(), news, conversation: None, revocable }
     }
 }
 
 impl Asked {
-    /// Its conversation, once it has one.
+    /// Returns its conversation; `None` until it has one.
     pub fn conversation(&self) -> Option<&ConversationId> {
         self.conversation.as_ref()
     }
 
-    /// The next news; the last is final.
+    /// Waits for the next report; the last one is final.
     pub async fn next(&mut self) -> News {
         loop {
             let Some(heard) = self.news.recv().await else {
@@ -115,14 +115,15 @@ impl Asked {
 impl Drop for Asked {
     fn drop(&mut self) {
         if let Some(conversation) = self.conversation.take().filter(|_| self.revocable) {
-            // A voice with no room for it has ended, or stops at its own deadlines.
+            // If there is no room for the order, the client has ended, or the request stops at its own
+            // deadlines.
             let _ = self.voice.0.try_send(Order::Cancel(conversation));
         }
     }
 }
 
 impl News {
-    /// Whether nothing more follows.
+    /// Whether no further report follows.
     pub fn is_final(&self) -> bool {
         match self {
             News::Report(report) => report.outcome.is_final(),
@@ -130,7 +131,8 @@ impl News {
         }
     }
 
-    /// How it stands, in words of our own: what they say over there stays over there.
+    /// Returns why the request did not succeed; `None` if it did or still runs. Only the reason crosses,
+    /// not the other ecosystem's text.
     pub fn reason(&self) -> Option<Reason> {
         match self {
             News::Refused(refusal) => Some(refusal.reason),
@@ -143,7 +145,7 @@ impl News {
     }
 }
 
-/// What an answer to a message that was sent as it was written says of its end.
+/// Returns the report that follows from an answer to a message that was sent literally.
 fn news_of(message: &Message, is_final: bool) -> Option<News> {
     match message.performative {
         Performative::Confirm => message.content_as().ok().map(News::Report),
@@ -154,11 +156,11 @@ fn news_of(message: &Message, is_final: bool) -> Option<News> {
     }
 }
 
-/// The task that holds the terminal.
+/// Task that owns the terminal.
 struct Speaker {
     terminal: Terminal,
     orders: mpsc::Receiver<Order>,
-    /// What was said and has no conversation yet: the keyboard names them in this order.
+    /// Requests that have no conversation yet; the keyboard assigns conversations in this order.
     said: VecDeque<mpsc::Sender<Heard>>,
     open: BTreeMap<ConversationId, mpsc::Sender<Heard>>,
 }
@@ -189,7 +191,7 @@ impl Speaker {
             }
             Order::Cancel(conversation) => Said::Cancel(conversation),
         };
-        // A keyboard that has ended is noticed by what it does not say any more.
+        // An end of the keyboard is noticed when it sends no more events.
         let _ = self.terminal.say.send(said).await;
     }
 
@@ -197,7 +199,7 @@ impl Speaker {
         if let Heard::Asked(conversation) = &heard {
             let Some(tell) = self.said.pop_front() else { return };
             if tell.is_closed() {
-                // Nobody waited for as long as it took to say it.
+                // The requester stopped waiting before the request had a conversation.
                 return self.say(Order::Cancel(conversation.clone())).await;
             }
             self.open.insert(conversation.clone(), tell);
@@ -205,7 +207,7 @@ impl Speaker {
         let Some(conversation) = heard.conversation().cloned() else { return };
         let is_final = heard.is_final();
         if let Some(tell) = self.open.get(&conversation) {
-            // Progress that nobody reads in time is lost; for the end there is always room.
+            // Progress that is not read in time is lost; one place is kept free for the end.
             if is_final || tell.capacity() > 1 {
                 let _ = tell.try_send(heard);
             }

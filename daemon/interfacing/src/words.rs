@@ -1,5 +1,4 @@
-//! A dictionary of one direction: what each word of the ecosystem it comes from is called in the
-//! one it goes to. What is not in it does not pass.
+//! The vocabulary of one direction: the near name of each far symbol. Symbols without an entry do not pass.
 
 use std::collections::BTreeMap;
 
@@ -8,9 +7,9 @@ use pddl::Name;
 
 use crate::entry::{InterfaceEntry, RuleEntry};
 
-/// The words of the far ecosystem, as they are called in the near one.
+/// Near names of far symbols.
 ///
-/// *Far* is where an agent lives, *near* where its mirror does.
+/// *Far* is the side where an agent runs, *near* the side of its proxy agent.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Words {
     /// Types.
@@ -23,35 +22,35 @@ pub struct Words {
     pub objects: BTreeMap<String, Name>,
 }
 
-/// Which way a rule lets an agent through.
+/// Direction of a rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
-    /// One of theirs is mirrored here.
+    /// An agent of the other ecosystem is represented here.
     Import,
-    /// One of ours is mirrored there.
+    /// An agent of this ecosystem is represented there.
     Export,
 }
 
-/// What one rule lets through, read from the far side to the near one.
+/// Content of one rule about an agent, from the far side to the near one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Passage {
-    /// The agent, where it lives.
+    /// Far name of the agent.
     pub agent: AgentId,
-    /// The same where its mirror is.
+    /// Name of its proxy agent.
     pub mirror: AgentId,
-    /// The predicate that holds of what is exported: over there are more rooms than here, and here
-    /// more than over there.
+    /// Predicate that holds of the exported objects. Actions of the proxy agent require it, because each
+    /// side has objects that the other does not know.
     pub guard: Name,
-    /// Far = near.
+    /// Actions, far name = near name.
     pub actions: BTreeMap<String, Name>,
-    /// What an action costs plans, under its near name.
+    /// Cost of an action in plans, by its near name.
     pub costs: BTreeMap<String, f64>,
 }
 
 // === impl Words ===
 
 impl Words {
-    /// The dictionary of an interface for what goes this way.
+    /// Returns the vocabulary of an interface for one direction.
     pub fn of(entry: &InterfaceEntry, way: Way) -> Words {
         let turned = |table: &BTreeMap<String, String>| turned(table, way);
         Words {
@@ -62,7 +61,7 @@ impl Words {
         }
     }
 
-    /// The same for what goes the other way.
+    /// Returns the vocabulary for the opposite direction.
     pub fn reversed(&self) -> Words {
         let reversed = |table: &BTreeMap<String, Name>| -> BTreeMap<String, Name> {
             table.iter().map(|(far, near)| (near.as_str().to_owned(), Name::new(far))).collect()
@@ -79,7 +78,8 @@ impl Words {
 // === impl Passage ===
 
 impl Passage {
-    /// What a rule about an agent of the ecosystem `far` lets through.
+    /// Returns the content of a rule about an agent of the ecosystem `far`; `None` if the rule is about
+    /// goals.
     pub fn of(rule: &RuleEntry, far: &EcosystemId, way: Way) -> Option<Passage> {
         Some(Passage {
             agent: rule.agent.clone()?,
@@ -91,7 +91,7 @@ impl Passage {
     }
 }
 
-/// Ours = theirs, as far = near.
+/// Converts a table “own = other” to “far = near”.
 fn turned(table: &BTreeMap<String, String>, way: Way) -> BTreeMap<String, Name> {
     let entry = |(ours, theirs): (&String, &String)| match way {
         Way::Import => (theirs.clone(), Name::new(ours)),

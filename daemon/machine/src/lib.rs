@@ -1,14 +1,14 @@
-//! What the machine has: memory, as far as this process may take of it.
+//! Memory of the machine, as far as this process may use it.
 //!
-//! - Reads `/proc` and `/sys/fs/cgroup` of Linux. Where they do not tell, the answer is `None`, and the
-//!   caller decides.
-//! - A process may take less than the machine has: its control group, and those above it, have limits,
-//!   and so may its address space. The least of all counts.
+//! - The figures come from `/proc` and `/sys/fs/cgroup` of Linux. If these do not have a figure, the
+//!   functions return `None`, and the caller decides.
+//! - A process may be allowed less memory than the machine has: its control group and the groups above it
+//!   have limits, and so may its address space. The smallest limit counts.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Where the kernel tells about the machine and its processes.
+/// Folders in which the kernel describes the machine and its processes.
 #[derive(Clone, Debug)]
 pub struct Kernel {
     proc: PathBuf,
@@ -21,17 +21,18 @@ impl Default for Kernel {
     }
 }
 
-/// The bytes that this process may take at most, whatever others take.
+/// Returns the number of bytes that this process may use at most, whatever other processes use.
 pub fn memory_total() -> Option<u64> {
     Kernel::default().memory_total()
 }
 
-/// The bytes that this process could take now without anything being swapped out or killed.
+/// Returns the number of bytes that this process could use now without anything being swapped out or
+/// killed.
 pub fn memory_available() -> Option<u64> {
     Kernel::default().memory_available()
 }
 
-/// The bytes of memory that this process has.
+/// Returns the number of bytes of memory that this process uses (its resident set).
 pub fn memory_resident() -> Option<u64> {
     Kernel::default().memory_resident()
 }
@@ -39,19 +40,19 @@ pub fn memory_resident() -> Option<u64> {
 // === impl Kernel ===
 
 impl Kernel {
-    /// A kernel's words in other folders, for tests.
+    /// Returns a kernel that reads other folders, for tests.
     pub fn at(proc: impl Into<PathBuf>, cgroups: impl Into<PathBuf>) -> Kernel {
         Kernel { proc: proc.into(), cgroups: cgroups.into() }
     }
 
-    /// As [`memory_total`].
+    /// Same as the function [`memory_total`].
     pub fn memory_total(&self) -> Option<u64> {
         let machine = self.meminfo("MemTotal:");
         let groups = self.groups().into_iter().filter_map(|group| limit(&group));
         machine.into_iter().chain(groups).chain(self.address_space()).min()
     }
 
-    /// As [`memory_available`].
+    /// Same as the function [`memory_available`].
     pub fn memory_available(&self) -> Option<u64> {
         let machine = self.meminfo("MemAvailable:");
         let groups = self
@@ -61,7 +62,7 @@ impl Kernel {
         machine.into_iter().chain(groups).chain(self.address_space()).min()
     }
 
-    /// As [`memory_resident`].
+    /// Same as the function [`memory_resident`].
     pub fn memory_resident(&self) -> Option<u64> {
         kibibytes(&fs::read_to_string(self.proc.join("self/status")).ok()?, "VmRSS:")
     }
@@ -70,14 +71,14 @@ impl Kernel {
         kibibytes(&fs::read_to_string(self.proc.join("meminfo")).ok()?, key)
     }
 
-    /// The limit of this process's address space, if it has one.
+    /// Returns the limit of this process's address space in bytes; `None` if there is none.
     fn address_space(&self) -> Option<u64> {
         let limits = fs::read_to_string(self.proc.join("self/limits")).ok()?;
         let line = limits.lines().find(|line| line.starts_with("Max address space"))?;
         line.split_whitespace().nth(3)?.parse().ok()
     }
 
-    /// The folders of the control groups that this process is in, each with those above it.
+    /// Returns the folders of the control groups of this process, each followed by those above it.
     fn groups(&self) -> Vec<PathBuf> {
         let text = fs::read_to_string(self.proc.join("self/cgroup")).unwrap_or_default();
         let mut groups = Vec::new();
@@ -99,13 +100,14 @@ impl Kernel {
     }
 }
 
-/// The memory that a control group may have, if that is limited.
+/// Returns the memory limit of a control group in bytes; `None` if there is none.
 fn limit(group: &Path) -> Option<u64> {
-    // The first is of version 2, the other of version 1, where no limit is a number beyond all memory.
+    // The first file is of version 2, the other of version 1, where a number beyond all memory means no
+    // limit.
     number(&group.join("memory.max")).or_else(|| number(&group.join("memory.limit_in_bytes")))
 }
 
-/// The memory that a control group has, without what the kernel would give back of files.
+/// Returns the memory that a control group uses, without file caches that the kernel would free.
 fn taken(group: &Path) -> Option<u64> {
     let current = number(&group.join("memory.current"))
         .or_else(|| number(&group.join("memory.usage_in_bytes")))?;
@@ -119,7 +121,7 @@ fn number(file: &Path) -> Option<u64> {
     fs::read_to_string(file).ok()?.trim().parse().ok()
 }
 
-/// The bytes of a line `KEY NUMBER kB`.
+/// Returns the number of bytes in a line `KEY NUMBER kB`.
 fn kibibytes(text: &str, key: &str) -> Option<u64> {
     let line = text.lines().find(|line| line.starts_with(key))?;
     let kibibytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;

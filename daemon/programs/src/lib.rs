@@ -1,9 +1,9 @@
-//! Programs of other people, that measure or switch: run with arguments, and heard to a bound.
+//! Runs external programs, such as those that measure or switch, with arguments and a limit of output.
 //!
-//! - No shell: the program and its arguments are what somebody wrote, letter by letter.
-//! - It is killed with all that it started when its time is over, or when nobody waits for it any
-//!   more. Who ends well leaves nobody behind either.
-//! - What it prints beyond a bound is not read.
+//! - No shell is used: the program and its arguments are taken literally.
+//! - The program and all processes it has started are killed when its time is over, or when the caller
+//!   drops the future. Processes that it leaves behind when it ends are killed too.
+//! - Output beyond a limit is not read.
 
 use std::io;
 use std::process::{ExitStatus, Stdio};
@@ -12,10 +12,10 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt as _};
 use tokio::process::Command;
 
-/// So much of what a program prints is read.
+/// Maximum length of the output that is read, in bytes.
 const OUTPUT_BYTES_MAX: usize = 64 << 10;
 
-/// So much of a program's last complaint is told.
+/// Maximum length of a reported error line, in characters.
 const TOLD_CHARS: usize = 160;
 
 /// A program and its arguments.
@@ -25,64 +25,65 @@ pub struct Program {
     arguments: Vec<String>,
 }
 
-/// Why a program did not end well. Completes “failed to …”.
+/// Why a program failed. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProgramError {
-    /// It could not be begun, or not be listened to.
+    /// The program could not be started, or its output could not be read.
     #[error("{what} `{program}`: {source}")]
     System {
-        /// What could not be done.
+        /// The operation that failed.
         what: &'static str,
         /// The program.
         program: String,
-        /// What the system says.
+        /// The error of the system.
         source: io::Error,
     },
-    /// Its time was over.
+    /// The program did not end in time, and was killed.
     #[error("hear from `{program}` within {within:?}: it was ended")]
     TimedOut {
         /// The program.
         program: String,
-        /// How long it had.
+        /// The time limit.
         within: Duration,
     },
-    /// It printed more than anybody reads.
+    /// The program printed 64 KiB or more.
     #[error("read more than {} KiB, which `{program}` prints", OUTPUT_BYTES_MAX >> 10)]
     TooMuch {
         /// The program.
         program: String,
     },
-    /// It says itself that it failed.
+    /// The program ended with an exit code other than 0, or by a signal.
     #[error("run `{program}`: {status}{}", complaint.as_ref().map(|said| format!(": {said}")).unwrap_or_default())]
     Failed {
         /// The program.
         program: String,
-        /// How it ended.
+        /// The exit code or signal.
         status: ExitStatus,
-        /// The last line of what it said of that.
+        /// Last line of its standard error, if there is one.
         complaint: Option<String>,
     },
 }
 
 impl Program {
-    /// The program at the head of a list, with the arguments that follow; `None` if there is none.
+    /// Takes the first element as the program and the others as its arguments. Returns `None` if the list
+    /// or its first element is empty.
     pub fn of(list: impl IntoIterator<Item = String>) -> Option<Program> {
         let mut list = list.into_iter();
         let program = list.next().filter(|program| !program.is_empty())?;
         Some(Program { program, arguments: list.collect() })
     }
 
-    /// The program, without its arguments.
+    /// Returns the program, without its arguments.
     pub fn name(&self) -> &str {
         &self.program
     }
 
-    /// Runs it; what it prints, if it ends well and in time. Whoever drops this ends it.
+    /// Runs the program and returns its standard output. Dropping the future kills the program.
     ///
     /// # Errors
     ///
-    /// If it cannot be begun, does not end in time, prints too much, or says that it failed.
+    /// Returns an error if it cannot be started, does not end in time, prints too much, or fails.
     pub async fn run(&self, time_out: Duration) -> Result<String, ProgramError> {
         let running = tokio::time::timeout(time_out, self.printed());
         running.await.unwrap_or_else(|_| {
@@ -114,7 +115,7 @@ impl Program {
     }
 }
 
-/// What comes through a pipe until it ends, or to the bound. Then it is closed.
+/// Reads a pipe until it ends, or to the limit; then closes it.
 async fn read(pipe: Option<impl AsyncRead + Unpin>) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     if let Some(pipe) = pipe {
@@ -123,7 +124,7 @@ async fn read(pipe: Option<impl AsyncRead + Unpin>) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The last line that says anything: above it programs tell how they came there.
+/// Returns the last line that is not empty: it usually states the error, and lines above it the context.
 fn last_line(complaint: &[u8]) -> Option<String> {
     let complaint = String::from_utf8_lossy(complaint);
     let line = complaint.lines().map(str::trim).rfind(|line| !line.is_empty())?;
@@ -134,13 +135,13 @@ fn last_line(complaint: &[u8]) -> Option<String> {
     Some(told)
 }
 
-/// The processes of a program that is running; ended when it is dropped.
+/// Process group of a running program; it is killed when this is dropped.
 struct Group(u32);
 
 impl Drop for Group {
     fn drop(&mut self) {
         if let Some(group) = i32::try_from(self.0).ok().and_then(rustix::process::Pid::from_raw) {
-            // Nobody is left where all have ended.
+            // The call fails if all processes have ended.
             let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
         }
     }
@@ -194,12 +195,12 @@ mod tests {
     async fn who_floods_is_read_to_a_bound() {
         let said = "read more than 64 KiB, which `yes` prints";
         assert_eq!(problem(program(&["yes", "12"]), PATIENCE).await, said);
-        // Whom nobody listens to any more cannot go on complaining.
+        // A program that writes to a closed pipe is ended by the system.
         let complains = problem(script("yes it is broken >&2; exit 5"), PATIENCE).await;
         assert!(complains.starts_with("run `/bin/sh`: exit status: 5: i"), "{complains}");
     }
 
-    /// Whether a process of this id lives, and is no corpse.
+    /// Whether a process of this id exists and is no zombie.
     fn lives(pid: &str) -> bool {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
         stat.rsplit_once(')').is_some_and(|(_, rest)| !rest.trim_start().starts_with('Z'))

@@ -1,4 +1,4 @@
-//! What a session costs: the time to open it, and what the idle process then holds.
+//! The cost of a session: the time to open it, and the memory and threads of the idle process.
 //!
 //! ```text
 //! cargo run --release -p substrate-zenoh --example idle [LISTEN [CONNECT]]
@@ -45,7 +45,7 @@ async fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Resident memory and threads of this process, as Linux tells them.
+/// Returns resident memory and threads of this process, as Linux reports them.
 fn held() -> std::io::Result<String> {
     let status = std::fs::read_to_string("/proc/self/status")?;
     let fields = ["VmRSS:", "RssAnon:", "Threads:"];

@@ -1,18 +1,18 @@
-//! Plain Zenoh that says what it likes: puts so many bytes where somebody listens. It is how tests
-//! see what becomes of what no daemon would send.
+//! Plain Zenoh without any checks: publishes a number of bytes under a key that has a subscriber. Tests use
+//! it to send messages that no daemon would send.
 //!
 //! ```text
 //! cargo run --release -p substrate-zenoh --example put -- FILE.json5 KEY BYTES
 //! ```
 //!
-//! Says when it has put them, and stays until its standard input ends.
+//! Prints a line when the bytes are sent, and runs until its standard input ends.
 
 use std::error::Error;
 use std::time::Duration;
 
 use zenoh::{Config, qos::CongestionControl};
 
-/// How long somebody may take to listen.
+/// How long a subscriber is awaited.
 const HEARD_WITHIN: Duration = Duration::from_secs(20);
 
 #[tokio::main]

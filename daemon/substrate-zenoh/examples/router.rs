@@ -1,11 +1,11 @@
-//! A plain Zenoh router that knows nothing of Althing: what `zenohd -c FILE` is, without its
-//! plugins. It can stand between daemons that cannot call each other.
+//! A plain Zenoh router that knows nothing of Althing: the same as `zenohd -c FILE` without plugins. It can
+//! stand between daemons that cannot connect to each other.
 //!
 //! ```text
 //! cargo run --release -p substrate-zenoh --example router -- FILE.json5
 //! ```
 //!
-//! Prints where it listens, and runs until its standard input ends.
+//! Prints the endpoints at which it listens, and runs until its standard input ends.
 
 use std::error::Error;
 

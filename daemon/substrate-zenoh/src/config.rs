@@ -1,8 +1,8 @@
-//! What a session is opened with: our fields, over them what the ecosystem's file says in its
-//! `[zenoh]` table, over our defaults, over Zenoh's.
+//! Settings of a session. The fields of [`Config`] override the `[zenoh]` table of the ecosystem's file,
+//! which overrides the defaults here, which override Zenoh's.
 //!
-//! The layers are merged as JSON and read by Zenoh once, as a whole: some of its sections accept
-//! nothing less than a whole object.
+//! The layers are merged as JSON and read by Zenoh once, as a whole: some of its sections accept nothing
+//! less than a whole object.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,23 +19,23 @@ use crate::sealing::Security;
 use crate::session::ZenohSubstrate;
 use crate::{listening, own_address};
 
-/// How long a silent daemon counts as alive. A killed process is seen in milliseconds whatever
-/// the lease is; this is for the frozen machine and the pulled cable. Four keep-alives, of which
-/// a loaded board may miss three; below 2 s such boards are declared dead while they live.
+/// How long a silent daemon counts as alive. A killed process is detected in milliseconds whatever the
+/// lease is; this is for the frozen machine and the pulled cable. It is four keep-alives, of which a loaded
+/// board may miss three; below 2 s such boards are declared dead while they run.
 pub const LEASE: Duration = Duration::from_secs(4);
 
-/// One priority for all messages keeps those of one conversation in order.
+/// Priority of all messages: a single one keeps those of one conversation in order.
 pub(crate) const MESSAGE_PRIORITY: Priority = Priority::DataHigh;
 
-/// The longest message accepted. A building's composite domain is far below 1 MiB; the bound
+/// The longest message accepted, in bytes. A building's composite domain is far below 1 MiB; the bound
 /// keeps one sender from filling a small board's memory (Zenoh's own is 1 GiB).
 pub const MESSAGE_BYTES_MAX: usize = 16 << 20;
 
 /// Keep-alives per lease.
 const KEEP_ALIVES: u32 = 4;
 
-/// Outgoing batches (64 KiB each, allocated when used) that wait per priority and link. The
-/// greatest Zenoh allows: what does not fit is dropped, because a sender never waits.
+/// Outgoing batches (64 KiB each, allocated when used) that wait per priority and link. This is the maximum
+/// of Zenoh: what does not fit is dropped, because a sender never waits.
 const BATCHES_MAX: u32 = 16;
 
 /// How long one sender waits for a batch to come free before its message is dropped, in
@@ -44,8 +44,8 @@ const BATCHES_MAX: u32 = 16;
 /// dropped at once: a link that stands still costs a Tokio worker this wait once, not per message.
 const WAIT_BEFORE_DROP_US: u32 = 50_000;
 
-/// How long a link may take to open: Zenoh's own bound, and that of a guest. Its command waits for it
-/// where the daemon that it heard by stands still, before it tries the next.
+/// How long a link may take to open: Zenoh's own bound, and that of a guest. If the daemon at the first
+/// address hangs, the guest's command waits this long before it tries the next address.
 const OPEN_MS: u32 = 10_000;
 const CLIENT_OPEN_MS: u32 = 5_000;
 
@@ -55,51 +55,50 @@ const RECONNECT_FIRST_MS: u32 = 250;
 const RECONNECT_LAST_MS: u32 = 4_000;
 const _: () = assert!(RECONNECT_FIRST_MS < RECONNECT_LAST_MS);
 
-/// What a Zenoh router takes to recompute its routes (its `TREES_COMPUTATION_DELAY_MS`). A router
-/// that comes within this time after another has left can be given the leaver's place in the
-/// graph, where it is not told who is here: so nobody is sought again as early as that.
+/// How long a Zenoh router takes to recompute its routes (its `TREES_COMPUTATION_DELAY_MS`). A router that
+/// comes within this time after another has left can get the other's index in the graph, and then does not
+/// receive the declarations there are; so no reconnection is tried as early as that.
 const ROUTES_MS: u32 = 100;
 const _: () = assert!(RECONNECT_FIRST_MS > 2 * ROUTES_MS);
 
-/// How long a daemon that has left had better stay away before it opens again, for the same
-/// reason.
+/// How long a daemon that has left should wait before it opens a session again, for the same reason.
 pub const REST: Duration = Duration::from_millis(250);
 const _: () = assert!(REST.as_millis() > 2 * ROUTES_MS as u128);
 
-/// What a session is opened with. Plain data: cloning it opens nothing.
+/// Settings of a session. Plain data: cloning it opens nothing.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// The ecosystem, root of all key expressions.
     pub ecosystem: EcosystemId,
-    /// This daemon.
+    /// The name of this daemon.
     pub daemon: DaemonId,
-    /// The Zenoh id: up to 16 bytes in lower-case hexadecimal, without leading zeros. `None` lets
-    /// Zenoh choose; persist [`ZenohSubstrate::zid`] so that others know this daemon again.
+    /// The Zenoh id: up to 16 bytes in lower-case hexadecimal, without leading zeros. With `None` Zenoh
+    /// chooses; persist [`ZenohSubstrate::zid`] so that others recognise this daemon later.
     pub zid: Option<String>,
     /// How the session takes part.
     pub mode: Mode,
-    /// Where others reach this daemon, like `tls/[::]:7447` or `unixsock-stream/PATH`.
+    /// Endpoints at which others reach this daemon, like `tls/[::]:7447` or `unixsock-stream/PATH`.
     pub listen: Vec<String>,
-    /// Whom it connects to, and again whenever the connection is lost.
+    /// Endpoints it connects to, and again whenever the connection is lost.
     pub connect: Vec<String>,
     /// How long a silent daemon counts as alive; [`LEASE`] unless the network is worse.
     pub lease: Duration,
-    /// With what it speaks and hears in a secured ecosystem: links are TLS both ways then, with
-    /// its certificate, and every message is signed.
+    /// Keys for a secured ecosystem: links are then TLS both ways with the daemon's certificate, and every
+    /// message is signed. `None` if the ecosystem is not secured.
     pub security: Option<Security>,
-    /// Zenoh's own settings, as it documents them; they win over everything but the fields above.
-    /// Its `listen.endpoints` and `connect.endpoints` are added to those above, and `scouting`
-    /// may also be just `true` or `false`.
+    /// Zenoh's own settings, as it documents them; they override everything except the fields above. Its
+    /// `listen.endpoints` and `connect.endpoints` are added to those above, and `scouting` may also be just
+    /// `true` or `false`.
     pub zenoh: Value,
 }
 
 /// How a session takes part in the mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
-    /// Relays for others. Every daemon does: Zenoh's peers do not, since 1.9.
+    /// Relays for others. Every daemon is a router, because Zenoh's peers do not relay since 1.9.
     #[default]
     Router,
-    /// Hangs on one router and relays nothing: a command line, a plugin in its own process.
+    /// Connects to one router and relays nothing: a command line, a plugin in its own process.
     Client,
 }
 
@@ -107,10 +106,10 @@ pub enum Mode {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum OpenError {
-    /// An endpoint is not used.
+    /// An endpoint is refused.
     #[error(transparent)]
     Endpoint(#[from] EndpointError),
-    /// A client has nothing to hang on.
+    /// A client has no endpoint to connect to.
     #[error("connect as a client: name the endpoint of a daemon, like `tls/office-pi.local:7447`")]
     NowhereToConnect,
     /// The settings choose a mode.
@@ -119,47 +118,47 @@ pub enum OpenError {
          relay messages, and a command line is a client"
     )]
     ModeInSettings,
-    /// The settings are no table.
+    /// The settings are not a table.
     #[error("read `[zenoh]`: write a table of Zenoh's settings, like `connect.endpoints = [...]`")]
     NotATable,
-    /// Others could be found, and not spoken to.
+    /// Scouting without security: other daemons could be found, but no link with them is allowed.
     #[error(
         "scout (`scouting = true` in `[zenoh]`): plain text stays on this machine, so nobody \
          elsewhere could be spoken to; secure the ecosystem (`althing help cert`)"
     )]
     ScoutingUnsecured,
-    /// Zenoh does not read the settings.
+    /// Zenoh rejects the settings.
     #[error("read `{at}` of `[zenoh]`; Zenoh's DEFAULT_CONFIG.json5 says what there is")]
     Settings {
-        /// The setting that it does not read.
+        /// The setting that it rejects.
         at: String,
-        /// What Zenoh says.
+        /// Zenoh's error.
         source: zenoh::Error,
     },
-    /// An endpoint cannot be listened at: its port is taken, or its address is not here.
+    /// An endpoint cannot be listened on: its port is taken, or its address is not one of this machine.
     #[error("{obstacle}")]
     Listen {
-        /// Which, why, and what to do.
+        /// The endpoint, the reason, and the remedy.
         obstacle: String,
-        /// What Zenoh says.
+        /// Zenoh's error.
         source: zenoh::Error,
     },
-    /// Zenoh could not open.
+    /// Zenoh could not open the session.
     #[error("{}", unopened(listen, connect))]
     Session {
-        /// Where it was to listen.
+        /// Endpoints to listen on.
         listen: Vec<String>,
-        /// Whom it was to connect to.
+        /// Endpoints to connect to.
         connect: Vec<String>,
-        /// What Zenoh says.
+        /// Zenoh's error.
         source: zenoh::Error,
     },
-    /// The session is open, and refused what every daemon declares.
+    /// The session is open, but a declaration of the kind that every daemon makes failed.
     #[error("declare {what}")]
     Declare {
-        /// What was declared.
+        /// The declaration.
         what: String,
-        /// What Zenoh says.
+        /// Zenoh's error.
         source: zenoh::Error,
     },
 }
@@ -172,9 +171,9 @@ pub(crate) struct Settings {
     connect_as_written: Value,
     pub(crate) listen: Vec<String>,
     pub(crate) connect: Vec<String>,
-    /// Where others of the ecosystem are looked for, if they are.
+    /// Multicast address at which it scouts; `None` if it does not.
     pub(crate) scouts_at: Option<String>,
-    /// The lease, whoever has said it.
+    /// The lease: from the `[zenoh]` table if it is set there, otherwise from the field of [`Config`].
     pub(crate) lease: Duration,
     pub(crate) security: Option<Security>,
     pub(crate) mode: Mode,
@@ -183,7 +182,7 @@ pub(crate) struct Settings {
 // === impl Settings ===
 
 impl Settings {
-    /// Takes out the endpoints that are this daemon's own: one file for all machines names them all.
+    /// Removes the endpoints that are this daemon's own: one file for all machines names every daemon.
     pub(crate) async fn without_self(mut self) -> Settings {
         let own = own_address::own(&self.listen, &self.connect).await;
         if own.is_empty() {
@@ -194,14 +193,14 @@ impl Settings {
         self.connect.retain(|endpoint| !own.contains(endpoint));
         let others = self.connect_as_written.to_string();
         if let Err(error) = self.zenoh.insert_json5("connect/endpoints", &others) {
-            // Then Zenoh closes the link to itself.
+            // Zenoh then closes the link to itself.
             tracing::debug!(%error, "the daemon's own endpoints stay among those it calls");
         }
         self
     }
 }
 
-/// Why a session did not open: an endpoint that cannot be listened at, or what Zenoh says.
+/// Returns why a session did not open: an endpoint that cannot be listened on, or Zenoh's error.
 pub(crate) fn not_opened(
     listen: Vec<String>,
     connect: Vec<String>,
@@ -216,7 +215,7 @@ pub(crate) fn not_opened(
 // === impl Config ===
 
 impl Config {
-    /// A router that listens nowhere and connects to nobody.
+    /// Returns the settings of a router that does not listen and does not connect.
     pub fn new(ecosystem: EcosystemId, daemon: DaemonId) -> Config {
         Config {
             ecosystem,
@@ -231,18 +230,19 @@ impl Config {
         }
     }
 
-    /// Opens the session and declares what every daemon declares; `inbound` may hear something
-    /// before this returns. A router does not wait for those it connects to.
+    /// Opens the session and makes the declarations of a daemon. `inbound` may be called before this
+    /// returns. A router does not wait for the daemons it connects to.
     ///
     /// # Errors
     ///
-    /// If the settings are refused, an endpoint cannot be listened on, or a client reaches nobody.
+    /// Returns an error if the settings are refused, an endpoint cannot be listened on, or a client reaches
+    /// no daemon.
     pub async fn open(self, inbound: Arc<dyn Inbound>) -> Result<Arc<ZenohSubstrate>, OpenError> {
         let settings = self.settings()?.without_self().await;
         ZenohSubstrate::open(&self.ecosystem, self.daemon, settings, inbound).await
     }
 
-    /// Whether it looks for others by multicast. Settings that open nothing look for nobody.
+    /// Whether the session scouts by multicast; `false` if the settings are refused.
     pub fn scouts(&self) -> bool {
         self.settings().is_ok_and(|settings| settings.scouts_at.is_some())
     }
@@ -250,9 +250,9 @@ impl Config {
     pub(crate) fn settings(&self) -> Result<Settings, OpenError> {
         let mut merged = self.defaults();
         if self.security.is_some() {
-            // Addresses change, and daemons that find each other know nothing but those. Who
-            // answers must have a certificate of the ecosystem's authority, and who has said
-            // something shows from its signature. A file may want more.
+            // Host names are not verified: addresses change, and daemons that find each other by scouting
+            // know only these. The peer must have a certificate of the ecosystem's authority, and the
+            // origin of a message follows from its signature. The file may require more.
             let tls = json!({ "tls": { "verify_name_on_connect": false } });
             merge(&mut merged, &json!({ "transport": { "link": tls } }));
             let keys = Keys::new(&self.ecosystem, self.daemon.clone());
@@ -267,7 +267,8 @@ impl Config {
             _ => return Err(OpenError::NotATable),
         };
         if said.get("access_control").is_some() {
-            // Who writes one has said everything: half of each would be neither.
+            // A file that sets `access_control` sets all of it: a mixture of both would fit neither
+            // purpose.
             merged["access_control"] = Value::Null;
         }
         let mut listen = self.listen.clone();
@@ -286,7 +287,7 @@ impl Config {
         let connect = endpoints(&merged["connect"]["endpoints"]);
         if let Some(security) = &self.security {
             listen.iter().chain(&connect).try_for_each(|each| endpoint::check_secured(each))?;
-            // Over what the file says: nobody weakens this by accident.
+            // After the file's settings, so that a file cannot weaken it by accident.
             merge(&mut merged, &secured(security));
         }
         listen.iter().try_for_each(|each| endpoint::check_listen(each))?;
@@ -314,7 +315,7 @@ impl Config {
         })
     }
 
-    /// What is different from Zenoh's defaults, and why.
+    /// Returns the settings that differ from Zenoh's defaults, with the reasons.
     fn defaults(&self) -> Value {
         let mode = match self.mode {
             Mode::Router => "router",
@@ -326,7 +327,7 @@ impl Config {
         };
         json!({
             "mode": mode,
-            // Left out, a router would listen in plain text on every interface.
+            // Without this a router would listen in plain text on every interface.
             "listen": { "endpoints": [] },
             "connect": {
                 "endpoints": [],
@@ -343,7 +344,7 @@ impl Config {
                 "multicast": { "enabled": false },
                 "gossip": { "enabled": false },
             },
-            // Zenoh refuses stamps of clocks that run ahead; boards without a battery do.
+            // Zenoh refuses timestamps of clocks that run ahead; boards without a battery have such clocks.
             "timestamping": { "enabled": false },
             "adminspace": { "permissions": { "read": true, "write": false } },
             "transport": { "unicast": { "open_timeout": open_timeout_ms }, "link": {
@@ -364,16 +365,16 @@ impl Config {
     }
 }
 
-/// Something in the `[zenoh]` table that no session could be opened with.
+/// A setting in the `[zenoh]` table with which no session could be opened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SettingProblem {
     /// The setting, such as `connect.endpoints.0`; empty for the whole table.
     pub at: String,
-    /// What is wrong. Completes “failed to …”.
+    /// The problem. Completes “failed to …”.
     pub message: String,
 }
 
-/// All that is wrong with a `[zenoh]` table, without opening anything.
+/// Returns all problems of a `[zenoh]` table, without opening anything.
 pub fn problems(ecosystem: &EcosystemId, zenoh: &Value, is_secured: bool) -> Vec<SettingProblem> {
     let problem = |at: &str, message: String| SettingProblem { at: at.to_owned(), message };
     let table = match zenoh {
@@ -403,7 +404,7 @@ pub fn problems(ecosystem: &EcosystemId, zenoh: &Value, is_secured: bool) -> Vec
         found.push(problem("scouting", error.to_string()));
     }
     for side in ["listen", "connect"] {
-        // What is wrong with endpoints is said.
+        // Problems of endpoints have been found above.
         if let Some(table) = said.get_mut(side).and_then(Value::as_object_mut) {
             table.remove("endpoints");
         }
@@ -420,14 +421,14 @@ pub fn problems(ecosystem: &EcosystemId, zenoh: &Value, is_secured: bool) -> Vec
     found
 }
 
-/// `listen_endpoints` is `listen.endpoints`.
+/// Suggests `listen.endpoints` for `listen_endpoints`; `None` if Zenoh has no such setting.
 fn split_setting(key: &str) -> Option<String> {
     let (table, setting) = key.split_once(['_', '-'])?;
     let probe = json!({ table: { setting: [] } });
     read(&probe).is_ok().then(|| format!("{table}.{setting}"))
 }
 
-/// Endpoints in any of the shapes Zenoh knows, each with its path.
+/// Returns the endpoints in any of the shapes Zenoh knows, each with its path.
 fn located_endpoints(value: &Value, path: &str) -> Vec<(String, String)> {
     match value {
         Value::String(endpoint) => vec![(path.to_owned(), endpoint.clone())],
@@ -445,13 +446,13 @@ fn located_endpoints(value: &Value, path: &str) -> Vec<(String, String)> {
     }
 }
 
-/// How long a silent daemon counts as alive by Zenoh's settings, if they say.
+/// Returns how long a silent daemon counts as alive by Zenoh's settings; `None` if they do not say.
 pub fn lease(zenoh: &Value) -> Option<Duration> {
     let millis = zenoh.pointer("/transport/link/tx/lease").and_then(Value::as_u64);
     millis.map(Duration::from_millis)
 }
 
-/// TLS both ways, with the certificates of this ecosystem.
+/// Settings for TLS both ways, with the certificates of this ecosystem.
 fn secured(security: &Security) -> Value {
     let (key, certificate, authority) = security.identity.files();
     json!({
@@ -470,9 +471,9 @@ fn secured(security: &Security) -> Value {
     })
 }
 
-/// Links carry what is said in this ecosystem, and nothing else: no other keys, and no questions to
-/// routers about themselves. A rule by the name in a link's certificate would bind whoever relayed
-/// last, so who may say what is decided where messages are read.
+/// Settings that let links carry only keys of this ecosystem: no other keys, and no queries to routers
+/// about themselves. A rule by the name in a link's certificate would apply to the daemon that relayed
+/// last. So rights are checked where messages are read.
 fn access_control(everything: &str) -> Value {
     json!({
         "enabled": true,
@@ -488,13 +489,13 @@ fn access_control(everything: &str) -> Value {
             ],
             "key_exprs": [everything],
         }],
-        // One subject, for every link: where a link matches two, the one that allows wins.
+        // One subject, for every link: if a link matches two, the rule that allows wins.
         "subjects": [{ "id": "links" }],
         "policies": [{ "rules": ["ecosystem"], "subjects": ["links"] }],
     })
 }
 
-/// Lays `over` upon `base`: tables are merged, all else is replaced.
+/// Merges `over` into `base`: tables are merged, everything else is replaced.
 pub(crate) fn merge(base: &mut Value, over: &Value) {
     match (base, over) {
         (Value::Object(base), Value::Object(over)) => {
@@ -506,15 +507,15 @@ pub(crate) fn merge(base: &mut Value, over: &Value) {
     }
 }
 
-/// Adds ours to a plain list. Zenoh knows other shapes (per mode, with a strategy); who writes
-/// one has said everything.
+/// Appends endpoints to a plain list. Zenoh knows other shapes (per mode, with a strategy); a file that
+/// uses one of these is taken as complete.
 fn add_endpoints(list: &mut Value, ours: &[String]) {
     if let Value::Array(list) = list {
         list.extend(ours.iter().map(|endpoint| json!(endpoint)));
     }
 }
 
-/// All endpoints in any of the shapes Zenoh knows.
+/// Returns the endpoints in any of the shapes Zenoh knows.
 fn endpoints(value: &Value) -> Vec<String> {
     match value {
         Value::String(endpoint) => vec![endpoint.clone()],
@@ -531,7 +532,7 @@ fn read(settings: &Value) -> zenoh::Result<zenoh::Config> {
     zenoh::Config::from_json5(&settings.to_string())
 }
 
-/// The path of the first setting that is not read even alone. Zenoh's errors do not name it.
+/// Returns the path of the first setting that Zenoh rejects even alone; its errors do not name it.
 fn culprit(settings: &Value) -> Vec<String> {
     let mut path: Vec<String> = Vec::new();
     let mut table = settings;
@@ -552,8 +553,8 @@ fn scouts(settings: &Value) -> bool {
     settings["scouting"]["multicast"]["enabled"] == json!(true)
 }
 
-/// Why a session did not open. Without endpoints to listen at, no connection was made; with them, either
-/// may be the reason.
+/// Describes why a session did not open. Without endpoints to listen on, no connection was made; with them,
+/// either may be the reason.
 fn unopened(listen: &[String], connect: &[String]) -> String {
     if let ([], [_, ..]) = (listen, connect) {
         let places = connect.join("`, `");

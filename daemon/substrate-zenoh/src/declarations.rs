@@ -1,9 +1,9 @@
-//! What a session declares to others: what it listens to, what it can be asked, who is here. All of
-//! it can be told again.
+//! Everything that a session declares: its subscribers, its queryables, its tokens. All of it can be
+//! declared again.
 //!
-//! Zenoh tells nobody of what it holds to be declared already. So what is told again goes under
-//! another key expression that says the same, where there is one: another session at the same
-//! router may hold the first.
+//! Zenoh does not send a declaration to routers that it believes to have it already. So a repeated
+//! declaration uses another key expression with the same meaning, where there is one: undeclaring the old
+//! one is not enough, because another session at the same router may hold it too.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -27,12 +27,12 @@ use crate::sealing::Security;
 /// The declarations of one session.
 pub(crate) struct Declarations {
     keys: Keys,
-    /// Weak: the session's callbacks lead back to here.
+    /// Weak, because the session's callbacks lead back to here.
     session: Weak<Session>,
     inbound: Arc<dyn Inbound>,
     security: Option<Security>,
     told: Told,
-    /// How often all was told again.
+    /// How often everything was declared again.
     telling: AtomicU64,
     held: Mutex<Held>,
 }
@@ -40,12 +40,12 @@ pub(crate) struct Declarations {
 #[derive(Default)]
 struct Held {
     entities: Vec<Entity>,
-    /// The agents this daemon has announced, which are those that may have a model. No token: it
-    /// is being declared.
+    /// Agents this daemon has announced; only these may have a model. `None` while the token is being
+    /// declared.
     residents: BTreeMap<(AgentId, Incarnation), Option<LivelinessToken>>,
 }
 
-/// Something declared, held for as long as it is to be.
+/// A declaration, valid for as long as this is held.
 enum Entity {
     Subscriber(Subscriber<()>),
     Queryable(Queryable<()>),
@@ -55,7 +55,7 @@ enum Entity {
 // === impl Declarations ===
 
 impl Declarations {
-    /// Declares what every session declares.
+    /// Makes the declarations that every session has.
     pub(crate) fn declare(
         session: &Arc<Session>,
         keys: &Keys,
@@ -77,8 +77,8 @@ impl Declarations {
         Ok(declarations)
     }
 
-    /// Declares everything anew. What is sent here in the instant between is lost, as on any bad
-    /// link; no agent blinks, because its new token comes before the old one goes.
+    /// Declares everything again. Messages to this session in the instant between are lost, as on any bad
+    /// link. No agent seems to leave, because its new token is declared before the old one is undeclared.
     pub(crate) fn tell_again(self: &Arc<Self>) {
         let Some(session) = self.session.upgrade().filter(|session| !session.is_closed()) else {
             return;
@@ -143,12 +143,12 @@ impl Declarations {
         }
     }
 
-    /// Holds a token instead of the one before. Undeclared outside the lock, as it was declared:
-    /// what is heard of it may lead back to here.
+    /// Holds a token in place of the previous one. That one is undeclared outside the lock, as it was
+    /// declared: its callback may lead back to here.
     fn hold(&self, agent: AgentId, incarnation: Incarnation, token: LivelinessToken) {
         let old = match self.lock().residents.get_mut(&(agent, incarnation)) {
             Some(held) => held.replace(token),
-            // It has been withdrawn meanwhile.
+            // The agent has been withdrawn meanwhile.
             None => Some(token),
         };
         if let Some(old) = old {
@@ -177,7 +177,7 @@ impl Declarations {
         entities.extend(answering.declare(session)?.map(Entity::Queryable));
         let heard = inbound::declare(session, keys, &self.inbound, security, telling)?;
         entities.extend(heard.into_iter().map(Entity::Subscriber));
-        // Last: who sees it can ask, and send.
+        // Last: a daemon that receives this token can then ask and send.
         let key_expr = keys.own_session(&session.zid().to_string(), telling);
         let token = session.liveliness().declare_token(&key_expr).wait();
         let token = token.map_err(|source| undeclared("liveliness", &key_expr, source))?;

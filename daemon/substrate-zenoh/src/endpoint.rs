@@ -1,11 +1,11 @@
-//! Which endpoints a daemon may listen on and connect to, checked before Zenoh sees them.
+//! Which endpoints a daemon may listen on and connect to, checked before Zenoh uses them.
 //!
-//! Plain text stays on the machine; what leaves it is TLS. Zenoh reports a bad endpoint long
-//! after the fact and without its name, so what can be said early is said here.
+//! Plain text stays on the machine; links beyond it are TLS. Zenoh reports a bad endpoint late and without
+//! its name, so errors that can be found early are reported here.
 
 use std::net::IpAddr;
 
-/// Why an endpoint is not used.
+/// Why an endpoint is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EndpointError {
@@ -32,10 +32,10 @@ pub enum EndpointError {
         protocol: String,
         /// Its address.
         address: String,
-        /// The first port that is possible: at 0 one can listen, and the kernel chooses.
+        /// The first port allowed: 0 is allowed for listening, where the kernel then chooses a port.
         first: u16,
     },
-    /// Plain text that everybody on the network could read and write.
+    /// Plain text that every host on the network could read and write.
     #[error(
         "listen on `{endpoint}`: plain TCP is for this machine alone; write `tls/{address}` for \
          others, or `unixsock-stream/PATH` or `tcp/127.0.0.1:PORT` for this machine"
@@ -59,10 +59,10 @@ pub enum EndpointError {
     },
 }
 
-/// What is spoken in a secured ecosystem: nothing that others on a network could read or write.
+/// Protocols of a secured ecosystem: none that other hosts on a network could read or write.
 pub(crate) const SECURED_PROTOCOLS: [&str; 2] = ["tls", "unixsock-stream"];
 
-/// What this build speaks: the transports among `zenoh`'s features in the workspace's manifest.
+/// Protocols of this build: the transports among `zenoh`'s features in the workspace's manifest.
 const PROTOCOLS: [&str; 3] = ["tls", "unixsock-stream", "tcp"];
 
 /// Checks an endpoint to connect to.
@@ -91,13 +91,13 @@ pub(crate) fn check_secured(endpoint: &str) -> Result<(), EndpointError> {
     Err(EndpointError::Unsecured { endpoint: endpoint.to_owned(), address: address.to_owned() })
 }
 
-/// Whether others than this machine can reach an endpoint that is listened on.
+/// Whether other machines can reach an endpoint that is listened on.
 pub(crate) fn leaves_machine(endpoint: &str) -> bool {
     let beyond = |(protocol, address)| protocol != "unixsock-stream" && !is_loopback(address);
     split(endpoint).is_ok_and(beyond)
 }
 
-/// Host and port of an endpoint over IP, the host without brackets.
+/// Returns host and port of an endpoint over IP, the host without brackets.
 pub(crate) fn host_and_port(endpoint: &str) -> Option<(String, u16)> {
     let (protocol, address) = split(endpoint).ok()?;
     let (host, port) = address.rsplit_once(':').filter(|_| protocol != "unixsock-stream")?;
@@ -105,7 +105,7 @@ pub(crate) fn host_and_port(endpoint: &str) -> Option<(String, u16)> {
     Some((host.to_owned(), port.parse().ok()?))
 }
 
-/// Of what goes over IP, whether the address has a host and a port.
+/// Checks that the address of an endpoint over IP has a host and a port of at least `first`.
 fn check_address(
     endpoint: &str,
     protocol: &str,
@@ -116,8 +116,7 @@ fn check_address(
         || address.rsplit_once(':').is_some_and(|(host, port)| {
             let is_host = !host.is_empty()
                 && !host.contains(char::is_whitespace)
-                // Without brackets, where an address of IPv6 ends and its port begins is anybody's
-                // guess.
+                // Without brackets it is ambiguous where an IPv6 address ends and its port begins.
                 && (!host.contains(':') || host.starts_with('[') && host.ends_with(']'));
             is_host && port.parse().is_ok_and(|port: u16| port >= first)
         });
@@ -128,7 +127,7 @@ fn check_address(
     Err(EndpointError::Address { endpoint, protocol, address: address.to_owned(), first })
 }
 
-/// Protocol and address, without Zenoh's metadata (`?…`) and configuration (`#…`).
+/// Returns protocol and address, without Zenoh's metadata (`?…`) and configuration (`#…`).
 fn split(endpoint: &str) -> Result<(&str, &str), EndpointError> {
     let malformed = || EndpointError::Malformed(endpoint.to_owned());
     let (protocol, rest) = endpoint.split_once('/').ok_or_else(malformed)?;
@@ -143,8 +142,8 @@ fn split(endpoint: &str) -> Result<(&str, &str), EndpointError> {
     Ok((protocol, address))
 }
 
-/// Whether `HOST:PORT` can be reached from this machine alone. A host name could resolve to
-/// anything, except the one that RFC 6761 fixes.
+/// Whether `HOST:PORT` can be reached from this machine alone. Host names count as not local, because they
+/// could resolve to anything, except the one that RFC 6761 fixes.
 fn is_loopback(address: &str) -> bool {
     let Some((host, _port)) = address.rsplit_once(':') else { return false };
     let host = host.trim_start_matches('[').trim_end_matches(']');
@@ -192,7 +191,7 @@ mod tests {
                 );
             }
         }
-        // The kernel chooses where one listens, and nobody can be called there.
+        // Port 0 lets the kernel choose when listening; nothing can connect to it.
         assert_eq!(check_listen("tls/[::]:0"), Ok(()));
         assert!(check_connect("tls/[::1]:0").is_err());
     }

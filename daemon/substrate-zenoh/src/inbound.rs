@@ -1,9 +1,9 @@
-//! Messages that come: reads the key, and hands over to [`Inbound`].
+//! Incoming messages: reads the key, verifies the seal, and passes the message to [`Inbound`].
 //!
-//! Zenoh calls on its receiving threads (or, for what this daemon sends itself, on the sender's);
-//! one that blocks stops the whole session. Nothing here blocks, waits or calls back into the
-//! session, and everything uses callbacks: Zenoh's own channel of 256 hangs for ever when more
-//! liveliness tokens than that are known already.
+//! Zenoh calls on its receiving threads (or, for messages of this daemon to itself, on the sender's); a
+//! callback that blocks stops the whole session. Nothing here blocks, waits or calls back into the session,
+//! and everything uses callbacks: Zenoh's own channel of 256 hangs for ever if there are more liveliness
+//! tokens than that at the start.
 
 use std::sync::Arc;
 
@@ -21,19 +21,19 @@ use crate::key_expr::Keys;
 use crate::sealing::Security;
 use crate::together;
 
-/// Hears what comes for one daemon.
+/// Receiver of the messages for one daemon.
 #[derive(Clone)]
 struct Ear {
     keys: Keys,
     inbound: Arc<dyn Inbound>,
-    /// Opens what comes over links, if the ecosystem is secured.
+    /// Opens the seals of messages that come over links; `None` if the ecosystem is not secured.
     security: Option<Security>,
 }
 
-/// Declares what a daemon hears: its inbox, the broadcasts and the models.
+/// Declares the subscribers of a daemon: its inbox, the broadcasts and the models.
 ///
-/// In a secured ecosystem what it says itself is heard apart from what comes over links, which
-/// alone could be anybody's. `telling` is how often all was told again.
+/// In a secured ecosystem its own messages have separate subscribers, because only those that come over
+/// links may be forged. `telling` is how often everything was declared again.
 pub(crate) fn declare(
     session: &Session,
     keys: &Keys,
@@ -99,7 +99,7 @@ impl Ear {
         inbound.deliver(Delivery { addressed, payload, origin });
     }
 
-    /// What agents of a daemon have said together, each as if it had come by itself.
+    /// Delivers the heartbeats of a batch, each as if it had come alone.
     fn deliver_together(&self, key: &str, bundle: &Bytes, origin: Option<&Origin>, is_own: bool) {
         let claimed = origin.map(|origin| origin.daemon.as_str());
         let reject = |breach, detail: &str| {
@@ -111,7 +111,7 @@ impl Ear {
         };
         let mut allowed = words.len();
         if let (Some(security), Some(origin)) = (&self.security, origin.filter(|_| !is_own)) {
-            // The seal itself has cost one.
+            // The seal of the batch has already been counted as one message.
             let beside = u32::try_from(words.len().saturating_sub(1)).unwrap_or(u32::MAX);
             let taken = security.verifier.allowed(&origin.voucher, beside);
             allowed = 1 + usize::try_from(taken).unwrap_or(0);
@@ -127,7 +127,7 @@ impl Ear {
     }
 }
 
-/// Copies, so that a message kept for long does not keep the whole batch it came in.
+/// Copies the payload, so that a message kept for long does not keep the whole batch it came in.
 pub(crate) fn into_bytes(payload: &ZBytes) -> Bytes {
     Bytes::from(payload.to_bytes().into_owned())
 }

@@ -1,8 +1,10 @@
 //! All key expressions of an ecosystem: how they are built, and how they are read.
 //!
-//! One constructor and one parser per row of the table in the design, “Messages”. Chunks are
-//! plain, so that any Zenoh tool can listen. What does not parse is `None`: keys come from
-//! outside, where anybody can write anything.
+//! There is one constructor and one parser per row of the table in the design, “Messages”. Chunks are
+//! plain, so that any Zenoh tool can listen. Parsers return `None` for a key that does not parse: keys come
+//! from outside, where any client can write anything.
+//!
+//! `telling` is how often a session has declared everything again; see `declarations`.
 
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
 use substrate::{Address, Addressed, Resident, Resource, Subject};
@@ -23,7 +25,7 @@ pub(crate) struct Keys {
     /// `althing/{ecosystem}`.
     root: String,
     daemon: DaemonId,
-    /// Whether this end only comes and goes, as that of a command does.
+    /// Whether this session is short-lived, as that of a command is.
     is_guest: bool,
 }
 
@@ -34,21 +36,21 @@ impl Keys {
         Keys { root: format!("althing/{ecosystem}"), daemon, is_guest: false }
     }
 
-    /// Listens under other key expressions than daemons do, to the same.
+    /// Returns keys that subscribe to the same under key expressions other than those of daemons.
     ///
-    /// Zenoh 1.10.2 keeps what it knows of a closed link as long as another link declares a key
-    /// expression of the same text, which for daemons is for ever; a command each minute would fill the
-    /// memory of a board.
+    /// Zenoh 1.10.2 keeps its records of a closed link as long as another link declares a key expression of
+    /// the same text, which for daemons is for ever; a command each minute would fill the memory of a
+    /// board.
     pub(crate) fn of_guest(self) -> Keys {
         Keys { is_guest: true, ..self }
     }
 
-    /// This daemon.
+    /// Returns the name of this daemon.
     pub(crate) fn daemon(&self) -> &DaemonId {
         &self.daemon
     }
 
-    /// `in/{daemon}/{agent}/{performative}`: to one agent.
+    /// `in/{daemon}/{agent}/{performative}`: a message to one agent.
     pub(crate) fn to_one(&self, to: &Address, subject: Subject) -> KeyExpr<'static> {
         let what = match subject {
             Subject::Message(performative) => performative.as_str(),
@@ -57,13 +59,13 @@ impl Keys {
         self.under(&["in", to.daemon.as_str(), to.agent.as_str(), what])
     }
 
-    /// `all/{performative}/{sender}`: to all.
+    /// `all/{performative}/{sender}`: a message to all.
     pub(crate) fn to_all(&self, sender: &AgentId, performative: Performative) -> KeyExpr<'static> {
         self.under(&["all", performative.as_str(), sender.as_str()])
     }
 
-    /// `alive/{daemon}/{agent}/{incarnation}`: presence of one agent of this daemon; and, when it
-    /// is told again, one more chunk that counts how often.
+    /// `alive/{daemon}/{agent}/{incarnation}`: the presence of one agent of this daemon. If `telling` is
+    /// not 0, it is one more chunk.
     pub(crate) fn alive(
         &self,
         agent: &AgentId,
@@ -75,7 +77,7 @@ impl Keys {
         self.under(if telling == "0" { &chunks[..4] } else { &chunks })
     }
 
-    /// `session/{daemon}/{zid}/{telling}`: presence of one Zenoh session.
+    /// `session/{daemon}/{zid}/{telling}`: the presence of one Zenoh session.
     pub(crate) fn own_session(&self, zid: &str, telling: u64) -> KeyExpr<'static> {
         self.under(&["session", self.daemon.as_str(), zid, &telling.to_string()])
     }
@@ -95,17 +97,18 @@ impl Keys {
         self.under(&["at", self.daemon.as_str(), resource.as_str()])
     }
 
-    /// `at/{daemon}/reach`: the probe whether a daemon can be reached, which it answers itself.
+    /// `at/{daemon}/reach`: the probe whether a daemon can be reached; this crate answers it.
     pub(crate) fn reach(&self, daemon: &DaemonId) -> KeyExpr<'static> {
         self.under(&["at", daemon.as_str(), REACH])
     }
 
-    /// Everything sent to agents of this daemon.
+    /// Matches everything sent to agents of this daemon.
     pub(crate) fn inbox(&self) -> KeyExpr<'static> {
         self.under(&["in", self.daemon.as_str(), "**"])
     }
 
-    /// Everything sent to all. When it is told again, in other words: see `declarations`.
+    /// Matches everything sent to all. Even and odd `telling` give two texts with the same meaning; see
+    /// `declarations`.
     pub(crate) fn every_broadcast(&self, telling: u64) -> KeyExpr<'static> {
         match (self.is_guest, telling.is_multiple_of(2)) {
             (false, true) => self.under(&["all", "**"]),
@@ -115,7 +118,7 @@ impl Keys {
         }
     }
 
-    /// Everybody's action models and heartbeats, one by one and together.
+    /// Matches the action models and heartbeats of all agents, single ones and batches.
     pub(crate) fn every_model(&self, telling: u64) -> Vec<KeyExpr<'static>> {
         match (self.is_guest, telling.is_multiple_of(2)) {
             (false, true) => vec![self.under(&["model", "**"])],
@@ -127,22 +130,22 @@ impl Keys {
         }
     }
 
-    /// Everything that is said in the ecosystem.
+    /// Matches all messages of the ecosystem.
     pub(crate) fn everything(&self) -> KeyExpr<'static> {
         self.under(&["**"])
     }
 
-    /// `revoked`: the certificates that were taken back, for everybody.
+    /// `revoked`: the list of revoked certificates, sent to all.
     pub(crate) fn revoked(&self) -> KeyExpr<'static> {
         self.under(&["revoked"])
     }
 
-    /// The same, to listen to: in two ways.
+    /// Same as [`Keys::revoked`], to subscribe to: one of two texts with the same meaning.
     pub(crate) fn every_revocation(&self, telling: u64) -> KeyExpr<'static> {
         if telling.is_multiple_of(2) { self.revoked() } else { self.under(&["revoked", "**"]) }
     }
 
-    /// Everybody's sessions.
+    /// Matches the session tokens of all daemons.
     pub(crate) fn every_session(&self) -> KeyExpr<'static> {
         if self.is_guest {
             self.under(&["session", "*", "*", "*"])
@@ -151,12 +154,12 @@ impl Keys {
         }
     }
 
-    /// The probe of everybody.
+    /// The probe of all daemons.
     pub(crate) fn everyone_reached(&self) -> KeyExpr<'static> {
         self.under(&["at", "*", REACH])
     }
 
-    /// Everybody's presence.
+    /// Matches the presence tokens of all agents.
     pub(crate) fn everyone_alive(&self) -> KeyExpr<'static> {
         if self.is_guest {
             self.under(&["alive", "*", "*", "*", "**"])
@@ -165,7 +168,7 @@ impl Keys {
         }
     }
 
-    /// Everything this daemon can be asked for, but its models.
+    /// Everything this daemon can be asked for, except its models.
     pub(crate) fn own_resources(&self) -> KeyExpr<'static> {
         self.under(&["at", self.daemon.as_str(), "*"])
     }
@@ -175,7 +178,8 @@ impl Keys {
         self.under(&["model", self.daemon.as_str(), "*"])
     }
 
-    /// Whom a question goes to: `None` is everyone, of whom each answers under its own key.
+    /// Returns the key expression of a question. With `None` it goes to all daemons, each of which answers
+    /// under its own key.
     pub(crate) fn asked(
         &self,
         daemon: Option<&DaemonId>,
@@ -189,7 +193,7 @@ impl Keys {
         }
     }
 
-    /// The agent of this daemon whose model alone is asked for.
+    /// Returns the agent of this daemon that a query for a single model names.
     pub(crate) fn asked_for(&self, key: &str) -> Option<AgentId> {
         match self.chunks(key)?.as_slice() {
             ["model", daemon, agent] if *daemon == self.daemon.as_str() => AgentId::new(agent).ok(),
@@ -206,7 +210,7 @@ impl Keys {
 // === reading ===
 
 impl Keys {
-    /// How a message with this key was addressed, if it is one for this daemon.
+    /// Returns how a message with this key was addressed; `None` if it is not one for this daemon.
     pub(crate) fn addressed(&self, key: &str) -> Option<Addressed> {
         match self.chunks(key)?.as_slice() {
             ["in", daemon, agent, what] if *daemon == self.daemon.as_str() => {
@@ -223,12 +227,12 @@ impl Keys {
         }
     }
 
-    /// Whether a message with this key is of several agents.
+    /// Whether a message with this key is a batch of heartbeats.
     pub(crate) fn is_together(&self, key: &str) -> bool {
         matches!(self.chunks(key).as_deref(), Some(["model", daemon]) if DaemonId::new(daemon).is_ok())
     }
 
-    /// Whose presence a liveliness token with this key says, and how often it was told again.
+    /// Returns the agent that a liveliness token with this key declares present, and the token's `telling`.
     pub(crate) fn resident(&self, key: &str) -> Option<(Resident, u64)> {
         let chunks = self.chunks(key)?;
         let ["alive", daemon, agent, incarnation, telling @ ..] = chunks.as_slice() else {
@@ -247,8 +251,8 @@ impl Keys {
         Some((resident, telling))
     }
 
-    /// Which Zenoh session a liveliness token with this key says is here, and how often it was
-    /// told again.
+    /// Returns the Zenoh id of the session that a liveliness token with this key declares present, and the
+    /// token's `telling`.
     pub(crate) fn session<'key>(&self, key: &'key str) -> Option<(&'key str, u64)> {
         let chunks = self.chunks(key)?;
         let ["session", daemon, zid, telling] = chunks.as_slice() else { return None };
@@ -256,7 +260,7 @@ impl Keys {
         Some((zid, number(telling)?))
     }
 
-    /// The daemon that answered a probe under this key.
+    /// Returns the daemon that answered a probe under this key.
     pub(crate) fn reached(&self, key: &str) -> Option<DaemonId> {
         match self.chunks(key)?.as_slice() {
             ["at", daemon, REACH] => DaemonId::new(daemon).ok(),
@@ -264,7 +268,7 @@ impl Keys {
         }
     }
 
-    /// The daemon that alone may say something under this key, where there is one.
+    /// Returns the only daemon that may send under this key; `None` if there is no such restriction.
     pub(crate) fn speaker<'key>(&self, key: &'key str) -> Option<&'key str> {
         match self.chunks(key)?.as_slice() {
             ["model" | "at", daemon, _] | ["model", daemon] => Some(daemon),
@@ -272,7 +276,7 @@ impl Keys {
         }
     }
 
-    /// What an answer with this key is about.
+    /// Returns the resource and the agent that an answer with this key is about.
     pub(crate) fn answered(&self, key: &str) -> Option<(Resource, Option<AgentId>)> {
         match self.chunks(key)?.as_slice() {
             ["model", _, agent] => Some((Resource::Model, AgentId::new(agent).ok())),
@@ -284,7 +288,7 @@ impl Keys {
         }
     }
 
-    /// The chunks below the ecosystem's root.
+    /// Returns the chunks below the ecosystem's root.
     fn chunks<'key>(&self, key: &'key str) -> Option<Vec<&'key str>> {
         let below = key.strip_prefix(self.root.as_str())?.strip_prefix('/')?;
         Some(below.split('/').collect())
@@ -298,8 +302,8 @@ fn subject(what: &str) -> Option<Subject> {
     }
 }
 
-/// Reads the one spelling [`Keys::alive`] writes: were `7` and `007` the same life, the end of
-/// one token would end the other.
+/// Reads only the spelling that [`Keys::alive`] writes: if `7` and `007` were the same incarnation, the end
+/// of one token would end the other.
 fn number(chunk: &str) -> Option<u64> {
     let number: u64 = chunk.parse().ok()?;
     (number.to_string() == chunk).then_some(number)
@@ -348,7 +352,7 @@ mod tests {
         }
     }
 
-    /// What a guest listens to is what a daemon listens to, and never by the same text.
+    /// A guest subscribes to the same messages as a daemon, but never by the same text.
     #[test]
     fn guests_hear_the_same_under_other_key_expressions() {
         let (daemons, guests) = (keys(), keys().of_guest());

@@ -1,18 +1,18 @@
 //! The substrate over Zenoh: one embedded router session per daemon.
 //!
-//! - [`Config::open`] is the way in; [`ZenohSubstrate`] is a [`substrate::Substrate`].
+//! - [`Config::open`] opens a session; the result, [`ZenohSubstrate`], is a [`substrate::Substrate`].
 //! - `key_expr` is the only place where key expressions are built and read (design, “Messages”).
-//! - Every daemon is a *router*, because Zenoh's peers do not relay since 1.9; what has no room
-//!   for a router (a command line, a plugin in a process of its own) opens as a *client*.
+//! - Every daemon is a *router*, because Zenoh's peers do not relay since 1.9. A process that cannot be a
+//!   router (a command line, a plugin in a process of its own) opens as a *client*.
 //! - With a [`Security`], links are TLS both ways and every message is signed: `sealing`.
 //!
-//! This is the only crate that names `zenoh`. It promises what [`substrate`] promises and no
-//! more: a message that Zenoh accepted may be lost, and receipts are the Communication Agent's.
+//! This is the only crate that names `zenoh`. It promises what [`substrate`] promises and no more: a
+//! message that Zenoh accepted may be lost. Receipts and retries are the work of the Communication Agent.
 //!
-//! All calls but [`Config::open`] and `close` are synchronous: Zenoh's `wait` on a declaration or
-//! a publication runs to its end on the caller's thread and needs no runtime of its own, so it is
-//! at home on a Tokio worker. Dropping the last handle closes the session and does block; Zenoh
-//! therefore panics on Tokio's current-thread scheduler: use the multi-thread one.
+//! All calls but [`Config::open`] and `close` are synchronous: Zenoh's `wait` on a declaration or a
+//! publication runs to its end on the caller's thread and needs no runtime of its own, so it may be called
+//! on a Tokio worker. Dropping the last handle closes the session and does block; Zenoh therefore panics on
+//! Tokio's current-thread scheduler: use the multi-thread one.
 
 mod config;
 mod declarations;

@@ -1,5 +1,5 @@
-//! Why a daemon cannot listen: which endpoint it is, what the kernel says, and whose process has the
-//! port. Zenoh says all of it in one sentence for people who know Zenoh.
+//! Explains why a daemon cannot listen: the endpoint, the kernel's error, and the process that has the
+//! port. Zenoh reports all of it in one sentence for experts in Zenoh.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -11,10 +11,10 @@ use crate::endpoint;
 /// The state of a socket that listens, as `/proc/net/tcp` writes it.
 const LISTENS: &str = "0A";
 
-/// The longest command line that is told of.
+/// Maximum length of a reported command line, in characters.
 const COMMAND_CHARS_MAX: usize = 120;
 
-/// What keeps an endpoint from being listened at. Completes “failed to …”.
+/// Returns why an endpoint cannot be listened on; `None` if all can. Completes “failed to …”.
 pub(crate) fn obstacle(listen: &[String]) -> Option<String> {
     listen.iter().find_map(|endpoint| {
         let (host, port) = endpoint::host_and_port(endpoint)?;
@@ -57,7 +57,8 @@ fn next(port: u16) -> u16 {
     port.checked_add(1).unwrap_or(port - 1)
 }
 
-/// Who listens at a port of this machine, as far as this user may know.
+/// Returns the process that listens at a port of this machine; only its user, if this user may not see
+/// more.
 fn holder(port: u16) -> Option<String> {
     let tables = ["/proc/net/tcp", "/proc/net/tcp6"];
     let listener = tables.iter().find_map(|table| listener(&fs::read_to_string(table).ok()?, port));
@@ -68,7 +69,7 @@ fn holder(port: u16) -> Option<String> {
     }
 }
 
-/// The user and the inode of the socket that listens at a port.
+/// Returns the user and the inode of the socket that listens at a port.
 fn listener(table: &str, port: u16) -> Option<(String, String)> {
     table.lines().skip(1).find_map(|line| {
         let fields: Vec<&str> = line.split_whitespace().collect();
@@ -78,14 +79,14 @@ fn listener(table: &str, port: u16) -> Option<(String, String)> {
     })
 }
 
-/// The process that has a file open, and its command line.
+/// Returns the process that has a file open, and its command line.
 fn process_with(file: &str) -> Option<(u32, String)> {
     let own = fs::metadata("/proc/self").ok()?.uid();
     for entry in fs::read_dir("/proc").ok()?.flatten() {
         let Some(process) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else {
             continue;
         };
-        // Of others, one sees nothing; root sees all.
+        // A user other than root cannot read the open files of other users' processes.
         if own != 0 && entry.metadata().is_ok_and(|about| about.uid() != own) {
             continue;
         }

@@ -1,5 +1,5 @@
-//! Which of the endpoints to connect to are this daemon's own: one file for all machines names each of
-//! them, and no daemon calls itself.
+//! Finds the endpoints to connect to that are this daemon's own: one file for all machines names every
+//! daemon, and no daemon connects to itself.
 
 use std::collections::BTreeSet;
 use std::fmt::Debug;
@@ -14,14 +14,14 @@ use tracing_subscriber::layer::{Context, Filter};
 
 use crate::endpoint;
 
-/// Where Zenoh says that a link could not be made.
+/// Target under which Zenoh logs that a link could not be made.
 const ESTABLISHMENT: &str = "zenoh_transport::unicast::establishment";
 
-/// How long names may take to be resolved. What takes longer is called, and Zenoh closes a link to
-/// itself.
+/// How long host names may take to be resolved. A later name counts as foreign; Zenoh then closes the link
+/// to itself.
 const RESOLVED_WITHIN: Duration = Duration::from_secs(2);
 
-/// The endpoints of `connect` at which this daemon listens itself.
+/// Returns the endpoints of `connect` at which this daemon listens itself.
 pub(crate) async fn own(listen: &[String], connect: &[String]) -> BTreeSet<String> {
     let places: Vec<_> = listen.iter().filter_map(|each| place(each)).collect();
     let mut own = BTreeSet::new();
@@ -49,7 +49,7 @@ pub(crate) async fn own(listen: &[String], connect: &[String]) -> BTreeSet<Strin
     own
 }
 
-/// Takes endpoints out of a list in any of the shapes Zenoh knows.
+/// Removes endpoints from a list in any of the shapes Zenoh knows.
 pub(crate) fn without(value: &mut Value, own: &BTreeSet<String>) {
     match value {
         Value::Array(list) => {
@@ -61,8 +61,8 @@ pub(crate) fn without(value: &mut Value, own: &BTreeSet<String>) {
     }
 }
 
-/// Part of a program's log: leaves out what Zenoh says of links to itself, which it closes. A name that
-/// was nobody's at the start may become this machine's later.
+/// Returns a log filter that drops Zenoh's lines about links to itself, which Zenoh closes. They can still
+/// occur: a host name that did not resolve at the start may become this machine's later.
 pub fn without_calls_to_self<S>() -> impl Filter<S> {
     NotToSelf
 }
@@ -95,13 +95,13 @@ impl Visit for Line {
     }
 }
 
-/// Host and port of an endpoint over IP.
+/// Returns host and port of an endpoint over IP; `None` for other endpoints and for port 0.
 fn place(endpoint: &str) -> Option<(String, u16)> {
     let (host, port) = endpoint::host_and_port(endpoint)?;
     (port != 0).then_some((host, port))
 }
 
-/// Whether `host` is an address of this machine at which one of these is listened at.
+/// Whether `host` is an address of this machine that one of the hosts in `listening` covers.
 fn is_own(host: &str, port: u16, listening: &[String]) -> bool {
     let called = resolved(host, port);
     listening.iter().any(|at| {
@@ -112,7 +112,7 @@ fn is_own(host: &str, port: u16, listening: &[String]) -> bool {
 }
 
 fn resolved(host: &str, port: u16) -> Vec<IpAddr> {
-    // What cannot be resolved is nobody's yet.
+    // A name that cannot be resolved has no addresses.
     let addresses = (host, port).to_socket_addrs().into_iter().flatten();
     addresses.map(|address| address.ip().to_canonical()).collect()
 }
@@ -128,7 +128,7 @@ fn is_of_this_machine(address: IpAddr) -> bool {
         };
         Some(own == address)
     };
-    // All of 127.0.0.0/8 is this machine's, and only one of them is an interface's.
+    // All of 127.0.0.0/8 is this machine's, and only one of these addresses is an interface's.
     address.is_loopback()
         || getifaddrs().is_ok_and(|mut all| all.any(|it| has_it(it) == Some(true)))
 }

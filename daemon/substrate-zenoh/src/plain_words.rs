@@ -1,9 +1,9 @@
-//! Zenoh's own errors in the log: each kind once, as a sentence that says what it means for the
+//! Zenoh's own errors in the log: each kind is reported once, as a sentence that says what it means for the
 //! ecosystem.
 //!
-//! Zenoh logs some of what passes by itself as an error, once for every name that is concerned: of a
-//! daemon that is killed, hundreds of lines. Agents say again what nobody has received, and the roll is
-//! called anew.
+//! Zenoh logs some passing conditions as errors, once for every name that is concerned: hundreds of lines
+//! if a daemon is killed. They need no action: agents send again what was not received, and the roll call
+//! repeats.
 
 use std::collections::BTreeSet;
 use std::fmt::{self, Write as _};
@@ -17,13 +17,13 @@ use tracing_subscriber::filter::{LevelFilter, filter_fn};
 use tracing_subscriber::layer::Context;
 use tracing_subscriber::registry::LookupSpan;
 
-/// How much of a line of Zenoh's is told: what follows may be a whole message.
+/// Maximum length of a reported line of Zenoh's, in characters: the rest may be a whole message.
 const LINE_CHARS_MAX: usize = 300;
 
-/// Kinds of errors that are told; Zenoh has some dozens.
+/// Maximum number of kinds of errors that are reported; Zenoh has some dozens.
 const KINDS_MAX: usize = 64;
 
-/// What Zenoh says, by a part of its line, and what it means.
+/// Part of a line of Zenoh's log, and its meaning.
 const MEANINGS: &[(&str, &str)] = &[
     (
         "cannot get index of",
@@ -37,22 +37,23 @@ const MEANINGS: &[(&str, &str)] = &[
     ),
 ];
 
-/// Whether a line is an error of Zenoh's that [`plain_words`] tells.
+/// Whether an event is an error of Zenoh's that [`plain_words`] reports.
 pub fn is_error_of_zenoh(about: &Metadata<'_>) -> bool {
     *about.level() == Level::ERROR && about.target().starts_with("zenoh")
 }
 
-/// Part of a program's log: tells each kind of Zenoh's errors once, as a warning. The lines themselves
-/// are to be left out of the log ([`is_error_of_zenoh`]).
+/// Returns a log layer that reports each kind of Zenoh's errors once, as a warning. The original lines
+/// should be left out of the log ([`is_error_of_zenoh`]).
 pub fn plain_words<S>() -> impl Layer<S>
 where
     S: Subscriber + for<'a> LookupSpan<'a>,
 {
-    // Of its sessions Zenoh says as an error that something came before the name it goes by.
+    // Zenoh's sessions log an error if a message arrives before the declaration of its key; that is not
+    // reported.
     let is_told =
         |about: &Metadata<'_>| is_error_of_zenoh(about) && about.target() != "zenoh::api::session";
-    // Not within a line of the log, which may be within Zenoh's locks.
-    // Where the machine has no thread left, this is the least that is lost.
+    // On another thread: the event may come from within Zenoh's locks. If the machine has no thread left,
+    // the sentence is lost.
     let tell = |sentence: String| {
         let said = thread::Builder::new().spawn(move || tracing::warn!("{sentence}"));
         drop(said);
@@ -79,7 +80,7 @@ impl<S: Subscriber, T: Fn(String) + 'static> Layer<S> for Telling<T> {
     }
 }
 
-/// Which kind an error is of, and what is told of it.
+/// Returns the kind of an error, and the sentence that reports it.
 fn sentence(about: &Metadata<'_>, line: &str) -> (String, String) {
     match MEANINGS.iter().find(|(part, _)| line.contains(part)) {
         Some((part, meaning)) => ((*part).to_owned(), format!("{meaning}. This is said once")),
@@ -94,7 +95,7 @@ fn sentence(about: &Metadata<'_>, line: &str) -> (String, String) {
     }
 }
 
-/// The text of an event, to a bound.
+/// Text of an event, up to [`LINE_CHARS_MAX`].
 #[derive(Default)]
 struct Line(String);
 
@@ -109,7 +110,7 @@ impl fmt::Write for Line {
 impl Visit for Line {
     fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
         if field.name() == "message" {
-            // It ends with an error where the line is too long.
+            // Returns an error if the line is too long; its beginning is kept.
             let _ = write!(self, "{value:?}");
         }
     }

@@ -1,8 +1,8 @@
-//! From liveliness tokens to [`Presence`]: who is here *and can be reached*.
+//! Turns liveliness tokens into [`Presence`]: agents that are present *and can be reached*.
 //!
-//! Each Zenoh router recomputes its routes at most every 100 ms, and until then drops what it is
-//! given and answers every question with nothing. So the first token of a daemon starts a probe,
-//! and nobody joins before it is answered; what it means is said in `roster`.
+//! Each Zenoh router recomputes its routes at most every 100 ms. Until then it drops messages and answers
+//! every query with nothing. So the first token of a daemon starts a probe, and its agents join only when
+//! the probe is answered; the rules are in `roster`.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -22,42 +22,42 @@ use crate::questions::Asking;
 use crate::roll_call::{Call, Roll, digest};
 use crate::roster::{Follows, Hosts, Roster};
 
-/// How long a daemon is probed after its first token; from then on it is called together with all
-/// others, once a second. The routes are there after 100 ms on an idle machine, and were seen to take
-/// three times as long on a busy one.
+/// How long a daemon is probed after its first token; after that it is called together with all others,
+/// once a second. The routes exist after 100 ms on an idle machine, and took three times as long on a busy
+/// one.
 const REACHED_WITHIN: Duration = Duration::from_secs(1);
 
-/// How long the answer to a probe is awaited before the next: it may have been lost on its way. One
-/// that comes later counts as well.
+/// How long the answer to a probe is awaited before the next probe, because it may have been lost. A later
+/// answer counts as well.
 const ANSWERED_WITHIN: Duration = Duration::from_millis(100);
 
 /// Pause between two probes. A probe without a route costs a fifth of a millisecond.
 const PROBE_PERIOD: Duration = Duration::from_millis(5);
 const _: () = assert!(PROBE_PERIOD.as_millis() < ANSWERED_WITHIN.as_millis());
 
-/// Passes presence on, in the order in which it was heard.
+/// The liveliness subscriber. It passes presence on in the order in which it was received.
 pub(crate) struct Watch {
     asking: Asking,
     /// Weak: the session owns the callback that owns this.
     session: Weak<Session>,
     runtime: Handle,
     state: Mutex<State>,
-    /// Told whenever somebody else's token comes or goes.
+    /// Notified whenever a token of another daemon comes or goes.
     pub(crate) unrest: Notify,
 }
 
 struct State {
     roster: Roster,
-    /// What is still to be passed on, and whether somebody is at it.
+    /// Presence that is still to be passed on. `is_passing` is set while a thread is doing so.
     outbox: VecDeque<Presence>,
     is_passing: bool,
 }
 
-/// Declares the liveliness subscriber, with the history of who was here before.
+/// Declares the liveliness subscriber; tokens that were declared earlier are delivered too.
 ///
 /// # Panics
 ///
-/// Outside a Tokio runtime.
+/// Panics outside a Tokio runtime.
 pub(crate) fn declare(
     session: &Arc<Session>,
     asking: &Asking,
@@ -99,7 +99,7 @@ impl Watch {
             passed_on
         };
         if daemon == *watch.asking.keys.daemon() {
-            // At once: whoever announces an agent has heard of it when that call returns.
+            // Passed on at once: when `announce` returns, its caller has received the agent's presence.
             let passed_on = take(&mut watch.lock().roster);
             return passed_on
                 .into_iter()
@@ -114,9 +114,9 @@ impl Watch {
         }
     }
 
-    /// Lets a change be made, and passes on what follows from it. Not under the lock: who hears it
-    /// may announce an agent, which leads back to here. Whoever comes meanwhile leaves what is to
-    /// be passed on to who is at it, so that the order is kept.
+    /// Applies a change to the roster and passes on the resulting presence. The lock is not held meanwhile,
+    /// because the receiver may announce an agent, which leads back to here. If another thread is already
+    /// passing on, that thread takes this presence too, so that the order is kept.
     fn with(&self, change: impl FnOnce(&mut Roster) -> Vec<Presence>) {
         let surplus = {
             let mut state = self.lock();
@@ -137,7 +137,7 @@ impl Watch {
         state.is_passing = false;
     }
 
-    /// Tells of tokens that were one too many.
+    /// Reports tokens for which there is no room.
     fn reject(&self, surplus: &[Resident]) {
         for Resident { agent, daemon, .. } in surplus {
             let detail = format!("is a token of `{agent}`, for which there is no room");
@@ -146,26 +146,26 @@ impl Watch {
         }
     }
 
-    /// The daemons of which there is a token, but for this one.
+    /// Returns the other daemons that have a token.
     pub(crate) fn others(&self) -> BTreeSet<DaemonId> {
         let (_, known) = self.known();
         known.into_keys().filter(|daemon| daemon != self.asking.keys.daemon()).collect()
     }
 
-    /// How many tokens have come, to be asked for when a call goes out; and the agents that are known of
-    /// each daemon, as digests.
+    /// Returns the number of tokens received so far, to be stored when a call goes out, and the digest of
+    /// the known agents per daemon.
     pub(crate) fn known(&self) -> (u64, BTreeMap<DaemonId, u64>) {
         self.known_of(None)
     }
 
-    /// The same of one daemon only.
+    /// Same as [`Watch::known`]; of `one` daemon only, if it is given.
     fn known_of(&self, one: Option<&DaemonId>) -> (u64, BTreeMap<DaemonId, u64>) {
         let state = self.lock();
         let known = state.roster.known(one);
         (state.roster.mark(), known.map(|(daemon, agents)| (daemon, digest(&agents))).collect())
     }
 
-    /// A daemon has answered a call that went out at `mark`.
+    /// Handles the reply of `daemon` to a call sent when the token counter was `mark`.
     pub(crate) fn answered(&self, daemon: &DaemonId, roll: Option<&Roll>, mark: u64) {
         let hosts = roll.map_or(Hosts::Unsaid, |roll| match &roll.hosts {
             Some(hosts) => Hosts::Named(hosts),
@@ -174,7 +174,7 @@ impl Watch {
         self.with(|roster| roster.answered(daemon, hosts, mark));
     }
 
-    /// A call to all has ended; who has a token and does not answer.
+    /// Handles the end of a call to all. Returns the daemons that have a token and did not answer.
     pub(crate) fn called(&self, answered: &BTreeSet<DaemonId>, mark: u64) -> BTreeSet<DaemonId> {
         self.with(|roster| roster.called(answered, mark, Instant::now()));
         self.lock().roster.silent()
@@ -197,8 +197,8 @@ impl Watch {
         }
     }
 
-    /// Calls one daemon. What is returned ends with the first answer, or when no more will come; there
-    /// is nothing to wait for where the session is closed.
+    /// Calls one daemon. The returned future ends with the first answer, or when no more will come. Returns
+    /// `None` if the session is closed.
     fn call(watch: &Arc<Watch>, daemon: &DaemonId) -> Option<impl Future + use<>> {
         let (ends, ended) = oneshot::channel::<()>();
         let mut ends = Some(ends);
@@ -210,7 +210,7 @@ impl Watch {
             if let Some(watch) = hearing.upgrade() {
                 watch.answered(&daemon, roll.as_ref(), mark);
             }
-            // Who waits for it learns of it when this is dropped.
+            // Dropping the sender ends the returned future.
             ends.take();
         };
         let session = watch.session.upgrade()?;

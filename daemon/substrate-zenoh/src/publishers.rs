@@ -7,19 +7,19 @@ use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Publishers kept at once. A daemon of ten agents that each converse with twenty others in five
+/// Maximum number of publishers kept. A daemon of ten agents that each converse with twenty others in five
 /// performatives uses a thousand; each takes three or four kilobytes with its routes.
 pub(crate) const PUBLISHERS_MAX: usize = 1024;
 
-/// Two generations of values: what was not used for a whole generation is let go.
+/// Cache with two generations of values: a value that is not used for a whole generation is dropped.
 ///
-/// Nearly least-recently-used, without a list to maintain on every message.
+/// This is nearly least-recently-used, without a list to maintain on every message.
 pub(crate) struct Cache<K, V>(Mutex<Generations<K, V>>);
 
 struct Generations<K, V> {
     young: Generation<K, V>,
     old: Generation<K, V>,
-    /// Half of all: so many values make a generation.
+    /// Size of a generation: half of all values.
     young_max: usize,
 }
 
@@ -35,10 +35,11 @@ impl<K: Clone + Eq + Hash, V> Cache<K, V> {
         }))
     }
 
-    /// The value of `key`, made by `make` if there is none.
+    /// Returns the value of `key`, made by `make` if there is none.
     ///
-    /// `make` runs outside the lock, and so does the end of what is let go: both call into Zenoh,
-    /// which may call into us. Two callers at once may therefore both make; the last one's stays.
+    /// `make` runs outside the lock, and so does the drop of old values: both call into Zenoh, which may
+    /// call back into this crate. Two concurrent callers may therefore both make a value; the last one's is
+    /// kept.
     pub(crate) fn get_or_make<E>(
         &self,
         key: &K,
@@ -54,7 +55,7 @@ impl<K: Clone + Eq + Hash, V> Cache<K, V> {
         Ok(value)
     }
 
-    /// Lets all values go.
+    /// Drops all values.
     pub(crate) fn clear(&self) {
         let let_go = self.with(|generations| {
             (std::mem::take(&mut generations.young), std::mem::take(&mut generations.old))
@@ -68,7 +69,8 @@ impl<K: Clone + Eq + Hash, V> Cache<K, V> {
 }
 
 impl<K: Clone + Eq + Hash, V> Generations<K, V> {
-    /// Finds a value, with the generation that ends by it. One found among the old is young again.
+    /// Finds a value. One found in the old generation moves to the young one. Also returns the generation
+    /// to drop because of it.
     fn get(&mut self, key: &K) -> Option<(Arc<V>, Generation<K, V>)> {
         if let Some(value) = self.young.get(key) {
             return Some((Arc::clone(value), Generation::new()));
@@ -78,7 +80,7 @@ impl<K: Clone + Eq + Hash, V> Generations<K, V> {
         Some((value, ended))
     }
 
-    /// Adds a value; returns the generation that ends by it.
+    /// Adds a value; returns the generation to drop because of it.
     fn insert(&mut self, key: K, value: Arc<V>) -> Generation<K, V> {
         let mut ended = Generation::new();
         if self.young.len() >= self.young_max {
@@ -93,7 +95,7 @@ impl<K: Clone + Eq + Hash, V> Generations<K, V> {
 mod tests {
     use super::*;
 
-    /// Uses the keys in turn; returns which were made.
+    /// Uses the keys in order; returns those for which a value was made.
     fn made(values_max: usize, keys: &[u8]) -> Vec<u8> {
         let cache = Cache::new(values_max);
         let mut made = Vec::new();

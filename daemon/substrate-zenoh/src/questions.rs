@@ -1,8 +1,8 @@
-//! Asking and being asked, by Zenoh's queries.
+//! Questions to other daemons and answers to theirs, by Zenoh's queries.
 //!
-//! Everyone answers under a key of their own and nothing is consolidated: under one key, all
-//! answers but one would be lost. In a secured ecosystem a question or a call carries a nonce, and
-//! an answer is signed together with it.
+//! Each daemon answers under a key of its own and nothing is consolidated: under one key, all answers but
+//! one would be lost. In a secured ecosystem a question or a call carries a nonce, and the answer is signed
+//! together with it.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Weak};
@@ -32,14 +32,14 @@ use crate::sealing::{Answered, Security, seal_answer};
 #[derive(Clone)]
 pub(crate) struct Answering {
     pub(crate) keys: Keys,
-    /// Weak: they hold what answers.
+    /// Weak, because the declarations hold the queryables that hold this.
     pub(crate) declarations: Weak<Declarations>,
     pub(crate) told: Told,
     pub(crate) inbound: Arc<dyn Inbound>,
     pub(crate) security: Option<Security>,
 }
 
-/// Asks in the name of one daemon.
+/// Sends questions in the name of one daemon.
 #[derive(Clone)]
 pub(crate) struct Asking {
     pub(crate) keys: Keys,
@@ -47,9 +47,10 @@ pub(crate) struct Asking {
     pub(crate) security: Option<Security>,
 }
 
-/// Asks; resolves to what was answered within `timeout`.
+/// Sends a question. The returned future resolves to the answers that came within `timeout`.
 ///
-/// The question goes out before this returns. Nobody there is an empty answer, and a prompt one.
+/// The question goes out before this returns. If no daemon can answer, the future resolves to an empty list
+/// at once.
 pub(crate) fn ask(
     session: &Session,
     asking: &Asking,
@@ -69,7 +70,7 @@ pub(crate) fn ask(
         .get(Selector::owned(key_expr, parameters))
         .target(QueryTarget::All)
         .consolidation(ConsolidationMode::None)
-        // A lost question is asked again; blocking would freeze the asker for up to 5 s.
+        // A lost question is sent again; blocking would stop the sender for up to 5 s.
         .congestion_control(CongestionControl::Drop)
         .express(true)
         .timeout(timeout)
@@ -85,17 +86,17 @@ pub(crate) fn ask(
 // === impl Asking ===
 
 impl Asking {
-    /// What the answers to one question are bound to, where the ecosystem is secured. Without it
-    /// none would be believed: it would be the same as none.
+    /// Returns the nonce to which the answers to one question are bound. Returns `None` if the ecosystem is
+    /// not secured, or if the system has no randomness; in a secured ecosystem no answer is then believed.
     pub(crate) fn nonce(&self) -> Option<Nonce> {
         self.security.as_ref().and_then(|_| credentials::nonce())
     }
 
-    /// Calls a daemon, or all: `hear` is told who has answered, and what, until it is dropped, when no
-    /// more answers will come. `None` where the session is closed.
+    /// Calls one daemon or all. `hear` is called with each daemon that answers and its roll, and is dropped
+    /// when no more answers will come. Returns `None` if the session is closed.
     ///
-    /// An answer is heard as it comes, and has the priority of messages: what its daemon says to all
-    /// after it must not be heard before it.
+    /// An answer is handled as it arrives, and has the priority of messages: a broadcast that its daemon
+    /// sends after it must not be handled before it.
     pub(crate) fn call(
         &self,
         session: &Session,
@@ -118,7 +119,8 @@ impl Asking {
         get.wait().ok()
     }
 
-    /// Which daemon has answered a call, and what, if it has said it itself.
+    /// Returns the daemon that has answered a call, and its roll if that can be read. Returns `None` if the
+    /// reply is an error, is not under a probe's key, or has no valid signature in a secured ecosystem.
     fn roll(&self, reply: &Reply, nonce: Option<&Nonce>) -> Option<(DaemonId, Option<Roll>)> {
         let sample = reply.result().ok()?;
         let daemon = self.keys.reached(sample.key_expr().as_str())?;
@@ -160,7 +162,7 @@ impl Asking {
 // === impl Answering ===
 
 impl Answering {
-    /// Declares what a daemon can be asked.
+    /// Declares the queryables of a daemon.
     pub(crate) fn declare(self, session: &Session) -> Result<[Queryable<()>; 2], OpenError> {
         let of_models = self.clone();
         let (resources, models) = (self.keys.own_resources(), self.keys.own_models());
@@ -180,7 +182,7 @@ impl Answering {
             let call = Call::read(&call);
             let roll = Roll::answer(self.residents(), &self.told, said, (me, &call));
             reply(query, &probed, roll, self.security.as_ref());
-            // What waits to be introduced must not be said before the answer.
+            // A broadcast that waits for this call must not go out before the answer.
             return self.told.called(&call);
         }
         let Ok(agent) = agent(query.parameters()) else {
@@ -194,11 +196,11 @@ impl Answering {
         }
     }
 
-    /// Passes on a query for models: one question per agent here that it asks for, so that each
-    /// answer has its agent's key.
+    /// Passes on a query for models: one question per agent of this daemon that the query matches, so that
+    /// each answer has its agent's key.
     fn models(&self, query: &Query) {
         if let Some(agent) = self.keys.asked_for(query.key_expr().as_str()) {
-            // Of a thousand that are asked for one by one, nobody is to look through all.
+            // One lookup: with a thousand agents queried one by one, no query may search all of them.
             if self.declarations.upgrade().is_some_and(|each| each.hosts(&agent)) {
                 let key_expr = self.keys.model(&agent);
                 self.question(query, Resource::Model, Some(agent), key_expr);
@@ -249,7 +251,7 @@ fn reply(query: &Query, key_expr: &KeyExpr, payload: Bytes, security: Option<&Se
     }
 }
 
-/// The agent a question is about.
+/// Returns the agent that a question is about; `None` if it names none.
 fn agent(parameters: &Parameters) -> Result<Option<AgentId>, acl::InvalidName> {
     parameters.get(AGENT_PARAMETER).map(AgentId::new).transpose()
 }

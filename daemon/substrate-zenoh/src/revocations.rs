@@ -1,10 +1,10 @@
-//! How a revocation spreads: whoever has a newer list tells all, again and again; it is believed
-//! for the authority's signature, whoever brings it.
+//! How a revocation spreads: a daemon with a newer list sends it to all, periodically. The list is believed
+//! because of the authority's signature, whichever daemon sends it.
 //!
-//! Links with whoever is on it are not made, and those that there are close: when the list is
-//! looked at next, within a second, so that who is reached only over one of them may have heard.
+//! Links with a revoked daemon are refused. Those that exist are closed when the list is next checked,
+//! within a second, so that daemons reached only over such a link may have received the list.
 //!
-//! The list comes into the ecosystem as a file, in the folder of any daemon.
+//! The list enters the ecosystem as a file, in the folder of any daemon.
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Weak};
@@ -26,13 +26,13 @@ use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::Keys;
 use crate::sealing::Security;
 
-/// How often the file is looked at.
+/// How often the file is checked.
 const REREAD_PERIOD: Duration = Duration::from_secs(1);
 
-/// How often the list is told to all: whoever was cut off hears of it within this time.
+/// How often the list is sent to all: a daemon that was cut off receives it within this time.
 const REPEAT_PERIOD: Duration = Duration::from_secs(10);
 
-/// Declares what hears of revocations. `telling` is how often all was told again.
+/// Declares the subscriber for lists. `telling` is how often everything was declared again.
 pub(crate) fn declare(
     session: &Session,
     keys: &Keys,
@@ -47,8 +47,8 @@ pub(crate) fn declare(
     subscriber.wait().map_err(|source| undeclared("subscriber", &key_expr, source))
 }
 
-/// Sees to it that no link is with who was revoked, from before the session is opened; and that it is
-/// known with whom there is none.
+/// Refuses links with revoked certificates, and reports every refused link. It has to be called before the
+/// session is opened.
 pub(crate) fn admission(security: &Security, inbound: &Arc<dyn Inbound>) -> Arc<Admission> {
     let (verifier, inbound) = (Arc::clone(&security.verifier), Arc::downgrade(inbound));
     let (key, _, _) = security.identity.files();
@@ -78,11 +78,11 @@ fn refused(
     }
 }
 
-/// Begins to tell of revocations.
+/// Starts the task that sends the list.
 ///
 /// # Panics
 ///
-/// Outside a Tokio runtime.
+/// Panics outside a Tokio runtime.
 pub(crate) fn spread(
     session: &Arc<Session>,
     keys: &Keys,
@@ -106,8 +106,8 @@ fn hear(verifier: &Verifier, inbound: &dyn Inbound, sample: &Sample) {
         }
         Some(false) => (),
         None => {
-            // Whoever has brought it: a list has no other seal than the authority's. The link over
-            // which it came knows who relayed it last.
+            // The sender does not matter, as a list has no other seal than the authority's. The link over
+            // which it came only shows the daemon that relayed it last.
             let peer = reading::peer();
             let claimed = peer.as_ref().and_then(|peer| peer.name.as_deref());
             let detail = "is a list of revocations that the authority has not signed";
@@ -117,14 +117,14 @@ fn hear(verifier: &Verifier, inbound: &dyn Inbound, sample: &Sample) {
     }
 }
 
-/// Tells all of the list until the session is closed.
+/// Sends the list to all until the session is closed.
 async fn tell(session: Weak<Session>, keys: Keys, security: Security, admission: Arc<Admission>) {
     let Security { identity, verifier } = security;
     let mut is_revoked = false;
     let mut ticks = interval(REREAD_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let (mut told, mut complained) = (None::<Instant>, false);
-    // Links were made by the list that there was at first.
+    // Existing links were admitted by the first revision of the list.
     let mut admitted_by = 0;
     loop {
         ticks.tick().await;

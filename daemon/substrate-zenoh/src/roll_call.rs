@@ -1,21 +1,22 @@
-//! Calls everybody again and again, and tells again that this daemon is here when it shows that
-//! not everybody was told.
+//! Anti-entropy of membership: calls all daemons periodically, and declares everything again when an answer
+//! shows that some daemon has missed it.
 //!
-//! Zenoh's routers tell each other once who listens and who is here, and never again. Between a
-//! change of the mesh and the moment the routes are computed anew (a tenth of a second) a router
-//! can miss who has come, forget who is here, or be told of somebody who is dead; and it stays so
-//! (`pubsub_tree_change` compares places in the graph, which are given away again; declarations of
-//! a router that is not in the graph are kept, and those of one that was cut off for a moment are
-//! not). What is told once must then be told again:
+//! Zenoh's routers send each declaration to each other once (subscriptions, queryables, tokens), and never
+//! again. Between a change of the mesh and the moment the routes are computed anew (a tenth of a second) a
+//! router can miss a new declaration, drop a valid one, or receive one of a dead session; and it stays so.
+//! (`pubsub_tree_change` compares indices in the graph, which are reused; declarations of a router that is
+//! not in the graph are kept, and those of a router that was cut off for a moment are not.) So declarations
+//! that were missed have to be made again:
 //!
-//! - Each session has a token of its own, with its Zenoh id: those are *told*.
-//! - Each answers a call with whom it hosts, of whom it was told, and who of them is silent. Whom it
-//!   hosts is known as a rule: a call says what is known of each, as a digest, and who agrees does not
-//!   name its agents again.
-//! - In a secured ecosystem it says as well how far it has come in what it signs: who has just begun
-//!   to listen cannot be played what was said before.
-//! - Whoever is missing in an answer or does not answer, misses another that an answer names, or
-//!   has a link to a router of which it was not told, undeclares and declares everything anew.
+//! - Each session has a liveliness token of its own, with its Zenoh id. `told` is the set of sessions
+//!   from which a session has received a token.
+//! - Each session answers a call with the agents it hosts, its `told` sessions, and those daemons that do
+//!   not answer its own calls. The agents are left out as a rule: the call carries a digest of the agents
+//!   that the caller knows of each daemon, and a daemon lists its agents only if its digest is different.
+//! - In a secured ecosystem the answer also carries the sequence numbers that the daemon has signed so far.
+//!   A session that has just begun to listen can then reject recordings of earlier messages.
+//! - A session undeclares and declares everything again if an answer lacks it or calls it silent, if an
+//!   answer names a session that it does not know, or if it has a link to a router that it does not know.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
@@ -39,66 +40,67 @@ use crate::key_expr::Keys;
 use crate::presence::Watch;
 use crate::questions::Asking;
 
-/// Pause between two calls as long as anything changes or is in doubt, and how long a call is
-/// answered: far beyond the tenth of a second after which Zenoh's routes are computed anew. At
-/// rest there is a call per lease.
+/// Pause between two calls while the membership changes or is in doubt, and the time within which a call is
+/// answered. It is far longer than the tenth of a second after which Zenoh's routes are computed anew.
+/// Without changes there is one call per lease.
 const UNREST_PERIOD: Duration = Duration::from_secs(1);
 
-/// How long there is unrest after the last change.
+/// How long the short pause is kept after the last change.
 const UNREST: Duration = Duration::from_secs(3);
 
-/// Longest pause until what was not heard is told again.
+/// Longest pause between two repetitions of all declarations.
 const PAUSE_MAX: Duration = Duration::from_secs(60);
 
-/// How often something is told again because of a session of which nothing is heard: it may be a
-/// plain router, a stranger, or a dead whose token somebody else still holds.
+/// Maximum number of repetitions because of one session that stays unknown: it may be a plain router, a
+/// foreign program, or a dead session that another router still advertises.
 const TOLD_MAX: u32 = 3;
 
-/// Callers that are remembered: as many daemons as an ecosystem may have.
+/// Maximum number of callers remembered: as many daemons as an ecosystem may have.
 const CALLERS_MAX: usize = 1_024;
 
-/// Sessions of which this one is told: twice as many, as guests come and go. Every answer names them
-/// all.
+/// Maximum number of sessions known: twice the number of daemons, as guests come and go. Every answer names
+/// all of them.
 const SESSIONS_MAX: usize = 2 * CALLERS_MAX;
 
-/// Tellings of one session: one, or for a moment two.
+/// Maximum number of declarations of one session's token: normally one, or two for a moment.
 const TELLINGS_MAX: usize = 8;
 
-/// The longest answer that is read.
+/// The longest answer that is read, in bytes.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
 
-/// What a daemon answers when it is called.
+/// Answer of a daemon to a call.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Roll {
-    /// Whom it hosts; not said where that is what the call said.
+    /// Agents that it hosts; `None` if the digest in the call was right.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) hosts: Option<Vec<(AgentId, Incarnation)>>,
-    /// The sessions it was told of, by their Zenoh ids.
+    /// Sessions from which it has received a token, by their Zenoh ids.
     told: BTreeSet<String>,
-    /// Of whom it was told and who do not answer.
+    /// Daemons that have a token and do not answer its calls.
     #[serde(default)]
     silent: BTreeSet<DaemonId>,
-    /// In a secured ecosystem: how far it has come in what it has signed.
+    /// In a secured ecosystem: the sequence numbers it has signed so far.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) said: Option<Said>,
 }
 
-/// What a call says.
+/// Content of a call.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Call {
-    /// The agents it knows of each daemon, as a [`digest`].
+    /// A [`digest`] of the agents that the caller knows, per daemon.
     #[serde(default)]
     known: BTreeMap<DaemonId, u64>,
-    /// Who calls.
+    /// The daemon that calls.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     by: Option<DaemonId>,
 }
 
-/// The sessions of which this one was told, and what it says of others when it is called.
+/// Sessions from which this one has received a token, and the part of its answers that concerns other
+/// daemons.
 #[derive(Clone, Default)]
 pub(crate) struct Told {
     known: Arc<Mutex<Known>>,
-    /// Told whenever somebody calls.
+    /// Notified whenever another daemon calls.
     called: Arc<Notify>,
 }
 
@@ -106,11 +108,11 @@ pub(crate) struct Told {
 struct Known {
     sessions: BTreeMap<String, BTreeSet<u64>>,
     silent: BTreeSet<DaemonId>,
-    /// Who has called, by its own word.
+    /// Daemons that have called, by the name in the call, which is not verified.
     callers: BTreeSet<DaemonId>,
 }
 
-/// Calls until the session is closed.
+/// Task that calls all daemons until the session is closed.
 pub(crate) struct RollCall {
     pub(crate) session: Weak<Session>,
     pub(crate) asking: Asking,
@@ -120,22 +122,23 @@ pub(crate) struct RollCall {
     pub(crate) lease: Duration,
 }
 
-/// What one call to all has brought.
+/// Result of one call to all.
 #[derive(Debug, Default)]
 struct Answers {
     answered: BTreeSet<DaemonId>,
-    /// Who was not told of this session, or of what it answers.
+    /// Daemons that do not know this session, or do not receive its answers.
     untold: BTreeSet<DaemonId>,
-    /// Sessions of which this one was not told.
+    /// Sessions that others or this session's links know, and from which it has received no token.
     unknown: BTreeSet<String>,
 }
 
-/// From call to call: whether something has to be told again.
+/// State kept between calls, to decide whether everything has to be declared again.
 #[derive(Debug)]
 struct Judgement {
-    /// Something was amiss in the call before: one alone may have come too early.
+    /// Whether the last call found something amiss. One such call alone does not count: it may have come
+    /// too early.
     is_suspicious: bool,
-    /// How often something was told again because of a session.
+    /// Number of repetitions that each unknown session has caused.
     tries: BTreeMap<String, u32>,
     not_before: Instant,
     pause: Duration,
@@ -151,7 +154,7 @@ enum Verdict {
 // === impl Roll ===
 
 impl Roll {
-    /// What this session answers.
+    /// Builds the answer of this session. It leaves out the hosted agents if the call has their digest.
     pub(crate) fn answer(
         hosts: Vec<(AgentId, Incarnation)>,
         told: &Told,
@@ -167,7 +170,8 @@ impl Roll {
         serde_json::to_vec(&roll).map_or_else(|_| Bytes::new(), Bytes::from)
     }
 
-    /// Reads an answer. `None` is one all the same, from who does not say.
+    /// Reads an answer. Returns `None` if it is too long or malformed; the daemon has answered all the
+    /// same.
     pub(crate) fn read(answer: &[u8]) -> Option<Roll> {
         let is_read = answer.len() <= ANSWER_BYTES_MAX;
         is_read.then(|| serde_json::from_slice(answer).ok()).flatten()
@@ -181,7 +185,7 @@ impl Call {
         Call { known, by: Some(by.clone()) }
     }
 
-    /// Reads a call; one that says nothing knows nobody.
+    /// Reads a call. A call that is too long or malformed counts as one without digests and without a name.
     pub(crate) fn read(call: &[u8]) -> Call {
         let is_read = call.len() <= ANSWER_BYTES_MAX;
         is_read.then(|| serde_json::from_slice(call).ok()).flatten().unwrap_or_default()
@@ -192,8 +196,8 @@ impl Call {
     }
 }
 
-/// A digest of agents in the order of their names: 53 bits, which every reader of JSON can hold. Of
-/// another make or release it may be another, and then the agents are named.
+/// Returns a digest of agents that are sorted by name: 53 bits, which every JSON reader can hold. Another
+/// version or build may compute another digest; then the agents are listed.
 pub(crate) fn digest<'a>(agents: impl IntoIterator<Item = &'a (AgentId, Incarnation)>) -> u64 {
     let mut hasher = DefaultHasher::new();
     agents.into_iter().for_each(|agent| agent.hash(&mut hasher));
@@ -203,7 +207,7 @@ pub(crate) fn digest<'a>(agents: impl IntoIterator<Item = &'a (AgentId, Incarnat
 // === impl Told ===
 
 impl Told {
-    /// Declares what hears of sessions, with the history of those that were here before.
+    /// Declares the subscriber for session tokens; tokens that were declared earlier are delivered too.
     pub(crate) fn declare(
         session: &Session,
         keys: &Keys,
@@ -229,7 +233,7 @@ impl Told {
         Ok(told)
     }
 
-    /// Takes a session's token; `false` if it is one too many.
+    /// Handles a session's token; returns `false` if there is no room for it.
     fn hear(&self, zid: &str, telling: u64, kind: SampleKind) -> bool {
         let told = &mut lock(&self.known).sessions;
         match kind {
@@ -255,7 +259,7 @@ impl Told {
         true
     }
 
-    /// Somebody has called, and was answered.
+    /// Notes the daemon that has called. It is called after the answer was sent.
     pub(crate) fn called(&self, call: &Call) {
         let Some(by) = &call.by else { return };
         let callers = &mut lock(&self.known).callers;
@@ -264,13 +268,13 @@ impl Told {
         }
     }
 
-    /// Waits until all of these have called, or nobody will.
+    /// Waits until all of these daemons have called, for two seconds at most.
     pub(crate) async fn called_by(&self, those: &BTreeSet<DaemonId>) {
         let called = async {
             loop {
                 let next = self.called.notified();
                 tokio::pin!(next);
-                // From before it is looked at.
+                // Registered before the check, so that no notification is missed.
                 next.as_mut().enable();
                 if those.is_subset(&lock(&self.known).callers) {
                     return;
@@ -278,7 +282,7 @@ impl Told {
                 next.await;
             }
         };
-        // Everybody calls at least once a second while anybody comes.
+        // Every daemon calls at least once a second while the membership changes.
         let _ = tokio::time::timeout(UNREST_PERIOD * 2, called).await;
     }
 
@@ -290,7 +294,7 @@ impl Told {
 // === impl RollCall ===
 
 impl RollCall {
-    /// Calls until the session is closed.
+    /// Runs until the session is closed.
     pub(crate) async fn run(self) {
         let mut judgement = Judgement::new(Instant::now());
         let mut unrest_until = Instant::now() + UNREST;
@@ -324,7 +328,8 @@ impl RollCall {
         }
     }
 
-    /// Calls everybody, and looks at the links; `None` when the session is closed.
+    /// Calls all daemons, and compares the linked routers with the known sessions. Returns `None` if the
+    /// session is closed.
     async fn call(&self, mark: u64, call: &Call) -> Option<Answers> {
         let answers = Arc::<Mutex<Answers>>::default();
         let (ends, ended) = oneshot::channel::<()>();
@@ -344,7 +349,7 @@ impl RollCall {
             let everyone = self.asking.keys.everyone_reached();
             self.asking.call(&session, everyone, call, UNREST_PERIOD, hear)?;
         }
-        // An error: the callback is gone, as it should be.
+        // The result is always an error, because the callback drops the sender.
         let _ = ended.await;
         let session = self.session.upgrade()?;
         let mut answers = std::mem::take(&mut *lock(&answers));
@@ -390,8 +395,9 @@ impl Judgement {
         }
     }
 
-    /// What a call means. Somebody who was not told is told until it is; who is not heard of may
-    /// have nothing to say, and is given up after a few times.
+    /// Decides what to do after a call. Declarations are repeated, at growing intervals, as long as another
+    /// daemon does not know this session. A session that stays unknown may declare nothing, so it causes
+    /// only [`TOLD_MAX`] repetitions.
     fn judge(&mut self, answers: &Answers, now: Instant) -> Verdict {
         self.tries.retain(|zid, _| answers.unknown.contains(zid));
         let tries = |zid: &String| self.tries.get(zid).copied().unwrap_or_default();

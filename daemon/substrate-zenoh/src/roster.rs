@@ -1,10 +1,11 @@
-//! Who says to be here, whom of them a call has reached, and what of both was passed on.
+//! Membership as this daemon sees it: liveliness tokens, the daemons that have answered a call, and the
+//! presence that was passed on.
 //!
-//! A token alone is not enough. It may come before the route to its daemon; and a router that has
-//! not yet noticed a death may tell of the dead again, to others who had taken note of it and then
-//! are never told otherwise. So nobody joins before its daemon has answered, whoever the daemon
-//! does not host is no longer here, and neither is who belongs to a daemon that does not answer for
-//! a lease.
+//! A token alone does not prove presence. It may arrive before the route to its daemon exists. A router
+//! that has not yet detected a failure can advertise the token of a dead agent again, to daemons that had
+//! already seen it removed; these then never receive its removal. So three rules hold: no agent joins
+//! before its daemon has answered; an agent that its daemon does not host has left; and so has every agent
+//! of a daemon that does not answer for a lease.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
@@ -12,94 +13,95 @@ use std::time::{Duration, Instant};
 use acl::{AgentId, DaemonId, Incarnation};
 use substrate::{Presence, Resident};
 
-/// Agents that are here at a time: four times as many as a Domain Maintainer takes. Beyond them
-/// newcomers have no effect, least of all on those who are here.
+/// Maximum number of joined agents: four times as many as a Domain Maintainer takes. Tokens beyond it have
+/// no effect, least of all on agents that have joined.
 const AGENTS_MAX: usize = 4_096;
 
-/// Agents of one certificate's name, which is a daemon and its guests: ten daemons share a thousand
-/// agents, and no four can keep all others out.
+/// Maximum number of joined agents per certificate name, which covers a daemon and its guests. Ten daemons
+/// usually share about a thousand agents. It takes four daemons at the limit to exclude all others.
 const AGENTS_PER_HOST_MAX: usize = 1_024;
 
-/// Tokens whose daemons have not confirmed them. They are not signed, so anybody can make them of
-/// whomever he likes; those that have waited for longest are forgotten.
+/// Maximum number of tokens that their daemons have not confirmed. Tokens are not signed, so any client can
+/// invent them; beyond the limit the oldest unconfirmed tokens are dropped.
 const UNCONFIRMED_MAX: usize = 2 * AGENTS_MAX;
 
-/// Tellings of one token: one, or for a moment two.
+/// Maximum number of declarations of one token: normally one, or two for a moment when it is declared
+/// again.
 const TELLINGS_MAX: usize = 8;
 
-/// Tokens and answers of all daemons, and what follows from them.
+/// Tokens and answers of all daemons, and the presence that follows from them.
 ///
-/// What its methods return is to be passed on in this order.
+/// The presence changes that its methods return have to be passed on in the order of the calls.
 #[derive(Debug)]
 pub(crate) struct Roster {
     own: DaemonId,
-    /// How long a daemon may be silent.
+    /// Longest time that a daemon may be silent before its agents have left.
     lease: Duration,
-    /// Counts tokens as they come, so that an answer is not held against one that came later.
+    /// Counts tokens as they arrive. An answer says nothing about a token that arrived after the call.
     tokens: u64,
     daemons: BTreeMap<DaemonId, Hosted>,
-    /// How many there are, and of whom agents are here.
+    /// Numbers of tokens and of joined agents.
     crowd: Crowd,
-    /// Tokens that were one too many, to be told.
+    /// Tokens rejected because there is no room, still to be reported.
     surplus: Vec<Resident>,
 }
 
-/// How many there are.
+/// Numbers of tokens and of joined agents, for the limits.
 #[derive(Debug)]
 struct Crowd {
     own: DaemonId,
     tokens: usize,
-    /// Agents that have joined, by the name in the certificate of their daemon.
+    /// Joined agents, by the name in the certificate of their daemon.
     joined: BTreeMap<String, usize>,
 }
 
-/// What is known of one daemon. There is a token of it.
+/// State of one daemon that has at least one token.
 #[derive(Debug, Default)]
 struct Hosted {
     tokens: BTreeMap<Resident, Token>,
     joined: BTreeSet<Resident>,
     route: Route,
-    /// Since when calls are not answered.
+    /// Time of the first call that it did not answer; `None` if it answered the last one.
     silent_since: Option<Instant>,
 }
 
-/// The tokens of one life of an agent: one, or for a moment two, when it is told again.
+/// The declarations of one incarnation's token: one, or two for a moment when it is declared again.
 #[derive(Debug)]
 struct Token {
     number: u64,
     tellings: BTreeSet<u64>,
-    /// It was said that there is no room for it.
+    /// Whether it was reported that there is no room for it.
     is_surplus: bool,
 }
 
 /// Whether a daemon can be reached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Route {
-    /// Nothing is known.
+    /// Not known: not probed yet, or the probe ended without an answer.
     #[default]
     Unknown,
-    /// It is being probed.
+    /// A probe is under way.
     Probed,
-    /// It answered, and answered again after an agent of it had left.
+    /// The daemon answered, and answered again after one of its agents had left.
     Known,
 }
 
-/// What a daemon says of whom it hosts.
+/// Agents that a daemon hosts, as its answer to a call gives them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Hosts<'h> {
-    /// Nothing.
+    /// The answer does not say; all agents with a token are taken as hosted.
     Unsaid,
-    /// Those of whom there was a token when it was called.
+    /// Exactly the agents with a token at the time of the call: the digest in the call was right.
     AsKnown,
-    /// These.
+    /// Exactly these agents.
     Named(&'h [(AgentId, Incarnation)]),
 }
 
-/// What follows from a token that has come or gone.
+/// Effects of a token that has come or gone.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Follows {
     pub(crate) passed_on: Vec<Presence>,
-    /// Its daemon is to be probed.
+    /// Whether the daemon of the token has to be probed.
     pub(crate) probe: bool,
 }
 
@@ -112,12 +114,13 @@ impl Roster {
         Roster { own, lease, tokens: 0, daemons, crowd, surplus }
     }
 
-    /// How many tokens have come. To be asked for when a call goes out.
+    /// Returns the number of tokens received so far. A call stores it when it goes out.
     pub(crate) fn mark(&self) -> u64 {
         self.tokens
     }
 
-    /// A token has come.
+    /// Handles a token that has come, with the number of its declaration. The agent joins at once if its
+    /// daemon is this one or is known to be reachable.
     pub(crate) fn put(&mut self, resident: Resident, telling: u64) -> Follows {
         self.tokens += 1;
         let is_own = resident.daemon == self.own;
@@ -144,13 +147,13 @@ impl Roster {
         Follows { passed_on: Vec::new(), probe }
     }
 
-    /// Tokens that were one too many since this was asked last, each once.
+    /// Returns the tokens rejected since the last call for lack of room, each once.
     pub(crate) fn surplus(&mut self) -> Vec<Resident> {
         std::mem::take(&mut self.surplus)
     }
 
-    /// Forgets the older half of the tokens that nobody has confirmed. Whose they are tells again that
-    /// it is here when it shows that it is not known.
+    /// Drops the older half of the tokens that their daemons have not confirmed. If a valid token is among
+    /// them, its agent joins when its daemon declares the token again.
     fn forget_unconfirmed(&mut self) {
         let unconfirmed = self.daemons.values().flat_map(|hosted| {
             let waiting = hosted.tokens.iter().filter(|(each, _)| !hosted.joined.contains(*each));
@@ -172,8 +175,8 @@ impl Roster {
         self.daemons.retain(|_, hosted| !hosted.tokens.is_empty());
     }
 
-    /// A token has gone. Whether its daemon went with it is not known; it is probed at once, so that
-    /// who comes next need not wait for that.
+    /// Handles a token that has gone. Its daemon may have gone too, so it is probed at once: agents of it
+    /// that come next need not wait until that is known.
     pub(crate) fn delete(&mut self, resident: &Resident, telling: u64) -> Follows {
         let Some(hosted) = self.daemons.get_mut(&resident.daemon) else {
             return Follows::default();
@@ -197,12 +200,12 @@ impl Roster {
         Follows { passed_on, probe }
     }
 
-    /// Whether a daemon is still to be probed.
+    /// Whether a probe of the daemon is still under way.
     pub(crate) fn awaits(&self, daemon: &DaemonId) -> bool {
         self.daemons.get(daemon).is_some_and(|hosted| hosted.route == Route::Probed)
     }
 
-    /// Of whom there are tokens, by daemon; of all, or of one.
+    /// Returns the agents that have a token, per daemon: of all daemons, or of `one`.
     pub(crate) fn known(
         &self,
         one: Option<&DaemonId>,
@@ -215,7 +218,8 @@ impl Roster {
         })
     }
 
-    /// A daemon has answered a call that went out at `mark`, and said whom it hosts.
+    /// Handles the answer of `daemon` to a call that went out at `mark`. Confirmed agents join; agents that
+    /// had a token at the time of the call and are not hosted leave.
     pub(crate) fn answered(
         &mut self,
         daemon: &DaemonId,
@@ -253,15 +257,15 @@ impl Roster {
         follows
     }
 
-    /// A probe was given up: the calls go on.
+    /// Ends a probe that was given up. The daemon is still called together with all others.
     pub(crate) fn unreached(&mut self, daemon: &DaemonId) {
         if let Some(hosted) = self.daemons.get_mut(daemon).filter(|it| it.route == Route::Probed) {
             hosted.route = Route::Unknown;
         }
     }
 
-    /// A call to all that went out at `mark` has ended, and these have answered. Who has not
-    /// answered for a lease has left.
+    /// Handles the end of a call to all that went out at `mark`, with the daemons that answered. The agents
+    /// of a daemon that has not answered for a lease leave.
     pub(crate) fn called(
         &mut self,
         answered: &BTreeSet<DaemonId>,
@@ -285,7 +289,7 @@ impl Roster {
         left
     }
 
-    /// Who has a token here and did not answer the last call.
+    /// Returns the daemons that have a token and did not answer the last call.
     pub(crate) fn silent(&self) -> BTreeSet<DaemonId> {
         let silent = self.daemons.iter().filter(|(_, hosted)| hosted.silent_since.is_some());
         silent.map(|(daemon, _)| daemon.clone()).collect()
@@ -295,15 +299,16 @@ impl Roster {
 // === impl Hosted ===
 
 impl Hosted {
-    /// Of two lives of one agent here, the older is what is left of its death: the newer takes its
-    /// place. If that was another's invention, the older joins again with its daemon's next answer.
+    /// Adds an agent if there is room. If another incarnation of it has joined already, the older of the
+    /// two is a remnant, and the newer takes its place. If the newer token was invented, the older
+    /// incarnation joins again with its daemon's next answer.
     fn join(
         &mut self,
         resident: Resident,
         crowd: &mut Crowd,
         surplus: &mut Vec<Resident>,
     ) -> Vec<Presence> {
-        // Lives of one agent stand side by side, the newest last.
+        // The set is sorted by agent, so incarnations of one agent are adjacent, the newest last.
         let after = self.joined.range(&resident..).next();
         if after.is_some_and(|other| other.agent == resident.agent) {
             return Vec::new();
@@ -336,7 +341,7 @@ impl Hosted {
 // === impl Crowd ===
 
 impl Crowd {
-    /// Whether one more agent of a daemon may be here. Its own always may.
+    /// Whether one more agent of a daemon may join; always `true` for this daemon.
     fn has_room(&self, daemon: &DaemonId) -> bool {
         if *daemon == self.own {
             return true;
@@ -432,7 +437,7 @@ mod tests {
         let came = roster.put(new.clone(), 0).passed_on;
         assert_eq!(came, [Presence::Joined(new.clone())]);
         let mine = hosts(std::slice::from_ref(&new));
-        // The newer has taken the older's place.
+        // The newer incarnation has replaced the older one.
         assert_eq!(roster.answered(&daemon("pi"), Hosts::Named(&mine), mark), []);
         assert_eq!(roster.delete(&old, 0).passed_on, []);
         assert_eq!(
@@ -485,7 +490,7 @@ mod tests {
         assert!(roster.silent().is_empty());
     }
 
-    /// A token is nobody's word: anybody can make one of another's agent.
+    /// A token is not signed: any client can make one for an agent of another daemon.
     #[test]
     fn an_invented_life_displaces_nobody_for_good() {
         let (mut roster, robot) = (roster(), resident("robot", "pi", 1));

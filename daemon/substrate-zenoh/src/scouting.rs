@@ -1,13 +1,13 @@
-//! How daemons of one network find each other without being told where: by multicast, and by what
-//! those they know tell of others.
+//! How daemons of one network find each other without configured addresses: by multicast, and by gossip, in
+//! which known daemons pass on the addresses of others.
 //!
-//! `[zenoh]` may say `scouting = true` or `false`, or lay Zenoh's own settings over ours. Where it
-//! says nothing, a secured ecosystem that listens beyond its machine scouts: it is the ecosystem
-//! that takes part in a network at all. In plain text nobody listens there, so nobody can be found.
+//! `[zenoh]` may say `scouting = true` or `false`, or override single settings of Zenoh. Without a setting,
+//! a secured ecosystem that listens beyond its machine scouts: such an ecosystem takes part in a network
+//! anyway. An ecosystem in plain text does not listen beyond its machine, so it could not be found.
 //!
-//! Each ecosystem calls at a port of its own, made from its name, so that two on one network do
-//! not even hear each other. That is for peace; what keeps them apart are the authorities that
-//! their certificates come from, and the names that all their key expressions begin with.
+//! Each ecosystem scouts at a port of its own, made from its name, so that two on one network do not even
+//! receive each other's packets. That only avoids noise; ecosystems are kept apart by the authorities of
+//! their certificates and by the prefix of their key expressions.
 
 use acl::EcosystemId;
 use serde_json::{Value, json};
@@ -15,26 +15,26 @@ use serde_json::{Value, json};
 use crate::config::{OpenError, merge};
 use crate::endpoint;
 
-/// Zenoh's own group. Of the block 224.0.0.0/24, which never leaves a network, and which cheap
-/// switches pass on to everybody without being asked to.
+/// Zenoh's own group. It is in the block 224.0.0.0/24, which is never routed beyond a network, and which
+/// cheap switches pass on to all hosts without a subscription.
 const GROUP: &str = "224.0.0.224";
 
-/// The ports of ecosystems: below those that Linux hands out (32768), and not Zenoh's (7446), where
-/// routers of others would be asked each time.
+/// The ports of ecosystems: below the range from which Linux picks ports (32768 and up), and not Zenoh's
+/// own (7446), where foreign routers would receive every packet.
 const PORT_FIRST: u16 = 20_000;
 const PORTS: u16 = 10_000;
 const _: () = assert!(PORT_FIRST + PORTS < 32_768);
 
-/// Where a daemon listens that scouts and is told nothing: any address, and a port of the
-/// kernel's choice, which whoever finds it learns. Multicast is IPv4 here, so this is too.
+/// Endpoint of a daemon that scouts and has no endpoint of its own: any address, and a port that the kernel
+/// chooses and that scouting announces. Multicast is IPv4 here, so this is too.
 const ANYWHERE: &str = "tls/0.0.0.0:0";
 
-/// Lays our settings under what the file says of scouting; where the daemon has to listen for it
-/// besides `listen`.
+/// Completes the scouting settings in `said`: the file's settings override the defaults here. Returns the
+/// endpoint at which the daemon has to listen for scouting besides `listen`, if any.
 ///
 /// # Errors
 ///
-/// If the file asks for it in an ecosystem that is not secured.
+/// Returns an error if the file asks for scouting in an ecosystem that is not secured.
 pub(crate) fn settle(
     ecosystem: &EcosystemId,
     is_secured: bool,
@@ -55,9 +55,9 @@ pub(crate) fn settle(
     Ok((scouts && !listens_beyond).then(|| ANYWHERE.to_owned()))
 }
 
-/// Of two that find each other, the one with the greater id calls: if both did at once, Zenoh
-/// could close both links. Gossip goes one step: who has lost the hub through which it heard of
-/// another calls that one itself, and has done so before.
+/// Default settings. Of two daemons that find each other, the one with the greater id connects: if both did
+/// at once, Zenoh could close both links. Gossip goes one step: a daemon that has lost the hub through
+/// which it learnt of another connects to that one itself, and has done so before.
 fn ours(ecosystem: &EcosystemId) -> Value {
     let found = json!({
         "enabled": true,
@@ -69,8 +69,8 @@ fn ours(ecosystem: &EcosystemId) -> Value {
     json!({ "multicast": multicast, "gossip": found })
 }
 
-/// Opens a session that looks for others `at` a multicast address. Where it cannot listen to that,
-/// a daemon that is not found is worth more than none.
+/// Opens a session that scouts `at` a multicast address. If the address cannot be used, the session opens
+/// without multicast: a daemon that is not found is better than none.
 pub(crate) async fn open(settings: zenoh::Config, at: &str) -> zenoh::Result<zenoh::Session> {
     let mut without = settings.clone();
     let problem = match zenoh::open(settings).await {
@@ -86,7 +86,7 @@ pub(crate) async fn open(settings: zenoh::Config, at: &str) -> zenoh::Result<zen
     Ok(session)
 }
 
-/// FNV-1a, because every version on every machine must come to the same.
+/// Returns the ecosystem's port by FNV-1a, because every version on every machine must compute the same.
 fn port(ecosystem: &EcosystemId) -> u16 {
     let fold = |hash: u32, byte: &u8| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193);
     let hash = ecosystem.as_str().as_bytes().iter().fold(0x811c_9dc5, fold);
@@ -102,7 +102,7 @@ mod tests {
         EcosystemId::new(name).expect("a name")
     }
 
-    /// What comes of `[zenoh]`: the settings, and where else it listens.
+    /// Returns the scouting settings that follow from `[zenoh]`, and the additional endpoint.
     fn settled(secured: bool, listen: &str, said: &Value) -> (Value, Option<String>) {
         let mut said = said.clone();
         let listen = [listen.to_owned()];

@@ -1,6 +1,7 @@
-//! Where seals are put on and opened: a link is not an origin, because messages are relayed.
+//! Puts seals on outgoing messages and opens those of incoming ones. A seal is needed because a link does
+//! not show the origin of a message: messages are relayed.
 //!
-//! What a daemon says to its own agents never leaves the process and carries no seal. Whatever
+//! A message from a daemon to its own agents never leaves the process and has no seal. Every message that
 //! comes over a link is opened here, before anything reads it.
 
 use std::sync::Arc;
@@ -14,52 +15,54 @@ use zenoh::sample::Sample;
 
 use crate::key_expr::Keys;
 
-/// What a daemon of a secured ecosystem speaks and hears with.
+/// Keys of a daemon of a secured ecosystem.
 #[derive(Clone, Debug)]
 pub struct Security {
-    /// Its own key.
+    /// The daemon's own key and certificate, which sign.
     pub identity: Arc<Identity>,
-    /// Whom it believes.
+    /// The trusted certificates, which verify.
     pub verifier: Arc<Verifier>,
 }
 
-/// An answer, and what it is held against.
+/// An answer, with what is needed to verify it.
 #[derive(Clone, Copy)]
 pub(crate) struct Answered<'a> {
     pub(crate) keys: &'a Keys,
     pub(crate) inbound: &'a dyn Inbound,
     pub(crate) sample: &'a Sample,
     pub(crate) payload: &'a Bytes,
-    /// Sent with the question; without one, no answer is believed.
+    /// Nonce sent with the question. Without one, no answer is believed.
     pub(crate) nonce: Option<&'a Nonce>,
 }
 
 // === impl Security ===
 
 impl Security {
-    /// The seal for what goes out to all under this key.
+    /// Returns the seal for a payload that goes to all under this key.
     pub(crate) fn seal(&self, channel: Channel, key_expr: &str, payload: &[u8]) -> ZBytes {
         ZBytes::from(self.identity.seal(channel, key_expr, payload, None))
     }
 
-    /// The seal for a message that goes to one daemon, in the life in which it has answered.
+    /// Returns the seal for a message to one daemon, bound to the incarnation in which that daemon last
+    /// answered.
     pub(crate) fn seal_to(&self, to: &DaemonId, key_expr: &str, payload: &[u8]) -> ZBytes {
         let life = self.verifier.life(to);
         ZBytes::from(self.identity.seal(Channel::Message, key_expr, payload, life))
     }
 
-    /// How far this daemon has come, for who calls it.
+    /// Returns the sequence numbers this daemon has signed so far, for its answers to calls.
     pub(crate) fn said(&self) -> Said {
         self.identity.said()
     }
 
-    /// A daemon has answered a call. What it has said before, and is heard after, is not believed.
+    /// Handles the answer of a daemon to a call. Broadcasts with a number up to `said` are rejected from
+    /// now on.
     pub(crate) fn answered(&self, answerer: Origin, said: Said) {
         let Origin { daemon: speaker, voucher } = answerer;
         self.verifier.answered(&Verified { speaker, voucher }, said);
     }
 
-    /// Who has sent this; what is not believed is told to `inbound`.
+    /// Returns the verified origin of a message. If there is none, the message is reported to `inbound`.
     pub(crate) fn origin(
         &self,
         keys: &Keys,
@@ -75,7 +78,7 @@ impl Security {
         self.open(keys, inbound, channel, key, payload, sample.attachment(), None)
     }
 
-    /// Whether this answers the question with this nonce, and may.
+    /// Whether this is an answer to the question with this nonce, from a daemon that may give it.
     pub(crate) fn admits(&self, answered: &Answered<'_>) -> bool {
         let origin = self.answerer(answered);
         let about = answered.keys.answered(answered.sample.key_expr().as_str());
@@ -86,7 +89,8 @@ impl Security {
         inbound.admits(&Answer { origin: &origin, resource, agent: agent.as_ref(), payload })
     }
 
-    /// Who has said this, to the question with this nonce: it is that daemon whose key it has.
+    /// Returns the verified origin of an answer to the question with this nonce. It is the daemon that the
+    /// answer's key names.
     pub(crate) fn answerer(&self, answered: &Answered<'_>) -> Option<Origin> {
         let Answered { keys, inbound, sample, payload, nonce } = *answered;
         let (key, seal, channel) =
@@ -115,7 +119,8 @@ impl Security {
             .map(|Verified { speaker, voucher }| Origin { daemon: speaker, voucher })
             .map_err(|(why, claimed)| {
                 if why == Distrust::Uncalled {
-                    // Nothing is wrong with it; it is of who has just come, and not here yet.
+                    // Nothing is wrong with the message; its daemon has just started and has not joined
+                    // yet.
                     return tracing::debug!(from = claimed, key = key_expr, "not heard: it {why}");
                 }
                 let (breach, detail) = (breach(why), why.to_string());
@@ -125,13 +130,13 @@ impl Security {
             .ok()
     }
 
-    /// What this daemon says to itself.
+    /// Returns the origin of this daemon's messages to its own agents.
     pub(crate) fn own(daemon: &DaemonId) -> Origin {
         Origin { daemon: daemon.clone(), voucher: daemon.clone() }
     }
 }
 
-/// The seal for an answer, where the asker has sent a nonce.
+/// Returns the seal for an answer; `None` if the question came without a nonce.
 pub(crate) fn seal_answer(
     identity: &Identity,
     key_expr: &str,
@@ -150,7 +155,7 @@ fn breach(why: Distrust) -> Breach {
         Distrust::Revoked => Breach::Revoked,
         Distrust::Replayed | Distrust::Belated | Distrust::Overdue => Breach::Replayed,
         Distrust::Flooded => Breach::Flooded,
-        // What else can be wrong is so because somebody made it so.
+        // All other defects are the result of an attempt to forge.
         _ => Breach::Forged,
     }
 }

@@ -24,34 +24,34 @@ use crate::together::{self, Parcel};
 use crate::too_long::{self, Listening};
 use crate::{revocations, scouting};
 
-/// Of the longest message, what is left for its seal, its key and Zenoh's own words.
+/// Part of the longest message that is reserved for its seal, its key and Zenoh's own headers.
 const SEAL_BYTES_MAX: usize = 16 << 10;
 
-/// A daemon's end of the wire. Dropping the last handle closes it.
+/// A daemon's connection to its ecosystem. Dropping the last handle closes it.
 ///
-/// What a daemon sends to its own agents arrives on the sender's thread before `send` returns,
-/// as it does in memory: hold no lock that [`Inbound`] takes.
+/// A message from a daemon to its own agents arrives on the sender's thread before `send` returns, as it
+/// does in memory: hold no lock that [`Inbound`] takes.
 pub struct ZenohSubstrate {
     keys: Keys,
     declarations: Arc<Declarations>,
     asking: Asking,
     told: Told,
     watch: Arc<Watch>,
-    /// Seals what goes over links, if the ecosystem is secured.
+    /// Seals messages that go over links; `None` if the ecosystem is not secured.
     security: Option<Security>,
-    /// Before the session: they are undeclared while it is still open.
+    /// Stands before `session`, so that they are undeclared while it is still open.
     publishers: Cache<Route, Publisher<'static>>,
     session: Arc<Session>,
-    /// Until it is closed.
+    /// Detector of messages that are too long; `None` after `close`.
     too_long: Mutex<Option<Arc<Listening>>>,
 }
 
-/// Where a message goes: one declared publisher each.
+/// Destination of a message; there is one declared publisher for each.
 #[derive(Clone, PartialEq, Eq, Hash)]
 enum Route {
     To(Address, Subject),
     All(AgentId, Performative),
-    /// What several agents of this daemon say of themselves.
+    /// Heartbeats of several agents of this daemon.
     Together,
 }
 
@@ -107,13 +107,13 @@ impl ZenohSubstrate {
         Ok(Arc::new(substrate))
     }
 
-    /// Where this daemon is really listening, with the ports that the kernel chose.
+    /// Returns the endpoints at which this daemon listens, with the ports that the kernel chose.
     pub fn locators(&self) -> Vec<String> {
         let locators = self.session.info().locators().wait();
         locators.into_iter().map(|locator| locator.to_string()).collect()
     }
 
-    /// The Zenoh id of this session, in the form [`crate::Config::zid`] takes.
+    /// Returns the Zenoh id of this session, in the form [`crate::Config::zid`] takes.
     pub fn zid(&self) -> String {
         self.session.zid().to_string()
     }
@@ -141,12 +141,12 @@ impl ZenohSubstrate {
 
     /// Declares the publisher of a route.
     ///
-    /// Congestion control is `Drop` for all. `Block` would hold the sender, which is a Tokio
-    /// worker, for up to 5 s; then close the link, lose all that is queued, and make every agent
-    /// behind it look dead. What must arrive is retried until its receipt comes, and a burst has
-    /// a megabyte of queue per link (`BATCHES_MAX`).
+    /// Congestion control is `Drop` for all. `Block` would hold the sender, which is a Tokio worker, for up
+    /// to 5 s; then close the link, lose all that is queued, and make every agent behind it look dead. A
+    /// message that must arrive is retried until its receipt comes, and a burst has a megabyte of queue per
+    /// link (`BATCHES_MAX`).
     ///
-    /// Models, which are long and repeated, give way to messages.
+    /// Models, which are long and repeated, have a lower priority than messages.
     fn declare_publisher(&self, route: &Route) -> zenoh::Result<Publisher<'static>> {
         let key_expr = match route {
             Route::To(to, subject) => self.keys.to_one(to, *subject),
@@ -157,8 +157,8 @@ impl ZenohSubstrate {
             Route::To(..) | Route::All(..) => MESSAGE_PRIORITY,
             Route::Together => Priority::DataLow,
         };
-        // Nobody waits for a receipt, which has been late on purpose, or for a heartbeat: these may
-        // travel with what comes next.
+        // Receipts, which are delayed on purpose, and heartbeats are not urgent: they may travel in the
+        // batch of the next message.
         let is_urgent = !matches!(route, Route::To(_, Subject::Receipt) | Route::Together);
         let publisher = self.session.declare_publisher(key_expr);
         let publisher = publisher.congestion_control(CongestionControl::Drop);
@@ -180,8 +180,8 @@ impl Substrate for ZenohSubstrate {
         self.put(Route::All(sender.clone(), performative), payload)
     }
 
-    /// By its key: a declared publisher with its routes takes three or four kilobytes, and saves
-    /// a few microseconds once a second.
+    /// Publishes by key, without a declared publisher: that would take three or four kilobytes with its
+    /// routes, and save a few microseconds once a second.
     fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         self.check_open()?;
         check_length(&payload)?;
@@ -235,7 +235,7 @@ impl Substrate for ZenohSubstrate {
     }
 }
 
-/// What is too long would be dropped by every receiver, and nobody would learn of it.
+/// Returns an error if a message is too long: every receiver would drop it without a notice.
 fn check_length(payload: &Bytes) -> Result<(), SendError> {
     let bytes = payload.len();
     if bytes <= MESSAGE_BYTES_MAX - SEAL_BYTES_MAX {

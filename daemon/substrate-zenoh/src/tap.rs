@@ -1,4 +1,4 @@
-//! A listener that takes no part: hears everything an ecosystem says, as any Zenoh tool could.
+//! A passive listener: receives all messages of an ecosystem, as any Zenoh tool could.
 
 use bytes::Bytes;
 use zenoh::sample::{Sample, SampleKind};
@@ -9,17 +9,18 @@ use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::Keys;
 use crate::together;
 
-/// Hears until it is dropped.
+/// Handle of a listener, which runs until this is dropped.
 pub struct Tap {
     _session: Session,
 }
 
-/// Hears all messages, broadcasts and models of `config`'s ecosystem: the key and the payload, as
-/// they were sent; what several agents say together, as if each had said it alone. Called on Zenoh's threads: `heard` must not block.
+/// Passes all messages, broadcasts and models of `config`'s ecosystem to `heard`: the key and the payload
+/// as they were sent. A batch of heartbeats is passed on as single ones. `heard` runs on Zenoh's threads
+/// and must not block.
 ///
 /// # Errors
 ///
-/// If the session cannot be opened.
+/// Returns an error if the session cannot be opened.
 pub async fn tap(
     config: Config,
     heard: impl Fn(&str, Bytes) + Send + Sync + 'static,

@@ -1,31 +1,30 @@
-//! What several agents of one daemon say of themselves at one moment, as one message: a line of
-//! JSON each.
+//! Batches: heartbeats of several agents of one daemon in one message, one line of JSON each.
 //!
-//! A message costs its way through every router, a place in every queue and, in a secured
-//! ecosystem, a signature at one end and its proof at the other; a hundred agents that beat together
-//! pay that once.
+//! Each message takes a way through every router, a place in every queue and, in a secured ecosystem, a
+//! signature at one end and its verification at the other. With a hundred heartbeats in one message that
+//! is paid once.
 
 use acl::{AgentId, sender_of};
 use bytes::Bytes;
 
-/// How long a bundle may become: with its key and its seal it fits into one batch of Zenoh's
-/// (65,535 bytes), so that nothing of it has to be put together again.
+/// Maximum length of a batch: with its key and its seal it fits into one batch of Zenoh's (65,535 bytes),
+/// so that it is not fragmented.
 const BUNDLE_BYTES_MAX: usize = 60 << 10;
 
-/// How many agents' words a bundle may hold: four times what fits of heartbeats that say anything. A
-/// bundle of bare names would be thousands of messages.
+/// Maximum number of heartbeats in a batch: four times as many as fit if they have any content. A batch of
+/// bare names would otherwise be thousands of messages.
 const BUNDLE_MESSAGES_MAX: usize = 1_024;
 
-/// What goes out at once.
+/// A message to send.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Parcel {
-    /// One agent's word, under its own key.
+    /// Heartbeat of one agent, under the agent's key.
     One(AgentId, Bytes),
-    /// The words of several, under their daemon's.
+    /// Heartbeats of several agents, under their daemon's key.
     Together(Bytes),
 }
 
-/// The words of several agents in as few parcels as may be, in their order.
+/// Packs heartbeats into as few messages as possible, in their order.
 pub(crate) fn pack(beats: Vec<(AgentId, Bytes)>) -> Vec<Parcel> {
     let mut parcels = Vec::new();
     let mut gathered = Vec::new();
@@ -33,7 +32,7 @@ pub(crate) fn pack(beats: Vec<(AgentId, Bytes)>) -> Vec<Parcel> {
     for (sender, payload) in beats {
         let is_line = !payload.is_empty() && !payload.contains(&b'\n');
         if !is_line || payload.len() >= BUNDLE_BYTES_MAX {
-            // Nobody could tell where it ends.
+            // A payload with a line break, or an empty one, could not be separated from the next.
             parcels.push(Parcel::One(sender, payload));
             continue;
         }
@@ -56,8 +55,9 @@ fn closed(gathered: &mut Vec<(AgentId, Bytes)>) -> Option<Parcel> {
     (!lines.is_empty()).then(|| Parcel::Together(Bytes::from(lines.join(&b'\n'))))
 }
 
-/// The words in a bundle, and whose each says it is. What is none is left out: it comes from outside.
-/// `None` is a bundle that nobody has packed here: it is longer, or of more words.
+/// Returns the heartbeats in a batch, each with the sender that it names. Lines that name no sender are
+/// left out, because the batch comes from outside. Returns `None` if the batch exceeds the bounds, so that
+/// [`pack`] cannot have made it.
 pub(crate) fn unpack(bundle: &Bytes) -> Option<Vec<(AgentId, Bytes)>> {
     if bundle.len() > BUNDLE_BYTES_MAX {
         return None;
@@ -66,7 +66,7 @@ pub(crate) fn unpack(bundle: &Bytes) -> Option<Vec<(AgentId, Bytes)>> {
     if lines().nth(BUNDLE_MESSAGES_MAX).is_some() {
         return None;
     }
-    // A copy of its own: one that is kept for long would keep them all.
+    // A copy of its own, because a slice that is kept for long would keep the whole batch.
     let word = |line| Some((sender_of(line)?, Bytes::copy_from_slice(line)));
     Some(lines().filter_map(word).collect())
 }
@@ -80,7 +80,7 @@ mod tests {
         (AgentId::new(sender).expect("a name"), Bytes::from(text))
     }
 
-    /// What is heard of what was packed, and in how many parcels it went.
+    /// Returns the heartbeats after packing and unpacking, and the number of messages.
     fn carried(beats: Vec<(AgentId, Bytes)>) -> (Vec<(AgentId, Bytes)>, usize) {
         let parcels = pack(beats);
         let count = parcels.len();

@@ -1,9 +1,9 @@
-//! Messages that are longer than any may be: each costs its sender a line in our log, and a count.
+//! Detects messages that are longer than allowed: each is logged with its sender and counted.
 //!
-//! Zenoh puts a long message together from its pieces, drops it when it grows beyond
-//! `max_message_size`, and says so nowhere but in its own log, at `trace`, without whom it came
-//! from. So [`too_long`] listens to that log. Whose bytes were being read, our crate of TLS
-//! links knows; who sends over another link is on this machine, and nobody knows who it is.
+//! Zenoh assembles a long message from its fragments, drops it when it grows beyond `max_message_size`, and
+//! reports that only in its own log, at `trace`, without the sender. So [`too_long`] reads that log. The
+//! vendored crate of TLS links knows from which peer it is reading. A peer on another kind of link
+//! is on this machine and remains unknown.
 
 use std::fmt::{self, Write as _};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -20,31 +20,31 @@ use zenoh_link_tls::reading::{self, Peer};
 
 use crate::sealing::Security;
 
-/// Where Zenoh says it.
+/// Target under which Zenoh logs it.
 const TARGET: &str = "zenoh_transport::unicast::universal::rx";
 
-/// How the line begins.
+/// Beginning of the line.
 const BEGINNING: &str = "Defragmentation buffer full";
 
-/// How many may wait to be counted. Each was sixteen megabytes on its way.
+/// Maximum number of detections that wait to be counted. Each stands for sixteen megabytes received.
 const WAITING_MAX: usize = 64;
 
-/// The sessions of this process that are told.
+/// Sessions of this process that are notified.
 static LISTENING: Mutex<Vec<Weak<Listening>>> = Mutex::new(Vec::new());
 
-/// A session is told for as long as it holds this.
+/// Registration of a session, which is notified for as long as it holds this.
 pub(crate) struct Listening {
-    /// Whose links are its own, in a secured ecosystem.
+    /// File of the key that the session's own links use; `None` if the ecosystem is not secured.
     key_file: Option<String>,
-    /// In whose name too long a message came.
+    /// Channel for the name of the peer that sent a message that was too long, if it is known.
     told: mpsc::Sender<Option<String>>,
 }
 
-/// Tells `inbound` of messages that were too long, as soon as somebody logs with [`too_long`].
+/// Reports messages that were too long to `inbound`. It needs [`too_long`] among the layers of the log.
 ///
 /// # Panics
 ///
-/// Outside a Tokio runtime.
+/// Panics outside a Tokio runtime.
 pub(crate) fn listen(security: Option<&Security>, inbound: &Arc<dyn Inbound>) -> Arc<Listening> {
     let key_file = security.map(|each| each.identity.files().0.to_string_lossy().into_owned());
     let (told, mut heard) = mpsc::channel::<Option<String>>(WAITING_MAX);
@@ -53,7 +53,7 @@ pub(crate) fn listen(security: Option<&Security>, inbound: &Arc<dyn Inbound>) ->
     all.retain(|each| each.strong_count() > 0);
     all.push(Arc::downgrade(&listening));
     let inbound = Arc::downgrade(inbound);
-    // Not where it is noticed, which is within Zenoh's locks and within a line of a log.
+    // On a task of its own: the event comes from within Zenoh's locks and within a log call.
     tokio::spawn(async move {
         while let Some(claimed) = heard.recv().await {
             let Some(inbound) = inbound.upgrade() else { return };
@@ -65,11 +65,11 @@ pub(crate) fn listen(security: Option<&Security>, inbound: &Arc<dyn Inbound>) ->
     listening
 }
 
-/// Part of a program's log, without which messages that are too long are dropped without a word.
+/// Returns a log layer that detects messages that are too long; without it they are dropped silently.
 ///
-/// It writes nothing by itself: what it notices is [rejected](substrate::Inbound::rejected) like
-/// anything else that is not believed. In a process with several sessions, what came over no TLS
-/// link is told to all of them.
+/// It writes nothing to the log. Each detection is [rejected](substrate::Inbound::rejected) like any other
+/// message that is not believed. In a process with several sessions, all of them are notified of a message
+/// that came over a link other than TLS.
 pub fn too_long<S>() -> impl Layer<S>
 where
     S: Subscriber + for<'a> LookupSpan<'a>,
@@ -91,14 +91,14 @@ impl<S: Subscriber> Layer<S> for Noticing {
     }
 }
 
-/// Tells the session whose link it was; all, if that is not known.
+/// Notifies the session that owns the link; all sessions, if that is not known.
 fn tell(peer: Option<&Peer>) {
     let all: Vec<_> = all().iter().filter_map(Weak::upgrade).collect();
     let key_file = peer.map(|peer| &*peer.key_file);
     let is_its = |each: &Listening| key_file.is_some() && each.key_file.as_deref() == key_file;
     let is_known = all.iter().any(|each| is_its(each));
     for each in all.iter().filter(|each| !is_known || is_its(each)) {
-        // Where so many wait, one less says the same.
+        // A full channel loses one notice, which adds nothing to those that wait.
         let _ = each.told.try_send(peer.and_then(|peer| peer.name.clone()));
     }
 }
@@ -107,8 +107,8 @@ fn all() -> MutexGuard<'static, Vec<Weak<Listening>>> {
     LISTENING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Holds the beginning of a line against what is awaited. It is told of every batch that comes,
-/// with all that is in it; so nothing is written out beyond the first word that differs.
+/// Compares the beginning of a line with the expected text. Zenoh logs every batch with its content under
+/// this target; so formatting stops at the first difference.
 struct Beginning {
     awaited: &'static str,
 }
@@ -129,7 +129,7 @@ impl fmt::Write for Beginning {
 impl Visit for Beginning {
     fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
         if field.name() == "message" {
-            // It ends with an error as soon as it is known whether it is that line.
+            // Returns an error as soon as the comparison is decided.
             let _ = write!(self, "{value:?}");
         }
     }
@@ -145,7 +145,7 @@ mod tests {
         beginning.awaited.is_empty()
     }
 
-    /// Fails if it is looked at.
+    /// Panics if it is formatted.
     struct Unread;
 
     impl fmt::Display for Unread {

@@ -1,4 +1,4 @@
-//! What the command lines of all our programs have in common.
+//! Command line parsing that all programs share.
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -17,21 +17,22 @@ pub struct PrintArgs {
     pub json: bool,
 }
 
-/// Reads the command line; what the process ends with where it is wrong, or asks for help.
+/// Parses the command line. Returns the exit code if it is wrong or asks for help; the message has been
+/// printed then.
 pub fn parse<P: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<P, ExitCode> {
     let words: Vec<OsString> = words.into_iter().collect();
     P::try_parse_from(&words).map_err(|err| {
         let asked_for = matches!(err.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
-        // The words are repeated, and a terminal would obey what is in them.
+        // The error message repeats the words, so control characters in them are made visible.
         let shown = words.iter().map(|word| visible::line(&word.to_string_lossy()).into_owned());
         let err = P::try_parse_from(shown).err().unwrap_or(err);
-        // To a reader that went away there is nothing to say.
+        // A failure is ignored, because it could not be reported.
         let _ = err.print();
         exit::with(if asked_for { exit::DONE } else { exit::USAGE })
     })
 }
 
-/// A positive number of seconds, fractions allowed.
+/// Parses a positive number of seconds, fractions allowed.
 pub fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 =
         text.parse().map_err(|_| "a number of seconds, such as 30 or 0.5".to_owned())?;

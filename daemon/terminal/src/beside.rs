@@ -1,5 +1,5 @@
-//! Which domain belongs to a problem: by the name it gives, and where several have that name, by
-//! how collections of problems call their files.
+//! Finds the domain of a problem: by the domain name in the problem, and if several domains have that name,
+//! by the file names that collections of problems use.
 
 use std::path::{Path, PathBuf};
 
@@ -7,10 +7,10 @@ use crate::pddl_files::{self, DomainText};
 use crate::report::{Report, Source};
 use pddl::Name;
 
-/// Files looked into for a domain; a folder of problems may hold thousands.
+/// Maximum number of files searched for a domain; a folder of problems may hold thousands.
 const CANDIDATES_MAX: usize = 100;
 
-/// Of the domains given, the one of that name that fits the file best.
+/// Returns the given domain of this name with the most similar file name.
 pub fn domain_given<'d>(
     path: &Path,
     name: &Name,
@@ -20,8 +20,8 @@ pub fn domain_given<'d>(
     named.min_by_key(|text| distance(Path::new(&text.source.name), path))
 }
 
-/// The domain of that name among the `.pddl` files in the file's folder, or in the one above, where
-/// collections of problems have it.
+/// Returns the domain of this name from the `.pddl` files in the file's folder, or in the one above, where
+/// collections of problems keep it.
 pub fn domain_beside(path: &Path, name: &Name) -> Option<DomainText> {
     let folder = path.parent()?;
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
@@ -29,7 +29,7 @@ pub fn domain_beside(path: &Path, name: &Name) -> Option<DomainText> {
     let candidates = [here, &above].into_iter().flat_map(|folder| domain_files(folder, path));
     candidates.filter(|candidate| candidate != path).find_map(|candidate| {
         let source = Source::read(&candidate).ok()?;
-        // Its own mistakes are not asked for.
+        // Diagnostics of the domain are not needed here.
         let text = pddl_files::domain_of(source, &mut Report::default());
         is_named(&text, name).then_some(text)
     })
@@ -39,8 +39,8 @@ fn is_named(text: &DomainText, name: &Name) -> bool {
     text.domain.as_ref().is_some_and(|domain| domain.name == *name)
 }
 
-/// Files that may be the domain of `path`, the likely ones first. Sorted: folders list their files
-/// in any order.
+/// Returns the files that may be the domain of `path`, the likely ones first. They are sorted, because the
+/// system lists a folder in any order.
 fn domain_files(folder: &Path, path: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut files: Vec<PathBuf> = entries
@@ -52,8 +52,8 @@ fn domain_files(folder: &Path, path: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// How unlikely a file is to be the domain of another, by their names alone: `p07-domain` and
-/// `domain_p07` belong to `p07`, `domain` to whatever has none of its own.
+/// Returns how unlikely a file is to be the domain of another, by their names alone: `p07-domain` and
+/// `domain_p07` belong to `p07`; `domain` belongs to all problems without a domain of their own.
 pub(crate) fn distance(domain: &Path, problem: &Path) -> usize {
     let own = words(domain);
     let Some(at) = own.iter().position(|word| word == "domain") else { return 3 };

@@ -1,10 +1,10 @@
-//! Limits of time and memory that hold from the first byte read, whatever the process is at.
+//! Limits of time and memory that hold from the first byte read, whatever the process is doing.
 //!
-//! - The planner counts its own work and memory, and ends by itself where it can. Reading a text,
-//!   checking it and normalizing it count nothing; so a thread of this module looks at the clock and at
-//!   the memory of the whole process.
-//! - When time is up it asks the planner to stop. Where no answer comes within a grace period, it gives
-//!   the answer and ends the process: the best plan told so far, or that there is none.
+//! - The planner counts its own work and memory, and ends by itself where it can. Reading, checking and
+//!   normalising a text count nothing; so a thread of this module checks the clock and the memory of the
+//!   whole process.
+//! - When the time is over it asks the planner to stop. If there is no answer within a grace period, it
+//!   prints the answer and ends the process: the best plan reported so far, or that there is none.
 
 use std::process::ExitCode;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -14,54 +14,54 @@ use std::time::{Duration, Instant};
 
 use planner::{Cancel, StopReason};
 
-/// How often the memory of the process is looked at.
+/// How often the memory of the process is checked.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// How long after the limit the planner may take for its answer, at least.
+/// Minimum time after the limit that the planner may take for its answer.
 const GRACE_MIN: Duration = Duration::from_millis(300);
 
-/// Memory of the process beside what the planner counts: its code and its texts.
+/// Memory of the process in addition to what the planner counts: its code and its texts.
 const BESIDE_BYTES: u64 = 64 << 20;
 
-/// Watches until an answer is given.
+/// Handle of a limit, which is watched until the answer is given.
 pub struct Deadline {
     answer: Arc<Answer>,
-    /// Dropping it wakes the thread.
+    /// Dropping it ends the watching thread.
     _stop: mpsc::Sender<()>,
 }
 
-/// The one answer of the process.
+/// State of the one answer of the process.
 #[derive(Default)]
 struct Answer(Mutex<Given>);
 
 #[derive(Default)]
 struct Given {
-    /// Whether the process answers by itself.
+    /// Whether the process itself has begun to answer.
     is_given: bool,
-    /// The best plan that has been told.
+    /// The best plan reported so far.
     best: Option<String>,
 }
 
-/// Gives the answer of a process that is ended: why, and the best plan.
+/// Prints the answer of a process that is ended: the reason, and the best plan. Returns the exit code.
 pub type Give = Box<dyn FnOnce(StopReason, Option<String>) -> u8 + Send>;
 
-/// What is watched.
+/// Limits of a process.
 pub struct Limits {
-    /// How long it may take.
+    /// Maximum run time.
     pub time: Option<Duration>,
-    /// What the planner's tables may take.
+    /// Maximum memory of the planner's tables, in bytes.
     pub memory_bytes: usize,
 }
 
 impl Limits {
-    /// A limit of time, and half of the memory that is available.
+    /// Returns a limit of time, and half of the available memory.
     pub fn of_time(time: Option<Duration>) -> Limits {
         let available = machine::memory_available().map_or(u64::MAX, |available| available / 2);
         Limits { time, memory_bytes: usize::try_from(available).unwrap_or(usize::MAX) }
     }
 }
 
-/// Gives the answer of a command that is ended: one line, or an object with a status.
+/// Returns a function that prints the reason of an ended command: one line, or a JSON object with a status.
 pub fn refusal(json: bool) -> Give {
     Box::new(move |reason, _| {
         let (status, words) = match reason {
@@ -82,7 +82,7 @@ pub fn refusal(json: bool) -> Give {
 // === impl Deadline ===
 
 impl Deadline {
-    /// Starts to watch; sets `cancel` when time is up.
+    /// Starts the watching thread, which sets `cancel` when the time is over.
     pub fn start(limits: Limits, started: Instant, cancel: Cancel, give: Give) -> Deadline {
         let answer = Arc::new(Answer::default());
         let (stop, stopped) = mpsc::channel();
@@ -95,19 +95,20 @@ impl Deadline {
         Deadline { answer, _stop: stop }
     }
 
-    /// Notes a plan that has been found.
+    /// Stores a plan that has been found.
     pub fn note(&self, plan: String) {
         self.answer.given().best = Some(plan);
     }
 
-    /// Answers, unless the answer has been given already: then the process is about to end.
+    /// Gives the answer. If the watching thread is giving one already, this blocks until it ends the
+    /// process.
     pub fn answer(&self, answer: impl FnOnce() -> ExitCode) -> ExitCode {
         self.answer.given().is_given = true;
         answer()
     }
 }
 
-/// Waits until a limit is passed and no answer comes; `None` if there is one.
+/// Waits until a limit is exceeded. Returns `None` if the process has answered before.
 fn watch(
     limits: &Limits,
     started: Instant,
@@ -142,7 +143,7 @@ impl Answer {
     }
 
     fn give(&self, reason: StopReason, give: Give) {
-        // Held until the process ends: nothing else answers.
+        // The lock is held until the process ends, so that there is no second answer.
         let mut given = self.given();
         if !given.is_given {
             let code = give(reason, given.best.take());

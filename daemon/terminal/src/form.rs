@@ -1,40 +1,41 @@
-//! Mistakes of form: what serde says of a text that it cannot read, taken apart for whoever words it for
-//! the author. Serde speaks of Rust: “invalid type: map, expected a sequence”.
+//! Parses the error messages of serde about the form of a text, so that a caller can word them for the
+//! author of the text. Serde uses terms of Rust: “invalid type: map, expected a sequence”.
 
 use std::borrow::Cow;
 
-/// What is wrong with the form of a text.
+/// An error in the form of a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Mistake<'a> {
-    /// A key that nobody reads, and those that are read there.
+    /// An unknown key, and the keys that are allowed there.
     UnknownKey {
         /// The key.
         key: &'a str,
-        /// The others.
+        /// The allowed keys.
         known: Vec<&'a str>,
     },
-    /// A key that is needed.
+    /// A required key is missing.
     MissingKey(&'a str),
-    /// A word that is none of those that may stand there.
+    /// A word that is not one of those allowed there.
     UnknownWord {
         /// The word.
         word: &'a str,
-        /// The others.
+        /// The allowed words.
         known: Vec<&'a str>,
     },
-    /// A value of another kind: as serde names what is there, and the type that it wants.
+    /// A value of another kind than expected.
     Kind {
-        /// For [`got`].
+        /// Serde's description of the value, for [`got`].
         got: &'a str,
-        /// For [`kind`].
+        /// Serde's name of the expected type, for [`kind`].
         wanted: &'a str,
     },
-    /// A value that has none of the forms that it may have.
+    /// A value that matches none of the allowed forms.
     NoForm,
 }
 
 impl<'a> Mistake<'a> {
-    /// Takes apart what serde, or a format's reader by serde, says; `None` if it says anything else.
+    /// Parses a message of serde, or of a format that uses serde. Returns `None` if it is none of these
+    /// errors.
     pub fn of(said: &'a str) -> Option<Mistake<'a>> {
         let said = without_place(said.trim());
         if let Some(rest) = said.strip_prefix("unknown field ") {
@@ -58,7 +59,7 @@ impl<'a> Mistake<'a> {
     }
 }
 
-/// Without the place that `serde_json` adds.
+/// Removes the place that `serde_json` appends.
 fn without_place(said: &str) -> &str {
     match said.rsplit_once(" at line ") {
         Some((before, place)) if place.contains(" column ") => before,
@@ -66,13 +67,13 @@ fn without_place(said: &str) -> &str {
     }
 }
 
-/// Of words in backquotes the first, and the others.
+/// Returns the first word in backquotes, and the others.
 fn first_and_rest(text: &str) -> Option<(&str, Vec<&str>)> {
     let mut quoted = text.split('`').skip(1).step_by(2);
     Some((quoted.next()?, quoted.collect()))
 }
 
-/// The kind of value that a type of Rust's is for an author.
+/// Describes a Rust type as a kind of value, for an author.
 pub fn kind(wanted: &str) -> Cow<'_, str> {
     let whole = |to: u32| Cow::from(format!("a whole number from 0 to {to}"));
     match wanted {
@@ -92,7 +93,7 @@ pub fn kind(wanted: &str) -> Cow<'_, str> {
     }
 }
 
-/// A value that serde describes, for an author.
+/// Describes a value that serde names, for an author.
 pub fn got(said: &str) -> String {
     let within = |prefix: &str| said.strip_prefix(prefix).map(|rest| rest.trim_matches('`'));
     match said {

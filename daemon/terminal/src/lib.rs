@@ -1,8 +1,11 @@
-//! What a person at a terminal gives and sees, whichever program they have called.
+//! Input and output of the command line programs.
 //!
-//! In: [`arguments`], [`pddl_files`] and whole folders of them, [`pddl_tree`]. Out: mistakes are gathered in a [`report`] and drawn by
-//! [`render`], everything goes to one of two streams ([`output`]), and the process ends with a code
-//! of [`exit`]. What serde says of a file is taken apart by [`mod@form`]. What comes from outside is made [`visible`]; what we paint is [`styled`].
+//! - Input: command lines ([`arguments`]), PDDL files ([`pddl_files`]) and folders of them ([`pddl_tree`]).
+//!   [`beside`] finds the domain of a problem, [`mod@form`] parses the error messages of serde.
+//! - Output: diagnostics are collected in a [`report`] and drawn by [`render`]; everything is written to
+//!   one of two streams ([`output`]), with colors ([`styled`]) and with control characters from outside
+//!   made [`visible`].
+//! - End: the process ends with a code of [`exit`], at the latest at its [`deadline`].
 
 pub mod arguments;
 pub mod beside;

@@ -1,12 +1,12 @@
-//! The two streams: results on stdout, everything about them on stderr.
+//! The two streams: results on stdout, notes about them on stderr.
 //!
-//! A reader that goes away (`althing plan … | head -1`) is no error, and whoever prints on and on asks
-//! [`is_reader_gone`]. Colors only where a person looks: on a terminal, and never with `NO_COLOR`.
-//! While a prompt is on the terminal, everything goes [`above`] it, so that nothing garbles the line
-//! that is being edited.
+//! A reader that goes away (`althing plan … | head -1`) is not an error; a program that prints continuously
+//! checks [`is_reader_gone`]. Colors are used only on a terminal, and never with `NO_COLOR`. While there is
+//! a prompt on the terminal, everything is printed [`above`] it, so that the line being edited stays
+//! intact.
 //!
-//! Everything that is printed goes through here, and here it is made [`visible`]: much of it was said by
-//! others, and a terminal obeys what it is sent.
+//! Everything that is printed goes through this module, which makes control characters [`visible`]: much of
+//! the text comes from outside, and a terminal would execute them.
 
 use std::borrow::Cow;
 use std::fmt::Display;
@@ -21,33 +21,33 @@ use crate::report::Report;
 use crate::styled::Styled;
 use crate::{exit, visible};
 
-/// Whether a write to stdout has found nobody there.
+/// Whether a write to stdout has failed because no process reads it.
 static READER_GONE: AtomicBool = AtomicBool::new(false);
 
-/// The way to above the prompt, while there is one.
+/// Channel that prints lines above the interactive prompt; `None` when no prompt is active.
 static ABOVE: Mutex<Option<Sender<String>>> = Mutex::new(None);
 
-/// What a word stands for, for a person.
+/// Color of a word, by its meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Color {
-    /// As it comes.
+    /// No color.
     Plain,
-    /// Of no weight.
+    /// Unimportant.
     Dim,
     /// Good.
     Green,
-    /// It wants something of the user.
+    /// The user should do something.
     Yellow,
     /// Bad.
     Red,
 }
 
-/// Sends everything above a prompt from now on, or, with `None`, to the two streams again.
+/// Prints everything above a prompt from now on, or, with `None`, to the two streams again.
 pub fn above(prompt: Option<Sender<String>>) {
     *lock() = prompt;
 }
 
-/// Prints above the prompt; gives the text back where there is none.
+/// Prints above the prompt. Returns the text as an error if no prompt is active.
 fn print_above(text: String) -> Result<(), String> {
     match &*lock() {
         Some(prompt) => prompt.send(text).map_err(|unsent| unsent.0),
@@ -59,7 +59,7 @@ fn lock() -> MutexGuard<'static, Option<Sender<String>>> {
     ABOVE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A word in its color, where stdout has any. For a word of our own; [`Styled`] paints those of others.
+/// Colors a word if stdout is colored. The word must not come from outside: [`Styled`] is for those.
 pub fn paint(color: Color, word: &str) -> String {
     let code = match color {
         Color::Plain => return word.to_owned(),
@@ -71,8 +71,8 @@ pub fn paint(color: Color, word: &str) -> String {
     if stdout_is_colored() { format!("\x1b[{code}m{word}\x1b[0m") } else { word.to_owned() }
 }
 
-/// Standard error, or above the prompt: for the log. What it writes is safe already: who formats a line
-/// of the log makes visible what others said.
+/// Standard error, or the place above the prompt: for the log. Its text is safe already, because the
+/// formatter of log lines makes control characters visible.
 pub struct Notes;
 
 impl Write for Notes {
@@ -88,17 +88,17 @@ impl Write for Notes {
     }
 }
 
-/// Writes a result to stdout; `code` if that worked.
+/// Writes a result to stdout. Returns `code` if that worked.
 pub fn print(text: impl Display, code: u8) -> ExitCode {
     write(visible::text(&text.to_string()), code)
 }
 
-/// Writes a result with colors in it to stdout; `code` if that worked.
+/// Writes a result with colors in it to stdout. Returns `code` if that worked.
 pub fn print_styled(text: &Styled, code: u8) -> ExitCode {
     write(text.as_str().into(), code)
 }
 
-/// Writes text that is no news of anybody's, byte by byte: a script for a shell.
+/// Writes text literally, such as a script for a shell. It must not contain text from outside.
 pub fn print_raw(text: &str, code: u8) -> ExitCode {
     write(text.into(), code)
 }
@@ -122,12 +122,12 @@ fn write(text: Cow<'_, str>, code: u8) -> ExitCode {
     }
 }
 
-/// Whether nobody reads stdout any more.
+/// Whether no process reads stdout any more.
 pub fn is_reader_gone() -> bool {
     READER_GONE.load(Ordering::Relaxed)
 }
 
-/// Breaks a long line between words where stdout is a terminal; what follows is indented.
+/// Breaks a long line between words if stdout is a terminal; all lines but the first are indented.
 pub fn folded(line: &str, indent: usize) -> String {
     let Some((columns, _)) = terminal_size::terminal_size_of(io::stdout()) else {
         return line.to_owned();
@@ -152,14 +152,14 @@ pub fn print_json(value: &serde_json::Value, code: u8) -> ExitCode {
     write(text.into(), code)
 }
 
-/// Writes a line for people to stderr. There is nowhere to say that this failed.
+/// Writes a line for people to stderr. A failure is ignored, because it could not be reported.
 pub fn note(line: &str) {
     if let Err(line) = print_above(format!("{}\n", visible::text(line))) {
         let _ = io::stderr().lock().write_all(line.as_bytes());
     }
 }
 
-/// Shows mistakes: to people on stderr, or on stdout as one JSON object.
+/// Shows diagnostics: to people on stderr, or on stdout as one JSON object.
 pub fn show(report: &Report, json: bool, status: &str, code: u8) -> ExitCode {
     if json {
         let diagnostics = render::json(report);
@@ -170,7 +170,7 @@ pub fn show(report: &Report, json: bool, status: &str, code: u8) -> ExitCode {
     exit::with(code)
 }
 
-/// Shows mistakes and how many they are on stderr.
+/// Shows diagnostics and their number on stderr.
 pub fn show_people(report: &Report) {
     if report.is_empty() {
         return;
@@ -182,7 +182,7 @@ pub fn show_people(report: &Report) {
     note(&render::summary(report));
 }
 
-/// Whether notes go to a terminal, so that the progress of a long job is worth a note.
+/// Whether stderr is a terminal, so that progress of a long job should be shown.
 pub fn notes_reach_a_terminal() -> bool {
     io::stderr().is_terminal()
 }

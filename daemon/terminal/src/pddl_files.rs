@@ -1,6 +1,7 @@
-//! Reads a domain and a problem, and everything that is wrong with them.
+//! Reads a domain and a problem, with all diagnostics.
 //!
-//! Shared by `plan`, `validate`, `check` and the ecosystem file: one way to judge a file.
+//! Shared by `plan`, `validate`, `check` and the ecosystem file, so that all treat a file in the same
+//! way.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,9 +12,9 @@ use crate::report::{Report, Source};
 
 /// A domain and a problem without errors, and their texts.
 pub struct Task {
-    /// What can be done.
+    /// The domain.
     pub domain: Domain,
-    /// What is wanted, and from where.
+    /// The problem.
     pub problem: Problem,
     /// The domain's text.
     pub domain_source: Arc<Source>,
@@ -23,17 +24,17 @@ pub struct Task {
     pub report: Report,
 }
 
-/// A domain as far as it can be read.
+/// A domain, as far as it can be parsed.
 pub struct DomainText {
     /// The text.
     pub source: Arc<Source>,
-    /// What of it could be read.
+    /// The parsed part; `None` if there is none.
     pub domain: Option<Domain>,
-    /// The lines that cannot be read: what they declare is missing in `domain`.
+    /// Lines that cannot be parsed: their declarations are missing in `domain`.
     damaged: Vec<String>,
 }
 
-/// Reads both files and gathers what is wrong in both.
+/// Reads both files. Returns the diagnostics of both if one of them has errors.
 pub fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
     let mut report = Report::default();
     let domain = read(domain, &mut report).map(|source| domain_of(source, &mut report));
@@ -70,13 +71,13 @@ fn are_swapped(domain: &DomainText, problem: &Source) -> bool {
         && pddl::parse_domain(&problem.text).value.is_some()
 }
 
-/// Reads a file, or reports that it cannot be read.
+/// Reads a file. If it cannot be read, adds that to the report and returns `None`.
 pub fn read(path: &Path, report: &mut Report) -> Option<Arc<Source>> {
     Source::read(path).map_err(|failure| report.add_failure(failure)).ok()
 }
 
-/// The text to blame for a mistake that the planner found and does not place: the domain where it
-/// is wrong without any problem, else the problem.
+/// Returns the text that most likely contains an error that the planner reports without a place: the domain
+/// if it is wrong without any problem, otherwise the problem.
 pub fn blamed(task: &Task) -> &Arc<Source> {
     let nothing = Problem::named("nothing", task.domain.name.clone());
     match planner::validate::World::initial(&task.domain, &nothing) {
@@ -85,7 +86,7 @@ pub fn blamed(task: &Task) -> &Arc<Source> {
     }
 }
 
-/// The domain in a text, as far as there is one; its mistakes are reported.
+/// Parses a domain as far as possible, and adds its diagnostics to the report.
 pub fn domain_of(source: Arc<Source>, report: &mut Report) -> DomainText {
     let Parsed { value: domain, diagnostics } = pddl::parse_domain(&source.text);
     let damaged = damaged_lines(&source.text, &diagnostics);
@@ -94,7 +95,7 @@ pub fn domain_of(source: Arc<Source>, report: &mut Report) -> DomainText {
     DomainText { source, domain, damaged }
 }
 
-/// The problem in a text, which must have a goal; checked against its domain where that is known.
+/// Parses a problem, which must have a goal, and checks it against its domain if that is known.
 pub fn problem_of(
     source: &Arc<Source>,
     domain: Option<&DomainText>,
@@ -115,7 +116,7 @@ pub fn problem_of(
     problem
 }
 
-/// The map of a building in a text: as a problem, and every fact must mean something.
+/// Parses the map of a building: a problem in which every fact must be declared by the domain.
 pub fn map_of(
     source: &Arc<Source>,
     domain: Option<&DomainText>,
@@ -137,7 +138,7 @@ fn problem_by(
     value
 }
 
-/// The action model in a text; checked against the ontology where that is known.
+/// Parses an action model, and checks it against the ontology if that is known.
 pub fn action_model_of(
     source: &Arc<Source>,
     ontology: Option<&DomainText>,
@@ -165,8 +166,8 @@ fn checked_against(
     merged(&source.text, &damaged, parsed, check(domain))
 }
 
-/// What the parser and the check say, without what is only a consequence: where a declaration
-/// cannot be read, every use of its name would be “unknown”.
+/// Merges the diagnostics of the parser and the check, without those that are only a consequence: if a
+/// declaration cannot be parsed, every use of its name would be “unknown”.
 fn merged(
     text: &str,
     damaged: &[String],
@@ -183,7 +184,7 @@ fn merged(
     all
 }
 
-/// The lines with errors in them.
+/// Returns the lines with errors in them.
 pub fn damaged_lines(text: &str, diagnostics: &[Diagnostic]) -> Vec<String> {
     let errors = diagnostics.iter().filter(|found| found.is_error());
     errors.map(|found| marked_lines(text, found).to_owned()).collect()
@@ -197,7 +198,7 @@ fn marked_lines<'t>(text: &'t str, found: &Diagnostic) -> &'t str {
     &text[start..end]
 }
 
-/// Whether a text has this word, whatever its case.
+/// Whether a text contains this word, in any case.
 pub fn has_word(text: &str, word: &str) -> bool {
     let is_break = |c: char| c.is_whitespace() || "(),;".contains(c);
     !word.is_empty() && text.split(is_break).any(|other| other.eq_ignore_ascii_case(word))

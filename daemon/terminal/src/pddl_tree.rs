@@ -1,10 +1,10 @@
-//! Whole folders of PDDL: every file is read as `check` reads it, and what becomes of it is counted.
+//! Folders of PDDL files: every file is read as `check` reads it, and the outcomes are counted.
 //!
-//! - Folders are walked by name, so that the same tree gives the same answer everywhere. Links are
-//!   followed to files and not to folders: there is no way round in a circle.
-//! - A problem is checked against the domain beside it that its file's name fits best, or in the
-//!   folder above or a folder `domains`, as collections of problems have them.
-//! - Texts are let go once they are read: what is kept of a file is its outcome.
+//! - Folders are walked by name, so that the same tree gives the same result everywhere. Links to files are
+//!   followed, links to folders are not: so there can be no cycle.
+//! - A problem is checked against the domain with the most similar file name: beside it, in the folder
+//!   above, or in a folder `domains`, where collections of problems keep them.
+//! - Texts are dropped once they are read; only the outcome of a file is kept.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,76 +16,76 @@ use crate::beside::distance;
 use crate::pddl_files::{self, DomainText};
 use crate::report::{Report, Source};
 
-/// What all files of a tree came to.
+/// Outcomes of all files of a tree.
 #[derive(Debug, Default)]
 pub struct Tree {
-    /// In the order of their paths.
+    /// The files, sorted by path.
     pub files: Vec<ReadFile>,
 }
 
-/// What one file came to.
+/// Outcome of one file.
 #[derive(Debug)]
 pub struct ReadFile {
     /// The file.
     pub path: PathBuf,
     /// “domain”, “problem”, “action model”, or “unknown”.
     pub kind: &'static str,
-    /// The domain that a problem was checked against.
+    /// The domain that a problem or action model was checked against.
     pub domain: Option<PathBuf>,
     /// Whether it can be used.
     pub outcome: Outcome,
-    /// The oddities that it was read in spite of.
+    /// Warnings about the file.
     pub warnings: Vec<String>,
 }
 
 /// Whether a file can be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// It is read and can be planned with.
+    /// The file is valid and can be planned with.
     Read,
-    /// It is read, and means what this version does not plan with.
+    /// The file is valid, but uses a feature that this version does not plan with.
     Unsupported(String),
-    /// It is a problem, and its domain is not there.
+    /// A problem without errors, but its domain was not found.
     Alone(String),
-    /// It is refused: the place and the first mistake.
+    /// The file has errors: the place and text of the first one.
     Refused(String),
 }
 
 /// How many files have each outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// All.
+    /// All files.
     pub files: usize,
-    /// Read without a word.
+    /// Valid, without warnings.
     pub read: usize,
-    /// Read with warnings.
+    /// Valid, with warnings.
     pub odd: usize,
-    /// Read, and not planned with.
+    /// Valid, but not supported.
     pub unsupported: usize,
-    /// Problems whose domain is not there.
+    /// Problems without a domain.
     pub alone: usize,
-    /// Refused.
+    /// Files with errors.
     pub refused: usize,
 }
 
-/// The domains met so far, by path; problems share them.
+/// Domains read so far, by path; problems share them.
 #[derive(Default)]
 struct Domains {
     known: BTreeMap<PathBuf, Option<Arc<DomainText>>>,
-    /// By folder: its files that hold a domain.
+    /// Files with a domain, by folder.
     folders: BTreeMap<PathBuf, Arc<Vec<PathBuf>>>,
 }
 
-/// Domains that are kept read; more are read again when they are asked for.
+/// Maximum number of domains kept in memory; the others are read again when needed.
 const DOMAINS_KEPT: usize = 64;
 
-/// Files of one folder that are looked into for a domain.
+/// Maximum number of files of one folder that are searched for a domain.
 const CANDIDATES_MAX: usize = 2_000;
 
-/// Bytes at the beginning of a file in which it says what it is.
+/// Number of bytes at the beginning of a file that are searched for its kind.
 const HEAD_BYTES: usize = 4_096;
 
-/// Reads every PDDL file below `folder`; `tell` hears of each.
+/// Reads every PDDL file below `folder`, and calls `tell` with each.
 pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<Tree, String> {
     if !folder.is_dir() {
         return Err(format!("read `{}`: it is no folder", folder.display()));
@@ -104,7 +104,7 @@ pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<Tree, Stri
     Ok(tree)
 }
 
-/// All PDDL files below a folder, without recursion: a tree may be deep.
+/// Collects all PDDL files below a folder, without recursion, because a tree may be deep.
 fn walk(folder: &Path, paths: &mut Vec<PathBuf>) -> std::io::Result<()> {
     let mut open = vec![folder.to_owned()];
     while let Some(folder) = open.pop() {
@@ -171,7 +171,7 @@ fn read_file(path: PathBuf, domains: &mut Domains) -> ReadFile {
     ReadFile { path, kind, domain: beside.map(|(path, _)| path), outcome, warnings }
 }
 
-/// What has to do with time in a domain.
+/// Returns the feature of a domain that needs time, if there is one.
 fn time_in_domain(domain: &Domain) -> Option<&'static str> {
     (!domain.durative_actions.is_empty()).then_some("durative actions")
 }
@@ -197,7 +197,7 @@ fn outcome(report: &Report, feature: Option<&str>) -> Outcome {
 // === impl Tree ===
 
 impl Tree {
-    /// How many files of this kind have each outcome; of `None`, of all kinds.
+    /// Returns the number of files of this kind per outcome; with `None`, of all kinds.
     pub fn counts(&self, kind: Option<&str>) -> Counts {
         let mut counts = Counts::default();
         for file in self.files.iter().filter(|file| kind.is_none_or(|kind| file.kind == kind)) {
@@ -217,8 +217,8 @@ impl Tree {
 // === impl Domains ===
 
 impl Domains {
-    /// The domain that a problem most likely belongs to: by the names of files, then by the name that
-    /// the problem gives.
+    /// Returns the domain that most likely belongs to a problem: first by file names, then by the domain
+    /// name in the problem.
     fn of(&mut self, problem: &Path, name: &str) -> Option<(PathBuf, Arc<DomainText>)> {
         let folder = problem.parent()?;
         let above = folder.parent().map(Path::to_owned);
@@ -235,7 +235,7 @@ impl Domains {
             files.sort_by_cached_key(|path| (fitness(path, problem), path.clone()));
             for file in files {
                 let fitness = fitness(&file, problem);
-                // It says that it belongs to another problem.
+                // Its file name belongs to another problem.
                 if fitness == OF_ANOTHER {
                     continue;
                 }
@@ -244,7 +244,7 @@ impl Domains {
                 match fitness {
                     0 => return Some((file, text)),
                     _ if is_named => return Some((file, text)),
-                    // Of another name, and yet the only one there: collections have such.
+                    // The name differs, but this is the only candidate: collections have such cases.
                     _ => drop(found.get_or_insert((file, text))),
                 }
             }
@@ -266,7 +266,7 @@ impl Domains {
         text
     }
 
-    /// The files of a folder that say in their first lines that they are domains.
+    /// Returns the files of a folder that begin with a domain definition.
     fn domain_files(&mut self, folder: &Path) -> Arc<Vec<PathBuf>> {
         if let Some(files) = self.folders.get(folder) {
             return Arc::clone(files);
@@ -283,8 +283,8 @@ impl Domains {
     }
 }
 
-/// How unlikely a file is to be the domain of a problem, by their names alone: 0 where both have the
-/// same words but for what they are (`domain-7` and `instance-7`), else as `check` judges it.
+/// Returns how unlikely a file is to be the domain of a problem, by their names alone: 0 if both have the
+/// same words except for their kind (`domain-7` and `instance-7`); otherwise as `check` rates it.
 fn fitness(domain: &Path, problem: &Path) -> usize {
     let words = |path: &Path| {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
@@ -295,10 +295,10 @@ fn fitness(domain: &Path, problem: &Path) -> usize {
     if !own.is_empty() && own == others { 0 } else { 1 + distance(domain, problem) }
 }
 
-/// The fitness of a domain whose file has the name of another problem.
+/// Fitness of a domain with a file name that belongs to another problem.
 const OF_ANOTHER: usize = 3;
 
-/// Whether the first words of a file, comments left out, define a domain.
+/// Whether a file begins with a domain definition, apart from comments.
 fn says_domain(path: &Path) -> bool {
     use std::io::Read as _;
     let Ok(file) = std::fs::File::open(path) else { return false };
@@ -312,7 +312,7 @@ fn says_domain(path: &Path) -> bool {
     let words: Vec<&str> = code.split(|c: char| c.is_whitespace() || "()".contains(c)).collect();
     let words: Vec<&str> = words.into_iter().filter(|word| !word.is_empty()).collect();
     words.windows(2).any(|pair| pair == ["define", "domain"])
-        // The comment at the top may be longer than what was read.
+        // The comment at the top may be longer than the part that was read; the file name decides then.
         || !words.contains(&"define")
             && path.file_stem().is_some_and(|stem| {
                 stem.to_string_lossy().to_lowercase().contains("domain")

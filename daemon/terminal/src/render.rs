@@ -1,7 +1,7 @@
-//! Draws mistakes: for people with the line and a caret, for programs as JSON.
+//! Draws diagnostics: for people with the line and a caret, for programs as JSON.
 //!
-//! - The one place that knows how a diagnostic looks. Fits 80 columns; uses a wider terminal.
-//! - Takes [`Report`]s; writes nothing itself.
+//! - Only this module knows how a diagnostic looks. The text fits 80 columns; it uses a wider terminal.
+//! - It takes [`Report`]s, and writes nothing itself.
 
 use std::borrow::Cow;
 
@@ -12,23 +12,23 @@ use serde_json::{Value, json};
 use crate::report::{Finding, Report, Source};
 use crate::visible;
 
-/// Columns where nobody says how many there are.
+/// Number of columns if it is not known.
 const WIDTH: usize = 80;
-/// Lines of prose longer than this are hard to read, however wide the terminal.
+/// Maximum width: longer lines of prose are hard to read, however wide the terminal.
 const WIDTH_MAX: usize = 120;
-/// Lines between a mistake and another place it has to do with, up to which one excerpt shows both.
+/// Maximum distance in lines of a diagnostic and its note for one excerpt to show both.
 const EXCERPT_LINES_MAX: usize = 30;
-/// A person reads no more; `--json` lists all.
+/// Maximum number of diagnostics shown to a person; `--json` lists all.
 const FINDINGS_MAX: usize = 200;
 
-/// How the text may look.
+/// Width and colors of the drawn text.
 #[derive(Clone, Copy, Debug)]
 pub struct Look {
     width: usize,
     colored: bool,
 }
 
-/// A mistake's text as it is drawn: wrapped, owned, with the offsets of its excerpt.
+/// Part of a text that is drawn, with its offset in the text and its first line number.
 struct Excerpt<'a> {
     text: &'a str,
     start: usize,
@@ -38,7 +38,7 @@ struct Excerpt<'a> {
 // === impl Look ===
 
 impl Look {
-    /// What stderr can show.
+    /// Returns the width and colors of stderr.
     pub fn of_stderr() -> Look {
         let width = terminal_size::terminal_size_of(std::io::stderr())
             .map_or(WIDTH, |(width, _)| usize::from(width.0));
@@ -54,7 +54,7 @@ impl Look {
     }
 }
 
-/// All mistakes, one after the other, a blank line after each.
+/// Draws all diagnostics, a blank line after each.
 pub fn human(report: &Report, look: Look) -> String {
     let renderer = look.renderer();
     let shown = report.findings().iter().take(FINDINGS_MAX);
@@ -67,7 +67,7 @@ pub fn human(report: &Report, look: Look) -> String {
     text
 }
 
-/// “2 errors and 1 warning”.
+/// Returns the numbers of diagnostics, such as “2 errors and 1 warning”.
 pub fn summary(report: &Report) -> String {
     let counts =
         [(Severity::Error, "error"), (Severity::Warning, "warning"), (Severity::Hint, "hint")]
@@ -81,14 +81,14 @@ pub fn summary(report: &Report) -> String {
     }
 }
 
-/// “1 step”, “2 steps”.
+/// Returns a count with its noun: “1 step”, “2 steps”.
 pub fn plural(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
-/// A number as JSON: whole where it is whole.
+/// Converts a number to JSON; a whole number has no decimal point.
 pub fn number(value: f64) -> Value {
-    // 2^53: up to there every whole number has a float of its own.
+    // 2^53: up to there every whole number has an exact float.
     const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
     if value.fract() == 0.0 && value.abs() <= WHOLE_MAX {
         json!(value as i64)
@@ -97,7 +97,7 @@ pub fn number(value: f64) -> Value {
     }
 }
 
-/// All mistakes as a JSON array. `line` and `column` count from 1, columns in characters.
+/// Returns all diagnostics as a JSON array. `line` and `column` count from 1, columns in characters.
 pub fn json(report: &Report) -> Value {
     report.findings().iter().map(json_finding).collect()
 }
@@ -149,7 +149,7 @@ fn draw(finding: &Finding, renderer: &Renderer, width: usize) -> String {
         let groups: Vec<Group<'_>> = [group].into_iter().chain(below).collect();
         return renderer.render(&groups);
     }
-    // The margin of a snippet: line number, ` = `, and the name of the line.
+    // Margin of a snippet: line number, ` = `, and the name of the line.
     let width = width.saturating_sub("1234 = help: ".len());
     if let Some(help) = &diagnostic.help {
         group = group.element(Level::HELP.message(wrap(help, width)));
@@ -160,7 +160,7 @@ fn draw(finding: &Finding, renderer: &Renderer, width: usize) -> String {
     renderer.render(&[group])
 }
 
-/// The same with everything shown that a terminal would obey.
+/// Makes the texts of a diagnostic visible, so that a terminal executes nothing in them.
 fn safe(diagnostic: &Diagnostic) -> Diagnostic {
     let text = |text: &String| visible::text(text).into_owned();
     let mut safe = diagnostic.clone();
@@ -175,7 +175,8 @@ fn safe(diagnostic: &Diagnostic) -> Diagnostic {
     safe
 }
 
-/// The marked line, and the places of the notes: beside it where they are near.
+/// Returns the excerpt of the diagnostic, with the notes that are near, and one excerpt for each other
+/// note.
 fn snippets<'a>(
     source: &'a Source,
     diagnostic: &'a Diagnostic,
@@ -212,7 +213,7 @@ fn snippets<'a>(
 // === impl Excerpt ===
 
 impl<'a> Excerpt<'a> {
-    /// The lines of `text` from the first to the last span's.
+    /// Returns the lines of `text` from the first span to the last.
     fn of(text: &'a str, spans: impl IntoIterator<Item = Span>) -> Excerpt<'a> {
         let mut starts: Vec<usize> =
             spans.into_iter().map(|span| boundary(text, span.start as usize)).collect();
@@ -230,14 +231,14 @@ impl<'a> Excerpt<'a> {
     fn snippet(&self, source: &'a Source) -> Snippet<'a, Annotation<'a>> {
         let text = match visible::same_length(self.text) {
             Cow::Borrowed(text) => without_passwords(text),
-            // Places are counted in bytes.
+            // Its length must not change, because places are byte offsets.
             Cow::Owned(text) => Cow::Owned(without_passwords(&text).into_owned()),
         };
         let name = visible::line(&source.name);
         Snippet::source(text).line_start(self.line).path(name).fold(true)
     }
 
-    /// Marks a span, or of one that goes over several lines the first line.
+    /// Marks a span; if it has several lines, only the first.
     fn annotation(
         &self,
         kind: AnnotationKind,
@@ -251,7 +252,7 @@ impl<'a> Excerpt<'a> {
     }
 }
 
-/// The offset, or the nearest one below that a text can be cut at.
+/// Returns the offset, or the nearest character boundary below it.
 fn boundary(text: &str, offset: usize) -> usize {
     let mut offset = offset.min(text.len());
     while !text.is_char_boundary(offset) {
@@ -260,7 +261,7 @@ fn boundary(text: &str, offset: usize) -> usize {
     offset
 }
 
-/// Breaks lines at spaces where they would be longer than `width` characters.
+/// Breaks lines at spaces if they would be longer than `width` characters.
 fn wrap(text: &str, width: usize) -> String {
     let mut wrapped = String::with_capacity(text.len());
     let mut column = 0;
@@ -278,8 +279,8 @@ fn wrap(text: &str, width: usize) -> String {
     wrapped
 }
 
-/// A text as it may stand in a log: of `SCHEME://USER:PASSWORD@HOST` the password is stars, as many as
-/// it has bytes, so that places stay where they are.
+/// Masks passwords, so that the text can be logged: in `SCHEME://USER:PASSWORD@HOST` each byte of the
+/// password becomes a star, so that byte offsets stay the same.
 fn without_passwords(text: &str) -> Cow<'_, str> {
     let mut masked = Cow::Borrowed(text);
     for (scheme, _) in text.match_indices("://") {

@@ -1,7 +1,7 @@
-//! Mistakes gathered over several texts, each with the text it points into.
+//! Diagnostics of several texts, each with its text.
 //!
-//! [`pddl::Diagnostic`] is how all of the house speaks of a mistake in a text; here it meets the
-//! file that the text came from. Drawn by [`crate::render`].
+//! [`pddl::Diagnostic`] describes a problem in a text, in all crates; here it is combined with the file of
+//! the text. [`crate::render`] draws it.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -13,29 +13,29 @@ use pddl::{Diagnostic, Severity, Span};
 
 use crate::visible;
 
-/// The largest text that is read: a gigabyte. Spans are 32 bits wide, and a device that never ends
-/// must not fill the memory.
+/// Maximum length of a text, in bytes: a gigabyte. Spans are 32 bits wide, and an endless device must not
+/// fill the memory.
 const TEXT_BYTES_MAX: u64 = 1 << 30;
 
-/// A text and what it is called.
+/// A text and its name.
 #[derive(Debug)]
 pub struct Source {
-    /// The file as the user named it, or what else the text is.
+    /// The file as the user named it, or a description of the text.
     pub name: String,
-    /// All of it.
+    /// The whole text.
     pub text: String,
 }
 
-/// A mistake and the text it is in, if it is in one.
+/// A diagnostic and its text.
 #[derive(Clone, Debug)]
 pub struct Finding {
-    /// The text; none for a file that cannot be read.
+    /// The text; `None` if the diagnostic belongs to no text, such as for a file that cannot be read.
     pub source: Option<Arc<Source>>,
-    /// The mistake; its spans are places of the text.
+    /// The diagnostic; its spans are places of the text.
     pub diagnostic: Diagnostic,
 }
 
-/// Mistakes in the order in which they were found.
+/// Diagnostics in the order in which they were found.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
     findings: Vec<Finding>,
@@ -44,12 +44,12 @@ pub struct Report {
 // === impl Source ===
 
 impl Source {
-    /// A text that is no file.
+    /// Returns a source for a text that is not from a file.
     pub fn new(name: impl Into<String>, text: impl Into<String>) -> Arc<Source> {
         Arc::new(Source { name: name.into(), text: text.into() })
     }
 
-    /// Reads a file whatever its encoding.
+    /// Reads a file in UTF-8, UTF-16 (with a byte order mark) or Latin-1.
     ///
     /// The error completes “failed to …” and names the file.
     pub fn read(path: &Path) -> Result<Arc<Source>, String> {
@@ -62,7 +62,7 @@ impl Source {
         })
     }
 
-    /// Reads a file that is to be called `name`. The error is the reason alone.
+    /// Reads a file that is called `name` in diagnostics. The error is the reason alone.
     pub fn read_as(path: &Path, name: &str) -> Result<Arc<Source>, String> {
         let bytes = read_bytes(path)?;
         if let Some(text) = utf16(&bytes) {
@@ -78,27 +78,27 @@ impl Source {
         Ok(Source::new(name, text))
     }
 
-    /// Line and column of a place, both from 1.
+    /// Returns line and column of a place, both from 1.
     pub fn line_column(&self, span: Span) -> (usize, usize) {
         pddl::line_column(&self.text, span.start as usize)
     }
 }
 
-/// A file in the same folder whose name is nearly this one's.
+/// Returns a file in the same folder with a similar name.
 fn nearby(path: &Path) -> Option<String> {
     let wanted = path.file_name()?.to_string_lossy().into_owned();
     let folder = path.parent().unwrap_or(Path::new(""));
     Some(folder.join(similar_name(folder, &wanted)?).display().to_string())
 }
 
-/// The name in a folder that was likely meant: with the same ending a similar name, or the same name
-/// with a similar ending.
+/// Returns the file name in a folder that was likely meant: a similar name with the same extension, or the
+/// same name with a similar extension.
 pub fn similar_name(folder: &Path, wanted: &str) -> Option<String> {
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let entries = std::fs::read_dir(here).ok()?.flatten();
     let mut names: Vec<String> =
         entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
-    // Folders list their files in any order.
+    // The system lists a folder in any order.
     names.sort();
     let parts = |name: &str| -> (String, String) {
         let (stem, ending) = name.rsplit_once('.').unwrap_or((name, ""));
@@ -116,7 +116,7 @@ pub fn similar_name(folder: &Path, wanted: &str) -> Option<String> {
     nearest_by(&stem, &stems).or_else(|| nearest_by(&ending, &endings))
 }
 
-/// The text of a file in UTF-16, as editors of Windows write it: it begins with a byte order mark.
+/// Decodes a file in UTF-16, as editors of Windows write it. Returns `None` if it has no byte order mark.
 fn utf16(bytes: &[u8]) -> Option<String> {
     let (mark, rest) = bytes.split_at_checked(2)?;
     let unit = match mark {
@@ -128,9 +128,9 @@ fn utf16(bytes: &[u8]) -> Option<String> {
     Some(char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)).collect())
 }
 
-/// Whether the first bytes of a file are those of a program, a picture, an archive. Of random bytes
-/// every ninth is a control character that no text has; a text with a stray one is read, and the
-/// mistake shown at its place.
+/// Whether a file is binary, by its first bytes: a program, a picture, an archive. In random bytes every
+/// ninth is a control character that no text has. A text with a single one is read, and the error is shown
+/// at its place.
 fn is_binary(bytes: &[u8]) -> bool {
     let head = &bytes[..bytes.len().min(8 << 10)];
     let controls = head.iter().filter(|byte| matches!(byte, 0..=8 | 14..=31 | 127)).count();
@@ -142,7 +142,7 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
         return Err("it is a folder; name a file in it".to_owned());
     }
     let file = File::open(path).map_err(|err| reason(&err))?;
-    // Of what is no file, a pipe, the size is not known; of what grows meanwhile, it is a hint.
+    // A hint only: the size of a pipe is not known, and a file may grow meanwhile.
     let size = file.metadata().map_or(0, |about| about.len().min(TEXT_BYTES_MAX));
     let mut bytes = Vec::with_capacity(usize::try_from(size).unwrap_or(0) + 1);
     file.take(TEXT_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(|err| reason(&err))?;
@@ -152,7 +152,7 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// An error of the system in words, without its number where the words say it all.
+/// Describes an error of the system, without its number if the words are sufficient.
 pub fn reason(err: &std::io::Error) -> String {
     match err.kind() {
         std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
@@ -161,7 +161,7 @@ pub fn reason(err: &std::io::Error) -> String {
     }
 }
 
-/// Why a file could not be written, in words.
+/// Describes why a file could not be written.
 pub fn reason_of_writing(err: &std::io::Error) -> String {
     match err.kind() {
         std::io::ErrorKind::NotFound => "there is no such folder".to_owned(),
@@ -175,7 +175,7 @@ pub fn reason_of_writing(err: &std::io::Error) -> String {
 // === impl Report ===
 
 impl Report {
-    /// Adds mistakes of one text.
+    /// Adds diagnostics of one text.
     pub fn add(&mut self, source: &Arc<Source>, diagnostics: impl IntoIterator<Item = Diagnostic>) {
         self.findings.extend(
             diagnostics
@@ -184,44 +184,44 @@ impl Report {
         );
     }
 
-    /// Adds an error that is in no text. `failure` completes “failed to …”.
+    /// Adds an error that belongs to no text. `failure` completes “failed to …”.
     pub fn add_failure(&mut self, failure: impl std::fmt::Display) {
         let diagnostic = Diagnostic::error(Span::default(), format!("failed to {failure}"));
         self.findings.push(Finding { source: None, diagnostic });
     }
 
-    /// Adds a mistake that is in no text.
+    /// Adds a diagnostic that belongs to no text.
     pub fn add_general(&mut self, diagnostic: Diagnostic) {
         self.findings.push(Finding { source: None, diagnostic });
     }
 
-    /// Adds all of another report.
+    /// Adds the diagnostics of another report.
     pub fn extend(&mut self, other: Report) {
         self.findings.extend(other.findings);
     }
 
-    /// The mistakes.
+    /// Returns the diagnostics.
     pub fn findings(&self) -> &[Finding] {
         &self.findings
     }
 
-    /// Whether there is nothing to say.
+    /// Whether there are no diagnostics.
     pub fn is_empty(&self) -> bool {
         self.findings.is_empty()
     }
 
-    /// Whether something cannot be used as it is.
+    /// Whether there are errors.
     pub fn has_errors(&self) -> bool {
         self.count(Severity::Error) > 0
     }
 
-    /// Whether what is wrong is that the texts mean something that is not done here.
+    /// Whether a diagnostic says that a feature is not supported.
     pub fn is_unsupported(&self) -> bool {
         self.findings.iter().any(|finding| finding.diagnostic.is_unsupported)
     }
 
-    /// What a program says and ends with whose input this report refuses: a word for programs, and the
-    /// exit code.
+    /// Returns the status word and the exit code of a program that refuses its input because of this
+    /// report.
     pub fn refusal(&self) -> (&'static str, u8) {
         match self.is_unsupported() {
             true => ("unsupported", crate::exit::UNSUPPORTED),
@@ -229,8 +229,8 @@ impl Report {
         }
     }
 
-    /// The report of texts that are refused: without the mistakes that only follow from what is not
-    /// supported, which leaves gaps in what could be read.
+    /// Returns the report without the errors that may only follow from an unsupported feature, which leaves
+    /// gaps in the parsed text.
     pub fn refused(mut self) -> Report {
         if self.is_unsupported() {
             self.findings.retain(|finding| {
@@ -240,12 +240,12 @@ impl Report {
         self
     }
 
-    /// How many there are of one severity.
+    /// Returns the number of diagnostics of one severity.
     pub fn count(&self, severity: Severity) -> usize {
         self.findings.iter().filter(|finding| finding.diagnostic.severity == severity).count()
     }
 
-    /// Orders the mistakes of each text by their places, the texts by when they were first named.
+    /// Sorts the diagnostics by place within each text, and the texts by their first diagnostic.
     pub fn sort(&mut self) {
         let mut texts: Vec<String> = Vec::new();
         let rank = |finding: &Finding| {
@@ -265,7 +265,7 @@ impl Report {
         self.findings = ranked.into_iter().map(|(_, finding)| finding).collect();
     }
 
-    /// Removes what is said twice of one place: a file may be reached on two ways.
+    /// Removes repeated diagnostics of one place: a file may have been read twice.
     pub fn dedup(&mut self) {
         let mut seen = BTreeSet::new();
         self.findings.retain(|Finding { source, diagnostic }| {

@@ -1,54 +1,54 @@
-//! Text for people with colors in it: what was painted here and nothing else is an escape.
+//! Text for people with colors: its only escape sequences are those added here.
 
 use std::fmt;
 
 use crate::output::{self, Color};
 use crate::visible;
 
-/// A text that may go to a terminal as it is: of our own escapes, and of other texts with everything
-/// shown that a terminal would obey.
+/// A text that can be sent to a terminal: escape sequences of this program, and other texts in which
+/// control characters are visible.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Styled(String);
 
 impl Styled {
-    /// A part of a line.
+    /// Returns a part of a line, made visible.
     pub fn line(text: &str) -> Styled {
         Styled(visible::line(text).into_owned())
     }
 
-    /// A part of a line in its color, where stdout has any.
+    /// Returns a part of a line, made visible and colored if stdout is colored.
     pub fn painted(color: Color, text: &str) -> Styled {
         Styled(output::paint(color, &visible::line(text)))
     }
 
-    /// The same with more of the line.
+    /// Appends more of the line, made visible.
     #[must_use]
     pub fn and(mut self, text: &str) -> Styled {
         self.0.push_str(&visible::line(text));
         self
     }
 
-    /// The same with more that is safe already.
+    /// Appends styled text.
     #[must_use]
     pub fn and_styled(mut self, other: &Styled) -> Styled {
         self.0.push_str(&other.0);
         self
     }
 
-    /// The same, ended.
+    /// Appends a line break.
     #[must_use]
     pub fn end(mut self) -> Styled {
         self.0.push('\n');
         self
     }
 
-    /// The same, broken between words where stdout is a terminal; what follows is indented.
+    /// Breaks the text between words if stdout is a terminal; all lines but the first are indented.
     #[must_use]
     pub fn folded(self, indent: usize) -> Styled {
         Styled(output::folded(&self.0, indent))
     }
 
-    /// Its characters, escapes included.
+    /// Returns its characters, escape sequences included.
     pub fn as_str(&self) -> &str {
         &self.0
     }

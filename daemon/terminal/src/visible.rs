@@ -1,27 +1,25 @@
-//! What a text holds besides letters, made visible: a terminal obeys control characters, and a reader
-//! is misled by characters that change the direction of the text or have no width.
+//! Makes control characters and misleading characters visible: a terminal executes control characters, and
+//! characters that change the direction of the text or have no width mislead a reader.
 //!
-//! - Control characters of ASCII are shown by their pictures (`␛`), all others by their numbers
-//!   (`\u{9b}`).
-//! - The one place through which all that is printed for people goes is [`crate::output`]; it asks this
-//!   module.
-//! - An end of line is left in a text of several lines ([`text`]), and shown in a text that is to be a
-//!   part of one ([`line()`]): with one, a stranger's text would go on as our own.
+//! - Control characters of ASCII are shown by their pictures (`␛`), all others by their numbers (`\u{9b}`).
+//! - [`crate::output`] applies this to everything that is printed for people.
+//! - Line breaks are kept in a text of several lines ([`text`]), and shown in a part of a line
+//!   ([`line()`]): otherwise a text from outside could continue as one of this program's.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
-/// A text of several lines, with everything shown that is not to be obeyed.
+/// Makes a text of several lines visible.
 pub fn text(text: &str) -> Cow<'_, str> {
     shown(text, |c| c == '\n')
 }
 
-/// A text within a line.
+/// Makes a part of a line visible.
 pub fn line(text: &str) -> Cow<'_, str> {
     shown(text, |_| false)
 }
 
-/// The same as escapes of JSON, for the strings in a JSON text: JSON itself escapes fewer.
+/// Makes the strings in a JSON text visible, by escapes of JSON: JSON itself escapes fewer characters.
 pub fn json(text: &str) -> Cow<'_, str> {
     if !has_hidden(text, |_| false) {
         return Cow::Borrowed(text);
@@ -40,8 +38,8 @@ pub fn json(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// A text of the same length in bytes, for excerpts that are marked by bytes. The control characters of
-/// ASCII stay: who draws excerpts shows them.
+/// Makes a text visible without changing its length in bytes, for excerpts that are marked by byte offsets.
+/// Control characters of ASCII stay, because the excerpt renderer shows them.
 pub fn same_length(text: &str) -> Cow<'_, str> {
     let is_ours = |c: char| is_hidden(c) && !c.is_ascii();
     if !text.chars().any(is_ours) {
@@ -56,7 +54,7 @@ pub fn same_length(text: &str) -> Cow<'_, str> {
     Cow::Owned(replaced.collect())
 }
 
-/// Whether a text has nothing in it that would have to be shown.
+/// Whether a text contains no character that would have to be made visible.
 pub fn is_plain(text: &str) -> bool {
     !has_hidden(text, |_| false)
 }
@@ -85,7 +83,7 @@ fn has_hidden(text: &str, is_fine: impl Fn(char) -> bool) -> bool {
     text.chars().any(|c| is_hidden(c) && !is_fine(c))
 }
 
-/// The picture of a control character of ASCII.
+/// Returns the picture of a control character of ASCII.
 fn picture(c: char) -> Option<char> {
     match c {
         '\0'..='\u{1f}' => char::from_u32(0x2400 + c as u32),
@@ -94,8 +92,8 @@ fn picture(c: char) -> Option<char> {
     }
 }
 
-/// Joiners belong to words of some scripts and to pictures of several parts, where letters that are not
-/// of ASCII stand on both sides.
+/// Whether a character has to be made visible at this place. Joiners are allowed between two characters
+/// beyond ASCII: words of some scripts and emoji of several parts need them.
 fn is_deceptive(c: char, before: Option<char>, after: Option<char>) -> bool {
     let is_joined = |c: Option<char>| c.is_some_and(|c| !c.is_ascii() && !is_hidden(c));
     match c {
@@ -104,7 +102,7 @@ fn is_deceptive(c: char, before: Option<char>, after: Option<char>) -> bool {
     }
 }
 
-/// Whether a character is obeyed, or not seen at all.
+/// Whether a character is executed by a terminal or is invisible.
 fn is_hidden(c: char) -> bool {
     c.is_control()
         || matches!(c,

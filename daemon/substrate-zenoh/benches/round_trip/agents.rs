@@ -1,4 +1,4 @@
-//! The whole: two daemons, an agent that asks for a change of the state and one that confirms it.
+//! The whole stack: two daemons, an agent that requests a change of the state and one that confirms it.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -17,17 +17,17 @@ use tokio_util::sync::CancellationToken;
 use crate::secured::House;
 use crate::{Asker, Error, Sizes};
 
-/// No answer is waited for longer; on one machine that would mean a mistake.
+/// How long an answer is awaited; on one machine a longer wait would mean a defect.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// What keeps the daemons here.
+/// Handles that keep the daemons running.
 pub(crate) struct Daemons {
     _substrates: [Arc<ZenohSubstrate>; 2],
     _stopping: CancellationToken,
 }
 
-/// Two daemons of one agent each, and how long their messages are on the wire.
-/// Links are plain unless there is a house that secures them.
+/// Starts two daemons with one agent each, and measures the length of their messages. Links are plain
+/// unless `house` is given.
 pub(crate) async fn start(house: Option<&House>) -> Result<(Asker, Sizes, Daemons), Error> {
     let stopping = CancellationToken::new();
     let (here, a) = open("a", &[], house).await?;
@@ -92,7 +92,7 @@ fn launch(
     Ok(())
 }
 
-/// Confirms whatever it is asked for.
+/// Agent that confirms every request.
 struct Echo {
     tell_request_bytes: Option<oneshot::Sender<usize>>,
 }
@@ -113,7 +113,7 @@ impl Echo {
     }
 }
 
-/// Asks again when the answer comes, as often as it is told.
+/// Agent that sends the next request when the answer comes, as often as it is told.
 struct Curious {
     turns: Option<Receiver<usize>>,
     waiting: Option<Work>,
@@ -170,7 +170,7 @@ impl Curious {
         if self.left > 0 {
             return self.ask(ctx);
         }
-        // Whoever listens has ended: nobody counts any more.
+        // An error means that the benchmark has ended.
         let _ = self.tell.try_send(std::mem::take(&mut self.taken));
         self.await_turn(ctx);
     }

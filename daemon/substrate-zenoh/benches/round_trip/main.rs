@@ -1,19 +1,19 @@
-//! What two agents' conversation adds to Zenoh: request and reply between two daemons, against
-//! a plain Zenoh echo that is also handed to a Tokio task.
+//! Cost of a conversation of two agents compared with plain Zenoh: request and reply between two daemons,
+//! against a plain Zenoh echo that is also passed to a Tokio task.
 //!
 //! ```text
 //! cargo bench -p substrate-zenoh --bench round_trip [-- TURNS]
 //! ```
 //!
-//! - `plain` is the yardstick: declared publishers, callbacks, channels, tasks, nothing else.
-//! - `substrate` is what this crate adds: keys that are read, publishers that are found.
-//! - `agents` is the whole: an agent asks, another answers, with all that the Communication Agent
-//!   does for them (JSON, protocols, deadlines, duplicates, receipts).
-//! - `secured` is the same over mutual TLS, with every message signed, checked for replay, and
-//!   held against the rights of its sender.
+//! - `plain` is the baseline: declared publishers, callbacks, channels, tasks, nothing else.
+//! - `substrate` adds this crate: keys that are read, publishers that are looked up.
+//! - `agents` is the whole stack: an agent asks, another answers, with everything that the Communication
+//!   Agent does for them (JSON, protocols, deadlines, duplicates, receipts).
+//! - `secured` is the same over mutual TLS, with every message signed, checked for replay, and checked
+//!   against the rights of its sender.
 //!
-//! Real router sessions over TCP on this machine, at ports that the kernel chooses. They
-//! take turns within one run, so that a busy moment of the machine meets all of them.
+//! All use real router sessions over TCP on this machine, at ports that the kernel chooses. They run
+//! alternately within one run, so that a busy moment of the machine affects all of them.
 
 mod agents;
 mod plain;
@@ -28,27 +28,27 @@ use tokio::sync::mpsc::{self, Receiver, Sender, UnboundedReceiver};
 
 type Error = Box<dyn std::error::Error + Send + Sync>;
 
-/// Turns of each when nobody says how many: seconds on any machine, and a p99 that stands still.
+/// Default number of turns: a run takes seconds on any machine, and the p99 is stable.
 const TURNS: usize = 100;
 
-/// Long enough that the change from one to the next does not count, short enough that drift
-/// meets all alike.
+/// Long enough that the change from one candidate to the next does not count, short enough that drift
+/// affects all alike.
 const ROUND_TRIPS_PER_TURN: usize = 200;
 
-/// The p50 of the agents may be this many times that of plain Zenoh.
+/// Maximum ratio of the p50 of the agents to that of plain Zenoh.
 const AIM: f64 = 1.3;
 
-/// And that of secured agents so many times that of agents without.
+/// Maximum ratio of the p50 of secured agents to that of agents without security.
 const SECURED_AIM: f64 = 2.5;
 
-/// How long a message is, on its way there and on its way back.
+/// Lengths of the messages of a round trip, in bytes.
 #[derive(Clone, Copy, Debug)]
 struct Sizes {
     request: usize,
     reply: usize,
 }
 
-/// A task that asks as often as it is told, and tells how long each round trip took.
+/// Handle of a task that makes as many round trips as it is told, and returns the duration of each.
 struct Asker {
     turns: Sender<usize>,
     taken: Receiver<Vec<Duration>>,
@@ -80,7 +80,7 @@ async fn main() -> Result<(), Error> {
     Ok(())
 }
 
-/// How many turns were asked for; one where Cargo only tries whether the benchmark runs.
+/// Returns the number of turns from the command line; 1 if Cargo only tests whether the benchmark runs.
 fn turns() -> Result<usize, Error> {
     let arguments: Vec<_> = std::env::args().skip(1).collect();
     let default = if arguments.iter().any(|argument| argument == "--bench") { TURNS } else { 1 };
@@ -133,7 +133,7 @@ impl Asker {
         self.taken.recv().await.ok_or_else(|| "the asker has ended".into())
     }
 
-    /// One that puts bytes on the wire and waits for bytes.
+    /// An asker that sends bytes and waits for bytes.
     fn of_bytes(
         send: impl Fn(Bytes) -> Result<(), Error> + Send + 'static,
         mut heard: UnboundedReceiver<Bytes>,
@@ -159,7 +159,7 @@ impl Asker {
     }
 }
 
-/// The task at the other end: answers whatever it hears.
+/// Starts the task at the other end, which answers every message.
 fn echo(
     send: impl Fn(Bytes) -> Result<(), Error> + Send + 'static,
     mut heard: UnboundedReceiver<Bytes>,

@@ -1,4 +1,4 @@
-//! The yardstick: an echo over Zenoh as it is, with the key layout of our messages.
+//! The baseline: an echo over plain Zenoh, with the key layout of Althing's messages.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use zenoh::{Session, Wait};
 
 use crate::{Asker, Error, Sizes};
 
-/// Two sessions that know each other's subscriptions, one asking, one answering.
+/// Opens two sessions that know each other's subscriptions: one asks, one answers.
 pub(crate) async fn start(sizes: Sizes) -> Result<(Asker, [Session; 2]), Error> {
     let a = session(&[]).await?;
     let locators: Vec<String> = a.info().locators().await.iter().map(ToString::to_string).collect();

@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 use crate::Error;
 
-/// More than two agents that do nothing else can say.
+/// Rate limit, which two agents that do nothing else cannot reach.
 const MESSAGES_PER_SECOND: u32 = 1_000_000;
 
 /// An authority in a folder of its own.
@@ -37,7 +37,7 @@ impl House {
         Ok(Security { identity, verifier: Arc::new(Verifier::new(trust, MESSAGES_PER_SECOND)) })
     }
 
-    /// What an ecosystem's file allows that says nothing of it; every message is held against it.
+    /// The default rights of an ecosystem's file; every message is checked against them.
     pub(crate) fn rights() -> Rights {
         Rights {
             guests: Allowed::All,

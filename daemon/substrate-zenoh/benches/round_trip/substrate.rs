@@ -1,4 +1,4 @@
-//! The echo over this crate alone: bytes in, bytes out, no agent.
+//! The echo over this crate alone, without agents.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use tokio::sync::mpsc::{self, UnboundedReceiver, UnboundedSender};
 
 use crate::{Asker, Error, Sizes};
 
-/// Hands every message to a channel, and tells when somebody joins.
+/// Passes every message to a channel, and notifies when an agent joins.
 struct Ear {
     messages: UnboundedSender<Bytes>,
     joined: UnboundedSender<()>,
@@ -28,7 +28,7 @@ impl Inbound for Ear {
     fn question(&self, _: Question) {}
 }
 
-/// Two substrates that see each other, one asking, one answering.
+/// Opens two substrates that see each other: one asks, one answers.
 pub(crate) async fn start(sizes: Sizes) -> Result<(Asker, [Arc<ZenohSubstrate>; 2]), Error> {
     let (a, heard, mut joined_a) = open("a", &[]).await?;
     let (b, asked, mut joined_b) = open("b", &a.locators()).await?;
@@ -67,7 +67,7 @@ async fn open(name: &str, connect: &[String]) -> Result<Opened, Error> {
     Ok((config.open(Arc::new(Ear { messages, joined })).await?, heard, joins))
 }
 
-/// A router of this machine.
+/// Settings of a router on this machine.
 pub(crate) fn config(ecosystem: &str, daemon: &str, connect: &[String]) -> Result<Config, Error> {
     let mut config = Config::new(EcosystemId::new(ecosystem)?, DaemonId::new(daemon)?);
     config.listen = vec!["tcp/127.0.0.1:0".to_owned()];

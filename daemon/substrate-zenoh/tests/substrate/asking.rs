@@ -6,7 +6,7 @@ use substrate::Resource;
 
 use crate::daemon::{DEADLINE, Daemon};
 
-/// Two daemons, two agents; asked until both are known to each other.
+/// Opens two daemons with one agent each, and waits until both know each other.
 async fn pair() -> (Daemon, Daemon) {
     let mut a = Daemon::listening("a").await;
     let mut b = Daemon::linked("b", &a).await;

@@ -1,4 +1,4 @@
-//! A daemon in a test: a substrate, and a written record of what it hears.
+//! A daemon in a test: a substrate, and a written record of the messages it receives.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,10 +12,10 @@ use substrate::{
 use substrate_zenoh::{Config, Mode, ZenohSubstrate};
 use tokio::sync::mpsc;
 
-/// Far more than anything here takes; a test that reaches it has failed.
+/// Deadline far beyond the duration of any step; a test that reaches it has failed.
 pub(crate) const DEADLINE: Duration = Duration::from_secs(10);
 
-/// Of what is longer than this, only the beginning is written down.
+/// Texts longer than `LONG` bytes are recorded with their first `SHORT` bytes only.
 const LONG: usize = 4 << 20;
 const SHORT: usize = 80;
 
@@ -27,7 +27,7 @@ pub(crate) struct Daemon {
     heard: mpsc::UnboundedReceiver<String>,
 }
 
-/// Writes down what it hears, and answers every question with who, what and about whom.
+/// Records the messages it receives, and answers every question with its name, the resource and the agent.
 struct Ear {
     name: &'static str,
     heard: mpsc::UnboundedSender<String>,
@@ -35,7 +35,7 @@ struct Ear {
 
 impl Ear {
     fn note(&self, line: String) {
-        // Nobody listens any more when a test is over.
+        // An error means that the test has ended.
         let _ = self.heard.send(line);
     }
 }
@@ -89,7 +89,7 @@ pub(crate) fn agent(name: &str) -> AgentId {
     AgentId::new(name).expect("a name")
 }
 
-/// An inbound that writes to the receiver.
+/// Returns an inbound that writes to the returned receiver.
 pub(crate) fn ear(name: &'static str) -> (Arc<dyn Inbound>, mpsc::UnboundedReceiver<String>) {
     let (sender, heard) = mpsc::unbounded_channel();
     (Arc::new(Ear { name, heard: sender }), heard)
@@ -104,12 +104,12 @@ impl Daemon {
         Daemon { name, substrate, heard }
     }
 
-    /// A router that listens on a port of the kernel's choice.
+    /// Opens a router that listens on a port of the kernel's choice.
     pub(crate) async fn listening(name: &'static str) -> Daemon {
         Daemon::open(name, |config| config.listen = vec![HERE.to_owned()]).await
     }
 
-    /// A router that listens, and connects to another.
+    /// Opens a router that listens, and connects to another.
     pub(crate) async fn linked(name: &'static str, other: &Daemon) -> Daemon {
         let connect = other.substrate.locators();
         Daemon::open(name, |config| {
@@ -119,7 +119,7 @@ impl Daemon {
         .await
     }
 
-    /// A client of another.
+    /// Opens a client of another daemon.
     pub(crate) async fn client(name: &'static str, other: &Daemon) -> Daemon {
         let connect = other.substrate.locators();
         Daemon::open(name, |config| {
@@ -129,7 +129,7 @@ impl Daemon {
         .await
     }
 
-    /// Waits for a line, and returns all lines up to it.
+    /// Waits for a line; returns all lines up to it.
     #[track_caller]
     pub(crate) fn hear(&mut self, line: &str) -> impl Future<Output = Vec<String>> {
         let at = std::panic::Location::caller();
@@ -161,7 +161,7 @@ impl Daemon {
         vec![line.expect("the ear lives with its session")]
     }
 
-    /// A line that has been heard already.
+    /// Returns a line that is already there; `None` if there is none.
     pub(crate) fn heard_already(&mut self) -> Option<String> {
         self.heard.try_recv().ok()
     }
@@ -180,7 +180,7 @@ impl Daemon {
         self.send(daemon, to, Subject::Message(Performative::Request), text);
     }
 
-    /// Asks, and returns the answers in order.
+    /// Asks, and returns the answers sorted.
     pub(crate) async fn ask(
         &self,
         daemon: Option<&str>,

@@ -1,4 +1,4 @@
-//! Messages to one, to all, and beats.
+//! Messages to one agent and to all, and heartbeats.
 
 use acl::Performative;
 use bytes::Bytes;
@@ -6,7 +6,7 @@ use substrate::{SendError, Subject, Substrate as _};
 
 use crate::daemon::{Daemon, agent};
 
-/// Two daemons that see each other's agent.
+/// Opens two daemons that each see the other's agent.
 async fn pair() -> (Daemon, Daemon) {
     let mut a = Daemon::listening("a").await;
     let mut b = Daemon::linked("b", &a).await;
@@ -14,7 +14,7 @@ async fn pair() -> (Daemon, Daemon) {
     (a, b)
 }
 
-/// Lets each see an agent of the other, and forgets its token: they stay present.
+/// Lets each daemon see an agent of the other, and forgets the tokens, so that the agents stay present.
 async fn meet(a: &mut Daemon, b: &mut Daemon) {
     for (from, to) in [(&*a, "x"), (&*b, "y")] {
         std::mem::forget(from.announce(to));
@@ -30,7 +30,7 @@ async fn a_message_to_one_reaches_its_daemon_alone() {
     assert_eq!(b.hear("to y request: go").await, ["to y request: go"]);
     b.send("a", "x", Subject::Receipt, "m1");
     assert_eq!(a.hear("to x receipt: m1").await, ["to x receipt: m1"]);
-    // To oneself, too: agents of one daemon converse in the same way.
+    // To itself, too: agents of one daemon converse in the same way.
     a.request("a", "x", "stay");
     assert_eq!(a.hear("to x request: stay").await, ["to x request: stay"]);
 }

@@ -1,4 +1,4 @@
-//! Opening a session, and what is said when it cannot be.
+//! Opening a session, and the errors when it cannot be opened.
 
 use substrate_zenoh::{Config, Mode};
 
@@ -56,7 +56,7 @@ async fn refusals_name_the_endpoint_and_what_would_be_right() {
     assert!(error.contains(&nobody), "{error}");
 }
 
-/// One file for all machines names each of them.
+/// One file for all machines names every daemon.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_daemon_that_is_told_to_call_itself_does_not() {
     let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
@@ -70,7 +70,7 @@ async fn a_daemon_that_is_told_to_call_itself_does_not() {
         config.zenoh = serde_json::json!({ "connect": { "endpoints": [own[0]] } });
     })
     .await;
-    // The others are called all the same.
+    // The daemon still connects to the others.
     let _lamp = others.announce("lamp");
     a.hear("joined lamp@b").await;
 }

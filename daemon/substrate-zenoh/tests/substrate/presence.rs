@@ -1,4 +1,4 @@
-//! Who is here.
+//! Presence of agents.
 
 use acl::Incarnation;
 use substrate::{Resource, Substrate as _};
@@ -35,8 +35,8 @@ async fn who_is_present_can_be_reached() {
     let mut a = Daemon::listening("a").await;
     let _token = a.announce("robot");
     a.hear("joined robot@a").await;
-    // The window in which a token comes before the route is open while both routers are young.
-    // All stay, because one that comes right after another has left may be told nothing.
+    // A token can come before its route only while both routers have just started. All of them stay open,
+    // because one that opens right after another has left may miss the declarations there are.
     let mut all = Vec::new();
     for name in ["b", "c", "d", "e", "f"] {
         let mut young = Daemon::linked(name, &a).await;
@@ -76,7 +76,7 @@ async fn a_lost_daemon_takes_its_agents_along() {
     let mut left = [a.hear_any().await, a.hear_any().await].concat();
     left.sort();
     assert_eq!(left, ["left robot@b", "left sensor@b"]);
-    // They outlived their session; letting them go must do nothing.
+    // The tokens outlived their session; dropping them must do nothing.
     drop(tokens);
 }
 

@@ -1,5 +1,5 @@
-//! Links that close and open again before the routes are computed anew: Zenoh then does not tell
-//! again who is here.
+//! Links that close and open again before the routes are computed anew: Zenoh then does not send its
+//! declarations again.
 
 use std::sync::Arc;
 
@@ -12,10 +12,10 @@ use tokio::sync::Notify;
 
 use crate::daemon::{Daemon, HERE};
 
-/// How often the cable is pulled.
+/// How often the link is cut.
 const CUTS: usize = 3;
 
-/// A cable between a daemon and whoever connects to `endpoint`.
+/// A relay between a daemon and the sessions that connect to `endpoint`; it can be cut.
 struct Cable {
     endpoint: String,
     cut: Arc<Notify>,
@@ -44,12 +44,12 @@ impl Cable {
         Cable { endpoint, cut }
     }
 
-    /// Pulls it out and puts it back.
+    /// Cuts all connections; new ones are accepted at once.
     fn blink(&self) {
         self.cut.notify_waiters();
     }
 
-    /// A router behind it, which seeks the other end again at once.
+    /// Opens a router that connects through it, and reconnects at once.
     async fn router(&self, name: &'static str) -> Daemon {
         Daemon::open(name, |config| {
             config.listen = vec![HERE.to_owned()];

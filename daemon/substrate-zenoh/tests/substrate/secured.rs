@@ -1,4 +1,5 @@
-//! A secured ecosystem: who gets in, what is believed, and that nobody else suffers from the rest.
+//! A secured ecosystem: which sessions get in, which messages are believed, and that the rest does not
+//! disturb other daemons.
 //!
 //! Everything goes over TLS on this machine's loopback, with certificates made for the test.
 
@@ -27,14 +28,14 @@ use crate::daemon::{DEADLINE, Daemon, agent, config, ear};
 
 const TLS_HERE: &str = "tls/127.0.0.1:0";
 
-/// More than any test sends.
+/// Rate limit beyond what any test sends.
 const PLENTY: u32 = 100_000;
 
 /// An authority and its daemons' certificates.
 struct House {
     folder: Folder,
     authority: Authority,
-    /// In which life a daemon was opened last: what is sealed for it is for that one.
+    /// Incarnation in which each daemon was opened last: a message to it is sealed for that one.
     lives: Mutex<BTreeMap<String, u64>>,
     _temporary: TempDir,
 }
@@ -57,7 +58,7 @@ impl House {
         Identity::read(&self.folder, &name, &trust).expect("just made")
     }
 
-    /// The folder of another machine: one daemon's certificate and the authority's.
+    /// Makes the folder of another machine: one daemon's certificate and the authority's.
     fn apart(&self, name: &str) -> House {
         drop(self.identity(name));
         let temporary = tempfile::tempdir().expect("a folder");
@@ -86,7 +87,7 @@ impl House {
         self.lives.lock().expect("no panic").get(name).copied()
     }
 
-    /// A daemon that listens, and calls those that are given.
+    /// Opens a daemon that listens, and connects to `others`.
     async fn open(&self, name: &'static str, others: &[&Daemon]) -> Daemon {
         self.open_with(name, others, PLENTY).await
     }
@@ -101,7 +102,7 @@ impl House {
         .await
     }
 
-    /// Zenoh itself with a daemon's certificate, which may say what it likes.
+    /// Opens plain Zenoh with a daemon's certificate; it can send anything.
     async fn rogue(&self, name: &str, at: &Daemon) -> Session {
         let name = DaemonId::new(name).expect("a name");
         drop(self.identity(name.as_str()));
@@ -114,7 +115,7 @@ impl House {
     }
 }
 
-/// Opens Zenoh as any tool would.
+/// Opens a plain Zenoh session, as any tool would.
 async fn raw(
     at: &Daemon,
     with: &[(&str, &String)],
@@ -138,7 +139,7 @@ async fn raw(
     zenoh::open(config).await
 }
 
-/// Waits until the session sees the subscription of a daemon; what is put before is lost.
+/// Waits until the session sees the subscription of a daemon; messages sent before are lost.
 async fn reach(rogue: &Session, key: &'static str) {
     let publisher = rogue.declare_publisher(key).await.expect("open");
     let seen = async {
@@ -254,7 +255,7 @@ async fn an_unknown_certificate_does_not_get_in() {
     let refused = config.open(ear("stranger").0).await;
     assert!(refused.is_err(), "with another authority's");
 
-    // As one that trusts this authority, and calls as a router does, which does not give up.
+    // A router that trusts this authority, and that does not give up connecting, as a client would.
     let copied = std::fs::copy(house.folder.authority(), other.folder.authority());
     copied.expect("its certificate is no secret");
     let connect = a.substrate.locators();
@@ -280,7 +281,7 @@ async fn who_does_not_get_in_keeps_nobody_out() {
     let mut a = house.open("a", &[]).await;
     let locators = a.substrate.locators();
     let address = locators[0].strip_prefix("tls/").expect("it listens there").to_owned();
-    // Three hundred a second, none of which says anything that TLS knows.
+    // About three hundred connections a second, none of which sends valid TLS.
     let knocking = tokio::spawn(async move {
         loop {
             if let Ok(mut stream) = TcpStream::connect(&address).await {
@@ -309,12 +310,12 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     assert_eq!(a.hear_any().await, ["rejected unsigned -"]);
     rogue.put(TO_A, "garbage").attachment([1, 2, 3]).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged -"]);
-    // Signed by itself, for something else.
+    // Signed with its own key, but for another payload.
     let identity = house.identity("rogue");
     let seal = identity.seal(Channel::Message, TO_A, b"harmless", house.life("a"));
     rogue.put(TO_A, "harmful").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
-    // In the name of a guest of another.
+    // In the name of another daemon's guest.
     let guest = DaemonId::new("b").expect("a name").guest("cli-1").expect("short");
     let seal = house.identity("rogue").for_guest(guest).seal(
         Channel::Message,
@@ -333,7 +334,7 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     let seal = identity.seal(Channel::Beat, beats, br#"{"sender":"robot"}"#, None);
     rogue.put(beats, r#"{"sender":"robot"}"#).attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
-    // A list of revocations of its own making.
+    // A list of revocations of its own.
     rogue.put("althing/office/revoked", "nobody").await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     // With a certificate of another authority.
@@ -383,7 +384,7 @@ async fn what_is_recorded_cannot_be_played_again() {
 async fn what_was_recorded_before_a_restart_cannot_be_played_after_it() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
-    // The rogue stays linked to it while the other begins anew.
+    // The rogue stays linked to `b` while `a` restarts.
     let mut b = house.open("b", &[&a]).await;
     let rogue = house.rogue("rogue", &b).await;
     let tape = rogue.declare_subscriber("althing/office/**").await.expect("open");
@@ -409,7 +410,7 @@ async fn what_was_recorded_before_a_restart_cannot_be_played_after_it() {
     a.hear_all(&["joined x@a", "joined y@b"]).await;
     reach(&rogue, TO_A).await;
     for each in recorded {
-        // For a moment it could still have been on its way, and is passed over without a word.
+        // For a moment it might still have been on its way, and is dropped without a report.
         loop {
             let put = rogue.put(each.key_expr().clone(), each.payload().clone());
             put.attachment(each.attachment().cloned()).await.expect("open");
@@ -503,7 +504,7 @@ async fn links_carry_nothing_but_the_ecosystem() {
     let (listener, speaker) = (house.rogue("one", &a).await, house.rogue("two", &a).await);
     let elsewhere = listener.declare_subscriber("elsewhere/**").await.expect("open");
     let here = listener.declare_subscriber("althing/office/in/one/**").await.expect("open");
-    // Declared last, so that the other would be known by then.
+    // Declared last, so that the other subscription would be known by then.
     reach(&speaker, "althing/office/in/one/x/inform").await;
     speaker.put("elsewhere/x", "smuggled").await.expect("open");
     speaker.put("althing/office/in/one/x/inform", "said").await.expect("open");
@@ -530,7 +531,7 @@ async fn a_flood_drowns_itself_alone() {
     a.hear("to x request: heard all the same <b>").await;
 }
 
-/// Says the same again and again.
+/// Sends the same request again and again.
 async fn repeat(from: &Daemon, to: &str) {
     loop {
         from.request(to, "x", "hello");
@@ -540,7 +541,8 @@ async fn repeat(from: &Daemon, to: &str) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_message_of_100_mib_harms_nobody_and_is_counted() {
-    // As a program does that logs. What is noticed here is about this house's links alone.
+    // As a program does that has a log. A detection is only attributed to the links of this test's
+    // certificates.
     let _ = tracing_subscriber::registry().with(substrate_zenoh::too_long()).try_init();
     let house = House::new();
     let mut a = house.open("a", &[]).await;
@@ -558,7 +560,7 @@ async fn a_message_of_100_mib_harms_nobody_and_is_counted() {
     let rogue = house.rogue("rogue", &a).await;
     reach(&rogue, TO_A).await;
     let seal = house.identity("rogue").seal(Channel::Message, TO_A, &huge, house.life("a"));
-    // Until it is out: what congestion drops would prove nothing.
+    // Waits until it is sent: a message dropped by congestion control would prove nothing.
     let put = rogue.put(TO_A, huge).attachment(seal).congestion_control(CongestionControl::Block);
     put.await.expect("open");
     let identity = house.identity("rogue");
@@ -582,7 +584,7 @@ async fn a_message_of_100_mib_harms_nobody_and_is_counted() {
 async fn a_revocation_reaches_all_while_they_run() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
-    // In a folder of its own: the list comes to it over the wire.
+    // In a folder of its own: the list reaches it over the network.
     let apart = house.apart("c");
     let mut c = apart.open("c", &[&a]).await;
     let b = house.open("b", &[&a]).await;
@@ -601,7 +603,7 @@ async fn a_revocation_reaches_all_while_they_run() {
 
     house.authority.revoke(&DaemonId::new("b").expect("a name")).expect("it has one");
 
-    // What it says is not believed, it calls in vain, and its links are closed.
+    // Its messages are rejected, its connections are refused, and its links are closed.
     let lines = ["rejected revoked b", "left y@b"];
     tokio::select! {
         () = repeat(&b, "a") => {}
@@ -654,7 +656,7 @@ async fn who_is_revoked_cannot_listen_any_more() {
     c.request("a", "x", "we remain");
     a.hear("to x request: we remain <c>").await;
 
-    // Nor does anybody link to it by calling it.
+    // Nor does a daemon link to it by connecting to it.
     let mut b = house.open("b", &[&a, &listening]).await;
     let _token = b.announce("y");
     b.hear("rejected revoked spy").await;

@@ -1,4 +1,4 @@
-//! What comes from outside, and who may listen.
+//! Messages, tokens and queries of plain Zenoh clients, and what such clients receive.
 
 use substrate::Resource;
 use zenoh::query::Query;
@@ -6,7 +6,7 @@ use zenoh::{Session, Wait};
 
 use crate::daemon::{DEADLINE, Daemon, ecosystem};
 
-/// A plain Zenoh client, as any tool would open it.
+/// Opens a plain Zenoh client, as any tool would.
 async fn stranger(daemon: &Daemon) -> Session {
     let mut config = zenoh::Config::default();
     let endpoints = serde_json::to_string(&daemon.substrate.locators()).expect("strings");
@@ -25,7 +25,7 @@ async fn a_tool_hears_everything_even_within_one_daemon() {
     let mut a = Daemon::listening("a").await;
     let stranger = stranger(&a).await;
     let everything = stranger.declare_subscriber("althing/**").await.expect("open");
-    // What the stranger sends now comes after its subscription.
+    // Messages that the stranger sends from now on come after its subscription.
     stranger.put("althing/office/in/a/x/inform", "ready").await.expect("open");
     a.hear("to x inform: ready").await;
 
@@ -76,11 +76,11 @@ async fn who_has_a_token_and_answers_nobody_is_not_here() {
     let answer = |query: Query| query.reply(query.key_expr(), "").wait().expect("open");
     let answering = stranger.declare_queryable("althing/office/at/s/reach").callback(answer);
     let answering = answering.await.expect("open");
-    // What answers and does not say whom it hosts is believed.
+    // A daemon that answers a probe without naming its agents is believed.
     for daemon in [&mut a, &mut b] {
         assert_eq!(daemon.hear("joined x@s").await, ["joined x@s"]);
     }
-    // For a lease (four seconds) it may be silent.
+    // The daemon may be silent for a lease (four seconds).
     answering.undeclare().await.expect("open");
     for daemon in [&mut a, &mut b] {
         assert_eq!(daemon.hear("left x@s").await, ["left x@s"]);
