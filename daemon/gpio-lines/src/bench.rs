@@ -1,4 +1,4 @@
-//! Lines in memory, on a work bench: for tests of whoever watches or drives lines.
+//! Board with lines in memory, for tests of code that watches or drives lines.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -8,10 +8,10 @@ use tokio::sync::watch;
 
 use crate::{Board, BoxFuture, Input, InputLine, LineError, LineName, Output, OutputLine};
 
-/// What the kernel says where a chip is gone.
+/// Error number of the kernel for a chip that is gone (`ENODEV`).
 const NO_SUCH_DEVICE: i32 = 19;
 
-/// A board whose lines are plugged in, set and unplugged by hand. Copies are the same board.
+/// Board on which tests plug in, set and unplug lines. Clones are the same board.
 #[derive(Clone, Default)]
 pub struct Bench(Arc<Mutex<Lines>>);
 
@@ -23,49 +23,49 @@ struct Lines {
 
 #[derive(Clone)]
 struct Line {
-    /// Whether it is high; `None` once it is unplugged.
+    /// Whether the line is high; `None` after it is unplugged.
     level: Arc<watch::Sender<Option<bool>>>,
-    /// Whether something stronger than its driver holds it.
+    /// Whether something stronger than the driver fixes the level.
     is_held: bool,
-    /// As long as anybody has this, it is used.
+    /// The line is in use while an opened line holds a clone of this.
     used: Arc<()>,
 }
 
 impl Bench {
-    /// Plugs a line in, which is high or low.
+    /// Plugs in a line, with this level.
     pub fn plug(&self, name: &str, is_high: bool) {
         let level = Arc::new(watch::channel(Some(is_high)).0);
         let line = Line { level, is_held: false, used: Arc::default() };
         self.lock().lines.insert(name.to_owned(), line);
     }
 
-    /// Unplugs it.
+    /// Unplugs a line.
     pub fn unplug(&self, name: &str) {
         if let Some(line) = self.lock().lines.remove(name) {
             line.level.send_replace(None);
         }
     }
 
-    /// Makes it high or low from outside.
+    /// Sets the level of a line from outside.
     pub fn set(&self, name: &str, is_high: bool) {
         if let Some(line) = self.lock().lines.get(name) {
             line.level.send_replace(Some(is_high));
         }
     }
 
-    /// Whether it is high; `None` if there is no such line.
+    /// Returns whether a line is high, or `None` if there is no such line.
     pub fn level(&self, name: &str) -> Option<bool> {
         self.lock().lines.get(name).and_then(|line| *line.level.borrow())
     }
 
-    /// Holds it as it is, whoever drives it.
+    /// Fixes the level of a line, so that driving it has no effect.
     pub fn hold(&self, name: &str) {
         if let Some(line) = self.lock().lines.get_mut(name) {
             line.is_held = true;
         }
     }
 
-    /// From now on edges are told to nobody who opens a line.
+    /// Turns off the reports of edges for lines that are opened from now on.
     pub fn tell_nobody(&self) {
         self.lock().tells_nobody = true;
     }
@@ -77,7 +77,7 @@ impl Bench {
             near: None,
             known: Vec::new(),
         })?;
-        // The one on the bench, and ours.
+        // Two references are the one on the board, and the clone in this function.
         if Arc::strong_count(&line.used) > 2 {
             return Err(LineError::Used {
                 line: name,
@@ -95,7 +95,7 @@ impl Bench {
 impl Board for Bench {
     fn input(&self, wanted: &Input) -> Result<Box<dyn InputLine>, LineError> {
         let opened = self.open(&wanted.line, wanted.is_active_low)?;
-        // Edges after this moment are told, even if nobody waits for them yet.
+        // Edges after this moment are reported, even if no task waits for them yet.
         let heard = tokio::sync::Mutex::new(opened.line.level.subscribe());
         Ok(Box::new(Listening { opened, heard }))
     }
@@ -139,7 +139,7 @@ impl InputLine for Listening {
                 std::future::pending::<()>().await;
             }
             let mut heard = self.heard.lock().await;
-            // It lasts as long as this line does.
+            // Cannot fail: this line owns the sender.
             let _ = heard.changed().await;
             let level = *heard.borrow_and_update();
             Ok(vec![self.opened.is_active("wait for", level)?])

@@ -1,4 +1,4 @@
-//! The GPIO chips that this machine's kernel shows, as files below `/dev`.
+//! GPIO chips of this machine, as the kernel shows them below `/dev`.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -10,23 +10,23 @@ use tokio::io::unix::AsyncFd;
 
 use crate::{Bias, Board, BoxFuture, Input, InputLine, LineError, LineName, Output, OutputLine};
 
-/// Under which name the kernel lists our lines.
+/// Name under which the kernel lists the lines that this crate uses.
 const CONSUMER: &str = "althing";
 
-/// Edges that are taken at one time; a kernel keeps sixteen of a line.
+/// Edges that are read at one time. The kernel keeps 16 for a line.
 const EDGES_MAX: usize = 16;
 
-/// The chips below a folder: `/dev`, or where a container shows them.
+/// Chips below a folder: `/dev`, or a folder in which a container shows them.
 #[derive(Clone, Debug)]
 pub struct Chips {
     folder: PathBuf,
 }
 
-/// A line that was found.
+/// Position of a line that was found.
 struct Place {
     chip: PathBuf,
     number: u32,
-    /// How it is called in messages.
+    /// Name of the line in messages.
     name: String,
 }
 
@@ -37,12 +37,12 @@ impl Default for Chips {
 }
 
 impl Chips {
-    /// The chips below this folder.
+    /// Uses the chips below this folder.
     pub fn new(folder: impl Into<PathBuf>) -> Chips {
         Chips { folder: folder.into() }
     }
 
-    /// The files of all chips, in the order of their names.
+    /// Returns the files of all chips, sorted by name.
     fn files(&self) -> Vec<PathBuf> {
         let entries = std::fs::read_dir(&self.folder).into_iter().flatten();
         let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
@@ -56,12 +56,12 @@ impl Chips {
         files
     }
 
-    /// The chips that may be opened.
+    /// Returns the chips that this user may open.
     fn open_all(&self) -> Vec<Chip> {
         self.files().into_iter().filter_map(|path| open(&path).ok()).collect()
     }
 
-    /// The chips there are, for people.
+    /// Returns the chips that can be opened, with their labels, for messages.
     fn known(&self) -> Vec<String> {
         let told = |chip: Chip| {
             let label = label(&chip).unwrap_or_default();
@@ -122,7 +122,7 @@ impl Chips {
             [(chip, _, number)] => {
                 Ok(Place { chip: chip.clone(), number: *number, name: wanted.to_owned() })
             }
-            // It may be on the one that we may not open.
+            // The line may be on a chip that could not be opened.
             [] => Err(problem.unwrap_or_else(|| LineError::NoName {
                 wanted: wanted.to_owned(),
                 near: near(wanted, names),
@@ -151,7 +151,7 @@ fn label(chip: &Chip) -> Option<String> {
     Some(chip.info().ok()?.label)
 }
 
-/// The name that is most like this one, if one is much like it.
+/// Returns the most similar name, or `None` if it differs in more than a third of the characters.
 fn near(wanted: &str, names: Vec<String>) -> Option<String> {
     let distance =
         |name: &String| strsim::damerau_levenshtein(&name.to_lowercase(), &wanted.to_lowercase());
@@ -159,7 +159,7 @@ fn near(wanted: &str, names: Vec<String>) -> Option<String> {
     (distance(&nearest) <= wanted.chars().count() / 3).then_some(nearest)
 }
 
-/// What the system said, without where in the crate it was heard.
+/// Returns the system's error, without the context that the crate adds.
 fn system(error: &gpiocdev::Error) -> io::Error {
     use gpiocdev_uapi::Error::Os;
     match error {
@@ -200,7 +200,7 @@ impl Place {
         })
     }
 
-    /// Who uses the line.
+    /// Describes the user of the line.
     fn consumer(&self) -> String {
         let info = Chip::from_path(&self.chip).and_then(|chip| chip.line_info(self.number));
         match info {
@@ -231,7 +231,7 @@ impl Board for Chips {
         let (request, tells_edges) = match place.request(&with_edges) {
             Ok(request) => (request, true),
             Err(error @ LineError::Used { .. }) => return Err(error),
-            // Its chip has no interrupt. Where something else is wrong, that is said again.
+            // The chip has no interrupts. Any other problem occurs again in the second request.
             Err(error) => {
                 let request = place.request(&plain)?;
                 tracing::info!(line = place.name, "looked at again and again: failed to {error}");
@@ -248,7 +248,7 @@ impl Board for Chips {
     fn output(&self, wanted: &Output) -> Result<Box<dyn OutputLine>, LineError> {
         let place = self.find(&wanted.line)?;
         let mut config = place.config(wanted.is_active_low);
-        // First as it is, so that it can be read; then as an output of that value.
+        // The line is first requested as it is, to read it; then as an output with that value.
         let request = place.request(config.as_is())?;
         let value = request.lone_value().map_err(|error| kernel("read", &place.name, &error))?;
         let driven = request.reconfigure(config.as_output(value));
@@ -257,7 +257,7 @@ impl Board for Chips {
     }
 }
 
-/// Lets a runtime tell when a request has edges.
+/// Registers a request with the runtime, so that edges can be awaited.
 #[expect(deprecated, reason = "a request owns its descriptor; what replaces this is `unsafe`")]
 fn polled(request: Request) -> io::Result<AsyncFd<Request>> {
     AsyncFd::new(request)
@@ -270,7 +270,7 @@ struct Watched {
 }
 
 impl Watched {
-    /// The edges that the kernel has kept. The crate's own `read_edge_event` drops all but one.
+    /// Reads the edges that the kernel has kept. The crate's own `read_edge_event` drops all but one.
     fn kept_edges(&self) -> gpiocdev::Result<Vec<bool>> {
         let request = self.request.get_ref();
         let size = request.edge_event_u64_size();
@@ -296,7 +296,7 @@ impl InputLine for Watched {
             loop {
                 let ready = self.request.readable().await;
                 let mut ready = ready.map_err(|error| failed(&error.into()))?;
-                // Of a chip that is gone it is said so, and reading tells.
+                // If the chip is gone, the descriptor is readable, too, and this returns the error.
                 if self.request.get_ref().has_edge_event().map_err(|error| failed(&error))? {
                     return self.kept_edges().map_err(|error| failed(&error));
                 }

@@ -1,11 +1,11 @@
-//! A line that is driven, and opened again where its chip was gone.
+//! Drives an output line; opens it again if its chip was gone.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::follow::aside;
 use crate::{Board, LineError, Output, OutputLine};
 
-/// A line that is driven until all copies of this are dropped. It is opened when it is first needed.
+/// Output line. It is opened when it is first used, and closed when all clones of this value are dropped.
 #[derive(Clone)]
 pub struct Driven {
     board: Arc<dyn Board>,
@@ -14,25 +14,25 @@ pub struct Driven {
 }
 
 impl Driven {
-    /// A line of this board.
+    /// Returns an output of this board. The line is not opened yet.
     pub fn new(board: Arc<dyn Board>, output: Output) -> Driven {
         Driven { board, output: Arc::new(output), held: Arc::default() }
     }
 
-    /// Whether it is active, read back from its chip.
+    /// Returns whether the line is active, read back from its chip.
     ///
     /// # Errors
     ///
-    /// Why it cannot be used now: “failed to …”.
+    /// Returns the reason why the line cannot be used now; it completes “failed to …”.
     pub async fn value(&self) -> Result<bool, String> {
         self.with(|line| line.value()).await
     }
 
-    /// Makes it active, or not; what it then is, read back from its chip.
+    /// Makes the line active or inactive. Returns whether it is active afterwards, read back from its chip.
     ///
     /// # Errors
     ///
-    /// Why it cannot be used now: “failed to …”.
+    /// Returns the reason why the line cannot be used now; it completes “failed to …”.
     pub async fn set(&self, is_active: bool) -> Result<bool, String> {
         self.with(move |line| {
             line.set(is_active)?;
@@ -52,7 +52,7 @@ impl Driven {
                 Some(line) => line,
                 None => driven.board.output(&driven.output)?,
             };
-            // Of a chip that is gone nothing is held, so that it is found again.
+            // On an error the line is closed, so that it is looked up again when its chip is back.
             let done = work(&*line)?;
             *held = Some(line);
             Ok(done)

@@ -1,9 +1,9 @@
-//! Why a line cannot be used, and what would be right.
+//! Reasons why a line cannot be used, with advice.
 
 use std::io;
 use std::path::PathBuf;
 
-/// Why a line cannot be used. Completes “failed to …”.
+/// Reason why a line cannot be used. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LineError {
@@ -12,17 +12,17 @@ pub enum LineError {
     NoChip {
         /// The chip that was asked for.
         wanted: String,
-        /// The chips that are there, with their labels.
+        /// Chips that are present, with their labels.
         known: Vec<String>,
     },
-    /// The chip has no such line.
+    /// The chip has no line of this number.
     #[error("find line {number} of `{chip}`: it has lines 0 to {}", count.saturating_sub(1))]
     NoNumber {
         /// The chip.
         chip: String,
         /// The line that was asked for.
         number: u32,
-        /// How many lines it has.
+        /// Number of lines that the chip has.
         count: u32,
     },
     /// No line has this name (now).
@@ -30,9 +30,9 @@ pub enum LineError {
     NoName {
         /// The name that was asked for.
         wanted: String,
-        /// A name that is much like it.
+        /// A similar name, if there is one.
         near: Option<String>,
-        /// The chips that are there, with their labels.
+        /// Chips that are present, with their labels.
         known: Vec<String>,
     },
     /// Several lines have this name.
@@ -40,31 +40,31 @@ pub enum LineError {
     Ambiguous {
         /// The name.
         name: String,
-        /// The lines that have it.
+        /// The lines with this name.
         lines: Vec<String>,
     },
-    /// Somebody uses it.
+    /// The line is in use.
     #[error("use the line `{line}`: {consumer} uses it already")]
     Used {
         /// The line.
         line: String,
-        /// Who it is, in words.
+        /// Description of its user.
         consumer: String,
     },
-    /// We may not open its chip.
+    /// The user of this process may not open the chip.
     #[error("open `{}`: permission denied; let this user into the group `gpio`", path.display())]
     NotAllowed {
-        /// The chip.
+        /// Path of the chip.
         path: PathBuf,
     },
-    /// The kernel says something else, such as that its chip is gone.
+    /// Another error of the kernel, for example because the chip is gone.
     #[error("{what} the line `{line}`: {source}")]
     Kernel {
-        /// What could not be done.
+        /// The operation that failed.
         what: &'static str,
         /// The line.
         line: String,
-        /// What the kernel says.
+        /// The error.
         source: io::Error,
     },
 }

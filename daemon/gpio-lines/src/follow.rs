@@ -1,4 +1,4 @@
-//! A line that is watched for as long as anybody listens, through unplugging and plugging in.
+//! Watches an input line, also while its chip is unplugged and plugged in.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,32 +8,32 @@ use tokio::task::JoinHandle;
 
 use crate::{Board, Input, InputLine, LineError};
 
-/// Pause between two looks whether a chip is back, or still there: kernels before 6.6 wake nobody
-/// who waits for the edges of a chip that goes.
+/// Interval of checks whether a chip is back, or still present. The latter is needed because kernels before
+/// 6.6 do not wake a process that waits for edges of a chip that is unplugged.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
-/// Pause between two looks at a line whose chip tells nobody of edges: a door takes longer.
+/// Interval of reading a line if its chip reports no edges. A door takes longer to open and close.
 const LOOK_OFTEN: Duration = Duration::from_millis(100);
 
-/// What is known of a line.
+/// State of a line that is watched.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
-    /// Nothing yet.
+    /// The line has not been read yet.
     Unknown,
-    /// It is there, and active or not.
+    /// The line is present; whether it is active.
     Here(bool),
-    /// It cannot be read now, and why: “failed to …”.
+    /// The line cannot be read now, with the reason; it completes “failed to …”.
     Away(String),
 }
 
-/// A line that is watched until this is dropped.
+/// Watch on a line; dropping it ends the watch.
 pub struct Followed {
     state: watch::Receiver<State>,
     task: JoinHandle<()>,
 }
 
 impl Followed {
-    /// What is known of it, now and on each change.
+    /// Returns a receiver for the state of the line and its changes.
     pub fn state(&self) -> watch::Receiver<State> {
         self.state.clone()
     }
@@ -45,7 +45,7 @@ impl Drop for Followed {
     }
 }
 
-/// Watches a line, on a Tokio runtime.
+/// Starts to watch a line, on a Tokio runtime.
 pub fn follow(board: Arc<dyn Board>, input: Input) -> Followed {
     let (said, state) = watch::channel(State::Unknown);
     let input = Arc::new(input);
@@ -67,7 +67,7 @@ async fn open(board: &Arc<dyn Board>, input: &Arc<Input>) -> Result<Box<dyn Inpu
     aside(move || board.input(&input)).await
 }
 
-/// Says what a line is for as long as it is there; why it is not any more.
+/// Publishes the state of a line while it is present. Returns the reason why it is not present any more.
 async fn listen(line: Arc<dyn InputLine>, said: &watch::Sender<State>) -> String {
     let pause = if line.tells_edges() { LOOK_AGAIN } else { LOOK_OFTEN };
     loop {
@@ -93,7 +93,7 @@ fn say(said: &watch::Sender<State>, state: State) {
     });
 }
 
-/// Does what may wait for a bus on a thread that may.
+/// Runs work that may block on a bus, on a thread that may block.
 pub(crate) async fn aside<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, LineError> + Send + 'static,
 ) -> Result<T, String> {

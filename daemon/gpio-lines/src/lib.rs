@@ -1,12 +1,13 @@
-//! Single lines of GPIO chips, through the kernel's character device: a contact that is watched, a
-//! relay that is switched.
+//! Single lines of GPIO chips, through the kernel's character device: inputs such as a contact, and outputs
+//! such as a relay.
 //!
-//! - A line is named by its chip and number or by its own name ([`LineName`]). Which chip is which
-//!   number changes with the order in which drivers came; its label and the names of lines do not.
-//! - [`Board`] is what opens lines: this machine's [`Chips`], or in tests a [`Bench`].
-//! - [`follow`] watches a line for as long as anybody listens, through unplugging and plugging in.
-//! - [`Driven`] drives one; it begins with what the line is, so that nothing switches because a
-//!   daemon was started again.
+//! - A line is identified by its chip and number, or by its own name ([`LineName`]). The number of a chip
+//!   changes with the order in which drivers were loaded; its label and the names of lines do not.
+//! - [`Board`] opens lines: it is this machine's [`Chips`], or a [`Bench`] in tests.
+//! - [`follow`] watches an input until the watch is dropped, also while its chip is unplugged and plugged
+//!   in.
+//! - [`Driven`] drives an output. It begins with the current value, so nothing switches when a daemon is
+//!   restarted.
 
 mod bench;
 mod chips;
@@ -30,87 +31,87 @@ pub use name::{InvalidLineName, LineName};
 /// A future that a line returns.
 pub type BoxFuture<'l, T> = Pin<Box<dyn Future<Output = T> + Send + 'l>>;
 
-/// What pulls a line where nothing drives it.
+/// Bias of a line that nothing drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Bias {
-    /// Up: a contact between line and ground is open when it reads high.
+    /// Pulled up: a contact between line and ground is open if the line reads high.
     PullUp,
-    /// Down.
+    /// Pulled down.
     PullDown,
-    /// Nothing: the circuit does it itself.
+    /// No bias: the circuit pulls the line itself.
     None,
 }
 
-/// A line to be watched.
+/// Input line to be watched.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Input {
     /// The line.
     pub line: LineName,
-    /// Whether it is active when it is low.
+    /// Whether the line is active when it is low.
     pub is_active_low: bool,
-    /// What pulls it; as it is, if nobody says.
+    /// Bias; `None` leaves it as it is.
     pub bias: Option<Bias>,
-    /// How long it must be still before it counts: contacts bounce.
+    /// Time that the line must be stable before an edge counts, because contacts bounce.
     pub debounce: Option<Duration>,
 }
 
-/// A line to be driven.
+/// Output line to be driven.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Output {
     /// The line.
     pub line: LineName,
-    /// Whether it is active when it is low.
+    /// Whether the line is active when it is low.
     pub is_active_low: bool,
 }
 
-/// What opens lines. May wait for a bus, so it is for threads that may.
+/// Opens lines. Its methods may block on a bus, so call them on a thread that may block.
 pub trait Board: Send + Sync + 'static {
-    /// Opens a line to watch it, on a thread of a Tokio runtime.
+    /// Opens a line as an input, on a thread of a Tokio runtime.
     ///
     /// # Errors
     ///
-    /// If it is not there, or not for us.
+    /// Returns an error if the line does not exist, or this process may not use it.
     fn input(&self, wanted: &Input) -> Result<Box<dyn InputLine>, LineError>;
 
-    /// Opens a line to drive it, as what it is now.
+    /// Opens a line as an output, with its current value.
     ///
     /// # Errors
     ///
-    /// If it is not there, or not for us.
+    /// Returns an error if the line does not exist, or this process may not use it.
     fn output(&self, wanted: &Output) -> Result<Box<dyn OutputLine>, LineError>;
 }
 
-/// A line that is watched.
+/// Input line that is open.
 pub trait InputLine: Send + Sync + 'static {
-    /// Whether it is active now.
+    /// Returns whether the line is active now.
     ///
     /// # Errors
     ///
-    /// If its chip is gone.
+    /// Returns an error if its chip is gone.
     fn value(&self) -> Result<bool, LineError>;
 
-    /// Waits for its next edges; what it was after each. May wait for as long as there are none,
-    /// and nobody tells of edges where [`InputLine::tells_edges`] says so.
+    /// Waits for the next edges, and returns whether the line was active after each. Waits as long as there
+    /// are none; without end if [`InputLine::tells_edges`] is `false`.
     fn edges(&self) -> BoxFuture<'_, Result<Vec<bool>, LineError>>;
 
-    /// Whether its chip tells of edges. Behind a bus, some do not.
+    /// Whether the chip reports edges. Some chips behind a bus do not.
     fn tells_edges(&self) -> bool;
 }
 
-/// A line that is driven.
+/// Output line that is open.
 pub trait OutputLine: Send + 'static {
-    /// Whether it is active now.
+    /// Returns whether the line is active now.
     ///
     /// # Errors
     ///
-    /// If its chip is gone.
+    /// Returns an error if its chip is gone.
     fn value(&self) -> Result<bool, LineError>;
 
-    /// Makes it active, or not.
+    /// Makes the line active or inactive.
     ///
     /// # Errors
     ///
-    /// If its chip is gone.
+    /// Returns an error if its chip is gone.
     fn set(&self, is_active: bool) -> Result<(), LineError>;
 }

@@ -1,25 +1,25 @@
-//! How people name a line.
+//! Names of lines, as in ecosystem files.
 
 use std::fmt;
 
 use serde::Deserialize;
 
-/// A line: `gpiochip0/17`, or by its own name `GPIO17`.
+/// Name of a line: `gpiochip0/17`, or its own name `GPIO17`.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub enum LineName {
-    /// By its chip and its number there.
+    /// A chip and a number.
     Numbered {
-        /// The chip: its file below `/dev`, or its label.
+        /// Name of the chip's file below `/dev`, or its label.
         chip: String,
-        /// The number.
+        /// Number of the line on the chip.
         number: u32,
     },
-    /// By its own name, which whoever described the board gave it.
+    /// The line's own name, from the description of the board.
     Named(String),
 }
 
-/// A text that names no line.
+/// The text is no name of a line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` names no line: write its chip and number, such as \"gpiochip0/17\", or its own name, such as \"GPIO17\""

@@ -1,4 +1,4 @@
-//! Lines of a real chip under a real kernel: found, watched, driven, unplugged and plugged in.
+//! Lines of a real chip under a real kernel: they are found, watched, driven, unplugged and plugged in.
 
 mod machine;
 
@@ -15,7 +15,7 @@ use rustix::system::{RebootCommand, reboot};
 const NUMBERED: &str = "gpiochip0/5";
 const LABELED: &str = "9030000.pl061/5";
 
-/// The power button.
+/// Line of the power button.
 const BUTTON: &str = "9030000.pl061/3";
 
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -110,7 +110,7 @@ async fn drive() {
     say(format!("seen from the other side {:?}", relay(NUMBERED, true).value().await));
 }
 
-/// Waits for edges only after the button was let go of.
+/// Waits for edges only after the button was released.
 async fn come_late(input: &Input) {
     let button = Chips::default().input(input).expect("it is there");
     say(PRESS);
@@ -119,9 +119,9 @@ async fn come_late(input: &Input) {
     say(format!("kept for who comes late {:?}", edges.expect("in time")));
 }
 
-/// Takes the chip's driver away, and gives it back.
+/// Unbinds the chip's driver, and binds it again.
 async fn unplug(button: &Followed, mut next: impl AsyncFnMut()) {
-    // Its number may be another when it is back, and here it is; its label is the same.
+    // After that, the chip may have another number, but not another label.
     let relay = relay(LABELED, false);
     relay.set(false).await.expect("it is there");
     let driver = |what: &str| format!("/sys/bus/amba/drivers/pl061_gpio/{what}");

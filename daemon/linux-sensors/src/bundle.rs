@@ -1,25 +1,25 @@
-//! What of a machine's channels makes one sensor.
+//! Groups the channels of a machine into sensors.
 
 use std::collections::BTreeMap;
 
 use crate::{Channel, Identity, Quantity};
 
-/// What one sensor measures with: a channel of a device, and with a thermometer's the humidity on the
-/// same board.
+/// Channels that make up one sensor: one channel of a device; for a thermometer also the humidity channel
+/// of the same device.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Bundle {
     /// The device.
     pub device: Identity,
-    /// What it measures before all.
+    /// Main quantity that the sensor measures.
     pub quantity: Quantity,
-    /// Its channel, where the device measures that in several places.
+    /// Name of the channel, if the device has several for that quantity.
     pub channel: Option<String>,
-    /// Whether a thermometer measures the humidity too.
+    /// Whether the thermometer also measures the humidity.
     pub has_humidity: bool,
 }
 
 impl Bundle {
-    /// The sensors of a machine; those that measure the machine itself are left out.
+    /// Returns the sensors of a machine. Sensors that measure the machine itself are left out.
     pub fn all(channels: &[Channel]) -> Vec<Bundle> {
         let mut devices: BTreeMap<&Identity, Vec<&Channel>> = BTreeMap::new();
         for channel in channels.iter().filter(|channel| channel.is_ambient) {
@@ -32,7 +32,7 @@ impl Bundle {
 fn of(channels: &[&Channel]) -> Vec<Bundle> {
     let count = |wanted| channels.iter().filter(|channel| channel.quantity == wanted).count();
     let has_both = count(Quantity::Temperature) > 0 && count(Quantity::Humidity) > 0;
-    // A thermometer that measures the humidity too is one sensor.
+    // A thermometer that also measures the humidity is one sensor.
     let is_own = |channel: &&&Channel| !(has_both && channel.quantity == Quantity::Humidity);
     let bundle = |channel: &&Channel| Bundle {
         device: channel.device.clone(),

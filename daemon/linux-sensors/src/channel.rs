@@ -1,4 +1,4 @@
-//! One thing that one device measures, and how to read it.
+//! A channel: one quantity that one device measures, and how it is read.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,74 +8,73 @@ use serde::Serialize;
 use crate::identity::Identity;
 use crate::quantity::Quantity;
 
-/// One thing that a device measures.
+/// One quantity that a device measures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Channel {
-    /// Which device.
+    /// The device.
     pub device: Identity,
-    /// Which of its channels, as the kernel calls it: `temp`, `temp_object`, `humidityrelative`.
+    /// Name of the channel as in the kernel: `temp`, `temp_object`, `humidityrelative`.
     #[serde(rename = "channel")]
     pub name: String,
-    /// What it measures.
+    /// Quantity that it measures.
     pub quantity: Quantity,
-    /// Whether it measures the room it is in, as far as the device's name tells. A processor's
-    /// thermometer does not.
+    /// Whether it measures the room, judged by the device's name. A processor's thermometer does not.
     pub is_ambient: bool,
     #[serde(skip)]
     pub(crate) reading: Reading,
 }
 
-/// From which files a value comes, and what makes it a value in its quantity's unit:
-/// `(FILE + offset) * scale * factor`.
+/// Files of a value, and its conversion to the quantity's unit: `(FILE + offset) * scale * factor`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Reading {
     pub(crate) file: PathBuf,
     pub(crate) offset: Option<PathBuf>,
     pub(crate) scale: Option<PathBuf>,
-    /// Says 1 where the value is none: its sensor is not there, or its wire is broken.
+    /// File with a number other than 0 if the value is invalid: the sensor is missing or its wire is
+    /// broken.
     pub(crate) fault: Option<PathBuf>,
-    /// Values in the file that a chip says for “no value”, from the first to the second.
+    /// Ranges of values in the file that mean “no value”, both ends included.
     pub(crate) no_values: &'static [(f64, f64)],
-    /// What is said by who has just been powered up, and has measured nothing yet.
+    /// Value in the file after power-up, before the first measurement.
     pub(crate) at_power_up: Option<f64>,
     pub(crate) factor: f64,
 }
 
-/// Why a channel was not read. Completes “failed to …”.
+/// Reason why a channel was not read. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The file was not read: the device is gone, or its bus failed this time.
+    /// The file could not be read: the device is gone, or its bus failed this time.
     #[error("read `{}`: {source}", .file.display())]
     File {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// The error.
         source: io::Error,
     },
-    /// The file has no number in it.
+    /// The file does not contain a number.
     #[error("read `{}`: `{text}` is no number", .file.display())]
     NoNumber {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Its text, or how it begins.
+        /// Its text, or the beginning of it.
         text: String,
     },
-    /// The device says that its value is none.
+    /// The device reports that its value is invalid.
     #[error("read `{device}`: it reports a fault of its sensor")]
     Fault {
         /// The device.
         device: Identity,
     },
-    /// The device says a number that stands for “no value”, or that cannot be.
+    /// The device reports a number that means “no value”, or that is impossible.
     #[error("believe `{device}`, which says {value}: no sensor measures that")]
     Impossible {
         /// The device.
         device: Identity,
-        /// What it says, in its quantity's unit.
+        /// The value, in the quantity's unit.
         value: f64,
     },
-    /// The device has been powered up a moment ago.
+    /// The device was powered up, and has not measured yet.
     #[error("believe `{device}`, which has just been powered up")]
     PoweredUp {
         /// The device.
@@ -83,20 +82,21 @@ pub enum ReadError {
     },
 }
 
-/// So much of a text that is no number is told.
+/// Characters of a text without a number that an error shows.
 const TOLD_CHARS: usize = 20;
 
 impl Channel {
-    /// What it measures now, in its quantity's unit. Waits for the device: on some buses nearly a
+    /// Returns the current value, in the quantity's unit. Waits for the device: on some buses nearly a
     /// second.
     ///
     /// # Errors
     ///
-    /// If the device is gone or did not answer, which some do not one time in five.
+    /// Returns an error if the device is gone or did not answer (some fail one time in five), or if it
+    /// reports an invalid or impossible value.
     pub fn read(&self) -> Result<f64, ReadError> {
         let Reading { file, offset, scale, fault, no_values, at_power_up, factor } = &self.reading;
         let value = number(file)?;
-        // Looked at after the value: what broke meanwhile is broken.
+        // Checked after the value, so that a fault that occurs meanwhile is noticed.
         if let Some(fault) = fault.as_deref().filter(|fault| fault.exists())
             && number(fault)? != 0.0
         {
@@ -115,7 +115,7 @@ impl Channel {
         Ok(value)
     }
 
-    /// Whether its file is there, which it is as long as the device is.
+    /// Whether its file exists, which it does as long as the device is present.
     pub fn is_there(&self) -> bool {
         self.reading.file.exists()
     }

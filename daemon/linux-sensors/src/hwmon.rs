@@ -1,5 +1,5 @@
-//! Hardware monitoring (the kernel's `Documentation/hwmon/sysfs-interface`): chips that are read
-//! for their temperature. Most of them look after the machine itself.
+//! Hardware monitoring (the kernel's `Documentation/hwmon/sysfs-interface`): chips that measure temperature
+//! and humidity. Most of them monitor the machine itself.
 
 use std::path::Path;
 
@@ -8,30 +8,29 @@ use crate::identity::Identity;
 use crate::quantity::Quantity;
 use crate::{Sysfs, file_name, line, list};
 
-/// Both are said in thousandths.
+/// Factor to the unit of the quantity: both quantities are in thousandths.
 const FACTOR: f64 = 1e-3;
 
-/// What chips of degrees say of a sensor that does not answer: all bits are ones, or only the first is.
+/// Values of temperature chips for a sensor that does not answer: all bits are ones, or only the first is.
 pub(crate) const NO_DEGREES: &[(f64, f64)] = &[(-1e9, -127_000.0), (127_000.0, 128_000.0)];
 
-/// How the names of chips begin that people put into rooms. All others measure processors, disks
-/// and boards.
+/// Beginnings of the names of chips that measure rooms. All others measure processors, disks and boards.
 const AMBIENT: &[&str] = &[
     "adt7410", "adt7420", "adt75", "ds1621", "ds1775", "ds620", "hih6130", "hs3001", "lm75",
     "lm92", "mcp980", "pct2075", "sht15", "sht21", "sht3", "sht4", "shtc", "shtw", "stds75",
     "sts3", "tc74", "tmp1", "tmp4", "tmp75",
 ];
 
-/// What is measured through hardware monitoring.
+/// Returns the channels of hardware monitoring.
 pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
     let mut channels = Vec::new();
     for folder in sysfs.list("class/hwmon") {
         let name = line(&folder.join("name"));
-        // It is told as what it is: a 1-wire thermometer.
+        // A 1-wire thermometer, which `one_wire` reports.
         if name.as_deref() == Some("w1_slave_temp") {
             continue;
         }
-        // Without a device behind it, it is the machine's own.
+        // Without a device, the chip belongs to the machine itself.
         let there = folder.join("device");
         let place = if there.exists() { &there } else { &folder };
         if let Some(device) = Identity::of(sysfs, place, name) {

@@ -1,4 +1,4 @@
-//! Which device something is, whatever number the kernel gave it.
+//! Identity of a device, independent of the number that the kernel gave it.
 
 use std::fmt;
 use std::path::{Component, Path};
@@ -7,21 +7,21 @@ use serde::{Serialize, Serializer};
 
 use crate::{Sysfs, line};
 
-/// Buses after which a place is told from the bus on: what they hang on differs between kernels.
+/// Buses at which a place begins: what a bus is attached to differs between kernels.
 const BUSES: [&str; 2] = ["i2c-", "spi"];
 
-/// A device: what it is called, and where it hangs. Written `NAME@PLACE`, such as
-/// `bme280@i2c-1/1-0076`.
+/// A device: its name and its place. Written `NAME@PLACE`, such as `bme280@i2c-1/1-0076`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Identity {
-    /// What its driver calls it.
+    /// Name that its driver gives it.
     pub name: String,
-    /// Where it hangs: its folder among the kernel's devices, from its bus on.
+    /// Place where it is attached: its folder among the kernel's devices, beginning with its bus.
     pub place: String,
 }
 
 impl Identity {
-    /// The device whose folder this is, or a link to it; `called` where the folder does not say.
+    /// Returns the device with this folder, or with the folder that this is a link to. `called` is its name
+    /// if the folder has none. Returns `None` if it has no name or is not below the devices of `sysfs`.
     pub(crate) fn of(sysfs: &Sysfs, folder: &Path, called: Option<String>) -> Option<Identity> {
         let folder = folder.canonicalize().ok()?;
         let devices = sysfs.root.canonicalize().ok()?.join("devices");
@@ -31,7 +31,7 @@ impl Identity {
     }
 }
 
-/// The part of a path that says where a device hangs.
+/// Returns the part of a path that tells where a device is attached.
 fn place(path: &Path) -> String {
     let normal = path.components().filter_map(|part| match part {
         Component::Normal(part) => part.to_str(),

@@ -1,4 +1,4 @@
-//! Industrial I/O: most sensors that boards carry (the kernel's `Documentation/ABI/testing/sysfs-bus-iio`).
+//! Industrial I/O: most sensors on boards (the kernel's `Documentation/ABI/testing/sysfs-bus-iio`).
 
 use std::path::Path;
 
@@ -7,9 +7,9 @@ use crate::identity::Identity;
 use crate::quantity::Quantity;
 use crate::{Sysfs, file_name, line, list};
 
-/// What the kernel calls what, and what makes its unit ours.
+/// Kernel's name of each quantity, and the factor from the kernel's unit to that of [`Quantity`].
 const KINDS: &[(&str, Quantity, f64)] = &[
-    // Milli-degrees, thousandths of per cent, per cent.
+    // The kernel's units: milli-degrees, thousandths of per cent, per cent.
     ("temp", Quantity::Temperature, 1e-3),
     ("humidityrelative", Quantity::Humidity, 1e-3),
     ("concentration_co2", Quantity::Co2, 1e4),
@@ -17,10 +17,10 @@ const KINDS: &[(&str, Quantity, f64)] = &[
     ("distance", Quantity::Distance, 1.0),
 ];
 
-/// What is no value of its own: the highest and the lowest since the start, and means of several.
+/// Endings of values that are no measurements: maximum and minimum since the start, and averages.
 const DERIVED: &[&str] = &["_peak", "_trough", "_mean"];
 
-/// What is measured through Industrial I/O.
+/// Returns the channels of Industrial I/O.
 pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
     let mut channels = Vec::new();
     for folder in sysfs.list("bus/iio/devices") {
@@ -32,14 +32,15 @@ pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
     channels
 }
 
-/// The device that an `iio:deviceN` belongs to: the folder that it is in.
+/// Returns the device that an `iio:deviceN` belongs to: the one with its parent folder.
 fn device(sysfs: &Sysfs, folder: &Path) -> Option<Identity> {
     file_name(folder).filter(|name| name.starts_with("iio:device"))?;
     let own = folder.canonicalize().ok()?;
     Identity::of(sysfs, own.parent()?, line(&folder.join("name")))
 }
 
-/// The channel that this file has a value of, if it has: `in_KIND[N][_MODIFIER]_raw` or `_input`.
+/// Returns the channel with its value in this file, or `None` if the file is no such:
+/// `in_KIND[N][_MODIFIER]_raw` or `_input`.
 fn channel(device: &Identity, file: &Path) -> Option<Channel> {
     let name = file_name(file)?.strip_prefix("in_")?;
     let (name, is_raw) = match name.strip_suffix("_input") {
@@ -55,7 +56,7 @@ fn channel(device: &Identity, file: &Path) -> Option<Channel> {
         (rest.is_empty() || rest.starts_with('_')).then_some(())
     };
     let (kind, quantity, factor) = KINDS.iter().find(|(kind, ..)| is_of(kind).is_some())?;
-    // What is there in both ways is told once, as it is.
+    // If the value is there raw and processed, only the processed one is used.
     if is_raw && file.with_file_name(format!("in_{name}_input")).exists() {
         return None;
     }

@@ -1,14 +1,13 @@
-//! What a Linux kernel says of the sensors of its machine, in canonical units.
+//! Sensors of a machine as its Linux kernel reports them, in canonical units.
 //!
 //! - Reads files below [`Sysfs`] and nothing else: no C library, no special rights, no clock.
-//! - A device is known by its name and where it hangs ([`Identity`]), never by the number that the
-//!   kernel gave it: that changes with the order in which drivers came.
-//! - A channel that is found may be gone when it is read. Whoever reads tries again.
+//! - A device is identified by its name and the place where it is attached ([`Identity`]), never by the
+//!   number that the kernel gave it: that changes with the order in which drivers were loaded.
+//! - A channel that was found may be gone when it is read. The caller should try again.
+//! - [`Bundle`] groups the channels of a machine into sensors.
 //!
-//! - [`Bundle`] is what of a machine's channels makes one sensor.
-//!
-//! `iio`, `hwmon` and `one_wire` know where each subsystem keeps what, and in which unit;
-//! [`Quantity`] is what all of it is measured in.
+//! `iio`, `hwmon` and `one_wire` know the files and units of each subsystem of the kernel; [`Quantity`]
+//! defines the units that all values are converted to.
 
 mod bundle;
 mod channel;
@@ -25,32 +24,32 @@ pub use channel::{Channel, ReadError};
 pub use identity::Identity;
 pub use quantity::Quantity;
 
-/// Where a kernel shows its devices: `/sys`, or a copy of it.
+/// Folder in which a kernel shows its devices: `/sys`, or a copy of it.
 #[derive(Clone, Debug)]
 pub struct Sysfs {
     root: PathBuf,
 }
 
-/// Why there is no such channel. Completes “failed to …”.
+/// Reason why a channel was not found. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FindError {
-    /// No device has this identity, or none that measures this.
+    /// No device has this identity, or it does not measure this quantity.
     #[error("find `{wanted}`, which measures the {quantity}; {}", there_is(known))]
     Unknown {
         /// The device that was asked for.
         wanted: String,
-        /// What it should measure.
+        /// The quantity that was asked for.
         quantity: Quantity,
-        /// The devices that measure it.
+        /// Devices that measure it.
         known: Vec<String>,
     },
-    /// The device measures it in several places.
+    /// The device has several channels for this quantity.
     #[error("choose a `channel` of `{device}`: it has {}", channels.join(", "))]
     Ambiguous {
         /// The device.
         device: String,
-        /// Its channels.
+        /// Names of its channels.
         channels: Vec<String>,
     },
 }
@@ -69,12 +68,13 @@ impl Default for Sysfs {
 }
 
 impl Sysfs {
-    /// The devices below this folder.
+    /// Uses the devices below this folder.
     pub fn new(root: impl Into<PathBuf>) -> Sysfs {
         Sysfs { root: root.into() }
     }
 
-    /// All that can be measured here now, by device. What cannot be read is not there.
+    /// Returns all channels that are present now, sorted by device. A device that cannot be read is left
+    /// out.
     pub fn channels(&self) -> Vec<Channel> {
         let mut channels = iio::channels(self);
         channels.extend(one_wire::channels(self));
@@ -83,11 +83,11 @@ impl Sysfs {
         channels
     }
 
-    /// The channel of a device that measures `quantity`: the one of this name, or the only one.
+    /// Returns the channel of a device that measures `quantity`: the one named `channel`, or the only one.
     ///
     /// # Errors
     ///
-    /// If it is not there (now), or several are and none was named.
+    /// Returns an error if there is no such channel (now), or if there are several and `channel` is `None`.
     pub fn find(
         &self,
         device: &str,
@@ -111,13 +111,13 @@ impl Sysfs {
         Err(FindError::Ambiguous { device: device.to_owned(), channels })
     }
 
-    /// What is in a folder below the root, as whole paths in the order of their names.
+    /// Returns the entries of a folder below the root, as full paths sorted by name.
     fn list(&self, folder: &str) -> Vec<PathBuf> {
         list(&self.root.join(folder))
     }
 }
 
-/// What is in a folder, in the order of names; nothing, if it cannot be read.
+/// Returns the entries of a folder, sorted by name; none if it cannot be read.
 fn list(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten();
     let mut paths: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
@@ -125,12 +125,12 @@ fn list(folder: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// The name of a file, if it can be read as text.
+/// Returns the name of a file, or `None` if it is not UTF-8.
 fn file_name(path: &Path) -> Option<&str> {
     path.file_name()?.to_str()
 }
 
-/// A line of text, without what surrounds it.
+/// Returns the trimmed text of a file, or `None` if it is empty or cannot be read.
 fn line(path: &Path) -> Option<String> {
     let text = std::fs::read_to_string(path).ok()?;
     Some(text.trim().to_owned()).filter(|text| !text.is_empty())

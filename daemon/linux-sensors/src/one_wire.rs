@@ -8,17 +8,17 @@ use crate::identity::Identity;
 use crate::quantity::Quantity;
 use crate::{Sysfs, file_name};
 
-/// The families that are thermometers, by the number that their serials begin with.
+/// Families of thermometers, by the number at the beginning of their serial numbers.
 const FAMILIES: &[(&str, &str)] =
     &[("10", "ds18s20"), ("22", "ds1822"), ("28", "ds18b20"), ("3b", "ds1825"), ("42", "ds28ea00")];
 
-/// In thousandths of degrees.
+/// The kernel reports thousandths of degrees.
 const FACTOR: f64 = 1e-3;
 
-/// What it says until it has measured for the first time.
+/// Value after power-up, before the first measurement.
 const AT_POWER_UP: f64 = 85_000.0;
 
-/// What is measured on 1-wire buses.
+/// Returns the channels on 1-wire buses.
 pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
     let devices = sysfs.list("bus/w1/devices");
     devices.iter().filter_map(|folder| channel(folder)).collect()
@@ -31,7 +31,7 @@ fn channel(folder: &Path) -> Option<Channel> {
     if !file.exists() {
         return None;
     }
-    // Its serial is its own, wherever it hangs.
+    // The serial number identifies the device, wherever it is attached.
     let device = Identity { name: (*called).to_owned(), place: format!("{family}-{serial}") };
     let reading = Reading {
         file,

@@ -1,28 +1,28 @@
-//! What is measured, and in what: one table.
+//! Quantities and their units.
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// A kind of quantity, in one unit whatever the kernel says it in.
+/// Quantity that is measured, with one unit for all sources.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Quantity {
-    /// In degrees Celsius.
+    /// Temperature, in degrees Celsius.
     Temperature,
-    /// Relative, in per cent.
+    /// Relative humidity, in per cent.
     Humidity,
     /// Carbon dioxide, in parts per million.
     Co2,
     /// Illuminance, in lux.
     Light,
-    /// To what is nearest, in meters.
+    /// Distance to the nearest object, in meters.
     Distance,
 }
 
 impl Quantity {
-    /// All of them.
+    /// All quantities.
     pub const ALL: [Quantity; 5] = [
         Quantity::Temperature,
         Quantity::Humidity,
@@ -31,7 +31,7 @@ impl Quantity {
         Quantity::Distance,
     ];
 
-    /// Its name, as in ecosystem files.
+    /// Returns the name as in ecosystem files.
     pub fn name(self) -> &'static str {
         match self {
             Quantity::Temperature => "temperature",
@@ -42,22 +42,22 @@ impl Quantity {
         }
     }
 
-    /// The quantity of this name.
+    /// Returns the quantity of this name, or `None` if there is none.
     pub fn named(name: &str) -> Option<Quantity> {
         Quantity::ALL.into_iter().find(|quantity| quantity.name() == name)
     }
 
-    /// Whether there can be such a value, in its unit.
+    /// Whether the value is physically possible, in its unit.
     pub(crate) fn can_be(self, value: f64) -> bool {
         match self {
             Quantity::Temperature => value >= -273.15,
-            // Chips measure a little above a hundred.
+            // Some chips report a little more than 100.
             Quantity::Humidity => (-1.0..=110.0).contains(&value),
             Quantity::Co2 | Quantity::Light | Quantity::Distance => value >= 0.0,
         }
     }
 
-    /// The symbol of its unit: SenML's (RFC 8428 and RFC 8798, and IANA's registry of them).
+    /// Returns the symbol of its unit, from SenML (RFC 8428 and RFC 8798, and IANA's registry of them).
     pub fn unit(self) -> &'static str {
         match self {
             Quantity::Temperature => "Cel",

@@ -1,7 +1,7 @@
-//! The same against a real kernel, in which real drivers of Industrial I/O read simulated chips.
+//! Tests against a real kernel, in which real drivers of Industrial I/O read simulated chips.
 //!
-//! The kernel runs this same test program, where [`inside`] reads, changes, unplugs and plugs in.
-//! What it says is held against what was put into the chips' registers.
+//! The kernel runs this same test program, and [`inside`] reads, changes, unplugs and plugs in. Its output
+//! is compared with the values in the chips' registers.
 
 #[path = "../../../tests/support/kernel.rs"]
 mod kernel;
@@ -16,7 +16,7 @@ use linux_sensors::{Quantity, Sysfs};
 fn a_real_kernels_sensors_are_read_unplugged_and_plugged_in() {
     let folder = tempfile::tempdir().expect("a folder");
     let program = std::env::current_exe().expect("it runs");
-    // Two light sensors beside the thermometer, of which one does not answer.
+    // In addition to the thermometer, two light sensors, of which one does not answer.
     let script = format!(
         "i2cset -y 0 0x13 0x81 0x21 b
         echo apds9300 0x29 > new_device
@@ -48,11 +48,11 @@ fn inside() {
     }
     let find = || sysfs.find(THERMOMETER, Quantity::Temperature, None);
     let channel = find().expect("it was plugged in");
-    // 26.5 degrees: thirty-seconds of one, four to the left, bytes the other way round.
+    // 26.5 degrees: in units of 1/32 degree, shifted left by two bits, in big-endian order.
     set("0x01", "0x400D");
     println!("{SAID}warmer {:?}", channel.read().map_err(|error| error.to_string()));
 
-    // The light sensor goes too, so that the thermometer comes back under another number.
+    // The light sensor is unplugged, too, so that the thermometer comes back with another number.
     tell("delete_device", "0x40");
     tell("delete_device", "0x13");
     println!("{SAID}unplugged {} {}", channel.read().is_err(), find().is_ok());

@@ -1,11 +1,12 @@
-//! Channels of trees as kernels show them: one captured, and small ones by the kernel's documents.
+//! Channels in trees of files like those of a kernel: a captured one, and small ones made after the
+//! kernel's documentation.
 
 use std::path::Path;
 
 use linux_sensors::{FindError, Quantity, ReadError, Sysfs};
 use tempfile::TempDir;
 
-/// Lays a tree: `PATH: TEXT` is a file, `PATH -> TARGET` a link, `PATH fails` cannot be read.
+/// Creates a tree: `PATH: TEXT` is a file, `PATH -> TARGET` a link, `PATH fails` cannot be read.
 fn lay(tree: &str) -> (TempDir, Sysfs) {
     let folder = tempfile::tempdir().expect("a folder");
     for line in tree.lines().map(str::trim).filter(|line| !line.starts_with('#')) {
@@ -17,7 +18,7 @@ fn lay(tree: &str) -> (TempDir, Sysfs) {
         if let Some((path, target)) = line.split_once(" -> ") {
             std::os::unix::fs::symlink(target, at(path)).expect("a link");
         } else if let Some(path) = line.strip_suffix(" fails") {
-            // Reading a folder fails, as reading from a bus does.
+            // Reading a folder fails, as reading from a bus can.
             std::fs::create_dir_all(at(path)).expect("a folder");
         } else if let Some((path, text)) = line.split_once(": ") {
             std::fs::write(at(path), format!("{text}\n")).expect("a file");
@@ -27,7 +28,7 @@ fn lay(tree: &str) -> (TempDir, Sysfs) {
     (folder, sysfs)
 }
 
-/// Each channel: its device, its name, what it measures and what it says.
+/// Returns a line for each channel: device, name, quantity and value or error.
 fn said(sysfs: &Sysfs) -> Vec<String> {
     let line = |channel: &linux_sensors::Channel| {
         let value = channel.read().map_or_else(|error| error.to_string(), |it| format!("{it:.3}"));
@@ -50,7 +51,7 @@ fn a_captured_tree_is_read_as_that_kernel_meant_it() {
 #[test]
 fn each_way_of_telling_a_value_is_understood() {
     for (tree, expected) in [
-        // What is processed already, and what is not, of one device; scales of its own and of all.
+        // One device with processed and raw values; scales for one channel and for all.
         (
             "bus/iio/devices/iio:device3 -> ../../../devices/soc/i2c-1/1-0076/iio:device3
              devices/soc/i2c-1/1-0076/name: bme280
@@ -82,7 +83,7 @@ fn each_way_of_telling_a_value_is_understood() {
              devices/i2c-1/1-0062/iio:device0/in_concentration_voc_raw: 5",
             &["scd41@i2c-1/1-0062 concentration_co2 co2 812.000"],
         ),
-        // A device of a board, which only Industrial I/O has a name for.
+        // A device of a board, with a name only in Industrial I/O.
         (
             "bus/iio/devices/iio:device0 -> ../../../devices/platform/dht11@4/iio:device0
              devices/platform/dht11@4/iio:device0/name: dht11@4
@@ -107,7 +108,7 @@ fn each_way_of_telling_a_value_is_understood() {
                 "lm75@i2c-1/1-0048 temp1 temperature 25.000",
             ],
         ),
-        // A thermometer on one wire, which is told once, and one that has just been powered up.
+        // A 1-wire thermometer, which is reported once, and one that was just powered up.
         (
             "bus/w1/devices/28-0316a2791234 -> ../../../devices/w1_bus_master1/28-0316a2791234
              devices/w1_bus_master1/28-0316a2791234/temperature: 21437

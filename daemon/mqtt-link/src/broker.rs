@@ -1,4 +1,4 @@
-//! Whom a connection speaks to, and what it shows to be let in.
+//! Address of a broker, and the credentials for it.
 
 use std::fmt::{self, Display, Formatter};
 use std::net::IpAddr;
@@ -10,33 +10,34 @@ use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject as _;
 use rustls::{ClientConfig, RootCertStore};
 
-/// Where brokers listen, if nothing is said.
+/// Default broker.
 const BROKER: &str = "localhost:1883";
 
-/// Their ports without TLS and with it (the IANA registry).
+/// Ports without TLS and with it (IANA registry).
 const PORT: u16 = 1883;
 const TLS_PORT: u16 = 8883;
 
-/// A file that holds a password or a certificate is no longer than this.
+/// Longest file with a password or certificates, in bytes.
 const FILE_BYTES_MAX: usize = 1 << 20;
 
-/// A broker. Its password is read from its file with each attempt to connect, and stands nowhere else.
+/// A broker. The password is read from its file at each attempt to connect, and is not kept here.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Broker {
     host: String,
     port: u16,
     user: Option<(String, Option<PathBuf>)>,
-    /// Whose certificates are trusted, if it speaks TLS.
+    /// File with the authorities that are trusted to sign the broker's certificate; `None` without TLS.
     ca: Option<PathBuf>,
 }
 
 impl Broker {
-    /// A broker as a config names it: `HOST`, `HOST:PORT`, `mqtt://…` or `mqtts://…`, who logs in there
-    /// with which file's password, and the file of the authorities that are trusted (PEM).
+    /// Returns the broker of an entry in a config: `name` is `HOST`, `HOST:PORT`, `mqtt://…` or
+    /// `mqtts://…`, `user` and `password_file` are its login, and `ca` is the file of the authorities that
+    /// are trusted (PEM).
     ///
     /// # Errors
     ///
-    /// What is wrong with it, and what would be right.
+    /// Returns an error with the mistake and its correction.
     pub fn new(
         name: Option<&str>,
         user: Option<String>,
@@ -57,7 +58,7 @@ impl Broker {
             return wrong("write `user` and `password-file` beside it: this file is no secret");
         }
         let rest = rest.trim_end_matches('/');
-        // An IPv6 address has colons of its own, and stands in brackets where a port follows.
+        // An IPv6 address contains colons, and is in brackets if a port follows.
         let is_bare_ip = rest.parse::<IpAddr>().is_ok();
         let parts = rest.rsplit_once(':').filter(|(host, port)| {
             !is_bare_ip && !port.ends_with(']') && (!host.contains(':') || host.ends_with(']'))
@@ -102,7 +103,8 @@ impl Broker {
         self.port
     }
 
-    /// What a person should know of how it is spoken to.
+    /// Returns a warning for a person if the connection is not protected; `None` if it is, or stays on this
+    /// machine.
     pub(crate) fn risk(&self) -> Option<&'static str> {
         let is_here =
             self.host == "localhost" || self.host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback());
@@ -117,7 +119,8 @@ impl Broker {
         }
     }
 
-    /// Reads what has to be shown. The error completes “failed to …”.
+    /// Reads the files with the password and the authorities into `options`. The error completes “failed to
+    /// …”.
     pub(crate) fn prepare(&self, options: &mut MqttOptions) -> Result<(), String> {
         if let Some((user, file)) = &self.user {
             let password = file.as_deref().map(read).transpose()?.unwrap_or_default();
@@ -139,7 +142,7 @@ impl Display for Broker {
     }
 }
 
-/// TLS with a broker whose certificate one of the authorities in a file has signed.
+/// Returns the TLS settings that trust the authorities in a file.
 fn trust(file: &Path) -> Result<ClientConfig, String> {
     let said = |problem: &dyn Display| format!("use {}: {problem}", file.display());
     let mut authorities = RootCertStore::empty();
@@ -164,7 +167,7 @@ fn read(file: &Path) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// A broker's name without what may be a password in it.
+/// Returns the name of a broker without a password that may be in it.
 fn without_secret(name: &str) -> String {
     match (name.split_once("://"), name.rsplit_once('@')) {
         (Some((scheme, _)), Some((_, host))) => format!("{scheme}://…@{host}"),

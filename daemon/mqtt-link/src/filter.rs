@@ -1,11 +1,11 @@
-//! Topics and filters of topics: which are allowed (MQTT 3.1.1, section 4.7), and which fit.
+//! Topics and filters of topics: validity (MQTT 3.1.1, section 4.7) and matching.
 
-/// The longest topic: its length is sent in two bytes.
+/// Longest topic in bytes: its length is sent in two bytes.
 const TOPIC_BYTES_MAX: usize = u16::MAX as usize;
 
-/// Returns why a device cannot be listened to under this filter; `None` if it can.
+/// Returns the reason why a filter cannot be subscribed to; `None` if it can.
 ///
-/// One invalid filter would end the connection, or let the client library drop all others of its batch.
+/// One invalid filter would end the connection, or make the client library drop all others of its batch.
 pub fn filter_problem(filter: &str) -> Option<String> {
     if let Some(problem) = text_problem(filter) {
         return Some(problem);
@@ -25,7 +25,7 @@ pub fn filter_problem(filter: &str) -> Option<String> {
     None
 }
 
-/// Returns why nothing can be published under this topic; `None` if it can.
+/// Returns the reason why nothing can be published to this topic; `None` if it can.
 pub fn topic_problem(topic: &str) -> Option<String> {
     if let Some(problem) = text_problem(topic) {
         return Some(problem);
@@ -51,8 +51,8 @@ pub(crate) fn is_pattern(filter: &str) -> bool {
     filter.contains(['+', '#'])
 }
 
-/// Whether a topic fits a filter: `+` is any one level, `#` at the end all that follow. What a broker
-/// says of itself (`$SYS/…`) fits only filters that name it.
+/// Whether a topic matches a filter: `+` matches any one level, `#` at the end all that follow. The
+/// broker's own topics (`$SYS/…`) match only filters that do not begin with a wildcard.
 pub fn fits(filter: &str, topic: &str) -> bool {
     if topic.starts_with('$') && filter.starts_with(['+', '#']) {
         return false;

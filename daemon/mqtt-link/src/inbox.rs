@@ -1,7 +1,8 @@
-//! What was said under the topics of one filter, until it is taken.
+//! Queue of the texts received for the topics of one filter.
 //!
-//! Of each topic the last text waits: a device that says the same thing a thousand times takes one
-//! place, and nothing is lost while the reader is busy. Of events the last few wait.
+//! For each topic, only the latest text waits: a device that repeats a text a thousand times takes one
+//! place, and the latest text of each topic is not lost while the reader is busy. For events, the latest
+//! few texts of each topic wait.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,23 +11,24 @@ use tokio::sync::Notify;
 
 use crate::Told;
 
-/// Topics that wait at once. The largest installations describe some ten thousand entities.
+/// Limit of topics that wait at the same time. The largest installations describe some ten thousand
+/// entities.
 const TOPICS_MAX: usize = 1 << 16;
 
-/// Bytes of texts that wait at once.
+/// Limit of bytes of waiting texts.
 const BYTES_MAX: usize = 1 << 28;
 
-/// The receiving half; what comes in after it is dropped is not kept.
+/// Receiving half of the queue. Texts that arrive after it is dropped are not kept.
 pub struct Inbox(pub(crate) Arc<Waiting>);
 
-/// Texts of one topic of events that wait at once.
+/// Limit of waiting texts of one topic of events.
 const EVENTS_MAX: usize = 32;
 
 #[derive(Debug)]
 pub(crate) struct Waiting {
     texts: Mutex<Texts>,
     news: Notify,
-    /// How many texts of one topic wait.
+    /// Limit of waiting texts of one topic.
     of_each: usize,
 }
 
@@ -41,12 +43,13 @@ struct Texts {
     order: VecDeque<String>,
     by_topic: HashMap<String, VecDeque<String>>,
     bytes: usize,
-    /// Whether something was left out since the last text was taken.
+    /// Whether a text was left out since the last one was taken.
     is_over: bool,
 }
 
 impl Inbox {
-    /// Takes the texts of up to `at_most` topics, each with its topic, once there is any; the longest waiting first.
+    /// Takes the texts of up to `at_most` topics, each with its topic; the topic that has waited longest
+    /// comes first. Waits until there is a text.
     pub async fn take(&self, at_most: usize) -> Vec<Told> {
         loop {
             let news = self.0.news.notified();
@@ -60,12 +63,13 @@ impl Inbox {
 }
 
 impl Waiting {
-    /// One in which the last few texts of each topic wait.
+    /// Returns a queue in which the latest few texts of each topic wait.
     pub(crate) fn of_events() -> Waiting {
         Waiting { of_each: EVENTS_MAX, ..Waiting::default() }
     }
 
-    /// Puts a text in; returns whether it is the first that does not fit.
+    /// Adds a text. Returns `true` if it is left out because there is no room, and is the first since a
+    /// text was taken.
     pub(crate) fn put(&self, topic: &str, text: &str) -> bool {
         let mut texts = self.texts();
         let before = texts.by_topic.get(topic);

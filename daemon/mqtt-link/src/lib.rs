@@ -1,11 +1,12 @@
-//! One connection per MQTT broker and process, for every agent that needs it.
+//! One connection per MQTT broker and process, shared by all agents that need it.
 //!
-//! - After each loss it subscribes anew, which brokers forget and `rumqttc` does not do by itself; in
-//!   small batches, and without the filters that no broker takes ([`filter_problem`]).
-//! - What was said under a topic is kept, the last words of it, for agents that ask later; an
-//!   [`Inbox`] (`inbox`) has what was said under many topics.
-//! - [`Broker`] (`broker`) says which broker it is: what it may be called, by TLS or not, with which
-//!   user and password. Websockets are not built.
+//! - After each loss the connection subscribes again, because brokers drop subscriptions and `rumqttc` does
+//!   not renew them by itself. It subscribes in small batches, and leaves out filters that brokers reject
+//!   ([`filter_problem`]).
+//! - The latest texts of each topic are kept for agents that ask later. An [`Inbox`] (`inbox`) queues the
+//!   texts of many topics.
+//! - [`Broker`] (`broker`) holds the address of a broker, TLS, user and password. Websockets are not
+//!   supported.
 
 mod broker;
 mod filter;
@@ -30,52 +31,52 @@ pub use inbox::Inbox;
 use filter::is_pattern;
 use inbox::Waiting;
 
-/// How long a silent broker counts as alive, at first. A text that takes longer than that to come is
-/// no reason to hang up for ever: each time a broker was too slow, it gets twice as long.
+/// Keep-alive interval at first, within which the broker has to answer. A long text can take longer than
+/// that to arrive. So each time the broker was too slow, the interval is doubled, up to the maximum.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 const KEEP_ALIVE_MAX: Duration = Duration::from_secs(80);
 
-/// Pause until a broker is called again: a restart takes a second. A broker that lets in and hangs up
-/// is called less and less often.
+/// Wait before connecting again: a restart takes a second. It doubles if the broker accepts the connection
+/// and closes it soon after.
 const CALL_AGAIN: Duration = Duration::from_millis(250);
 const CALL_AGAIN_MAX: Duration = Duration::from_secs(8);
 
-/// A connection that lasts as long as this has not failed at once.
+/// Duration from which a connection does not count as closed soon.
 const LASTS: Duration = Duration::from_secs(10);
 
-/// The longest packet: the longest that MQTT has, because a longer one than is allowed here would end
-/// the connection, and a retained one would end each that follows.
+/// Longest packet, in bytes: the maximum of MQTT. A packet longer than this limit would end the connection,
+/// and a retained one would end each later connection, too.
 const PACKET_BYTES_MAX: usize = 1 << 28;
 
-/// The longest text under a filter that is taken in: what a bridge says of thousands of devices.
+/// Longest text that is accepted, in bytes: for example the list of thousands of devices from a bridge.
 const TEXT_BYTES_MAX: usize = 1 << 26;
 
-/// The longest text of a device that is taken in; most are below a kilobyte.
+/// Longest text that is kept for a topic, in bytes; most are shorter than a kilobyte.
 const WORD_BYTES_MAX: usize = 1 << 20;
 
-/// Requests to a broker that wait: each batch of subscriptions is one, each command another.
+/// Requests to a broker that may wait. Each batch of subscriptions is one, and so is each message.
 const REQUESTS_MAX: usize = 4_096;
 
-/// Filters in one subscription; some brokers take no more.
+/// Filters in one subscription; some brokers accept no more.
 const BATCH: usize = 8;
 
-/// The words of a device that are remembered: as many as may come before they are read.
+/// Texts kept for each topic: as many as may arrive before they are read.
 const WORDS_MAX: usize = 64;
 
 /// All connections of this process, by broker.
 static CONNECTIONS: Mutex<BTreeMap<Broker, Weak<Connection>>> = Mutex::new(BTreeMap::new());
 
-/// A connection to a broker; it lasts while it is held.
+/// Connection to a broker; it is closed when all references to it are dropped.
 pub struct Connection {
     client: AsyncClient,
-    /// What was said under each topic, or pattern of topics, that is listened to.
+    /// Texts received for each topic or pattern of topics that is listened to.
     topics: Mutex<Topics>,
     /// The inboxes, by filter.
     inboxes: Mutex<Vec<(String, Weak<Waiting>)>>,
     asked: Mutex<Asked>,
-    /// Why it is not connected; `None` if it is.
+    /// Reason why there is no connection; `None` while connected.
     trouble: watch::Sender<Option<String>>,
-    /// Ends with the connection.
+    /// Task that serves the connection; aborted on drop.
     serving: OnceLock<AbortOnDropHandle<()>>,
 }
 
@@ -83,53 +84,53 @@ pub struct Connection {
 struct Topics {
     single: HashMap<String, watch::Sender<Said>>,
     patterns: HashMap<String, watch::Sender<Said>>,
-    /// Counts the connections that there were.
+    /// Number of connections so far.
     session: u64,
 }
 
-/// The subscriptions that are under way.
+/// Subscriptions that are not answered yet.
 #[derive(Default)]
 struct Asked {
-    /// What could not be handed over yet.
+    /// Filters that did not fit into the queue of requests.
     left: VecDeque<String>,
-    /// What was handed over, in that order.
+    /// Batches in the queue of requests, in that order.
     handed: VecDeque<Vec<String>>,
-    /// What was sent, by its number, until it is answered.
+    /// Batches that were sent, by packet id, until they are answered.
     sent: HashMap<u16, Vec<String>>,
 }
 
-/// What was said under a topic.
+/// Texts that were received for a topic.
 #[derive(Clone, Debug, Default)]
 pub struct Said {
-    /// The last words, the newest first.
+    /// The latest texts, newest first.
     pub words: VecDeque<Word>,
-    /// Counts all there were.
+    /// Number of texts so far.
     pub count: u64,
-    /// Why the topic cannot be listened to; `None` if it can.
+    /// Reason why the topic cannot be listened to; `None` if it can.
     pub refused: Option<String>,
-    /// The number of the connection that it was last listened to by.
+    /// Number of the latest connection that has listened to the topic.
     pub session: u64,
 }
 
-/// A topic, and what was said under it.
+/// A topic and a text that was received for it.
 pub type Told = (String, String);
 
-/// One thing that was said.
+/// Text that was received.
 #[derive(Clone, Debug)]
 pub struct Word {
     /// The text.
     pub text: Arc<str>,
-    /// When it was heard.
+    /// Time when it was received.
     pub at: Instant,
-    /// The number of the connection that it was heard by.
+    /// Number of the connection over which it was received.
     pub session: u64,
-    /// Whether the broker had kept it: it may have been said at any time before.
+    /// Whether the broker had retained it. Then it may have been published at any earlier time.
     pub is_retained: bool,
 }
 
 impl Connection {
-    /// The connection of this process to a broker; `called` is put into the client's name where it is
-    /// made, for people who read the broker's log.
+    /// Returns the connection of this process to a broker. If it has to be made, `called` becomes part of
+    /// the client's name, for readers of the broker's log.
     pub fn to(broker: &Broker, called: &str) -> Arc<Connection> {
         let mut connections = lock(&CONNECTIONS);
         if let Some(connection) = connections.get(broker).and_then(Weak::upgrade) {
@@ -151,7 +152,7 @@ impl Connection {
             trouble,
             serving: OnceLock::new(),
         });
-        // Not before it is there: what serves it ends when it is gone.
+        // The task is started last, because it ends when the connection is gone.
         let serving = run(Arc::downgrade(&connection), events, broker.clone());
         let serving = AbortOnDropHandle::new(tokio::spawn(serving));
         connection.serving.get_or_init(|| serving);
@@ -160,13 +161,13 @@ impl Connection {
         connection
     }
 
-    /// Why it is not connected; nothing if it is.
+    /// Returns a receiver for the reason why there is no connection; `None` while connected.
     pub fn trouble(&self) -> watch::Receiver<Option<String>> {
         self.trouble.subscribe()
     }
 
-    /// What was said under a topic, and every further word. A filter with `+` or `#` is all topics
-    /// that fit it, as one.
+    /// Returns the texts of a topic, so far and in future. A filter with `+` or `#` stands for all topics
+    /// that match it together.
     pub fn listen(&self, topic: &str) -> watch::Receiver<Said> {
         let mut topics = lock(&self.topics);
         let session = topics.session;
@@ -174,7 +175,8 @@ impl Connection {
         if let Some(said) = known.get(topic) {
             return said.subscribe();
         }
-        // Now and then, so that each new topic costs the same.
+        // Topics without listeners are removed only when the number of topics is a power of two, so that
+        // the cost per topic stays constant.
         if known.len().is_power_of_two() {
             known.retain(|_, said| said.receiver_count() > 0);
         }
@@ -183,20 +185,21 @@ impl Connection {
         let (said, hears) = watch::channel(Said { refused, session, ..Said::default() });
         known.insert(topic.to_owned(), said);
         drop(topics);
-        // Where there is no connection yet, it subscribes when there is.
+        // Without a connection, the topic is subscribed to when there is one.
         if !is_refused && self.trouble.borrow().is_none() {
             self.subscribe([topic.to_owned()]);
         }
         hears
     }
 
-    /// The last text under each topic that fits a filter, with its topic: what is retained first.
+    /// Returns an inbox with the latest text of each topic that matches a filter, and with the topics.
+    /// Retained texts come first.
     pub fn listen_to_all(&self, filter: &str) -> Inbox {
         self.listen_with(filter, Waiting::default())
     }
 
-    /// What is said under each topic that fits a filter, with its topic: of each the last texts, as many
-    /// as may come at once where each says another thing.
+    /// Returns an inbox with the latest texts of each topic that matches a filter, and with the topics. It
+    /// is for texts that report events: several may come at once, and each counts.
     pub fn listen_to_events(&self, filter: &str) -> Inbox {
         self.listen_with(filter, Waiting::of_events())
     }
@@ -212,26 +215,28 @@ impl Connection {
         Inbox(waiting)
     }
 
-    /// Says something.
+    /// Publishes a text.
     ///
     /// # Errors
     ///
-    /// If it was not handed over, and will not be.
+    /// Returns an error if there is no connection, the topic is invalid, or the queue of requests is full.
+    /// Then the text is not sent later either.
     pub fn say(&self, topic: &str, text: &str) -> Result<(), String> {
         self.publish(topic, text, false)
     }
 
-    /// Says something that the broker keeps for those that come later.
+    /// Publishes a text that the broker retains for later subscribers.
     ///
     /// # Errors
     ///
-    /// If it was not handed over, and will not be.
+    /// Returns an error if there is no connection, the topic is invalid, or the queue of requests is full.
+    /// Then the text is not sent later either.
     pub fn say_and_keep(&self, topic: &str, text: &str) -> Result<(), String> {
         self.publish(topic, text, true)
     }
 
     fn publish(&self, topic: &str, text: &str, is_kept: bool) -> Result<(), String> {
-        // What is handed over now would be sent whenever the broker is back.
+        // Otherwise the text would be sent whenever the broker is back.
         if let Some(trouble) = &*self.trouble.borrow() {
             return Err(format!("reach the broker: {trouble}"));
         }
@@ -242,7 +247,7 @@ impl Connection {
         said.map_err(|_| "say it: too much waits to be said to the broker".to_owned())
     }
 
-    /// Says why there is no connection, once for each reason.
+    /// Records the reason why there is no connection, and logs each new reason once.
     fn note_trouble(&self, broker: &Broker, problem: String) {
         self.trouble.send_if_modified(|trouble| {
             let (is_news, was_connected) = (trouble.as_ref() != Some(&problem), trouble.is_none());
@@ -261,7 +266,7 @@ impl Connection {
         self.hand_over();
     }
 
-    /// Hands over what is to be subscribed to, as far as there is room.
+    /// Queues the waiting subscriptions, as many as fit.
     fn hand_over(&self) {
         let mut asked = lock(&self.asked);
         while !asked.left.is_empty() {
@@ -269,7 +274,7 @@ impl Connection {
             let batch: Vec<_> = asked.left.iter().take(count).cloned().collect();
             let filters =
                 batch.iter().map(|filter| SubscribeFilter::new(filter.clone(), QoS::AtLeastOnce));
-            // Where there is no room, it goes on as soon as the broker has answered something.
+            // Without room, this continues as soon as the broker has answered a request.
             if self.client.try_subscribe_many(filters).is_err() {
                 return;
             }
@@ -301,7 +306,7 @@ impl Connection {
         self.subscribe(filters);
     }
 
-    /// The connection is lost: of what was under way, nothing is known, and nothing is sent later.
+    /// Handles the loss of the connection. Requests that were under way are dropped, and not sent later.
     fn lost(&self, pending: &mut VecDeque<Request>) {
         let mut asked = lock(&self.asked);
         let is_batch = |request: &&Request| matches!(request, Request::Subscribe(_));
@@ -319,7 +324,7 @@ impl Connection {
         }
     }
 
-    /// Takes in which subscriptions a broker grants.
+    /// Records the filters that the broker rejects.
     fn answered(&self, answer: &SubAck) {
         let Some(batch) = lock(&self.asked).sent.remove(&answer.pkid) else { return };
         for (filter, code) in batch.iter().zip(&answer.return_codes) {
@@ -358,7 +363,7 @@ impl Connection {
         });
     }
 
-    /// Keeps a word for those that listen to its topic.
+    /// Keeps a text for the listeners of its topic.
     fn keep(&self, topic: &str, text: &str, is_retained: bool) {
         let topics = lock(&self.topics);
         let session = topics.session;
@@ -379,19 +384,20 @@ impl Connection {
     }
 }
 
-/// A name that no other client of a broker has: of two of one name, each would throw the other out.
-/// It stays the same as long as the process.
+/// Returns a client name that is unique at the broker: of two clients with one name, each would disconnect
+/// the other. It stays the same until the process ends.
 fn client_name(called: &str) -> String {
     let called: String = called.chars().filter(char::is_ascii_alphanumeric).take(24).collect();
     let random: String = std::iter::repeat_with(fastrand::alphanumeric).take(16).collect();
     format!("althing-{called}-{random}")
 }
 
-/// Serves a connection.
+/// Serves a connection until it is dropped.
 async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: Broker) {
     let (mut pause, mut since) = (CALL_AGAIN, None::<Instant>);
     loop {
-        // Files may be put right while it goes on trying.
+        // The files of the password and of certificates are read each time, so they can be corrected
+        // meanwhile.
         let event = match broker.prepare(&mut events.mqtt_options) {
             Ok(()) => events.poll().await.map_err(|error| {
                 be_patient(&mut events.mqtt_options, &error);
@@ -426,8 +432,8 @@ async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: Broker
     }
 }
 
-/// Waits longer for a broker that was too slow to answer a ping: over a slow line a long text keeps
-/// it from answering, and comes again with each new connection.
+/// Doubles the keep-alive interval if the broker was too slow to answer a ping. Over a slow line, a long
+/// text delays the answer, and comes again with each new connection.
 fn be_patient(options: &mut MqttOptions, error: &ConnectionError) {
     if let ConnectionError::MqttState(StateError::AwaitPingResp) = error {
         let longer = (options.keep_alive() * 2).min(KEEP_ALIVE_MAX);
@@ -456,7 +462,7 @@ mod tests {
         let broker = Broker::new(Some("127.0.0.1:9"), None, None, None).expect("it is right");
         let connection = Connection::to(&broker, "test");
         let (one, other) = (connection.listen("a"), connection.listen("b/+"));
-        // As if it were connected, and the broker had answered.
+        // Simulates a connection and the answer of the broker.
         connection.subscribe(["a".to_owned(), "b/+".to_owned()]);
         connection.sent(7);
         let codes =

@@ -1,4 +1,5 @@
-//! A real broker: texts that are too long, filters that no broker takes, what is said while it is away.
+//! Tests with a real broker: texts that are too long, filters that brokers reject, messages while the
+//! broker is away.
 
 #[path = "../../../tests/support/broker.rs"]
 #[allow(dead_code, reason = "what other tests need of a broker besides")]
@@ -36,7 +37,7 @@ fn is_last(said: &Said, text: &str) -> bool {
     said.words.front().is_some_and(|word| &*word.text == text)
 }
 
-/// Retains a text of so many bytes.
+/// Publishes a retained text of so many bytes.
 fn retain_bytes(broker: &Broker, topic: &str, bytes: usize) {
     let mut file = tempfile::NamedTempFile::new().expect("a file");
     file.write_all(&vec![b'x'; bytes]).expect("written");
@@ -60,7 +61,7 @@ async fn a_long_text_is_heard_and_one_that_is_too_long_is_left_out() {
     let taken = tokio::time::timeout(PATIENCE, inbox.take(9)).await.expect("it comes");
     let lengths: Vec<_> = taken.iter().map(|(topic, text)| (topic.as_str(), text.len())).collect();
     assert_eq!(lengths, [("bridge/devices", long)]);
-    // It goes on, by the same connection.
+    // The same connection continues.
     broker.say("device/long", "2");
     until(&mut device, |said| is_last(said, "2")).await;
     assert_eq!(device.borrow().count, 1, "the long one was left out");
@@ -113,7 +114,7 @@ async fn what_is_said_while_the_broker_is_away_is_not_said_later() {
     let _door = broker.device("door/set", move |text| drop(tell.send(text.to_owned())));
     await_connected(&connection).await;
     connection.say("door/set", "LOCK").expect("it is back");
-    // Not on the thread that speaks to the broker.
+    // On another thread, because waiting must not block the connection.
     let first = tokio::task::spawn_blocking(move || told.recv_timeout(PATIENCE)).await;
     let first = first.expect("no panic").expect("the door hears");
     assert_eq!(first, "LOCK");

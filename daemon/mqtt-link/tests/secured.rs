@@ -1,4 +1,4 @@
-//! A real broker that speaks TLS and wants a password.
+//! Tests with a real broker that uses TLS and requires a password.
 
 #[path = "../../../tests/support/broker.rs"]
 #[allow(dead_code, reason = "what other tests need of a broker besides")]
@@ -16,7 +16,7 @@ use tokio::sync::watch;
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// `None` where it is not installed.
+/// Starts the broker; `None` if it is not installed.
 fn secured() -> Option<Broker> {
     let folder = tempfile::tempdir().expect("a folder");
     let file = |name: &str| folder.path().join(name).display().to_string();
@@ -38,7 +38,8 @@ fn secured() -> Option<Broker> {
     Some(broker)
 }
 
-/// What a connection that shows this password and trusts this authority has to complain of.
+/// Connects with this password and this trusted authority. Returns a receiver for the reason why there is
+/// no connection, and the connection.
 fn trouble(
     broker: &Broker,
     password: &str,
@@ -51,7 +52,7 @@ fn trouble(
     (connection.trouble(), connection)
 }
 
-/// Writes an authority, what it has signed for the broker, and an authority of somebody else.
+/// Writes an authority, a certificate that it has signed for the broker, and another authority.
 fn certify(folder: &Path) {
     let write = |name: &str, text: String| fs::write(folder.join(name), text).expect("a file");
     let authority = |name: &str| {
@@ -97,7 +98,7 @@ async fn a_broker_with_a_password_and_tls_lets_in_who_shows_both() {
     };
     until(&mut said, is_unknown).await;
 
-    // A file that is missing is said, and it goes on as soon as it is there.
+    // A missing file is reported, and the connection is made as soon as the file exists.
     let (mut said, _late) = trouble(&broker, "late", "ca.pem");
     let is_missing = |said: &Option<String>| {
         said.as_ref().is_some_and(|said| said.contains("/late: No such file"))

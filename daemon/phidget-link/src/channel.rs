@@ -1,4 +1,4 @@
-//! One part, opened.
+//! Channel of the library for one part.
 
 use std::fmt;
 use std::time::Duration;
@@ -7,14 +7,14 @@ use crate::ffi::{CallError, Handle};
 use crate::library::Library;
 use crate::part::Part;
 
-/// Where a part hangs. What is not said may be anything.
+/// Place where a part is attached. `None` matches anything.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Address {
-    /// The number printed on the Phidget, or on the hub it hangs on.
+    /// Serial number printed on the Phidget, or on the hub that it is attached to.
     pub serial: Option<i32>,
-    /// The port of a VINT hub.
+    /// Port of a VINT hub.
     pub hub_port: Option<u8>,
-    /// The input of an interface kit.
+    /// Input of an interface kit.
     pub port: Option<u8>,
 }
 
@@ -34,22 +34,22 @@ impl fmt::Display for Address {
     }
 }
 
-/// A channel of the library, open as long as this lives. Its device may come and go.
+/// Channel of the library; closed on drop. Its device may be unplugged and plugged in.
 pub struct Channel {
     handle: Handle,
     part: &'static Part,
     address: Address,
-    /// Why its device did not come when it was waited for.
+    /// Error of the time when its device was awaited and did not attach; `None` once it has attached.
     missed: Option<CallError>,
 }
 
 impl Channel {
-    /// Opens it, and waits so long for its device. One that does not come is no error: it may come
-    /// later ([`Channel::is_attached`]).
+    /// Opens a channel, and waits up to `wait` for its device. It is no error if the device does not attach
+    /// in that time: it may do so later ([`Channel::is_attached`]).
     ///
     /// # Errors
     ///
-    /// If the library refuses.
+    /// Returns an error if the library refuses.
     pub fn open(
         library: Library,
         part: &'static Part,
@@ -86,7 +86,7 @@ impl Channel {
         }
     }
 
-    /// Whether its device is here.
+    /// Returns whether its device is attached.
     pub fn is_attached(&mut self) -> bool {
         let is_attached = self.handle.is_attached();
         if is_attached {
@@ -95,11 +95,11 @@ impl Channel {
         is_attached
     }
 
-    /// Looks for its device.
+    /// Checks that its device is attached.
     ///
     /// # Errors
     ///
-    /// If it is not here, with all that is known of why.
+    /// Returns an error with the known reason if it is not attached.
     pub fn seek(&mut self) -> Result<(), CallError> {
         if self.is_attached() {
             return Ok(());
@@ -108,18 +108,19 @@ impl Channel {
         Err(self.placed(missed))
     }
 
-    /// Reads it, in the quantity's unit.
+    /// Reads the value, in the quantity's unit.
     ///
     /// # Errors
     ///
-    /// If its device is not here, or does not know the value (now).
+    /// Returns an error if its device is not attached, or has no value (now).
     pub fn read(&mut self) -> Result<f64, CallError> {
         self.seek()?;
         let value = self.handle.read(self.part.sensor_type);
         value.map(|value| self.part.canonical(value)).map_err(|error| self.placed(error))
     }
 
-    /// An error, with what it is about: “find it” becomes “find a 1111 at port 3 of Phidget 12345”.
+    /// Adds to an error the part that it is about: “find it” becomes “find a 1111 at port 3 of Phidget
+    /// 12345”.
     fn placed(&self, mut error: CallError) -> CallError {
         error.what = match error.what.as_str() {
             "find it" => format!("find {} at {}", self.part, self.address),

@@ -1,16 +1,16 @@
-//! The functions of `libphidget22` that are called, and nothing else: everything `unsafe` is here.
+//! Functions of `libphidget22` that are called: all `unsafe` code is here.
 //!
-//! What makes the calls sound is said once, at [`Functions`] and [`Handle`]; each call says what it
-//! rests on. The types of the functions are those of Phidgets' `phidget22.h`.
+//! The reasons why the calls are sound are at [`Functions`] and [`Handle`]; each call names those that it
+//! relies on. The types of the functions are those of Phidgets' `phidget22.h`.
 #![expect(unsafe_code, reason = "a C library can be called in no other way")]
 
 use std::ffi::{CStr, OsStr, c_char, c_double, c_int, c_void};
 use std::ptr::{self, NonNull};
 use std::time::Duration;
 
-/// A channel of the library, as it knows it.
+/// Pointer to a channel of the library.
 type Raw = *mut c_void;
-/// `PhidgetReturnCode`: 0, or what went wrong.
+/// `PhidgetReturnCode`: 0, or the number of an error.
 type Code = c_int;
 
 type Create = unsafe extern "C" fn(*mut Raw) -> Code;
@@ -22,10 +22,10 @@ type GetDouble = unsafe extern "C" fn(Raw, *mut c_double) -> Code;
 const TIMEOUT: Code = 3;
 const NOT_ATTACHED: Code = 52;
 
-/// The longest detail of an error that is read; those that are known have some 200 bytes.
+/// Longest detail of an error that is read, in bytes; the known ones have about 200.
 const DETAIL_BYTES: usize = 1024;
 
-/// What the library said no to. Completes “failed to …”.
+/// Error of a call of the library. Completes “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}: {reason}")]
 pub struct CallError {
@@ -35,33 +35,33 @@ pub struct CallError {
 }
 
 impl CallError {
-    /// It was here, and is no more.
+    /// Returns the error for a device that was attached before.
     pub(crate) fn unplugged() -> CallError {
         let reason = "it was unplugged".to_owned();
         CallError { what: "find it".to_owned(), reason, code: NOT_ATTACHED }
     }
 
-    /// Nothing came in time; a device may come later.
+    /// Whether no device attached in time; it may do so later.
     pub(crate) fn is_timeout(&self) -> bool {
         self.code == TIMEOUT
     }
 }
 
-/// A kind of channel: what can be asked of it.
+/// Class of channels, which decides the functions for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Class {
-    /// A device that measures the temperature by itself.
+    /// Device that measures the temperature without an input.
     Temperature,
     Humidity,
     Light,
-    /// An analog input of an interface kit: volts per volt.
+    /// Analog input of an interface kit: the ratio of its voltage to the supply.
     Ratio,
-    /// An analog input of an interface kit: volts.
+    /// Analog input of an interface kit: its voltage in volts.
     Voltage,
     Digital,
 }
 
-/// What is called of a class.
+/// Functions of a class.
 struct ClassFunctions {
     create: Create,
     read: Read,
@@ -70,7 +70,7 @@ struct ClassFunctions {
 enum Read {
     Double(GetDouble),
     Int(GetInt),
-    /// Of an analog input: which sensor hangs there, and its value.
+    /// An analog input: its type of sensor, and the value for that type.
     Sensor {
         sensor_type: GetInt,
         set_sensor_type: SetInt,
@@ -78,9 +78,9 @@ enum Read {
     },
 }
 
-/// The library's functions.
+/// Functions of the library.
 ///
-/// The library is never unloaded, so that a function is there for as long as it can be called.
+/// The library is never unloaded, so the functions exist as long as they can be called.
 pub(crate) struct Functions {
     version: unsafe extern "C" fn(*mut *const c_char) -> Code,
     describe: unsafe extern "C" fn(Code, *mut *const c_char) -> Code,
@@ -106,20 +106,21 @@ pub(crate) struct Functions {
 impl Functions {
     /// Loads a library, for good.
     pub(crate) fn load(file: &OsStr) -> Result<&'static Functions, String> {
-        // SAFETY: what a library does when it is loaded is its own affair, and no caller can prove
-        // it: which file that is, is what the owner of this machine installed or wrote, as with a
-        // program that is run. `libphidget22` itself has no more than ordinary constructors.
+        // SAFETY: no caller can prove what a library does when it is loaded. The owner of this machine has
+        // installed this file or named it, as with a program that is run. `libphidget22` itself has only
+        // ordinary constructors.
         let library = unsafe { libloading::Library::new(file) }.map_err(|error| told(&error))?;
         let functions = Functions::of(&library).map_err(|error| told(&error));
-        // Also if it is not what was wanted: it may have begun threads, which need it.
+        // Also kept if it is the wrong library: it may have started threads, which need its code.
         std::mem::forget(library);
         let functions = functions?;
         Ok(Box::leak(Box::new(functions)))
     }
 
     fn of(library: &libloading::Library) -> Result<Functions, libloading::Error> {
-        // SAFETY: each function has the type that `phidget22.h` gives to its name, which says the
-        // type of the field that it fills; that does not change while the library's name ends in 22.
+        // SAFETY: each function has the type that `phidget22.h` declares for its name, which is the type of
+        // the field that it is assigned to. The declarations do not change while the library's name ends in
+        // 22.
         unsafe {
             Ok(Functions {
                 version: function(library, "Phidget_getLibraryVersion")?,
@@ -189,10 +190,10 @@ impl Functions {
 
     pub(crate) fn version(&self) -> Result<String, CallError> {
         let mut version = ptr::null();
-        // SAFETY: the function is there; it writes one pointer to where there is room for one.
+        // SAFETY: the function exists; it writes one pointer to a variable of that type.
         let code = unsafe { (self.version)(&raw mut version) };
         self.check(code, "ask libphidget22 for its version")?;
-        // SAFETY: what it gives is a constant of the library.
+        // SAFETY: the pointer is to a constant of the library.
         Ok(unsafe { text(version) })
     }
 
@@ -206,28 +207,28 @@ impl Functions {
         }
     }
 
-    /// What an error code means.
+    /// Returns the meaning of an error code.
     fn reason(&self, code: Code) -> String {
         let mut description = ptr::null();
-        // SAFETY: the function is there and takes any number; it writes one pointer to where there
-        // is room for one.
+        // SAFETY: the function exists and accepts any number; it writes one pointer to a variable of that
+        // type.
         let known = unsafe { (self.describe)(code, &raw mut description) };
-        // SAFETY: what it gives is a constant of the library, or the null that was there before.
+        // SAFETY: the pointer is to a constant of the library, or still null.
         match unsafe { text(description) } {
             description if known == 0 && !description.is_empty() => description,
             _ => format!("error {code}"),
         }
     }
 
-    /// What this thread's last error was about, if that was of this code.
+    /// Returns the detail of this thread's last error, or `None` if that error had another code.
     fn detail(&self, code: Code) -> Option<String> {
         let (mut last, mut description) = (0, ptr::null());
         let mut detail = [0_u8; DETAIL_BYTES];
-        // The library may fill all it is told of, without a last zero: the array has one more.
+        // The library may fill the whole room without a final zero, so the array has one byte more.
         let mut room = DETAIL_BYTES - 1;
         let start = detail.as_mut_ptr().cast();
-        // SAFETY: the function is there; each pointer is to something of its type, and `detail` has
-        // room for the number of bytes that it is told.
+        // SAFETY: the function exists; each pointer is to a variable of its type, and `detail` has room for
+        // the given number of bytes.
         let told =
             unsafe { (self.last_error)(&raw mut last, &raw mut description, start, &raw mut room) };
         let detail = CStr::from_bytes_until_nul(&detail).ok()?.to_string_lossy();
@@ -236,58 +237,58 @@ impl Functions {
     }
 }
 
-/// The function of this name.
+/// Returns the function of this name.
 ///
 /// # Safety
 ///
-/// `F` is the type that the function has.
+/// `F` must be the type of the function.
 unsafe fn function<F: Copy>(
     library: &libloading::Library,
     name: &str,
 ) -> Result<F, libloading::Error> {
-    // SAFETY: that is the caller's promise.
+    // SAFETY: the caller guarantees the type.
     unsafe { library.get::<F>(name.as_bytes()) }.map(|symbol| *symbol)
 }
 
-/// A text that the library owns, or none.
+/// Copies a text that the library owns; empty if the pointer is null.
 ///
 /// # Safety
 ///
-/// It is null, or ends with a zero and is not freed meanwhile.
+/// The pointer must be null, or point to a text that ends with a zero and is not freed meanwhile.
 unsafe fn text(text: *const c_char) -> String {
     if text.is_null() {
         return String::new();
     }
-    // SAFETY: it is not null, and the rest is the caller's promise.
+    // SAFETY: the pointer is not null, and the caller guarantees the rest.
     unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
 }
 
-/// The words of an error of the linker, which `libloading` keeps as its cause.
+/// Returns the message of the dynamic linker, which `libloading` keeps as the cause of its error.
 fn told(error: &libloading::Error) -> String {
     let cause = std::error::Error::source(error);
     cause.map_or_else(|| error.to_string(), ToString::to_string)
 }
 
-/// One channel of the library: created, and not deleted before this is dropped.
+/// Channel of the library; it is deleted on drop, and not before.
 pub(crate) struct Handle {
     functions: &'static Functions,
     class: Class,
     raw: NonNull<c_void>,
 }
 
-// SAFETY: a channel belongs to no thread: the library locks its own objects, and calls them from
-// threads of its own. Only one thread uses a `Handle` at a time, as it is not `Sync`.
+// SAFETY: a channel belongs to no thread: the library locks its own objects, and uses them from threads of
+// its own. Only one thread uses a `Handle` at a time, because it is not `Sync`.
 unsafe impl Send for Handle {}
 
-// In what follows each call is sound because `raw` is a channel that `create` of its class has made
-// and that only `drop` deletes, because the function is one of this library's, which is there for
-// good, and because what it writes to is a variable of the type that it writes. A channel of another
-// class than the function is for is refused by the library (`EPHIDGET_WRONGDEVICE`).
+// Each call below is sound for these reasons: `raw` is a channel made by `create` of its class, and only
+// `drop` deletes it; the function is one of this library, which is never unloaded; and the function writes
+// to a variable of the right type. If the function is for another class of channels, the library refuses
+// the call (`EPHIDGET_WRONGDEVICE`).
 impl Handle {
     pub(crate) fn create(functions: &'static Functions, class: Class) -> Result<Handle, CallError> {
         const WHAT: &str = "make a channel of libphidget22";
         let mut raw = ptr::null_mut();
-        // SAFETY: the function is there; it writes one pointer to where there is room for one.
+        // SAFETY: the function exists; it writes one pointer to a variable of that type.
         let code = unsafe { (functions.class(class).create)(&raw mut raw) };
         functions.check(code, WHAT)?;
         let nothing = || CallError { what: WHAT.to_owned(), reason: "it made none".into(), code };
@@ -323,7 +324,7 @@ impl Handle {
         self.set(self.functions.set_hub_port, port, "choose a port of a hub")
     }
 
-    /// What hangs there is no Phidget of its own: the hub's port is the input.
+    /// Uses the hub's port itself as the input, because no Phidget is attached to it.
     pub(crate) fn set_is_hub_port(&self) -> Result<(), CallError> {
         self.set(self.functions.set_is_hub_port, 1, "use a port of a hub as an input")
     }
@@ -332,14 +333,15 @@ impl Handle {
         self.set(self.functions.set_channel, channel, "choose a port")
     }
 
-    /// Opens it and waits for its device. If that does not come it is closed again.
+    /// Opens the channel and waits for its device. If the device does not attach in time, the channel is
+    /// closed again.
     pub(crate) fn open_waiting(&self, wait: Duration) -> Result<(), CallError> {
-        // 0 would be: without end.
+        // 0 would mean to wait without end.
         let wait = u32::try_from(wait.as_millis()).unwrap_or(u32::MAX).max(1);
         // SAFETY: see above this `impl`.
         let code = unsafe { (self.functions.open_waiting)(self.raw.as_ptr(), wait) };
         let opened = self.functions.check(code, "find it");
-        // Asked on the same thread and before any other call: it is about this one.
+        // Asked on the same thread and before any other call, so the detail is about this call.
         opened.map_err(|mut error| {
             if let Some(detail) = self.functions.detail(code) {
                 error.reason = format!("{}: {detail}", error.reason);
@@ -348,25 +350,25 @@ impl Handle {
         })
     }
 
-    /// Opens it; its device may come at any time.
+    /// Opens the channel. Its device may attach at any later time.
     pub(crate) fn open(&self) -> Result<(), CallError> {
         // SAFETY: see above this `impl`.
         let code = unsafe { (self.functions.open)(self.raw.as_ptr()) };
         self.functions.check(code, "open it")
     }
 
-    /// Whether its device is here.
+    /// Whether its device is attached.
     pub(crate) fn is_attached(&self) -> bool {
         self.int(self.functions.attached, "look for it").is_ok_and(|attached| attached != 0)
     }
 
-    /// Its value: of an analog input, that of this type of sensor.
+    /// Returns the value; for an analog input, the value for this type of sensor.
     pub(crate) fn read(&self, wanted_type: i32) -> Result<f64, CallError> {
         match self.functions.class(self.class).read {
             Read::Double(get) => self.double(get, "read it"),
             Read::Int(get) => self.int(get, "read it").map(f64::from),
             Read::Sensor { sensor_type, set_sensor_type, value } => {
-                // A device that was unplugged has forgotten it.
+                // A device that was unplugged has lost the type.
                 if self.int(sensor_type, "read it")? != wanted_type {
                     self.set(set_sensor_type, wanted_type, "say what sensor it is")?;
                 }
@@ -379,8 +381,8 @@ impl Handle {
 impl Drop for Handle {
     fn drop(&mut self) {
         let mut raw = self.raw.as_ptr();
-        // SAFETY: see above this `impl`; nothing uses the channel after it. What was not opened may
-        // be closed: the library says no more than that it is not open.
+        // SAFETY: see above this `impl`; nothing uses the channel after this. A channel that was not opened
+        // may be closed: the library only reports that it is not open.
         unsafe {
             (self.functions.close)(raw);
             (self.functions.delete)(&raw mut raw);

@@ -1,14 +1,14 @@
-//! Phidgets: the USB interface kits and sensors that `libphidget22` of Phidgets Inc. speaks to, in
-//! canonical units.
+//! Phidgets: USB interface kits and sensors, read through `libphidget22` of Phidgets Inc., in canonical
+//! units.
 //!
-//! - The library is looked for and loaded at run time ([`Library`]); nothing of it is needed to
-//!   build, and where it is missing the error says how to get it.
-//! - [`Part`] is the table of what can be plugged in and what it measures; [`Channel`] is one of
-//!   them, opened. A channel whose device is unplugged stays open: the library finds the device again.
-//! - Calls wait for USB devices and other programs. Whoever calls does so on a thread that may wait,
-//!   and knows until when: there is no async here, and no clock.
+//! - The library is found and loaded at run time ([`Library`]). Nothing of it is needed to build; if it is
+//!   missing, the error says how to get it.
+//! - [`Part`] is the table of sensors and the quantities that they measure. [`Channel`] is one of them,
+//!   opened. A channel stays open when its device is unplugged: the library finds the device again.
+//! - Calls may block on USB devices and other programs. Make them on a thread that may block, within bounds
+//!   of time that the caller sets: there is no async here, and no clock.
 //!
-//! All that is `unsafe` in this crate is in `ffi`.
+//! All `unsafe` code of this crate is in `ffi`.
 
 mod channel;
 mod ffi;

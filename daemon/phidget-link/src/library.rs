@@ -1,4 +1,4 @@
-//! Where `libphidget22` is looked for.
+//! Finds and loads `libphidget22`.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -7,22 +7,22 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::ffi::{self, Functions};
 
-/// What Phidgets' own packages install, and what a build of the source does.
+/// File names of the library: the one of Phidgets' own packages, and the one of a build from source.
 const NAMES: [&str; 2] = ["libphidget22.so.0", "libphidget22.so"];
 
-/// Where PyPI's wheel has it, below a folder of Python packages.
+/// Path of the library in PyPI's wheel, below a folder of Python packages.
 const IN_WHEEL: &str = "Phidget22/.libs/libphidget22.so";
 
-/// What was loaded, by what was asked for. A library is loaded once and never unloaded.
+/// Loaded libraries, by the path that was asked for. A library is loaded once and never unloaded.
 static LOADED: Mutex<BTreeMap<Option<PathBuf>, Library>> = Mutex::new(BTreeMap::new());
 
-/// The library, loaded. It stays so as long as the process lives: it has threads of its own.
+/// The loaded library. It stays loaded until the process ends, because it has threads of its own.
 #[derive(Clone, Copy)]
 pub struct Library {
     pub(crate) functions: &'static Functions,
 }
 
-/// Why it could not be loaded. Completes “failed to …”.
+/// Reason why the library could not be loaded. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "load libphidget22: {reason}; install it from www.phidgets.com, or `pip install phidget22` and \
@@ -33,13 +33,13 @@ pub struct LoadError {
 }
 
 impl Library {
-    /// Loads it from where the system looks for libraries, or from a file, or from a folder that
-    /// holds it: also a virtual environment of Python, or its `site-packages`, where
-    /// `pip install phidget22` was said.
+    /// Loads the library from the system's folders if `from` is `None`; otherwise from that file, or from a
+    /// folder that contains it. The folder may be a virtual environment of Python, or its `site-packages`,
+    /// if `phidget22` was installed there with `pip`.
     ///
     /// # Errors
     ///
-    /// If it is not there, or is another library.
+    /// Returns an error if the library is not there, or is another library.
     pub fn load(from: Option<&Path>) -> Result<Library, LoadError> {
         let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
         let key = from.map(Path::to_owned);
@@ -51,11 +51,11 @@ impl Library {
         Ok(library)
     }
 
-    /// What it says of itself.
+    /// Returns the version that the library reports.
     ///
     /// # Errors
     ///
-    /// If it does not.
+    /// Returns an error if the library reports none.
     pub fn version(&self) -> Result<String, ffi::CallError> {
         self.functions.version()
     }
@@ -70,7 +70,7 @@ fn load(from: Option<&Path>) -> Result<Library, String> {
             })?;
             vec![file.into_os_string()]
         }
-        // A bare name would be looked for where the system does, and not here.
+        // As an absolute path, because a bare name would be looked up in the system's folders.
         Some(file) => match std::path::absolute(file) {
             Ok(file) if file.exists() => vec![file.into_os_string()],
             _ => return Err(format!("there is no {}", file.display())),
@@ -83,11 +83,11 @@ fn load(from: Option<&Path>) -> Result<Library, String> {
             Err(reason) => reasons.push(reason),
         }
     }
-    // Of several names, the first is what packages install.
+    // The first name is that of the packages, so its error is reported.
     Err(reasons.into_iter().next().unwrap_or_default())
 }
 
-/// The library in a folder, or in the Python packages below it.
+/// Returns the library in a folder, or in the Python packages below it; `None` if there is none.
 fn in_folder(folder: &Path) -> Option<PathBuf> {
     let here = NAMES.map(|name| folder.join(name));
     let in_packages = [folder.join(IN_WHEEL), folder.join(".libs/libphidget22.so")];

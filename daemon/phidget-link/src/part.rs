@@ -1,32 +1,32 @@
-//! What can be plugged in, and what it measures: one table.
+//! Table of the sensors that can be used, and of the quantities that they measure.
 //!
-//! The numbers of analog sensors are the library's (`SENSOR_TYPE_…` of `phidget22.h`); the library
-//! knows each one's formula, and the table what is left to do to be in a canonical unit.
+//! Types of analog sensors are the library's numbers (`SENSOR_TYPE_…` of `phidget22.h`). The library knows
+//! the formula of each type; the table has the conversion that remains to a canonical unit.
 
 use std::fmt;
 
 use crate::ffi::Class;
 
-/// A kind of quantity, in one unit whatever the library says it in.
+/// Quantity that is measured, with one unit for all parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Quantity {
-    /// In degrees Celsius.
+    /// Temperature, in degrees Celsius.
     Temperature,
-    /// Relative, in per cent.
+    /// Relative humidity, in per cent.
     Humidity,
     /// Illuminance, in lux.
     Light,
-    /// To what is nearest, in meters.
+    /// Distance to the nearest object, in meters.
     Distance,
-    /// Yes or no.
+    /// Motion: 1 for yes, 0 for no.
     Motion,
-    /// Whether something close by reflects: yes or no.
+    /// Whether a nearby object reflects: 1 for yes, 0 for no.
     Reflection,
 }
 
 impl Quantity {
-    /// All of them.
+    /// All quantities.
     pub const ALL: [Quantity; 6] = [
         Quantity::Temperature,
         Quantity::Humidity,
@@ -36,7 +36,7 @@ impl Quantity {
         Quantity::Reflection,
     ];
 
-    /// Its name, as in ecosystem files.
+    /// Returns the name as in ecosystem files.
     pub fn name(self) -> &'static str {
         match self {
             Quantity::Temperature => "temperature",
@@ -48,7 +48,7 @@ impl Quantity {
         }
     }
 
-    /// The quantity of this name.
+    /// Returns the quantity of this name, or `None` if there is none.
     pub fn named(name: &str) -> Option<Quantity> {
         Quantity::ALL.into_iter().find(|quantity| quantity.name() == name)
     }
@@ -60,47 +60,49 @@ impl fmt::Display for Quantity {
     }
 }
 
-/// Something that Phidgets makes, and one quantity that it measures.
+/// Product of Phidgets Inc., with one quantity that it measures.
 #[derive(Debug)]
 pub struct Part {
-    /// What is printed on it; what measures by itself has none.
+    /// Number printed on it; `None` for a Phidget that measures without an input.
     name: Option<&'static str>,
     quantity: Quantity,
     pub(crate) class: Class,
-    /// The library's number of it, if it is analog.
+    /// Type of sensor in the library, if it is analog.
     pub(crate) sensor_type: i32,
     value: Value,
 }
 
-/// What the library's value is, beside the quantity's unit.
+/// Conversion of the library's value to the quantity's unit.
 #[derive(Clone, Copy, Debug)]
 enum Value {
     Same,
-    /// In centimeters, of a length.
+    /// A length in centimeters.
     Centimeters,
-    /// Between 0 and 1, and nobody but its owner knows of what.
+    /// Between 0 and 1, without a known unit.
     Unscaled,
-    /// Rests at 0 and swings to both sides; so far it does without being a yes.
+    /// Around 0 at rest, and swinging to both sides during motion; from this absolute value on it means
+    /// yes.
     Swing(f64),
-    /// More than this is a no.
+    /// Up to this value it means yes, above it no.
     Near(f64),
 }
 
-/// A 1111 swings as far as −1 and 1 while somebody moves, and by a few hundredths at rest. 0.16 is
-/// the 0.4 V that the library takes as medium sensitivity for its successor, the MOT2002.
+/// Threshold of a 1111, which swings up to −1 and 1 during motion, and by a few hundredths at rest. 0.16 is
+/// the 0.4 V that the library takes as medium sensitivity for the successor, the MOT2002.
 const MOTION: f64 = 0.16;
 
-/// A 1146 says 4 mm, the farthest it sees, by this share of its supply; more is farther.
+/// Value of a 1146, as a share of its supply, at 4 mm, which is its largest distance. Greater values are
+/// farther.
 const FOUR_MILLIMETERS: f64 = 0.536;
 
-/// No type of sensor: the share of its supply that an analog input has.
+/// No type of sensor: the value is the share of the supply voltage at the analog input.
 const PLAIN: i32 = 0;
 
 const DIGITAL: &str = "digital";
 
 use Quantity::{Distance, Humidity, Light, Motion, Reflection, Temperature};
 
-/// All of them.
+/// All parts.
 const PARTS: &[Part] = &[
     itself(Temperature, Class::Temperature),
     itself(Humidity, Class::Humidity),
@@ -109,13 +111,14 @@ const PARTS: &[Part] = &[
     analog("1125", Humidity, Class::Ratio, 11251, Value::Same),
     analog("1124", Temperature, Class::Ratio, 11240, Value::Same),
     analog("1107", Humidity, Class::Ratio, 11070, Value::Same),
-    // Each of Sharp's sensors has a range of its own: 4 to 30 cm, 10 to 80 cm, 20 to 150 cm.
+    // Sharp's sensors differ in their ranges: 4 to 30 cm, 10 to 80 cm, 20 to 150 cm.
     analog("1101-2D120X", Distance, Class::Ratio, 11011, Value::Centimeters),
     analog("1101-2Y0A21", Distance, Class::Ratio, 11012, Value::Centimeters),
     analog("1101-2Y0A02", Distance, Class::Ratio, 11013, Value::Centimeters),
     analog("1102", Reflection, Class::Ratio, 11020, Value::Same),
     analog("1103", Reflection, Class::Ratio, 11030, Value::Same),
-    // The library has millimeters of it, and no value beyond 4: that nothing is there is a value too.
+    // The library converts it to millimeters, and has no value beyond 4 mm. But here “nothing near” is a
+    // value, too.
     analog("1146", Reflection, Class::Ratio, PLAIN, Value::Near(FOUR_MILLIMETERS)),
     analog("1111", Motion, Class::Ratio, 11110, Value::Swing(MOTION)),
     analog("1127", Light, Class::Voltage, 11270, Value::Same),
@@ -141,11 +144,12 @@ const fn analog(
 }
 
 impl Part {
-    /// What measures this: the part of this name, or without one a Phidget that does so by itself.
+    /// Returns the part of this name that measures the quantity; without a name, the Phidget that measures
+    /// it without an input.
     ///
     /// # Errors
     ///
-    /// If there is none, with what would be right.
+    /// Returns an error if there is none, with names that are possible.
     pub fn find(name: Option<&str>, quantity: Quantity) -> Result<&'static Part, String> {
         let is_it = |part: &&Part| match (part.name, name) {
             (Some(part), Some(name)) => part.eq_ignore_ascii_case(name),
@@ -171,34 +175,34 @@ impl Part {
         })
     }
 
-    /// Whether its number is `number`, whatever hangs on it.
+    /// Whether its name is `number` with an ending, which names what is attached to it.
     fn is_kind_of(&self, number: &str) -> bool {
         let rest = self.name.and_then(|name| name.strip_prefix(number));
         rest.is_some_and(|rest| rest.starts_with('-'))
     }
 
-    /// Whether it is read by an input of an interface kit or a hub, and is no Phidget itself.
+    /// Whether it is read through an input of an interface kit or a hub, and is no Phidget itself.
     pub fn needs_input(&self) -> bool {
         self.name.is_some()
     }
 
-    /// Whether a cable carries only one of the quantities that it measures.
+    /// Whether each cable of it carries only one of the several quantities that it measures.
     pub fn has_cables(&self) -> bool {
         let same = |part: &&Part| part.name == self.name && part.class == Class::Ratio;
         PARTS.iter().filter(same).count() > 1
     }
 
-    /// Whether only its owner knows how much its 1 is.
+    /// Whether the unit of its value is unknown: only the user can know what 1 means.
     pub fn is_unscaled(&self) -> bool {
         matches!(self.value, Value::Unscaled)
     }
 
-    /// Whether it swings: between two yes there are no.
+    /// Whether its value swings during motion, so that single readings may be below the threshold.
     pub fn swings(&self) -> bool {
         matches!(self.value, Value::Swing(_))
     }
 
-    /// The library's value in the quantity's unit.
+    /// Converts the library's value to the quantity's unit.
     pub(crate) fn canonical(&self, value: f64) -> f64 {
         match self.value {
             Value::Same | Value::Unscaled => value,
@@ -219,7 +223,7 @@ impl fmt::Display for Part {
     }
 }
 
-/// What an entry may write, of those that fit.
+/// Returns the settings that an entry could have, of the parts that fit.
 fn fitting(fits: impl Fn(&Part) -> bool) -> String {
     let parts: Vec<_> = PARTS
         .iter()

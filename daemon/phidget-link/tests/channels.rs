@@ -1,5 +1,5 @@
-//! Channels of devices that a test sets, unplugs and plugs in, through the whole of the interface
-//! to C: the library is a fake.
+//! Channels of devices that a test sets, unplugs and plugs in, through the real interface to C: the library
+//! is a fake.
 
 mod fake;
 
@@ -9,7 +9,7 @@ use fake::Fake;
 use phidget_link::{Address, Channel, Library, Part, Quantity};
 
 const SERIAL: Option<i32> = Some(12345);
-/// Enough for one that is here, and soon over for one that is not.
+/// Enough for a device that is attached, and short for one that is not.
 const WAIT: Duration = Duration::from_millis(20);
 
 fn open(fake: &Fake, name: Option<&str>, quantity: Quantity, address: Address) -> Channel {
@@ -18,7 +18,7 @@ fn open(fake: &Fake, name: Option<&str>, quantity: Quantity, address: Address) -
     Channel::open(library, part, address, WAIT).expect("a channel")
 }
 
-/// What hangs at an input of the interface kit.
+/// Returns the address of an input of the interface kit.
 fn at(port: u8) -> Address {
     Address { serial: SERIAL, hub_port: None, port: Some(port) }
 }
@@ -75,7 +75,7 @@ fn what_is_not_here_is_said_and_comes_later() {
 fn what_is_plugged_in_again_is_told_again_what_hangs_on_it() {
     let mut fake = plugged();
     fake.set("ratio.3.11110", 0.9);
-    // What it would say if it took the sensor for nothing in particular.
+    // Value without a type of sensor.
     fake.set("ratio.3.0", 0.01);
     let mut channel = open(&fake, Some("1111"), Quantity::Motion, at(3));
     assert_eq!(channel.read(), Ok(1.0));
@@ -83,7 +83,7 @@ fn what_is_plugged_in_again_is_told_again_what_hangs_on_it() {
     assert!(!channel.is_attached());
     let problem = channel.read().expect_err("it was unplugged").to_string();
     assert_eq!(problem, "find a 1111 at port 3 of Phidget 12345: it was unplugged");
-    // Nobody looked meanwhile.
+    // There was no call meanwhile.
     fake.set("plugged", 2.0);
     assert_eq!(channel.read(), Ok(1.0));
 }

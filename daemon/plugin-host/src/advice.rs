@@ -1,12 +1,13 @@
-//! What a person can do about a plugin that does not start, told from how it ended and what it said last.
+//! Advice for a person about a plugin that does not start, derived from the way it ended and its last
+//! output.
 
 use std::path::Path;
 
-/// Python modules that are installed under another name.
+/// Python modules that have another name as packages on PyPI.
 const PYPI_NAMES: [(&str, &str); 4] =
     [("zenoh", "eclipse-zenoh"), ("yaml", "pyyaml"), ("serial", "pyserial"), ("smbus", "smbus2")];
 
-/// Returns advice on a failed start; `None` if nothing is known of such an end.
+/// Returns advice on a failed start; `None` if there is none for this reason.
 pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String> {
     if let Some(module) = missing_module(why) {
         let known = PYPI_NAMES.iter().find(|(name, _)| *name == module);
@@ -19,7 +20,8 @@ pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String
         ));
     }
     let says = |words: &str| why.contains(words);
-    // Before “Permission denied”: here the daemon is denied something, and not the plugin.
+    // Must come before “Permission denied”: here it is the daemon that is denied something, and not the
+    // plugin.
     let advice = if says("it is not known what it keeps on disk") {
         "its daemon counts what it keeps: let the folders in its home be readable for its own user, \
          and their paths shorter than 4096 bytes"
@@ -46,7 +48,7 @@ pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String
     Some(advice.to_owned())
 }
 
-/// The module of Python's `ModuleNotFoundError: No module named 'zenoh'`.
+/// Returns the module in Python's message `ModuleNotFoundError: No module named 'zenoh'`.
 fn missing_module(why: &str) -> Option<&str> {
     let (_, rest) = why.split_once("No module named ")?;
     let name = rest.trim_start_matches(['\'', '"']).split(['\'', '"', '.']).next()?;

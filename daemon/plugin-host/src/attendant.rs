@@ -1,5 +1,5 @@
-//! Who speaks to the agents of a plugin, on the plugin's own endpoint: asks them to act, hears what
-//! became of it, and takes back what nobody waits for any more.
+//! Client agent on a plugin's own endpoint: forwards actions to the plugin's agents, receives the results,
+//! and cancels actions that are not waited for any more.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,15 +10,15 @@ use actuator::{Call, Failure};
 use agent::{Agent, Answer, Callbacks, Context, Opening, Work};
 use tokio::sync::{mpsc, oneshot};
 
-/// Orders that may wait: an agent does one thing at a time.
+/// Capacity of the queue of orders. An agent carries out one action at a time, so more are not expected.
 const ORDERS_MAX: usize = 1_024;
 
-/// What an agent may take beside its method: to agree, and to confirm.
+/// Time that an agent may take in addition to its method, for `agree` and `confirm`.
 const BESIDE_METHOD: Duration = Duration::from_secs(5);
 
 type Tell = oneshot::Sender<Result<Report, Failure>>;
 
-/// A hold on the attendant. Clones are of the same one.
+/// Handle of the attendant; clones belong to the same attendant.
 #[derive(Clone)]
 pub(crate) struct Bell(mpsc::Sender<Order>);
 
@@ -30,15 +30,15 @@ enum Order {
         number: u64,
         tell: Tell,
     },
-    /// Nobody waits for it any more.
+    /// Cancels the action of this number: its caller has given up.
     Forget(u64),
 }
 
-/// The agent.
+/// The client agent.
 pub(crate) struct Attendant {
     orders: Option<mpsc::Receiver<Order>>,
     under_way: BTreeMap<u64, UnderWay>,
-    /// Waits for the next order.
+    /// The task that waits for the next order.
     listening: Option<Work>,
 }
 
@@ -48,7 +48,7 @@ struct UnderWay {
     tell: Tell,
 }
 
-/// Takes an order back when it is dropped before its end.
+/// Cancels an order if it is dropped before the result has arrived.
 struct Asked {
     bell: Option<Bell>,
     number: u64,
@@ -74,7 +74,7 @@ impl Attendant {
                     attendant.ask(to, call, timeout, number, tell, ctx);
                 }
                 Some(Order::Forget(number)) => attendant.forget(number, ctx),
-                // Nobody holds the bell any more.
+                // All handles were dropped.
                 None => return,
             }
             attendant.next_order(ctx);
@@ -135,7 +135,7 @@ impl Attendant {
         };
         if let Some(UnderWay { tell, exchange, .. }) = self.under_way.remove(&number) {
             ctx.close(&exchange);
-            // Who asked may have given it up meanwhile.
+            // The caller may have given up in the meantime.
             let _ = tell.send(outcome);
         }
     }
@@ -169,7 +169,7 @@ impl Agent for Attendant {
 }
 
 impl Bell {
-    /// Asks an agent of the plugin to act. Dropped before its end, it is given up.
+    /// Asks an agent of the plugin to act, and returns its report. Dropping the future cancels the action.
     pub(crate) async fn act(
         &self,
         to: AgentId,
@@ -191,7 +191,8 @@ impl Bell {
 impl Drop for Asked {
     fn drop(&mut self) {
         if let Some(bell) = &self.bell {
-            // An attendant with no room for it has given up everything, or stops at its deadline.
+            // If the queue is full or closed, the attendant has stopped, or the exchange ends at its
+            // deadline.
             let _ = bell.0.try_send(Order::Forget(self.number));
         }
     }

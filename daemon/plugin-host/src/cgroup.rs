@@ -1,53 +1,56 @@
-//! Control groups (cgroup v2): where the daemon was given a part of their tree (systemd's `Delegate=yes`),
-//! each plugin is a group of its own, whose memory, processes and computing the kernel counts and bounds.
+//! Control groups (cgroup v2). If a part of their tree was delegated to the daemon (systemd's
+//! `Delegate=yes`), each plugin gets a group of its own, in which the kernel counts and limits memory,
+//! processes and processor time.
 //!
-//! The kernel lets no group have processes and parts at once, so the daemon itself moves into a part.
+//! The kernel does not let a group have both processes and subgroups, so the daemon moves itself into a
+//! subgroup.
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Where the tree is mounted.
+/// Mount point of the tree.
 const ROOT: &str = "/sys/fs/cgroup";
-/// What is counted.
+/// Controllers that count resources for plugins.
 const CONTROLLERS: [&str; 3] = ["cpu", "memory", "pids"];
-/// The part that the daemon is in.
+/// Name of the subgroup that the daemon is in.
 const OWN: &str = "daemon";
-/// Microseconds within which a group's share of a processor is counted: the kernel's own choice.
+/// Period in microseconds over which a group's share of a processor is counted. The kernel's default.
 const PERIOD: u32 = 100_000;
-/// How systemd marks a group that it has given away.
+/// Extended attributes by which systemd marks a group as delegated.
 const DELEGATED: [&str; 2] = ["user.delegate", "trusted.delegate"];
 
-/// The part of the tree that this daemon was given.
+/// Part of the tree that was delegated to this daemon.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Tree(PathBuf);
 
-/// The group of one life of a plugin; dropped, it is removed with all that is in it.
+/// Control group of one incarnation of a plugin. On drop, all processes in it are killed and the group is
+/// removed.
 #[derive(Debug)]
 pub(crate) struct Group {
     folder: PathBuf,
-    /// What a former life in the same group had taken.
+    /// Usage of earlier incarnations in the same group; it is subtracted.
     before: Taken,
 }
 
-/// What a group has taken.
+/// Resources that a group has taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Taken {
-    /// Bytes that it holds, whatever for.
+    /// Bytes of memory that the group holds, of any kind.
     pub(crate) memory: u64,
-    /// Time on a processor, of all processes that were ever in it.
+    /// Processor time of all processes that were ever in the group.
     pub(crate) cpu: Duration,
-    /// How often a process was ended because the group held more than it may.
+    /// Number of processes that the kernel killed because the group exceeded its memory limit.
     pub(crate) ended: u64,
 }
 
 impl Tree {
-    /// Finds the part of this process, and divides it.
+    /// Finds the group of this process, and divides it into subgroups if it is not divided yet.
     ///
     /// # Errors
     ///
-    /// Why it has none; for a person.
+    /// Returns the reason, for a person, if this daemon has no tree of its own.
     pub(crate) fn find() -> Result<Tree, String> {
         let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
         let own = groups.lines().find_map(|line| line.strip_prefix("0::"));
@@ -56,14 +59,15 @@ impl Tree {
         Tree::divided(&folder).map_or_else(|| Tree::at(&folder), Ok)
     }
 
-    /// The tree of which this is the daemon's own part, as it was divided before it began anew.
+    /// Returns the tree if `part` is the daemon's own subgroup of it, made before the daemon re-executed
+    /// itself.
     fn divided(part: &Path) -> Option<Tree> {
         let folder = part.parent().filter(|_| part.file_name().is_some_and(|name| name == OWN))?;
         let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap_or_default();
         let enabled = read("cgroup.subtree_control");
         let is_divided =
             CONTROLLERS.iter().all(|name| enabled.split_whitespace().any(|it| it == *name));
-        // One that another has divided has parts that are not this daemon's to make.
+        // A group that another process has divided has subgroups that are not this daemon's to make.
         let is_given = !rustix::process::geteuid().is_root() || is_marked(folder);
         let is_writable = rustix::fs::access(folder, rustix::fs::Access::WRITE_OK).is_ok();
         (is_divided && is_given && is_writable && read("cgroup.procs").trim().is_empty())
@@ -104,37 +108,38 @@ impl Tree {
         Ok(Tree(folder.to_owned()))
     }
 
-    /// Makes a group for a plugin.
+    /// Creates the group of a plugin, with limits of `memory` bytes and `tasks` threads.
     ///
     /// # Errors
     ///
-    /// If the kernel refuses.
+    /// Returns an error if the kernel refuses.
     pub(crate) fn group(&self, name: &str, memory: u64, tasks: u64) -> io::Result<Group> {
         let folder = self.0.join(format!("plugin-{name}"));
         make(&folder)?;
         let mut group = Group { folder, before: Taken::default() };
         group.before = Taken { memory: 0, ..group.taken() };
         group.write("memory.max", &memory.to_string())?;
-        // Together with memory, what was swapped out would be more than it may hold.
+        // Without swap: memory and swap together would exceed the limit. The file is missing if the kernel
+        // has no swap.
         match group.write("memory.swap.max", "0") {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
             _ => (),
         }
         group.write("memory.oom.group", "1")?;
         group.write("pids.max", &tasks.to_string())?;
-        // A former life in the same group may have been slowed.
+        // An earlier incarnation in the same group may have been slowed down.
         group.write("cpu.max", &format!("max {PERIOD}"))?;
         Ok(group)
     }
 }
 
 impl Group {
-    /// Where it is; a process joins it by writing to its `cgroup.procs`.
+    /// Returns the folder of the group. A process joins the group by writing to its `cgroup.procs`.
     pub(crate) fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// What it has taken so far.
+    /// Returns the usage so far. A value that cannot be read is zero.
     pub(crate) fn taken(&self) -> Taken {
         let number = |file: &str, key: &str| -> u64 {
             let text = fs::read_to_string(self.folder.join(file)).unwrap_or_default();
@@ -152,10 +157,10 @@ impl Group {
         }
     }
 
-    /// Lets it compute no more than this share of a processor from now on.
+    /// Limits the group to `share` of a processor from now on.
     pub(crate) fn slow_down(&self, share: f64) {
         let quota = (share * f64::from(PERIOD)).max(1_000.0).round();
-        // Without it, it is slowed by its priority.
+        // If this fails, the lower priority of its processes slows it down.
         let _ = self.write("cpu.max", &format!("{quota} {PERIOD}"));
     }
 
@@ -166,14 +171,15 @@ impl Group {
 
 impl Drop for Group {
     fn drop(&mut self) {
-        // Whatever is still in it, wherever its process group is.
+        // Kills all processes that are still in the group, whatever their process group.
         let _ = self.write("cgroup.kill", "1");
-        // The kernel lets go of a group when its last process is gone; a next life uses it again.
+        // The kernel removes a group only after its last process is gone. If that takes longer, the next
+        // incarnation reuses the group.
         let _ = fs::remove_dir(&self.folder);
     }
 }
 
-/// Whether systemd has given a group away. Root may write anywhere; that says nothing.
+/// Whether systemd has delegated a group. Write access is no evidence: root may write to every group.
 fn is_marked(folder: &Path) -> bool {
     DELEGATED.iter().any(|mark| {
         let mut value = [0; 8];

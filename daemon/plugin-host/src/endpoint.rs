@@ -1,8 +1,10 @@
-//! Where a plugin joins: a wire of its own, on which it meets nobody but its host.
+//! The endpoint that a plugin connects to: a Zenoh listener on a socket that the plugin shares with its
+//! host only.
 //!
-//! What it says there is heard by its host alone, and what the ecosystem says is not heard there: so
-//! it can take nobody's name, ask for nothing, and overhear nothing. Its agents are in the ecosystem as
-//! its host lets them in (`proxy`).
+//! The host receives the plugin's messages, but the ecosystem does not, and the plugin does not receive
+//! those of the ecosystem. So it cannot take another agent's name, ask other agents for anything, or
+//! overhear them. The plugin's agents are in the ecosystem only as proxy agents, if the host admits them
+//! (`proxy`).
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -24,36 +26,37 @@ use crate::attendant::{Attendant, Bell};
 use crate::package::Package;
 use crate::proxy::{Accepted, Escort};
 
-/// Who speaks to the agents of a plugin.
+/// Name of the client agent that forwards actions to the plugin's agents.
 const HOST: &str = "host";
-/// Who watches them.
+/// Name of the agent that observes them.
 const WATCHER: &str = "host-watch";
 
-/// Agents that one plugin may bring: a gateway of a large house has hundreds.
+/// Capacity of the queue of agents that were not met before; an agent that does not fit is not admitted.
+/// A gateway of a large building has hundreds.
 const AGENTS_MAX: usize = 1_024;
 
-/// Messages that are taken from a plugin in a second, and for each of its agents: heartbeats, and what
-/// happens. What is beyond is dropped.
+/// Messages per second that are accepted from a plugin, and those for each of its agents: heartbeats and
+/// events. Further messages are dropped.
 const MESSAGES_PER_SECOND: u32 = 200;
 const MESSAGES_PER_AGENT: u32 = 20;
 
-/// Seconds in a row in which a plugin says too much before it is stopped.
+/// Seconds in a row with too many messages after which a plugin is stopped.
 const FLOOD_SECONDS: u32 = 5;
 
-/// Connections of one process of a plugin at a time: a session, and one that has ended and is not missed
-/// yet. Those of a plugin of one process, in any case.
+/// Connections per process of a plugin at the same time: its session, and one that has ended and is not
+/// detected as closed yet. And the minimum of connections for the whole plugin.
 const SESSIONS_PER_PROCESS: u32 = 4;
 const SESSIONS_MIN: u32 = 8;
-/// Connections that are being opened at a time.
+/// Connections that may be in the handshake at the same time.
 const OPENING_MAX: u32 = 8;
 
-/// How long the agents of a plugin may take to leave.
+/// Time that the agents of a plugin may take to leave.
 const LEAVING: Duration = Duration::from_secs(3);
 
-/// An open endpoint; it outlives the processes that join it.
+/// An open endpoint. It stays open when the plugin's process is restarted.
 pub(crate) struct Endpoint {
     pub(crate) locator: String,
-    /// The file of its socket.
+    /// Path of its socket.
     pub(crate) socket: PathBuf,
     pub(crate) host: HostName,
     substrate: Arc<dyn Substrate>,
@@ -63,14 +66,14 @@ pub(crate) struct Endpoint {
     tasks: TaskTracker,
 }
 
-/// What an endpoint is opened for.
+/// Parameters of an endpoint.
 pub(crate) struct Purpose<'p> {
     pub(crate) ecosystem: &'p EcosystemId,
     pub(crate) daemon: &'p DaemonId,
     pub(crate) settings: &'p Settings,
     pub(crate) socket: &'p Path,
     pub(crate) package: &'p Arc<Package>,
-    /// The agents that the plugin is asked to bring, each with the model that its package has for it.
+    /// Agents that the plugin has to bring, each with its action model if the package has one.
     pub(crate) agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
     pub(crate) landing: &'p Landing,
 }
@@ -119,7 +122,7 @@ impl Endpoint {
         Ok(Endpoint { locator, socket, host, substrate, accepted, meter, stopping, tasks })
     }
 
-    /// Lets the plugin's agents leave, and closes.
+    /// Makes the plugin's agents leave, and closes the endpoint.
     pub(crate) async fn close(self) {
         self.stopping.cancel();
         self.tasks.close();
@@ -130,8 +133,8 @@ impl Endpoint {
     }
 }
 
-/// Zenoh's settings of the endpoint of a plugin that may have so many processes: what it opens costs the
-/// memory of its host.
+/// Returns Zenoh's settings for the endpoint of a plugin that may have so many processes. Sessions are
+/// bounded because each takes memory of the daemon.
 fn wire(processes: u32) -> Value {
     let sessions = processes.saturating_mul(SESSIONS_PER_PROCESS).max(SESSIONS_MIN);
     json!({ "transport": { "unicast": {
@@ -144,7 +147,7 @@ fn plain(name: &str) -> AgentId {
     AgentId::new(name).expect("invariant: the host's names are names")
 }
 
-/// Meets whoever joins the endpoint.
+/// Admits or rejects the agents that join the endpoint.
 struct Reception {
     package: Arc<Package>,
     agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
@@ -197,19 +200,19 @@ impl Reception {
     }
 }
 
-/// Counts what a plugin says, and drops what is too much.
+/// Limits the rate of messages from a plugin: counts them and drops those that are too many.
 pub(crate) struct Meter {
     inner: Arc<Switchboard>,
     per_second: AtomicU32,
     second: Mutex<Second>,
-    /// Told when it has said too much for too long.
+    /// Notified when there were too many messages for [`FLOOD_SECONDS`] in a row.
     pub(crate) flooded: Notify,
 }
 
 struct Second {
     began: Instant,
     count: u32,
-    /// Seconds in a row that were too full.
+    /// Number of seconds in a row with too many messages.
     over: u32,
     dropped: u64,
 }
@@ -229,12 +232,12 @@ impl Meter {
         self.per_second.fetch_add(MESSAGES_PER_AGENT, Ordering::Relaxed);
     }
 
-    /// How many messages were dropped so far.
+    /// Returns how many messages were dropped so far.
     pub(crate) fn dropped(&self) -> u64 {
         self.second.lock().unwrap_or_else(PoisonError::into_inner).dropped
     }
 
-    /// Whether one more is taken.
+    /// Counts one message, and returns whether it is accepted.
     fn takes(&self) -> bool {
         let most = self.per_second.load(Ordering::Relaxed);
         let mut second = self.second.lock().unwrap_or_else(PoisonError::into_inner);
@@ -263,7 +266,7 @@ impl Inbound for Meter {
     }
 
     fn presence(&self, presence: Presence) {
-        // A process that ends is seen however much it has said before.
+        // The end of an agent is always passed on, however many messages came before.
         if self.takes() || matches!(presence, Presence::Left(_)) {
             self.inner.presence(presence);
         }

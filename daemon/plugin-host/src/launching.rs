@@ -1,5 +1,5 @@
-//! Starts a package's process: what it is told, and within which bounds it runs. Used by the supervision
-//! of a daemon and by the trial of `althing plugin check`.
+//! Starts the process of a package: determines its confinement, its environment, and its first line of
+//! input. Used by the supervision in a daemon and by the trial of `althing plugin check`.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -21,29 +21,30 @@ use crate::program::{self, Program};
 use crate::rights::{Permissions, device_objection, read_objection};
 use crate::supervision::WantedAgent;
 
-/// Beyond what its processes may hold together, each is stopped by the kernel: libraries and the
-/// stacks of threads that nothing is in count here, and do not there.
+/// Bytes added to the memory limit of a plugin to get the kernel's limit for each process. The latter also
+/// counts libraries and unused stacks of threads.
 const ADDRESSES: u64 = 1 << 30;
 
-/// Where programs of the system are, also where the daemon's `PATH` says nothing of them.
+/// Folders with programs of the system, added to the `PATH` even if the daemon's `PATH` does not contain
+/// them.
 const SYSTEM_PATH: [&str; 3] = ["/usr/local/bin", "/usr/bin", "/bin"];
 
-/// Threads that one process may have beside the first: interpreters and Zenoh have a dozen.
+/// Threads added to the limit of a plugin for each process that it may have.
 const THREADS_PER_PROCESS: u64 = 4;
-/// Threads that a plugin may have in any case.
+/// Base of the limit of threads of a plugin. A process with an interpreter and Zenoh has a dozen.
 const THREADS: u64 = 64;
 
-/// What plugins are confined with here.
+/// Means of confinement on this machine.
 #[derive(Clone, Debug)]
 pub(crate) struct Ward {
     pub(crate) means: Means,
-    /// The part of the tree of control groups that is this daemon's, or why it has none.
+    /// The part of the tree of control groups that is this daemon's, or the reason why it has none.
     pub(crate) tree: Result<Tree, String>,
-    /// Folders of which no plugin reads.
+    /// Folders that no plugin may read.
     pub(crate) private: Vec<PathBuf>,
 }
 
-/// A process that is to be started.
+/// Parameters of a process that is to be started.
 pub(crate) struct Start<'s> {
     pub(crate) launcher: &'s Launcher,
     pub(crate) ward: &'s Ward,
@@ -51,32 +52,33 @@ pub(crate) struct Start<'s> {
     pub(crate) program: &'s Program,
     /// Sockets that it may connect to.
     pub(crate) sockets: Vec<PathBuf>,
-    /// A folder of its own; made if it is not there.
+    /// Its data folder; created if it does not exist.
     pub(crate) data: &'s Path,
     pub(crate) log: &'s Log,
 }
 
-/// A process, with the control group that counts it, if there is one.
+/// A running process, with its control group if it has one.
 pub(crate) struct Started {
     pub(crate) process: Process,
     pub(crate) counted: Option<Group>,
 }
 
 impl Ward {
-    /// Finds out what there is. `folder` is any folder that exists.
+    /// Finds the means of confinement. `folder` is any folder that exists.
     pub(crate) async fn find(launcher: &Launcher, folder: &Path, private: &[PathBuf]) -> Ward {
-        // First the groups: a process that tries out the rest would be in the daemon's.
+        // The groups come first: otherwise the process that tries out the rest would be in the daemon's
+        // group.
         let tree = Tree::find();
         Ward { means: launcher.means(folder).await, tree, private: private.to_vec() }
     }
 
-    /// What is there before anybody has looked.
+    /// Returns the placeholder that is used before the means are known. It has none.
     pub(crate) fn unknown() -> Ward {
         let why = "nobody has looked yet";
         Ward { means: Means::none(why), tree: Err(why.to_owned()), private: Vec::new() }
     }
 
-    /// How what plugins take is limited, for a person.
+    /// Describes for a person how the resources of plugins are limited.
     pub(crate) fn limits(&self) -> String {
         match &self.tree {
             Ok(_) => "limited by the kernel (a control group for each plugin)".to_owned(),
@@ -84,11 +86,11 @@ impl Ward {
         }
     }
 
-    /// Looks where the paths of a plugin's rights really lead, and whether it may go there.
+    /// Checks the real targets of the paths in a plugin's rights.
     ///
     /// # Errors
     ///
-    /// The first that is given to no plugin, and why.
+    /// Returns the first path that cannot be allowed to any plugin, with the reason.
     fn check_paths(&self, permissions: &Permissions) -> Result<(), String> {
         for device in &permissions.devices {
             let Ok(real) = device.canonicalize() else { continue };
@@ -120,23 +122,23 @@ impl Ward {
         Ok(())
     }
 
-    /// What is done for a plugin.
+    /// Returns the use of the means for a plugin.
     pub(crate) fn plan(&self, permissions: &Permissions) -> Plan {
         self.means.plan(permissions, self.tree.is_ok())
     }
 }
 
-/// Threads of all its processes together.
+/// Returns the limit of threads for all processes of a plugin together.
 pub(crate) fn threads_max(processes: u32) -> u64 {
     THREADS + THREADS_PER_PROCESS * u64::from(processes)
 }
 
 impl Start<'_> {
-    /// Starts it.
+    /// Starts the process, in its confinement.
     ///
     /// # Errors
     ///
-    /// If that fails; for a person.
+    /// Returns the reason, for a person, if the process cannot be started.
     pub(crate) async fn begin(self) -> Result<Started, String> {
         let Start { launcher, ward, package, program, sockets, data, log } = self;
         let permissions = &package.manifest.permissions;
@@ -192,15 +194,15 @@ impl Start<'_> {
     }
 }
 
-/// Makes a plugin's own folder, which nobody else enters.
+/// Creates the data folder of a plugin, which only this user can enter.
 fn make_home(data: &Path) -> Result<(), String> {
     let mut folder = DirBuilder::new();
     let made = folder.recursive(true).mode(0o700).create(data);
     made.map_err(|error| format!("failed to make {}: {error}", data.display()))
 }
 
-/// The `PATH` of a plugin: first where its interpreter is, so that what it starts by that name is the
-/// same; then what of the daemon's it can read.
+/// Returns the `PATH` of a plugin. The folder of its interpreter comes first, so that the plugin starts the
+/// same interpreter by its name. The folders of the daemon's `PATH` follow that the plugin can read.
 fn path(program: &Program, read: &BTreeSet<PathBuf>) -> OsString {
     let own = program.file.parent().map(Path::to_owned);
     let is_readable = |folder: &PathBuf| {
@@ -213,11 +215,11 @@ fn path(program: &Program, read: &BTreeSet<PathBuf>) -> OsString {
             folders.push(folder);
         }
     }
-    // A folder with a `:` in its name cannot be on a path.
+    // Fails for a folder with a `:` in its name.
     std::env::join_paths(folders).unwrap_or_else(|_| SYSTEM_PATH.join(":").into())
 }
 
-/// What the program is told in its first line.
+/// Returns the first line of input of the program: the agents to bring, and the endpoint to connect to.
 pub(crate) fn hello(
     package: &Package,
     landing: &Landing,
@@ -243,11 +245,12 @@ pub(crate) fn hello(
     serde_json::to_string(&hello).unwrap_or_default()
 }
 
-/// What a package's program is told of an agent, and its model where the package has one.
+/// Returns the description of an agent for the package's program, and the agent's action model if the
+/// package has one.
 ///
 /// # Errors
 ///
-/// If its config or its model is wrong; for a person.
+/// Returns the reason, for a person, if the agent's config or model is wrong.
 pub(crate) fn described(
     package: &Package,
     agent: &WantedAgent,

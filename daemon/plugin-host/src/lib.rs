@@ -1,17 +1,22 @@
-//! Plugins that run as processes (the paper, “Plug & Play”): a folder that is put into another, or
-//! taken out, is something that the building can do, or cannot any more, without a restart.
+//! Hosts plugins that run as processes of their own (the paper, “Plug & Play”). A plugin is a package: a
+//! folder in the plugin folder. Adding a package adds its agents to the ecosystem, and removing it removes
+//! them; the daemon is not restarted.
 //!
-//! - `manifest` and `package` are what a package says of itself; `shelf` is the folder they are in.
-//! - `supervision` is the life of one plugin (`lives`: when it is started again; `living`: why it has
-//!   to be ended), `process` its process, `confinement` what that may do, `usage` what it takes, `log`
-//!   what it prints.
-//! - `endpoint` is where it joins: a wire of its own, on which an agent of this house's watches
-//!   (`agent::Observer`) and another speaks to it (`attendant`). `proxy` is the same agent as the
-//!   ecosystem knows it: an actuator like any other, whose planner and domain this daemon hosts.
-//! - `status` is what people see of all that.
+//! - `manifest` and `package`: reading and checking a package. `shelf`: the plugin folder.
+//! - `supervision`: starts, restarts and stops one plugin. `lives` decides when it is restarted, `living`
+//!   when its process has to be ended.
+//! - `program` finds the program that a package really runs, `launching` starts it, and `process` is its
+//!   process. `trial` starts a package once, for `althing plugin check`.
+//! - `rights`: what a plugin may use. `confinement`: its restrictions. `mediator`: answers to the system
+//!   calls that the kernel alone cannot decide. `usage`: the resources that it takes. `log`: its output.
+//! - `endpoint`: the socket that a plugin connects to, on a substrate that it shares with its host only.
+//!   There an `agent::Observer` watches the plugin's agents, and the `attendant` forwards requests to them.
+//!   `proxy`: the proxy agent for each of them in the ecosystem. It is an actuator; its planner and its
+//!   domain run in this daemon.
+//! - `status`: the state of all plugins, for users.
 //!
-//! A plugin says and hears what any actuator does (docs/protocol.md), and only to its host: nothing of
-//! it has a meaning in the ecosystem but through the proxy.
+//! A plugin speaks the protocol of actuators (docs/protocol.md), but only with its host. Its messages reach
+//! the ecosystem only through the proxy agents.
 
 mod advice;
 mod attendant;
@@ -67,54 +72,54 @@ use log::Log;
 use package::{Stamp, stamp};
 use supervision::{Statuses, Supervision, Wanted, Wish};
 
-/// What this daemon's own program is told as its first argument, to become a plugin's: a
-/// [`Confinement`], the program and its arguments follow.
+/// First argument of this daemon's own program when it is to become the program of a plugin. The next
+/// arguments are a [`Confinement`] in JSON, the program and the program's arguments.
 pub const LAUNCH: &str = "become-plugin";
 
-/// What it is told after that instead, to try out what the kernel has to confine plugins with: a
-/// folder follows.
+/// Argument after [`LAUNCH`] that asks the process to find out what the kernel offers to confine plugins.
+/// The next argument is a folder.
 pub const PROBE: &str = "probe";
 
-/// What finds agents here, among all that does.
+/// Name under which this crate reports discovered agents, among all sources of discovered agents.
 const PLUGINS: &str = "plugins";
 
-/// How long a folder must be at rest before it is looked at: copies come file by file.
+/// Time without changes after which the plugin folder is checked: a package is copied file by file.
 const AT_REST: Duration = Duration::from_millis(60);
 
-/// How often it is looked at for a while after something was done: the kernel tells of files in a new
-/// folder only once it was asked to, and those before that it keeps to itself.
+/// Interval between checks of the plugin folder for [`LOOK_AGAIN`] after a change. The kernel reports
+/// changes in a new subfolder only once that is watched; files that were written before are not reported.
 const LOOK_SOON: Duration = Duration::from_millis(250);
 
-/// How often it is looked at where the kernel says nothing.
+/// Interval between checks of the plugin folder while the kernel reports no changes.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
-/// What plugins are hosted with.
+/// Settings and surroundings that plugins are hosted with.
 pub struct Setting {
-    /// Where packages are.
+    /// The plugin folder, with the packages.
     pub shelf: Shelf,
-    /// Where their agents live.
+    /// The ecosystem that the proxy agents join.
     pub landing: Landing,
-    /// The agents that the ecosystem's file gives to this daemon, by package.
+    /// Agents that the ecosystem file assigns to this daemon, by package.
     pub agents: BTreeMap<String, Vec<WantedAgent>>,
-    /// All agents that the file names, whoever hosts them.
+    /// All agents that the ecosystem file names, on any daemon.
     pub named: BTreeSet<AgentId>,
-    /// Which of those that it does not name take part.
+    /// Decisions on which agents may join that the ecosystem file does not name.
     pub admissions: Arc<Admissions>,
-    /// This daemon's own program.
+    /// This daemon's own program, which is started to become a plugin's.
     pub launcher: Launcher,
-    /// Where sockets are.
+    /// Folder for the sockets of the endpoints.
     pub sockets: PathBuf,
-    /// Where plugins keep what is their own, and where their logs are.
+    /// Folder with the data folder and the log of each plugin.
     pub state: PathBuf,
-    /// The simulated building's socket.
+    /// Socket of the simulated building, if there is one.
     pub building: Option<PathBuf>,
-    /// Whether plugins run only where nothing of their confinement is missing.
+    /// Whether a plugin runs only if all of its confinement can be enforced.
     pub requires_confinement: bool,
-    /// Folders of which no plugin reads, whatever it was allowed: keys, sockets, what daemons keep.
+    /// Folders that no plugin may read, whatever rights it has: keys, sockets, data of daemons.
     pub private: Vec<PathBuf>,
 }
 
-/// What all supervisions stand on.
+/// State that the supervisions of all plugins share.
 pub(crate) struct Ground {
     pub(crate) shelf: Shelf,
     pub(crate) landing: Landing,
@@ -124,23 +129,24 @@ pub(crate) struct Ground {
     pub(crate) building: Option<PathBuf>,
     requires_confinement: bool,
     private: Vec<PathBuf>,
-    /// What plugins are confined with; found before the first is started.
+    /// Means of confinement on this machine; set before the first plugin is started.
     ward: OnceLock<Ward>,
-    /// Told when the folder is to be looked at.
+    /// Notified when the plugin folder is to be checked again.
     pub(crate) look_again: Notify,
     taken_back: Mutex<BTreeMap<String, String>>,
 }
 
-/// What plugins are confined with before that was tried out.
+/// Stands in for the means of confinement until they are known.
 static UNKNOWN: LazyLock<Ward> = LazyLock::new(Ward::unknown);
 
 impl Ground {
-    /// What plugins are confined with; nothing, before that is known.
+    /// Returns the means of confinement on this machine, or [`Ward::unknown`] until they are known.
     pub(crate) fn ward(&self) -> &Ward {
         self.ward.get().unwrap_or(&UNKNOWN)
     }
 
-    /// How far plugins are confined here; nothing is said before it is known.
+    /// Returns how far plugins can be confined here, for users. Until that is known, only `is_required` is
+    /// set.
     fn confined(&self) -> Confined {
         let is_required = self.requires_confinement;
         let Some(ward) = self.ward.get() else {
@@ -154,17 +160,17 @@ impl Ground {
         }
     }
 
-    /// Which plugins were taken back to the version before, and why.
+    /// Returns the plugins that were rolled back to their previous version, each with the reason.
     pub(crate) fn taken_back(&self) -> MutexGuard<'_, BTreeMap<String, String>> {
         self.taken_back.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Hosts plugins until the daemon drains.
+/// Starts hosting plugins, until the daemon drains.
 ///
 /// # Errors
 ///
-/// If a folder of the daemon's own cannot be made.
+/// Returns an error if the folder for sockets or the folder for data cannot be created.
 pub fn host(setting: Setting) -> std::io::Result<()> {
     let Setting { shelf, landing, agents, named, admissions, launcher, sockets, state, .. } =
         setting;
@@ -172,10 +178,10 @@ pub fn host(setting: Setting) -> std::io::Result<()> {
     for folder in [&sockets, &state] {
         DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
     }
-    // A service manager may have put a link there: what is held against the paths of open files and of
-    // rights is the place itself.
+    // A service manager may have made these folders symbolic links. The paths of open files and of rights
+    // are compared with them, so the real paths are needed.
     let (sockets, state) = (sockets.canonicalize()?, state.canonicalize()?);
-    // What is not there yet, links lead to nowhere.
+    // A folder that does not exist yet keeps its path: there is no link to follow.
     let real = |folder: PathBuf| folder.canonicalize().unwrap_or(folder);
     let private = private.into_iter().map(real).collect();
     let ground = Arc::new(Ground {
@@ -192,7 +198,7 @@ pub fn host(setting: Setting) -> std::io::Result<()> {
         taken_back: Mutex::default(),
     });
     let statuses = Statuses::default();
-    // Weak: the switchboard is part of the ground.
+    // A weak reference: the ground owns the switchboard, which keeps this closure.
     let (told_of, told_ground) = (Arc::clone(&statuses), Arc::downgrade(&ground));
     ground.landing.switchboard.tell_plugins(move || {
         told_ground.upgrade().map(|ground| told(&ground, &told_of)).unwrap_or_default()
@@ -224,7 +230,8 @@ fn told(ground: &Ground, statuses: &Statuses) -> String {
     serde_json::to_string(&plugins).unwrap_or_default()
 }
 
-/// Holds what is in the folder against what runs.
+/// Compares the packages in the plugin folder with the plugins that run, and starts or stops plugins
+/// accordingly.
 struct Keeper {
     ground: Arc<Ground>,
     agents: BTreeMap<String, Vec<WantedAgent>>,
@@ -234,20 +241,20 @@ struct Keeper {
     kept: BTreeMap<String, Kept>,
 }
 
-/// One plugin, as it was looked at last.
+/// One plugin, as of the last check.
 struct Kept {
     looked: Looked,
     wish: watch::Sender<Wish>,
 }
 
-/// All that decides what becomes of a plugin.
+/// Everything that decides whether a plugin runs.
 #[derive(PartialEq)]
 struct Looked {
     stamp: Stamp,
     is_disabled: bool,
     allowed: Vec<Right>,
     admission: Admission,
-    /// Why what is in its package may be somebody else's.
+    /// Reason if another user could have changed the package.
     writable: Option<String>,
 }
 
@@ -273,7 +280,7 @@ impl Keeper {
         }
     }
 
-    /// Finds out how plugins are confined here, and says so.
+    /// Finds out how plugins can be confined on this machine, and logs it.
     async fn find_means(&self) {
         let Ground { launcher, data, ward, shelf, private, .. } = &*self.ground;
         let kept = shelf.keep_rights(|name| data.join(name).is_dir());
@@ -292,12 +299,12 @@ impl Keeper {
                 lacks.join("; ")
             ),
         }
-        // Nobody else finds it.
+        // `set` cannot fail: no other task sets it.
         let _ = ward.set(found);
     }
 
-    /// The kernel says what changes in the folder; where it does not, the folder is looked at now and
-    /// then.
+    /// Watches the plugin folder for changes. Returns `None` if the kernel cannot watch it; then the folder
+    /// is only checked periodically.
     fn watch(&self, touched: &Arc<Touched>) -> Option<notify::RecommendedWatcher> {
         let folder = self.ground.shelf.folder.clone();
         let touched = Arc::clone(touched);
@@ -323,7 +330,8 @@ impl Keeper {
         }
     }
 
-    /// Looks at the folder; `touched` are those about which somebody has said something.
+    /// Checks the plugin folder and updates the wish for each plugin. `touched` are plugins with a changed
+    /// marker file: their supervisions are notified even if nothing else changed.
     fn look(&mut self, touched: &BTreeSet<String>) {
         let mut names: BTreeSet<_> = self.ground.shelf.names().into_iter().collect();
         names.extend(self.agents.keys().cloned());
@@ -371,7 +379,8 @@ impl Keeper {
         }
     }
 
-    /// What a person is told of a package that wants to take part and that nobody has let in.
+    /// Returns the text in which a person is asked to admit a package, or `None` if no admission is asked
+    /// for or the package brings no agents.
     fn application(
         &self,
         name: &str,
@@ -458,7 +467,8 @@ impl Keeper {
         }
     }
 
-    /// Why a package must not run, although its agents are wanted.
+    /// Returns the reason why a package must not run although its agents are wanted, or `None` if it may
+    /// run.
     fn refusal(&self, package: &Package, looked: &Looked) -> Option<(State, String)> {
         let Ground { requires_confinement, .. } = &*self.ground;
         let (name, permissions) = (&package.manifest.name, &package.manifest.permissions);
@@ -493,7 +503,7 @@ impl Keeper {
     }
 }
 
-/// The lines that would configure an agent of a package.
+/// Returns the lines for the ecosystem file that would configure this agent of a package.
 fn entry(package: &str, own: &OwnAgent) -> String {
     let mut text = format!("[[agent]]\nname = \"{}\"\npackage = \"{package}\"\n", own.name);
     if let Some(driver) = &own.driver {
@@ -507,7 +517,8 @@ fn entry(package: &str, own: &OwnAgent) -> String {
     text
 }
 
-/// Which plugins something was done to in the folder.
+/// Plugins with a changed marker file since the last check, and a notification of any change in the plugin
+/// folder.
 #[derive(Default)]
 struct Touched {
     names: Mutex<BTreeSet<String>>,
@@ -523,8 +534,8 @@ impl Touched {
             let within = path.strip_prefix(folder).ok();
             let first = within.and_then(|within| within.components().next());
             let Some(name) = first.and_then(|first| first.as_os_str().to_str()) else { continue };
-            // `.NAME.disabled` and `.NAME.rights` are about NAME; what is in a package is seen by its
-            // files.
+            // `.NAME.disabled` and `.NAME.rights` belong to the package NAME. Changes in a package are
+            // found by its files (`stamp`).
             if let Some((name, "disabled" | "rights")) =
                 name.strip_prefix('.').and_then(|name| name.rsplit_once('.'))
             {
@@ -542,7 +553,7 @@ impl Touched {
         std::mem::take(&mut *self.lock())
     }
 
-    /// Waits until something was done, and nothing more for a moment.
+    /// Waits until there was a change, and then none for [`AT_REST`].
     async fn at_rest(&self) {
         self.something.notified().await;
         while tokio::time::timeout(AT_REST, self.something.notified()).await.is_ok() {}

@@ -1,34 +1,37 @@
-//! When a plugin that has ended is started again, and when it is given up. No clock of its own.
+//! Restart policy of a plugin: when a process that has ended is started again, and when the plugin is given
+//! up. The time is a parameter; there is no clock here.
 
 use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// First wait, doubled up to the last. The very first time there is none: whoever was killed is back
-/// before anybody plans without him.
+/// Base of the wait before a restart; it doubles with each further end up to `WAIT_LAST`. The first restart
+/// of a plugin that was ready has no wait, so that a process that was killed is back before the ecosystem
+/// plans without its agents.
 const WAIT_FIRST: Duration = Duration::from_millis(500);
 const WAIT_LAST: Duration = Duration::from_secs(30);
 
-/// Who has worked for so long begins with a clean slate.
+/// Time of being ready after which the count of ends restarts at zero.
 const STEADY: Duration = Duration::from_secs(30);
 
-/// Ends in a row after which a person has to look.
+/// Ends in a row at which the plugin is given up: then a person has to intervene.
 const ENDS_MAX: u32 = 6;
 
-/// The lives of a plugin so far.
+/// Count of the incarnations of a plugin that have ended in a row.
 #[derive(Debug, Default)]
 pub(crate) struct Lives {
     ends: u32,
 }
 
 impl Lives {
-    /// A life has ended that was ready since `ready`, if it ever was: how long to wait for the next;
-    /// `None` if there is none.
+    /// Records the end of an incarnation and returns the wait before the next, or `None` if the plugin is
+    /// given up. `ready` is the time since which the incarnation was ready; `None` if it never was.
     pub(crate) fn after(&mut self, ready: Option<Instant>, now: Instant) -> Option<Duration> {
         if ready.is_some_and(|ready| now.saturating_duration_since(ready) >= STEADY) {
             self.ends = 0;
         }
-        // What has worked is tried at once; what has not will not by itself.
+        // A process that was ready is restarted at once. One that never was ready will hardly succeed
+        // without a change.
         let at_once = self.ends == 0 && ready.is_some();
         self.ends += 1;
         if self.ends >= ENDS_MAX {
@@ -38,7 +41,7 @@ impl Lives {
         Some(if at_once { Duration::ZERO } else { doubled.min(WAIT_LAST) })
     }
 
-    /// How often in a row it has ended.
+    /// Returns how often in a row the process has ended.
     pub(crate) fn ends(&self) -> u32 {
         self.ends
     }

@@ -1,4 +1,5 @@
-//! One life of a plugin's process: when it was ready, what it takes, and why it has to be ended.
+//! State of a plugin's process while it runs: since when it is ready, the resources that it takes, and the
+//! reasons to end it.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -14,20 +15,20 @@ use crate::rights::Permissions;
 use crate::supervision::{Wanted, WantedAgent};
 use crate::usage::FILES_MAX;
 
-/// How long it may compute too much before it gets a lower priority, and before it is stopped.
+/// Time over its share of the processor after which a plugin is slowed down, and after which it is ended.
 const CPU_SLOWED: Duration = Duration::from_secs(5);
 const CPU_STOPPED: Duration = Duration::from_secs(20);
-/// How long all its agents may be silent while its process lives.
+/// Time without any of its agents after which a plugin is ended although its process runs.
 pub(crate) const SILENT: Duration = Duration::from_secs(10);
 
-/// What is known of a process while it lives.
+/// State of a running process.
 pub(crate) struct Living {
     pub(crate) began: Instant,
     pub(crate) ready: Option<Instant>,
-    /// When one of its agents was here last.
+    /// Time when at least one of its agents was last present.
     pub(crate) heard: Instant,
     looked: (Instant, Look),
-    /// For how long it has computed too much.
+    /// Time for which it has exceeded its share of the processor; time below the share is subtracted.
     over_cpu: Duration,
     is_slowed: bool,
 }
@@ -45,7 +46,7 @@ impl Living {
         }
     }
 
-    /// Why it has to be ended, if it has to.
+    /// Returns the reason why the process has to be ended, or `None` if it may go on.
     pub(crate) fn objection(
         &mut self,
         wanted: &Wanted,
@@ -151,15 +152,15 @@ impl Living {
     }
 }
 
-/// Why a plugin was ended by the kernel that counts its memory.
+/// Returns the message for a plugin that the kernel killed because it exceeded its memory limit.
 pub(crate) fn held_too_much(permissions: &Permissions) -> String {
     format!("it held more memory than it may: {} MiB", permissions.memory.div_ceil(1 << 20))
 }
 
-/// Gives way to everybody else.
+/// Gives the lowest priority to all processes of a group.
 fn slow_down(group: i32) {
     if let Some(group) = rustix::process::Pid::from_raw(group) {
-        // Whoever may not be slowed is stopped soon.
+        // If that fails, the plugin is ended soon for its use of the processor.
         let _ = rustix::process::setpriority_pgrp(Some(group), 19);
     }
 }

@@ -1,4 +1,4 @@
-//! What a plugin prints: a file of its own that never grows beyond a bound, and the daemon's log.
+//! Output of a plugin: it goes to a file of bounded size and to the daemon's log.
 
 use std::collections::VecDeque;
 use std::fs::{File, OpenOptions};
@@ -10,16 +10,16 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncReadExt as _, BufReader};
 use tokio::task::JoinHandle;
 
-/// A file grows to this, then it becomes the one before: a day of a talkative plugin.
+/// Size in bytes at which a file is put aside as the previous one. Enough for a day of a talkative plugin.
 const FILE_BYTES_MAX: u64 = 1 << 20;
-/// A line is cut after this.
+/// Length in bytes at which a line is cut.
 const LINE_BYTES_MAX: u64 = 4 << 10;
-/// Lines in a second; what is beyond is counted and not kept.
+/// Lines kept per second; further lines are counted and dropped.
 const LINES_PER_SECOND_MAX: u32 = 200;
-/// The last lines, for a reason that says more than a number.
+/// Number of last lines that are kept in memory, to be added to the reason why a process ended.
 const LAST_LINES: usize = 4;
 
-/// Where a plugin's words go. Clones are the same.
+/// Log of a plugin; clones write to the same file.
 #[derive(Clone)]
 pub(crate) struct Log(Arc<Mutex<Inner>>);
 
@@ -52,17 +52,17 @@ impl Log {
         self.lock().path.clone()
     }
 
-    /// What was said last, for a person.
+    /// Returns the last line that is not blank, for a person.
     pub(crate) fn last_words(&self) -> Option<String> {
         self.lock().last.iter().rev().find(|line| !line.trim().is_empty()).cloned()
     }
 
-    /// Forgets what a former process said last.
+    /// Drops the last lines, which are of the previous process.
     pub(crate) fn begin(&self) {
         self.lock().last.clear();
     }
 
-    /// Takes down what comes through a process's pipe, to its end.
+    /// Writes down everything that comes through a process's pipe, until its end.
     pub(crate) fn follow(
         &self,
         pipe: Option<impl AsyncRead + Unpin + Send + 'static>,
@@ -82,7 +82,7 @@ impl Log {
         }
     }
 
-    /// Writes down what the host has to say of it.
+    /// Writes a remark of the host into the log.
     pub(crate) fn remark(&self, remark: &str) {
         self.lock().note(&format!("[althing] {remark}"));
     }
@@ -107,7 +107,7 @@ impl Inner {
             self.dropped += 1;
             return;
         }
-        // What a plugin prints may draw on a terminal: it must not.
+        // Control characters could draw on a terminal, so they are replaced.
         let plain: String = line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
         tracing::info!(plugin = self.name, "{plain}");
         self.last.push_back(plain.clone());
@@ -141,12 +141,12 @@ impl Inner {
     }
 }
 
-/// Opens a log; a new one is for this user alone.
+/// Opens a log. A new file can be read by this user alone.
 fn open(path: &Path) -> io::Result<File> {
     OpenOptions::new().create(true).append(true).mode(0o600).open(path)
 }
 
-/// What was written before the file was full.
+/// Returns the path of the file with the lines before those in `path`.
 pub(crate) fn before(path: &Path) -> PathBuf {
     path.with_extension("log.1")
 }

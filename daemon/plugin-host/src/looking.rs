@@ -1,4 +1,4 @@
-//! Looks at what a plugin takes, four times a second, on a thread that may wait for disks.
+//! Measures what a plugin takes, four times a second, on a thread that may block on disks.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,34 +8,35 @@ use tokio::time::Instant;
 use crate::cgroup::{Group, Taken};
 use crate::usage::{self, Kept, Usage};
 
-/// How often at most it is counted what a plugin keeps on disk.
+/// Shortest interval between counts of a plugin's files on disk.
 const KEPT_EVERY: Duration = Duration::from_secs(1);
-/// So many times as long as the last count took, none is made.
+/// After a count, none is made for this many times its duration.
 const KEPT_SHARE: u32 = 20;
 
-/// What a plugin takes at one moment.
+/// Resources that a plugin takes at one moment.
 #[derive(Debug, Default)]
 pub(crate) struct Look {
-    /// Its process group.
+    /// Process group of the plugin.
     pub(crate) group: i32,
-    /// Its own folder.
+    /// Data folder of the plugin.
     pub(crate) home: PathBuf,
     pub(crate) usage: Usage,
-    /// What its control group has taken, if it has one.
+    /// Usage of its control group, if it has one.
     pub(crate) taken: Option<Taken>,
-    /// What it keeps on disk, where that was counted.
+    /// Files on disk; `None` if they were not counted this time.
     pub(crate) kept: Option<Kept>,
 }
 
 impl Look {
-    /// Bytes of memory that it holds: as its control group counts them, which knows what processes share
-    /// and what is in none of them, or as far as its processes say.
+    /// Returns the bytes of memory that the plugin holds. The count of its control group is preferred: it
+    /// counts shared memory once, and also memory that belongs to no process. Otherwise it is the sum over
+    /// its processes.
     pub(crate) fn memory(&self) -> u64 {
         self.taken.map_or(self.usage.memory, |taken| taken.memory)
     }
 }
 
-/// Looks at one life of a plugin.
+/// Measures one incarnation of a plugin.
 pub(crate) struct Looking {
     group: i32,
     home: PathBuf,
@@ -48,7 +49,7 @@ impl Looking {
         Looking { group, home, file_max, next_kept: Instant::now() }
     }
 
-    /// What it takes now.
+    /// Measures the plugin now.
     pub(crate) async fn look(&mut self, counted: Option<&Group>) -> Look {
         let (group, home, file_max) = (self.group, self.home.clone(), self.file_max);
         let counts = Instant::now() >= self.next_kept;
@@ -58,7 +59,7 @@ impl Looking {
             let kept = counts.then(|| usage::kept(&home, group, file_max));
             (Look { group, home, usage, taken: None, kept }, began.elapsed())
         });
-        // It ends with the runtime, and then nothing more is looked at.
+        // The thread pool is gone when the runtime shuts down. Then nothing is measured any more.
         let Ok((look, took)) = looking.await else { return Look::default() };
         if counts {
             self.next_kept = Instant::now() + KEPT_EVERY.max(took * KEPT_SHARE);
@@ -73,7 +74,7 @@ mod tests {
 
     #[test]
     fn the_count_of_a_control_group_decides() {
-        // Two processes that share what they hold.
+        // Two processes that share memory.
         let usage = Usage { memory: 200, ..Usage::default() };
         let look = Look { usage, ..Look::default() };
         assert_eq!(look.memory(), 200);

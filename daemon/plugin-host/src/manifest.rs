@@ -1,4 +1,4 @@
-//! `plugin.toml`: what a package says of itself, read and held against itself. No files, no clock.
+//! `plugin.toml`, the manifest of a package: it is parsed and checked for consistency. No files, no clock.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -15,51 +15,51 @@ use toml::Spanned;
 use crate::rights::{Permissions, bytes_of, device_objection, read_objection};
 use crate::wording::worded;
 
-/// Longest manifest that is read.
+/// Longest manifest that is read, in bytes.
 pub(crate) const MANIFEST_BYTES_MAX: u64 = 256 << 10;
 
-/// Nothing runs in less memory, and nothing is kept in less.
+/// Smallest limit of memory or disk, in bytes: nothing works with less.
 const BYTES_LEAST: u64 = 1 << 20;
-/// An interpreter on a small board, and its devices.
+/// Default of `ready-within`: enough for an interpreter on a small board to start with its devices.
 const READY_WITHIN_DEFAULT: Duration = Duration::from_secs(20);
-/// The longest that an action may take.
+/// Longest timeout of an action.
 const TIMEOUT_MAX: Duration = Duration::from_secs(24 * 3_600);
 
-/// A package as its manifest describes it.
+/// Contents of a manifest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Manifest {
-    /// Its name: that of its folder.
+    /// Name of the package, which is also that of its folder.
     pub name: String,
-    /// Its version, for people.
+    /// Version, for people.
     pub version: String,
-    /// What it is, in a line.
+    /// Description, one line.
     pub about: String,
-    /// The program and its arguments; a program with a `/` is a file of the package.
+    /// Program and its arguments. A program with a `/` is a file of the package.
     pub run: Vec<String>,
-    /// Where that stands in the text; empty where an executable for this machine is named.
+    /// Place of `run` in the text; empty if `[executable]` names the program.
     pub run_place: Span,
-    /// The file of the action model's template, if the package has one.
+    /// File with the template of the action model; `None` if the package has none.
     pub model: Option<PathBuf>,
-    /// How long it may take until all its agents are here.
+    /// Time until all its agents must have joined.
     pub ready_within: Duration,
-    /// The methods of the actions it may offer; no others.
+    /// Methods by action: the only actions that its agents may offer.
     pub methods: Methods,
-    /// Agents that come with it.
+    /// Agents that the package brings if the ecosystem file names none.
     pub agents: Vec<OwnAgent>,
-    /// What other agents it may bring while it runs: names, or beginnings of names with a `*`.
+    /// Other agents that it may bring while it runs: names, or beginnings of names with a `*`.
     pub brings: Vec<String>,
-    /// What the `config` of its agents may say.
+    /// Keys that the `config` of its agents may have.
     pub config: BTreeMap<String, ConfigKey>,
-    /// What it may use.
+    /// Resources of the machine that it may use.
     pub permissions: Permissions,
 }
 
-/// An agent that comes with a package.
+/// Agent that a package brings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnAgent {
-    /// Its name.
+    /// Name of the agent.
     pub name: AgentId,
-    /// Through what it acts, where the plugin has several ways.
+    /// Driver that it uses; `None` if the manifest names none.
     pub driver: Option<String>,
     /// Its `config`.
     pub config: Value,
@@ -69,18 +69,18 @@ pub struct OwnAgent {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ConfigKey {
-    /// What may stand there.
+    /// Kind of value.
     #[serde(rename = "type")]
     pub shape: ConfigShape,
-    /// What it is for.
+    /// Description of the key.
     #[serde(default)]
     pub about: String,
-    /// Whether it may be left out.
+    /// Whether the key may be left out.
     #[serde(default)]
     pub optional: bool,
 }
 
-/// What may stand at a key of an agent's `config`.
+/// Kind of value of a key in an agent's `config`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ConfigShape {
@@ -160,7 +160,7 @@ impl Manifest {
     ///
     /// # Errors
     ///
-    /// All that is wrong with it, each with its place.
+    /// Returns all mistakes, each with its place.
     pub fn read(text: &str) -> Result<Manifest, Vec<Diagnostic>> {
         let raw: Raw = toml::from_str(text).map_err(|error| {
             vec![worded(text, error.message(), error.span().unwrap_or_default())]
@@ -170,7 +170,7 @@ impl Manifest {
         if reading.found.is_empty() { Ok(manifest) } else { Err(reading.found) }
     }
 
-    /// What is wrong with what somebody says of an agent of this package, if anything.
+    /// Returns what is wrong with the `config` of an agent of this package; `None` if nothing is.
     pub fn problem_with(&self, config: &Value) -> Option<String> {
         let empty = serde_json::Map::new();
         let said = match config {
@@ -201,7 +201,7 @@ impl Manifest {
         Some(format!("config.{key} is missing{about}{}", known.about))
     }
 
-    /// Whether a plugin may bring an agent that nobody has asked it for.
+    /// Whether the plugin may bring an agent that it was not asked for.
     pub fn may_bring(&self, agent: &AgentId) -> bool {
         self.brings.iter().any(|pattern| match pattern.strip_suffix('*') {
             Some(beginning) => agent.as_str().starts_with(beginning),
@@ -232,7 +232,7 @@ impl ConfigShape {
     }
 }
 
-/// What is found wrong on the way.
+/// Collects mistakes while a manifest is read.
 struct Reading {
     found: Vec<Diagnostic>,
 }
@@ -277,7 +277,7 @@ impl Reading {
         }
     }
 
-    /// `"1"` or `"1-3"`: the versions of the protocol that the plugin speaks.
+    /// Checks the versions of the protocol that the plugin speaks: `"1"` or `"1-3"`.
     fn protocol(&mut self, said: &Spanned<String>) {
         let (first, last) = said.get_ref().split_once('-').unwrap_or((said.get_ref(), ""));
         let first = first.trim().parse::<u32>();
@@ -394,7 +394,7 @@ impl Reading {
         })
     }
 
-    /// Paths that a person could allow.
+    /// Checks that each path can be allowed to a plugin.
     fn paths(
         &mut self,
         paths: Vec<Spanned<PathBuf>>,
@@ -418,7 +418,7 @@ fn span(place: Range<usize>) -> Span {
     Span { start: at(place.start), end: at(place.end) }
 }
 
-/// A path within a package: no way leads out of it.
+/// Whether a path cannot lead out of its package.
 pub(crate) fn stays_within(path: &Path) -> bool {
     let is_plain =
         |part| matches!(part, std::path::Component::Normal(_) | std::path::Component::CurDir);

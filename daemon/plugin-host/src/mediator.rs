@@ -1,12 +1,13 @@
-//! Answers the calls of a confined plugin that the kernel alone cannot decide (`confinement::calls`).
+//! Answers the system calls of a confined plugin that the kernel alone cannot decide
+//! (`confinement::calls`).
 //!
-//! - `connect`: the plugin's own endpoint is connected *for* it, and the connected socket is put in
-//!   place of the one that it has: what it wrote into its memory meanwhile changes nothing. No other
-//!   Unix socket can be reached. With `network`, sockets of the Internet are connected for it, too.
-//! - Signals reach the plugin's own process group and nobody else.
-//! - `fork`: no more processes than the plugin may be.
+//! - `connect`: the daemon itself connects to the plugin's endpoint and puts the connected socket in place
+//!   of the plugin's. So it does not matter if the plugin changes the address in its memory meanwhile.
+//!   Other Unix sockets are refused. With `network`, the daemon also connects sockets of the Internet.
+//! - Signals are allowed only within the plugin's own process group.
+//! - `fork` is allowed up to the plugin's limit of processes.
 //!
-//! One thread per plugin; it ends with the last process that has the filter.
+//! Each plugin has one thread for this, which ends with the last process that has the filter.
 
 use std::fs::{self, File};
 use std::io;
@@ -27,30 +28,30 @@ use syscalls::Sysno;
 
 use crate::usage;
 
-/// Connections to the Internet that a plugin may be waiting for at a time.
+/// Limit of connections to the Internet that a plugin may be waiting for at the same time.
 const WAITING_MAX: usize = 64;
 
-/// `sizeof(struct sockaddr_un)`: the longest address that is read.
+/// Longest address that is read, in bytes: `sizeof(struct sockaddr_un)`.
 const ADDRESS_MAX: u64 = 110;
 
-/// What a plugin may do.
+/// Decides the calls of one plugin.
 pub(crate) struct Mediator {
-    /// The process group of the plugin.
+    /// Process group of the plugin.
     pub(crate) group: Pid,
     /// Sockets that it may connect to.
     pub(crate) sockets: Vec<PathBuf>,
     /// Whether it may use the Internet.
     pub(crate) network: bool,
-    /// Processes that it may be.
+    /// Limit of processes.
     pub(crate) processes: u32,
 }
 
-/// An address, as it stands in the memory of a plugin.
+/// Address in a call of `connect`.
 #[derive(Debug, PartialEq)]
 enum Address {
     Path(PathBuf),
     Internet(SocketAddr),
-    /// Takes back what a socket was connected to.
+    /// `AF_UNSPEC`, which dissolves the connection of a socket.
     Nothing,
 }
 
@@ -59,7 +60,7 @@ impl Mediator {
     ///
     /// # Errors
     ///
-    /// If the thread cannot be started.
+    /// Returns an error if the thread cannot be started.
     pub(crate) fn start(self, listener: Listener) -> io::Result<()> {
         let thread = std::thread::Builder::new().name("plugin-calls".to_owned());
         thread.spawn(move || self.run(listener)).map(drop)
@@ -73,7 +74,7 @@ impl Mediator {
                 Ok(Some(call)) => mediator.answer(&listener, call, &waiting),
                 Ok(None) => return,
                 Err(error) => {
-                    // What waits then fails, as on a kernel without the call.
+                    // Calls that wait for an answer then fail with `ENOSYS`.
                     return tracing::error!(group = ?mediator.group, %error, "the system calls of a plugin are not heard any more: those that wait for an answer fail");
                 }
             }
@@ -103,7 +104,7 @@ impl Mediator {
         respond(listener, call.id, response);
     }
 
-    /// The address that a call names, read once.
+    /// Reads the address that a call names, once.
     fn address(&self, listener: &Listener, call: &Notification) -> Result<Address, Errno> {
         let [_, pointer, length, ..] = call.arguments;
         let length = usize::try_from(length.min(ADDRESS_MAX)).map_err(|_| Errno::INVAL)?;
@@ -116,7 +117,7 @@ impl Mediator {
         read(&bytes).ok_or(Errno::ACCESS)
     }
 
-    /// Connects to a Unix socket in the place of the plugin.
+    /// Connects to a Unix socket on behalf of the plugin.
     fn connect(
         &self,
         listener: &Listener,
@@ -144,7 +145,7 @@ impl Mediator {
         Ok(Response::Value(0))
     }
 
-    /// Connects a socket of the Internet in the place of the plugin, on a thread that may wait.
+    /// Connects a socket of the Internet on behalf of the plugin, on a thread that may block.
     fn connect_beyond(
         self: &Arc<Self>,
         listener: &Arc<Listener>,
@@ -171,8 +172,8 @@ impl Mediator {
         }
     }
 
-    /// A signal is for the plugin's own processes. The number of a process could pass to another one
-    /// between this and the kernel's own look; that of a process which lives does not.
+    /// Allows a signal to processes of the plugin's own group only. The process id cannot pass to another
+    /// process between this check and the kernel's unless the process ends in between.
     fn signal(&self, process: u64) -> Result<Response, Errno> {
         // A `pid_t` is the lower half of the register.
         let process = i32::from_ne_bytes(((process & 0xffff_ffff) as u32).to_ne_bytes());
@@ -198,7 +199,7 @@ fn respond(listener: &Listener, id: u64, response: Result<Response, Errno>) {
     }
 }
 
-/// Understands an address of `connect`; `None` for one that nobody may connect to.
+/// Parses an address of `connect`; `None` if it is invalid or of a family that no plugin may connect to.
 fn read(bytes: &[u8]) -> Option<Address> {
     let family = u16::from_ne_bytes(bytes.get(..2)?.try_into().ok()?);
     match i32::from(family) {
@@ -206,7 +207,7 @@ fn read(bytes: &[u8]) -> Option<Address> {
         libc::AF_UNIX => {
             let name = bytes.get(2..)?;
             let end = name.iter().position(|byte| *byte == 0).unwrap_or(name.len());
-            // What begins with a zero is a name without a file.
+            // A name that begins with a zero byte is abstract, and refused.
             let name = name.get(..end).filter(|name| !name.is_empty())?;
             Some(Address::Path(PathBuf::from(std::ffi::OsStr::from_bytes(name))))
         }
@@ -227,7 +228,7 @@ fn read(bytes: &[u8]) -> Option<Address> {
     }
 }
 
-/// A socket that is connected to a path, and does not wait.
+/// Returns a non-blocking socket that is connected to a path.
 fn connected(path: &Path) -> Result<OwnedFd, Errno> {
     let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
     let socket = rustix::net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
@@ -235,15 +236,16 @@ fn connected(path: &Path) -> Result<OwnedFd, Errno> {
     Ok(socket)
 }
 
-/// The flags of a descriptor of another process.
+/// Returns the flags of a descriptor of another process.
 fn flags(thread: u32, descriptor: u32) -> Option<u32> {
-    // Of some files it is as long as the process likes.
+    // For some files, a process can make this text as long as it likes.
     let about = usage::read_text(Path::new(&format!("/proc/{thread}/fdinfo/{descriptor}"))).ok()?;
     let flags = about.lines().find_map(|line| line.strip_prefix("flags:"))?;
     u32::from_str_radix(flags.trim(), 8).ok()
 }
 
-/// Connects a socket of another process, as it is at this moment, to an address that was read before.
+/// Connects a socket of another process to an address that was read before. The descriptor is duplicated,
+/// so the process cannot exchange the socket.
 fn connect_socket(
     listener: &Listener,
     call: &Notification,
@@ -253,7 +255,7 @@ fn connect_socket(
     let process = rustix::process::pidfd_open(process, PidfdFlags::empty())?;
     let descriptor = i32::try_from(call.arguments[0] & 0x7fff_ffff).map_err(|_| Errno::BADF)?;
     let socket = rustix::process::pidfd_getfd(&process, descriptor, PidfdGetfdFlags::empty())?;
-    // If its process has ended meanwhile, the number may be another's, and the socket, too.
+    // If the process has ended meanwhile, its id and so the socket may be another process's.
     if !listener.is_waiting(call.id) {
         return Err(Errno::INTR);
     }
@@ -269,7 +271,7 @@ fn connect_socket(
     Ok(Response::Value(0))
 }
 
-/// The process that a thread is of.
+/// Returns the process of a thread.
 fn process_of(thread: u32) -> Option<Pid> {
     let about = fs::read_to_string(format!("/proc/{thread}/status")).ok()?;
     let process = about.lines().find_map(|line| line.strip_prefix("Tgid:"))?;

@@ -1,4 +1,4 @@
-//! A package: a folder with a manifest, perhaps the template of an action model, and a program.
+//! Package: a folder with a manifest, a program, and possibly a template of an action model.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -17,48 +17,48 @@ use crate::manifest::{MANIFEST_BYTES_MAX, Manifest, stays_within};
 use crate::program::{self, Program};
 use crate::template;
 
-/// The file that makes a folder a package.
+/// Name of the manifest, the file that makes a folder a package.
 pub const MANIFEST: &str = "plugin.toml";
 
-/// Longest template of an action model.
+/// Longest template of an action model, in bytes.
 const MODEL_BYTES_MAX: u64 = 1 << 20;
 
-/// More files are not looked at for changes: a package with its libraries has hundreds.
+/// Largest number of files that are checked for changes. A package with its libraries has hundreds.
 const FILES_MAX: usize = 10_000;
 
-/// A package whose manifest is whole.
+/// A package without mistakes.
 #[derive(Clone, Debug)]
 pub struct Package {
-    /// Where it is.
+    /// Path of its folder.
     pub folder: PathBuf,
-    /// What it says of itself.
+    /// Its manifest.
     pub manifest: Manifest,
-    /// The text of the manifest.
+    /// Text of the manifest.
     text: String,
-    /// The text of its action model's template.
+    /// Text of the template of its action model.
     template: Option<String>,
 }
 
-/// What is wrong with a package: mistakes in one of its files, or about all of it.
+/// Mistakes of a package: in one of its files, or about the whole package.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Faults {
-    /// The file; the package's folder where it is about all of it.
+    /// The file with the mistakes; the package's folder if they are about the whole package.
     pub file: PathBuf,
-    /// Its text; empty where it could not be read.
+    /// Text of the file; empty if it could not be read.
     pub text: String,
     /// The mistakes, with places in that text.
     pub found: Vec<Diagnostic>,
 }
 
-/// Tells whether the files of a package have changed.
+/// Size, inode and time of each file of a package; changes if a file changes.
 pub(crate) type Stamp = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
 
 impl Package {
-    /// Reads the package in a folder, and holds it against itself.
+    /// Reads the package in a folder and checks that its parts are consistent.
     ///
     /// # Errors
     ///
-    /// What is wrong with it.
+    /// Returns the mistakes of the package.
     pub fn open(folder: &Path) -> Result<Package, Faults> {
         let file = folder.join(MANIFEST);
         let text = read(&file, MANIFEST_BYTES_MAX).map_err(|error| {
@@ -109,16 +109,17 @@ impl Package {
         Ok(package)
     }
 
-    /// Looks whether the program is there and can be executed.
+    /// Checks that the program exists and can be executed.
     ///
     /// # Errors
     ///
-    /// If it is not there, or cannot be executed.
+    /// Returns an error for a person if it does not exist or cannot be executed.
     fn has_program(&self) -> Result<(), String> {
         program::candidates(&self.folder, self.called(), &program::own_path()).map(drop)
     }
 
-    /// A mistake that shows only when the program is started, at the place that names it.
+    /// Returns a mistake that shows only when the program is started, at the place of `run` in the
+    /// manifest.
     pub fn fault_of_program(&self, message: String, help: Option<String>) -> Faults {
         let mistake = Diagnostic::error(self.manifest.run_place, message);
         let mistake = help.into_iter().fold(mistake, Diagnostic::with_help);
@@ -126,27 +127,28 @@ impl Package {
         Faults { file, text, found: vec![mistake] }
     }
 
-    /// The program as it really is: what a shim, a link or the first line of a script stands for.
+    /// Resolves the program that is really executed, through shims, links and first lines of scripts.
     ///
     /// # Errors
     ///
-    /// If it is not there, or cannot be run.
+    /// Returns the reason, for a person, if the program does not exist or cannot be run.
     pub(crate) async fn program(&self) -> Result<Program, String> {
         let (folder, read) = (&self.folder, &self.manifest.permissions.read);
         let scope = program::Scope { folder, read, path: &program::own_path() };
         program::resolve(scope, self.called()).await
     }
 
-    /// What the manifest calls its program.
+    /// Returns the name of the program in the manifest.
     fn called(&self) -> &str {
         self.manifest.run.first().map(String::as_str).unwrap_or_default()
     }
 
-    /// The action model that the package has for an agent, if it has one: text and meaning.
+    /// Returns the action model of an agent, as text and parsed; `None` if the package has no model.
     ///
     /// # Errors
     ///
-    /// If the template fails, or yields no action model; for a person.
+    /// Returns the reason, for a person, if the template fails or does not yield an action model of this
+    /// agent.
     pub fn model(
         &self,
         agent: &AgentId,
@@ -170,7 +172,9 @@ impl Package {
         Ok(Some((text, model)))
     }
 
-    /// Why an agent may not offer what it says it can do, if it may not.
+    /// Returns the reason why an agent with the action model `said` and these methods is not admitted;
+    /// `None` if it is. All its actions and methods must be in the manifest, and equal those of `own`, the
+    /// model of the package, if there is one.
     pub fn objection(
         &self,
         said: &ActionModel,
@@ -204,7 +208,7 @@ impl Package {
 }
 
 impl Faults {
-    /// The first of them in a line, with its place.
+    /// Returns the first mistake in one line, with its place.
     pub fn first(&self) -> String {
         let file = self.file.file_name().unwrap_or(self.file.as_os_str()).to_string_lossy();
         match self.found.first() {
@@ -236,7 +240,7 @@ fn read(path: &Path, bytes_max: u64) -> io::Result<String> {
     Ok(text)
 }
 
-/// What the files of a package are like now.
+/// Returns the stamp of the files of a package.
 pub(crate) fn stamp(folder: &Path) -> Stamp {
     let mut stamp = Stamp::new();
     let mut folders = vec![folder.to_owned()];
@@ -247,7 +251,8 @@ pub(crate) fn stamp(folder: &Path) -> Stamp {
             match fs::symlink_metadata(&path) {
                 Ok(metadata) if metadata.is_dir() => folders.push(path),
                 Ok(metadata) if stamp.len() < FILES_MAX => {
-                    // A copy may keep the time, and a link may lead elsewhere: the inode tells.
+                    // A copy may keep the time of a file, and a link may change its target: then the inode
+                    // differs.
                     let size = metadata.len() ^ metadata.ino().rotate_left(32);
                     stamp.insert(path, (size, metadata.modified().ok()));
                 }

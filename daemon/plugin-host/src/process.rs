@@ -1,13 +1,13 @@
-//! The process of a plugin: how it begins, how it ends, and that nothing is left of it.
+//! The process of a plugin: how it is started and ended, with all processes that it has started.
 //!
-//! Its standard input is a socket. Before it becomes the program, the process says over it how it is
-//! confined, and hands over the calls that this daemon is to answer (`mediator`); afterwards nothing is
-//! read from it.
+//! Its standard input is a socket. Before the process becomes the plugin's program, it reports its
+//! confinement over that socket, and hands over the seccomp listener for the system calls that this daemon
+//! answers (`mediator`). Afterwards the daemon only writes to the socket.
 //!
-//! It runs in a process group of its own, which it cannot leave. A *watch*, a shell that reads from a
-//! pipe whose other end this process alone holds, kills the group when this process ends, however it
-//! ends. The program itself is also killed with the thread that has started it, so that none begins
-//! unwatched.
+//! The process runs in a process group of its own, which it cannot leave. A *watch* kills the group when
+//! the daemon ends, for whatever reason: it is a shell that reads from a pipe, and only the daemon holds
+//! the other end. The program itself is also killed when the thread of the daemon that started it ends; so
+//! no plugin starts without a watch.
 
 use std::ffi::OsString;
 use std::io;
@@ -29,60 +29,62 @@ use crate::confinement::{Confinement, Entered, Means};
 use crate::log::Log;
 use crate::mediator::Mediator;
 
-/// How long a plugin has to end by itself once it is asked to.
+/// Time that a plugin has to end by itself after it is asked to.
 const STOPPING: Duration = Duration::from_secs(2);
 
-/// How long what was printed last may take to be read, once a process has ended.
+/// Time for reading the last output of a process after it has ended.
 const LAST_WORDS: Duration = Duration::from_millis(50);
 
-/// How long a process may take to confine itself, on a small and busy board.
+/// Time that a process may take to confine itself, on a small and busy board.
 const ENTERING: Duration = Duration::from_secs(20);
 
-/// How often a process is started to try out how plugins can be confined.
+/// Attempts to start a process that finds out how plugins can be confined.
 const PROBES_MAX: u32 = 3;
 
-/// Longest word of a process about its confinement.
+/// Longest report of a process about its confinement, in bytes.
 const ENTERED_BYTES_MAX: usize = 4 << 10;
 
-/// Waits for the word that all is well, or for the end of whoever was to say it.
+/// Script of the watch. It ends if a line arrives on its standard input, and kills the group if the input
+/// is closed before.
 const WATCH: &str = "trap '' HUP INT TERM\nread -r word && exit\nkill -KILL \"-$1\"";
 
-/// What this daemon's own program is asked, to become a plugin's: see [`crate::LAUNCH`].
+/// Path of this daemon's own program, which is started to become a plugin's: see [`crate::LAUNCH`].
 #[derive(Clone, Debug)]
 pub struct Launcher(pub PathBuf);
 
-/// What to run, and within what.
+/// Program to start, and its surroundings.
 pub(crate) struct Launch<'l> {
     pub(crate) launcher: &'l Launcher,
     pub(crate) program: &'l Path,
     pub(crate) arguments: &'l [String],
-    /// Variables beside those that every plugin has.
+    /// Environment variables in addition to those that every plugin has.
     pub(crate) environment: &'l [(&'static str, OsString)],
     pub(crate) folder: &'l Path,
-    /// A folder of its own.
+    /// Data folder of the plugin.
     pub(crate) data: &'l Path,
     pub(crate) confinement: &'l Confinement,
-    /// Processes that it may be.
+    /// Limit of processes.
     pub(crate) processes: u32,
     pub(crate) log: &'l Log,
 }
 
-/// A plugin's process; dropped, it is killed with all that it has started.
+/// Process of a plugin. On drop, it is killed with all processes that it has started.
 pub(crate) struct Process {
     child: Child,
     group: Group,
     stdin: Option<UnixStream>,
-    /// What takes down what it prints.
+    /// Tasks that read its standard output and standard error into the log.
     words: Vec<JoinHandle<()>>,
     watch: Option<(Child, ChildStdin)>,
 }
 
-/// The number of a process group, killed when it is dropped.
+/// Process group, which is killed on drop. `None` after it is gone.
 struct Group(Option<Pid>);
 
 impl Launcher {
-    /// Asks a process of this program what the kernel has to confine plugins with. On a machine that is
-    /// too busy to answer it is asked again: without an answer nothing is enforced.
+    /// Starts a process of this program that finds out what the kernel offers to confine plugins. If the
+    /// machine is too busy to answer, this is repeated up to [`PROBES_MAX`] times, because without an
+    /// answer nothing is enforced.
     pub(crate) async fn means(&self, folder: &Path) -> Means {
         let mut why = String::new();
         for _ in 0..PROBES_MAX {
@@ -110,7 +112,7 @@ impl Launcher {
 }
 
 impl Process {
-    /// Starts a process, and waits until it has confined itself or has ended.
+    /// Starts the process, and waits until it has confined itself or has ended.
     pub(crate) async fn begin(launch: &Launch<'_>) -> io::Result<Process> {
         let confinement = serde_json::to_string(launch.confinement)?;
         let (ours, theirs) = Blocking::pair()?;
@@ -125,7 +127,7 @@ impl Process {
         command.envs(launch.environment.iter().map(|(name, value)| (name, value)));
         command.stdin(OwnedFd::from(theirs)).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn()?;
-        // It holds the other end of the socket, and must not.
+        // The command holds the child's end of the socket, which only the child must hold.
         drop(command);
         let pid = child.id().and_then(|id| Pid::from_raw(i32::try_from(id).ok()?));
         let group = Group(pid);
@@ -139,8 +141,9 @@ impl Process {
         Ok(process)
     }
 
-    /// Hears how it is confined, and begins to answer its calls. One that cannot confine itself says why
-    /// on its standard error, and ends.
+    /// Receives the report about the confinement, and starts to answer the process's system calls. A
+    /// process that cannot confine itself writes the reason to its standard error and ends; this is no
+    /// error here.
     async fn entered(&self, launch: &Launch<'_>) -> io::Result<()> {
         let (Some(stdin), Some(group)) = (&self.stdin, self.group.0) else { return Ok(()) };
         let heard = tokio::time::timeout(ENTERING, hear(stdin)).await;
@@ -164,7 +167,7 @@ impl Process {
             };
             mediator.start(listener)?;
         }
-        // Whatever it writes there from now on is heard by nobody.
+        // Nothing that the process writes there from now on is read.
         rustix::net::shutdown(stdin.as_fd(), rustix::net::Shutdown::Read)?;
         Ok(())
     }
@@ -173,18 +176,19 @@ impl Process {
         let mut command = Command::new("sh");
         command.args(["-c", WATCH, "watch", &self.id().to_string()]).current_dir("/");
         command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
-        // What is sent to our group, as Ctrl-C is, is not for the watch.
+        // A process group of its own: signals to the daemon's group, such as that of Ctrl-C, do not reach
+        // the watch.
         let mut watch = command.process_group(0).spawn()?;
         let word = watch.stdin.take().ok_or_else(|| io::Error::other("a pipe was asked for"))?;
         Ok((watch, word))
     }
 
-    /// Its process group, which is the number of the process too.
+    /// Returns the process group, which is also the process id.
     pub(crate) fn id(&self) -> i32 {
         self.group.0.map_or(0, |pid| pid.as_raw_nonzero().get())
     }
 
-    /// Says something on its standard input, which stays open.
+    /// Writes a line to its standard input, which stays open.
     pub(crate) async fn say(&mut self, line: &str) -> io::Result<()> {
         match &mut self.stdin {
             Some(stdin) => {
@@ -196,11 +200,11 @@ impl Process {
         }
     }
 
-    /// Waits until it has ended by itself.
+    /// Waits until the process has ended by itself.
     pub(crate) async fn ended(&mut self) -> io::Result<ExitStatus> {
-        // Its standard input is not the child's any more, and so stays open.
+        // `stdin` was not taken from the child, so waiting does not close it.
         let status = self.child.wait().await;
-        // What it has started may hold its pipes, and goes on.
+        // Processes that it has started may still hold its pipes, so reading them is bounded.
         let words = async {
             while let Some(words) = self.words.pop() {
                 let _ = words.await;
@@ -210,7 +214,8 @@ impl Process {
         status
     }
 
-    /// Asks it to end, waits a while, and ends it and all that it has started.
+    /// Asks the process to end, waits up to [`STOPPING`], and then kills it with all processes that it has
+    /// started.
     pub(crate) async fn stop(mut self) {
         self.stdin = None;
         if let Some(group) = self.group.0 {
@@ -220,13 +225,13 @@ impl Process {
         self.end().await;
     }
 
-    /// Ends it and all that it has started, at once.
+    /// Kills the process with all processes that it has started, at once.
     pub(crate) async fn end(mut self) {
         self.group.kill();
         let _ = self.child.wait().await;
         self.group.0 = None;
         if let Some((mut watch, mut word)) = self.watch.take() {
-            // All is well: the group is gone, and its number may soon be another's.
+            // Releases the watch: the group is gone, and the system may soon reuse its number.
             let _ = word.write_all(b"well\n").await;
             drop(word);
             let _ = watch.wait().await;
@@ -237,7 +242,7 @@ impl Process {
 impl Group {
     fn kill(&self) {
         if let Some(pid) = self.0 {
-            // Where nobody is left, there is nothing to be done.
+            // An error means that no process is left in the group.
             let _ = kill_process_group(pid, Signal::KILL);
         }
     }
@@ -249,7 +254,8 @@ impl Drop for Group {
     }
 }
 
-/// What a process says before it becomes a program; nothing if it has ended.
+/// Reads the report that a process sends before it becomes the program. The report is `None` if the process
+/// has ended.
 async fn hear(stdin: &UnixStream) -> io::Result<(Option<Vec<u8>>, Option<Listener>)> {
     let mut buffer = vec![0; ENTERED_BYTES_MAX];
     let (length, listener) = stdin
@@ -259,7 +265,7 @@ async fn hear(stdin: &UnixStream) -> io::Result<(Option<Vec<u8>>, Option<Listene
     Ok(((length > 0).then_some(buffer), listener))
 }
 
-/// How a process has ended, for a person.
+/// Describes how a process has ended, for a person.
 pub(crate) fn ending(status: io::Result<ExitStatus>) -> String {
     match status {
         Ok(status) => match (status.code(), status.signal()) {

@@ -1,22 +1,22 @@
-//! Finds the program that a package runs, as it really is, before the process is confined.
+//! Finds the program that a package really runs, before the process is confined.
 //!
 //! What a manifest calls `python3` is often something else: a *shim* of a version manager (pyenv, rbenv,
 //! asdf, mise), which asks the manager and then runs the real interpreter; an interpreter of a virtual
-//! environment; or a script whose first line names an interpreter. Managers and interpreters lie
-//! anywhere, so inside the confinement a shim fails with “Permission denied”. Therefore the daemon
-//! resolves the program first, and the confinement lets it read the real interpreter and what that
-//! interpreter needs.
+//! environment; or a script with an interpreter in its first line. Managers and interpreters may be in any
+//! folder, so inside the confinement a shim fails with “Permission denied”. Therefore the daemon resolves
+//! the program first, and the confinement lets it read the real interpreter and what that interpreter
+//! needs.
 //!
-//! Interpreters and managers are asked what they are outside of the confinement. So only those are asked
-//! that the daemon's user has put there: found by a name on the daemon's `PATH`, or below `/usr`. What a
-//! manifest or a script names by its path could be a file of the package or one that the plugin has
-//! written; of that only links and folders are looked at. A virtual environment of a package is not
-//! entered either: code of its packages would run.
+//! The daemon runs interpreters and managers outside of the confinement to ask for their paths. So it asks
+//! only programs that its user has installed: those found by a name on the daemon's `PATH`, or below
+//! `/usr`, `/bin` or `/nix/store`. A path in a manifest or a script could be a file of the package, or one
+//! that the plugin has written; of that file only links and folders are examined. The interpreter in a
+//! virtual environment of a package is not asked either, because that would run code of the environment.
 //!
-//! The same files decide what may be read: a program of the daemon's user brings along what it needs. A
-//! program that a manifest or a script names by its path has to lie in the package, among the system's
-//! programs, or where `read` lets the plugin read ([`Scope`]); otherwise a manifest would grant itself
-//! the folders around any program of the user.
+//! The same distinction decides which files may be read: a program of the daemon's user brings along what
+//! it needs. A program that a manifest or a script names by its path must be in the package, among the
+//! system's programs, or where `read` lets the plugin read ([`Scope`]). Otherwise a manifest would grant
+//! itself the folders around any program of the user.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -28,25 +28,25 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-/// How long an interpreter or a version manager may take to answer.
+/// Time that an interpreter or a version manager may take to answer.
 const ANSWER_WITHIN: Duration = Duration::from_secs(20);
 
-/// Longest script that is read: a shim has a dozen lines.
+/// Longest part of a script that is read, in bytes; a shim has a dozen lines.
 const SCRIPT_BYTES_MAX: u64 = 64 << 10;
 
-/// Scripts and shims that may stand for one another.
+/// Limit of scripts and shims that refer to each other.
 const STEPS_MAX: u32 = 6;
 
-/// Programs that stand for others by the name they are called by.
+/// Programs that act as other programs, depending on the name that they are called by.
 const MULTIPLEXERS: &[&str] = &["mise", "rtx", "asdf", "volta-shim"];
 
-/// Where nobody but the system's administrator puts programs.
+/// Folders in which only the system's administrator installs programs.
 const SYSTEM_FOLDERS: &[&str] = &["/usr", "/bin", "/nix/store"];
 
-/// Virtual environments that a package may bring along.
+/// Names of virtual environments that a package may bring along.
 const OWN_ENVIRONMENTS: &[&str] = &[".venv", "venv"];
 
-/// Prints what a Python is, and imports nothing from the folder it is started in.
+/// Python script that prints the paths of its interpreter. It imports nothing from the current folder.
 const ASK_PYTHON: &str = "\
 import sys
 sys.path[:] = [entry for entry in sys.path if entry]
@@ -62,60 +62,62 @@ print(json.dumps({'executable': sys.executable or '',
 pub(crate) struct Program {
     /// The file that is executed.
     pub(crate) file: PathBuf,
-    /// Arguments that come before those of the manifest: a script, and what its first line adds.
+    /// Arguments before those of the manifest: a script, and the arguments from its first line.
     pub(crate) leading: Vec<String>,
-    /// Files and folders that it needs to read beside the system's.
+    /// Files and folders that it needs to read in addition to the system's.
     pub(crate) readable: BTreeSet<PathBuf>,
-    /// Variables that it needs.
+    /// Environment variables that it needs.
     pub(crate) environment: Vec<(&'static str, OsString)>,
-    /// Where it stands for something else, a sentence that says so.
+    /// Sentence that names the real program, if the name means a shim or the like.
     pub(crate) remark: Option<String>,
 }
 
-/// What a Python says of itself.
+/// Paths that a Python interpreter reports.
 #[derive(Debug, Deserialize)]
 struct Python {
     executable: PathBuf,
     prefixes: Vec<PathBuf>,
     path: Vec<PathBuf>,
-    /// The packages that its user has installed; empty if they do not count.
+    /// Folder of the packages that its user has installed; empty if Python does not use them.
     user: PathBuf,
     base: PathBuf,
 }
 
-/// A shim: which manager stands behind it, and what it is told.
+/// Shim: the version manager that it calls, and the environment for it.
 #[derive(Debug, PartialEq)]
 struct Shim {
     manager: String,
-    /// `NAME=VALUE`, as the shim sets them.
+    /// Assignments `NAME=VALUE` in the shim.
     environment: Vec<String>,
 }
 
-/// Where programs are looked for, and which of them a package may name by their paths.
+/// Places where programs are looked for, and those where a package may name them by path.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scope<'s> {
-    /// The folder of the package.
+    /// Folder of the package.
     pub(crate) folder: &'s Path,
-    /// What the package asks to read. A plugin is not started before a person has allowed it.
+    /// Files and folders that the package asks to read. A plugin is not started before a person has allowed
+    /// them.
     pub(crate) read: &'s [PathBuf],
-    /// The folders in which a name is looked for.
+    /// Folders in which a name is looked for.
     pub(crate) path: &'s [PathBuf],
 }
 
-/// A file that may be the program.
+/// File that may be the program.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Candidate {
     file: PathBuf,
-    /// The file that may be asked what it is: one that the daemon's user or the system has put there.
+    /// File that may be run outside of the confinement to ask for its paths: one that the daemon's user or
+    /// the system has installed.
     asked: Option<PathBuf>,
 }
 
-/// Resolves a program of a package. A name without `/` is looked for in the package's own virtual
+/// Resolves the program of a package. A name without `/` is looked for in the package's own virtual
 /// environment and then on the path; anything else is a file of the package, or absolute.
 ///
 /// # Errors
 ///
-/// If there is none that can be run; for a person.
+/// Returns the reason, for a person, if there is no program that can be run.
 pub(crate) async fn resolve(scope: Scope<'_>, name: &str) -> Result<Program, String> {
     let candidates = candidates(scope.folder, name, scope.path)?;
     let mut first = None;
@@ -128,18 +130,18 @@ pub(crate) async fn resolve(scope: Scope<'_>, name: &str) -> Result<Program, Str
                 }
                 return Ok(program);
             }
-            // The next of this name on the path may be better.
+            // Another program of this name on the path may work.
             Err(problem) => first = first.or(Some(problem)),
         }
     }
     Err(first.unwrap_or_else(|| format!("there is no `{name}`")))
 }
 
-/// The files that a name may mean, the best one first.
+/// Returns the files that a name may mean, the preferred one first.
 ///
 /// # Errors
 ///
-/// If there is none; for a person.
+/// Returns the reason, for a person, if there is none.
 pub(crate) fn candidates(
     folder: &Path,
     name: &str,
@@ -162,33 +164,33 @@ pub(crate) fn candidates(
     Ok(found)
 }
 
-/// The programs of a name on a path.
+/// Returns the programs of a name on a path.
 fn on_path(name: &str, path: &[PathBuf]) -> impl Iterator<Item = Candidate> {
     let files = path.iter().map(move |folder| folder.join(name)).filter(|file| is_executable(file));
     files.map(Candidate::trusted)
 }
 
 impl Candidate {
-    /// One that the daemon's user has put there.
+    /// Returns a candidate that the daemon's user has installed.
     fn trusted(file: PathBuf) -> Candidate {
         Candidate { asked: Some(file.clone()), file }
     }
 
-    /// One that a manifest or a script names by its path. Where it is a link to a program of the
-    /// system's, that one may be asked.
+    /// Returns a candidate that a manifest or a script names by its path. It may be asked only if it is a
+    /// program of the system, or a link to one.
     fn named(file: PathBuf) -> Candidate {
         let asked = file.canonicalize().ok().filter(|file| is_system(file));
         Candidate { file, asked }
     }
 
-    /// Whether the daemon's user has put it there, and the package only names it.
+    /// Whether the file was installed by the daemon's user.
     fn is_trusted(&self) -> bool {
         self.asked.as_ref() == Some(&self.file)
     }
 }
 
 impl Scope<'_> {
-    /// Whether the package may read a file without being asked, or asks to.
+    /// Whether the package may read a file: one of the system, of the package, or below a path in `read`.
     fn holds(&self, file: &Path) -> bool {
         let is_below = |root: &Path| {
             file.starts_with(root) || root.canonicalize().is_ok_and(|root| file.starts_with(root))
@@ -201,7 +203,7 @@ fn is_system(file: &Path) -> bool {
     SYSTEM_FOLDERS.iter().any(|folder| file.starts_with(folder))
 }
 
-/// The folders of this process's `PATH`.
+/// Returns the folders of this process's `PATH`.
 pub(crate) fn own_path() -> Vec<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&path).filter(|folder| folder.is_absolute()).collect()
@@ -213,7 +215,7 @@ fn is_executable(file: &Path) -> bool {
     fs::metadata(file).is_ok_and(is_it)
 }
 
-/// What a file that can be executed really runs.
+/// Returns the program that a file really runs.
 async fn really(candidate: &Candidate, scope: Scope<'_>, steps: u32) -> Result<Program, String> {
     let Candidate { file, asked } = candidate;
     let shown = file.display();
@@ -262,16 +264,17 @@ async fn really(candidate: &Candidate, scope: Scope<'_>, steps: u32) -> Result<P
     Ok(program)
 }
 
-/// A program that a package names by its path, with what the package may read of its surroundings.
+/// Returns a program that a package names by its path, with what the package may read around it.
 ///
 /// # Errors
 ///
-/// If the package may not read the program itself; for a person.
+/// Returns the reason, for a person, if the package may not read the program itself.
 async fn named(file: &Path, scope: Scope<'_>, steps: u32) -> Result<Program, String> {
     let real = file.canonicalize().unwrap_or_else(|_| file.to_owned());
     let mut program = binary(file);
     if scope.holds(file) && !scope.holds(&real) {
-        // A virtual environment leads to the interpreter that it was made with: the user's own, mostly.
+        // A virtual environment links to the interpreter that it was made with, often one of the user's.
+        // That interpreter is accepted if it is also found on the path.
         let name = real.file_name().unwrap_or_default().to_string_lossy();
         for candidate in on_path(&name, scope.path) {
             let users = Box::pin(really(&candidate, scope, steps - 1)).await;
@@ -297,7 +300,7 @@ async fn named(file: &Path, scope: Scope<'_>, steps: u32) -> Result<Program, Str
     }
 }
 
-/// What stands behind a shim, by its manager's word.
+/// Asks the version manager of a shim for the real program.
 async fn behind(shim: &Shim, file: &Path, scope: Scope<'_>, steps: u32) -> Result<Program, String> {
     let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut command = vec!["env".to_owned()];
@@ -320,11 +323,12 @@ async fn behind(shim: &Shim, file: &Path, scope: Scope<'_>, steps: u32) -> Resul
             real.display()
         ));
     }
-    // A manager of the user's has said so.
+    // The manager was installed by the user, so its answer is trusted.
     really(&Candidate::trusted(real), scope, steps - 1).await
 }
 
-/// The multiplexer behind a link: what `python3` is where it leads to `mise`.
+/// Returns the multiplexer that a file is a link to, such as `mise` for `python3`; `None` if it is no such
+/// link.
 fn multiplexer(file: &Path) -> Option<PathBuf> {
     let real = file.canonicalize().ok()?;
     let name = real.file_name()?.to_str()?;
@@ -336,7 +340,7 @@ fn multiplexer(file: &Path) -> Option<PathBuf> {
     }
 }
 
-/// The text of a script; `None` if the file is something else.
+/// Returns the text of a script; `None` if the file is something else.
 fn script(file: &Path) -> Option<String> {
     let mut bytes = Vec::new();
     let opened = File::open(file).ok()?;
@@ -344,8 +348,8 @@ fn script(file: &Path) -> Option<String> {
     bytes.starts_with(b"#!").then(|| String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// The interpreter in the first line of a script, and its arguments. `env` is looked through: inside the
-/// confinement it might find another.
+/// Returns the interpreter and its arguments from the first line of a script. `env` is resolved here,
+/// because inside the confinement it might find another interpreter.
 fn interpreter(script: &str, path: &[PathBuf]) -> Option<(Candidate, Vec<String>)> {
     let line = script.lines().next()?.strip_prefix("#!")?.trim();
     let (interpreter, argument) = match line.split_once(char::is_whitespace) {
@@ -353,7 +357,7 @@ fn interpreter(script: &str, path: &[PathBuf]) -> Option<(Candidate, Vec<String>
         None => (Path::new(line), ""),
     };
     if interpreter.file_name().is_some_and(|name| name != "env") {
-        // The kernel hands on all that follows as one argument.
+        // The kernel passes everything after the interpreter as one argument.
         let argument = (!argument.is_empty()).then(|| argument.to_owned());
         let interpreter = Candidate::named(interpreter.to_owned());
         return Some((interpreter, argument.into_iter().collect()));
@@ -364,7 +368,7 @@ fn interpreter(script: &str, path: &[PathBuf]) -> Option<(Candidate, Vec<String>
     Some((on_path(&name, path).next()?, words.collect()))
 }
 
-/// What a shim of pyenv, of its relatives, or of asdf says: `exec "…/pyenv" exec "$program" "$@"`.
+/// Parses a shim of pyenv, a similar manager, or asdf: `exec "…/pyenv" exec "$program" "$@"`.
 fn shim(script: &str) -> Option<Shim> {
     let unquoted = |word: &str| word.trim_matches(['"', '\'']).to_owned();
     let mut environment = Vec::new();
@@ -393,15 +397,15 @@ fn is_python(file: &Path) -> bool {
         .is_some_and(|version| version.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.'))
 }
 
-/// A Python says where it and its library are, also through a shim of any kind.
+/// Asks a Python, also behind a shim of any kind, for the paths of its interpreter and libraries.
 async fn ask_python(file: &Path) -> Result<Program, String> {
-    // What these name is not handed on to a plugin, so it does not count.
+    // A plugin does not get these variables, so they must not influence the answer.
     let words = ["env", "-u", "PYTHONPATH", "-u", "PYTHONHOME"].map(str::to_owned);
     let asked = [file.display().to_string(), "-c".to_owned(), ASK_PYTHON.to_owned()];
     let asked = programs::Program::of(words.into_iter().chain(asked)).ok_or("nothing is asked")?;
     let said = asked.run(ANSWER_WITHIN).await.map_err(|error| error.to_string())?;
     let python: Python = serde_json::from_str(said.trim()).map_err(|error| error.to_string())?;
-    // In a virtual environment the name by which it is called says which one.
+    // In a virtual environment, Python finds the environment by the path by which it is called.
     let executable = match is_executable(&python.executable) {
         true => python.executable.as_path(),
         false => file,
@@ -412,14 +416,14 @@ async fn ask_python(file: &Path) -> Result<Program, String> {
         keep(prefix, &mut program.readable);
     }
     if python.user.is_dir() {
-        // The plugin's home is another folder, so it is told where its user's packages are.
+        // The plugin's `HOME` is another folder, so a variable names the folder of the user's packages.
         program.readable.insert(python.user);
         program.environment.push(("PYTHONUSERBASE", python.base.into_os_string()));
     }
     Ok(program)
 }
 
-/// A program that is no script, with the folder that it was installed into.
+/// Returns a program that is no script, with the folder that it was installed into.
 fn binary(file: &Path) -> Program {
     let mut readable = BTreeSet::from([file.to_owned()]);
     for file in [Some(file.to_owned()), file.canonicalize().ok()].into_iter().flatten() {
@@ -433,11 +437,11 @@ fn binary(file: &Path) -> Program {
     Program { file: file.to_owned(), readable, ..Program::default() }
 }
 
-/// The shared libraries of a program that lie elsewhere than the system's, by the loader's word.
+/// Returns the shared libraries of a program outside of the system's folders, as the loader reports them.
 async fn libraries(file: &Path) -> Vec<PathBuf> {
     let command = ["ldd".to_owned(), file.display().to_string()];
     let Some(asked) = programs::Program::of(command) else { return Vec::new() };
-    // It fails for what is no dynamic program, and where there is no `ldd`.
+    // `ldd` fails for a file that is no dynamic program, and may be missing.
     let said = asked.run(ANSWER_WITHIN).await.unwrap_or_default();
     let files = said.lines().filter_map(|line| {
         let (_, file) = line.split_once(" => ")?;
@@ -448,7 +452,8 @@ async fn libraries(file: &Path) -> Vec<PathBuf> {
     files.flat_map(|file| [file.canonicalize().ok(), Some(file)]).flatten().collect()
 }
 
-/// Lets a folder be read; of one in which a person keeps other things, only what programs are made of.
+/// Lets a folder be read. If the folder contains the user's home or is near the root, only the parts with
+/// programs and libraries can be read.
 fn keep(folder: &Path, readable: &mut BTreeSet<PathBuf>) {
     if !folder.is_absolute() || !folder.exists() {
         return;
@@ -478,7 +483,8 @@ mod tests {
         fs::set_permissions(file, fs::Permissions::from_mode(0o755)).expect("our own");
     }
 
-    /// A version manager as pyenv, rbenv and asdf are: shims that ask it, and versions elsewhere.
+    /// Creates a version manager like pyenv, rbenv and asdf: shims that ask it, and versions in another
+    /// folder.
     fn manager(folder: &Path, manager: &str, name: &str, real: &str) -> PathBuf {
         let root = folder.join("root");
         write(
@@ -514,7 +520,7 @@ mod tests {
             assert_eq!(program.file, real);
             assert!(program.readable.contains(&folder.path().join("versions/3.4")), "{program:?}");
             assert!(program.remark.is_some_and(|said| said.contains("stands for")), "{name}");
-            // What a script's first line names is looked through as well.
+            // The interpreter in the first line of a script may be a shim as well.
             let agent = folder.path().join("package/agent");
             write(&agent, &format!("#!/usr/bin/env -S {name} -u\n"));
             let package = agent.parent().expect("a folder");
@@ -579,7 +585,7 @@ mod tests {
         assert_eq!(program.environment, [("PYTHONUSERBASE", base)]);
     }
 
-    /// Outside of the confinement nothing of a package runs, whatever it looks like.
+    /// Outside of the confinement, nothing of a package runs, whatever it looks like.
     #[tokio::test]
     async fn a_package_is_looked_at_and_never_run() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -598,14 +604,14 @@ mod tests {
             let resolved = resolve(&package, name, &own_path()).await;
             assert!(!ran.exists(), "`{name}` was run: {resolved:?}");
         }
-        // A virtual environment of its own is what runs, with the interpreter it is made of.
+        // The package's own virtual environment is used, with the interpreter that it links to.
         fs::remove_file(package.join(".venv/bin/python3")).expect("ours");
         std::os::unix::fs::symlink("/bin/sh", package.join(".venv/bin/python3")).expect("a link");
         let program = resolve(&package, "python3", &own_path()).await.expect("its own");
         assert_eq!(program.file, package.join(".venv/bin/python3"));
     }
 
-    /// A program of the user that a package names: around it lie things that are not the package's.
+    /// A package names a program of the user; the files around the program are not the package's.
     #[tokio::test]
     async fn a_package_grants_itself_no_folder_by_the_path_of_a_program() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -621,13 +627,13 @@ mod tests {
             assert!(refused.contains("project/bin/tool"), "{refused}");
             assert!(refused.contains("`read` in `[permissions]`"), "{refused}");
         }
-        // What a person may be asked for is the program, and nothing around it.
+        // A person can allow the program, without the files around it.
         let read = [tool.clone()];
         let scope = Scope { folder: &package, read: &read, path: &own_path() };
         let program = super::resolve(scope, "bin/link").await.expect("it may be read");
         assert!(program.readable.contains(&tool), "{program:?}");
         assert!(!program.readable.contains(&project), "{program:?}");
-        // The same program is the user's own choice where it lies on the path.
+        // On the path, the same program is the user's own choice.
         let program = resolve(&package, "tool", &[project.join("bin")]).await.expect("found");
         assert!(program.readable.contains(&project), "{program:?}");
     }

@@ -1,7 +1,8 @@
-//! An agent of a plugin, as the ecosystem knows it: an actuator like any other, with its own planner
-//! and its own domain, at most once and with heartbeats; what it is asked to do, its plugin does.
+//! Proxy agent for an agent of a plugin. In the ecosystem it is an actuator like any other, with its own
+//! planner and domain, its ledger and heartbeats. It forwards its actions to the plugin.
 //!
-//! While the process is away it offers nothing, and whatever it was at has failed at once.
+//! While the plugin's process is away, the proxy agent offers no actions, and an action that was running
+//! fails at once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -20,25 +21,27 @@ use tokio_util::sync::CancellationToken;
 use crate::attendant::Bell;
 use crate::package::Package;
 
-/// How long an agent whose process is away stays, and offers nothing: a plugin is restarted at once.
+/// Time for which the proxy agent stays in the ecosystem, without actions, while its process is away: a
+/// plugin is restarted at once.
 const AWAY: Duration = Duration::from_secs(5);
 
-/// How long one whose name another has rests before it tries again.
+/// Wait before an agent that could not run in the ecosystem tries again, for example because another agent
+/// has its name.
 const REST: Duration = Duration::from_secs(5);
 
-/// The longest a method may take where nothing says how long.
+/// Longest time for a method without a known timeout.
 const UNSAID: Duration = Duration::from_secs(60);
 
-/// What the host knows of the agents of a plugin: accepted, or why not.
+/// Agents that have joined the endpoint of a plugin: admitted, or the reason why not.
 pub(crate) type Accepted = watch::Sender<std::collections::BTreeMap<AgentId, Result<(), String>>>;
 
-/// What keeps one agent of a plugin in the ecosystem.
+/// Keeps the proxy agent of one agent in the ecosystem while the plugin brings it.
 pub(crate) struct Escort {
     pub(crate) agent: AgentId,
     pub(crate) sight: Sight,
     pub(crate) bell: Bell,
     pub(crate) package: Arc<Package>,
-    /// The model that the package has for it.
+    /// Action model that the package has for the agent, if any.
     pub(crate) own: Option<Arc<ActionModel>>,
     pub(crate) landing: Landing,
     pub(crate) accepted: Arc<Accepted>,
@@ -46,7 +49,7 @@ pub(crate) struct Escort {
 }
 
 impl Escort {
-    /// Lets the agent live while its plugin brings it.
+    /// Runs the proxy agent whenever the plugin's agent is present and admitted, until the endpoint stops.
     pub(crate) async fn run(mut self) {
         let stopping = self.stopping.clone();
         loop {
@@ -94,7 +97,7 @@ impl Escort {
         objection(&self.agent, &self.package, self.own.as_deref(), sighted)
     }
 
-    /// One life; the error says why it could not be lived.
+    /// Runs one incarnation of the proxy agent. Returns an error with the reason if it could not run.
     async fn live(&mut self, sighted: Sighted) -> Result<(), String> {
         let device = Proxy {
             agent: self.agent.clone(),
@@ -123,7 +126,8 @@ impl Escort {
                 () = away(&mut self.sight) => {
                     self.note(None);
                     if tokio::time::timeout(AWAY, appeared(&mut self.sight)).await.is_ok() {
-                        // A model that is none of its own is seen, and nothing is offered.
+                        // An agent that came back with another action model is reported, and offers no
+                        // actions.
                         self.note(Some(self.refused().map_or(Ok(()), Err)));
                         continue;
                     }
@@ -146,7 +150,7 @@ impl Escort {
     }
 }
 
-/// Why an agent is not let in as it describes itself.
+/// Returns the reason why an agent with this self-description is not admitted; `None` if it is.
 fn objection(
     agent: &AgentId,
     package: &Package,
@@ -159,17 +163,18 @@ fn objection(
     package.objection(&sighted.model, &sighted.methods, own)
 }
 
-/// Waits until it is here; `None` when nobody watches any more.
+/// Waits until the agent is present; `None` if it is not observed any more.
 async fn appeared(sight: &mut Sight) -> Option<Sighted> {
     sight.wait_for(Option::is_some).await.ok()?.clone()
 }
 
 async fn away(sight: &mut Sight) {
-    // Nobody watching is the same as nothing seen.
+    // If the agent is not observed any more, that counts as absent.
     let _ = sight.wait_for(Option::is_none).await;
 }
 
-/// Waits until something else is seen than what was not let in.
+/// Waits until the agent is absent, or present with another incarnation or description than the one that
+/// was not admitted.
 async fn another(sight: &mut Sight, (incarnation, digest): (Incarnation, String)) {
     let is_other = |sighted: &Option<Sighted>| {
         sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
@@ -177,21 +182,21 @@ async fn another(sight: &mut Sight, (incarnation, digest): (Incarnation, String)
     let _ = sight.wait_for(is_other).await;
 }
 
-/// The device.
+/// Device of the proxy agent's actuator.
 struct Proxy {
     agent: AgentId,
     package: Arc<Package>,
     own: Option<Arc<ActionModel>>,
     sight: Sight,
-    /// What it says now; nothing while it is away.
+    /// Snapshot of the plugin's agent; `None` while it is away or not admitted.
     sighted: Option<Sighted>,
-    /// What it said last.
+    /// Latest snapshot that was admitted.
     last: Sighted,
     bell: Bell,
 }
 
 impl Proxy {
-    /// Looks again at the agent.
+    /// Updates the snapshot of the plugin's agent.
     fn look(&mut self) {
         let now = self.sight.borrow_and_update().clone();
         let may = |sighted: &Sighted| {
@@ -211,7 +216,7 @@ impl Proxy {
     }
 }
 
-/// Numbers what is asked of plugins in this process.
+/// Next number of an action that is forwarded to a plugin, unique in this process.
 static ASKED: AtomicU64 = AtomicU64::new(0);
 
 impl Device for Proxy {
@@ -220,7 +225,7 @@ impl Device for Proxy {
     fn describe(&self) -> Description {
         let mut model = ActionModel::clone(&self.last.model);
         let mut methods = self.last.methods.clone();
-        // The manifest says how long a method may take, at the most.
+        // The timeout of a method is at most that of the manifest.
         for (action, method) in &mut methods {
             if let Some(known) = self.package.manifest.methods.get(action) {
                 method.timeout = Deadline(method.timeout.0.min(known.timeout.0));
@@ -280,7 +285,7 @@ impl Device for Proxy {
         let mut sight = self.sight.clone();
         Some(Box::pin(async move {
             if sight.changed().await.is_err() {
-                // With its plugin, the agent goes too.
+                // The agent is not observed any more; it is about to end with its plugin.
                 return std::future::pending().await;
             }
             let stir: Stir<Proxy> = Box::new(|proxy| {

@@ -1,57 +1,58 @@
-//! What a plugin may use of its machine: what its manifest asks for, what a person has allowed, and
-//! what nobody can allow. No files, no clock.
+//! Rights of plugins: what a manifest asks for, what a person has allowed, and what cannot be allowed. No
+//! files, no clock.
 //!
-//! Every plugin has the least: [`Permissions::default`]. What a manifest asks for beyond that is a
+//! Every plugin has the minimum, [`Permissions::default`]. What a manifest asks for beyond that is a
 //! [`Right`], which counts once a person has allowed it.
 
 use std::fmt;
 use std::path::{Component, Path, PathBuf};
 use std::str::FromStr;
 
-/// What a plugin may use, of its machine.
+/// Resources of the machine that a plugin may use.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Permissions {
-    /// Whether it may open connections beside the one to its daemon.
+    /// Whether the plugin may open connections other than the one to its daemon.
     pub network: bool,
-    /// Devices it may read and write, such as `/dev/i2c-1`.
+    /// Devices that it may read and write, such as `/dev/i2c-1`.
     pub devices: Vec<PathBuf>,
-    /// Files and folders it may read beside the system's and its own.
+    /// Files and folders that it may read in addition to the system's and its own.
     pub read: Vec<PathBuf>,
-    /// Bytes it may hold.
+    /// Limit of memory, in bytes.
     pub memory: u64,
-    /// How much of one core, from 0.01.
+    /// Share of one core, at least 0.01; 1.0 is a whole core.
     pub cpu: f64,
-    /// Files it may have open.
+    /// Limit of open files.
     pub files: u64,
-    /// Processes it may be.
+    /// Limit of processes.
     pub processes: u32,
-    /// Bytes it may keep on disk.
+    /// Limit of bytes on disk.
     pub disk: u64,
 }
 
-/// Something that a plugin may use beyond the least.
+/// Permission beyond the minimum.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Right {
-    /// Connections beside the one to its daemon.
+    /// Connections other than the one to its daemon.
     Network,
-    /// A device.
+    /// Reading and writing a device.
     Device(PathBuf),
-    /// A file or folder, to be read.
+    /// Reading a file or folder.
     Read(PathBuf),
     /// Bytes of memory.
     Memory(u64),
-    /// A share of a core.
+    /// Share of a core.
     Cpu(f64),
-    /// Open files.
+    /// Number of open files.
     Files(u64),
-    /// Processes.
+    /// Number of processes.
     Processes(u32),
     /// Bytes on disk.
     Disk(u64),
 }
 
-/// Devices through which a plugin would reach all of the machine, or who sits at it: the memory, disks,
-/// file systems, terminals, what types for people, machines in the machine. A `*` stands for any ending.
+/// Names below `/dev` that no plugin may use, because they give access to the whole machine or to its
+/// screen and keyboard: memory, disks, file systems, terminals, simulated keyboards, virtual machines. A
+/// `*` at the end stands for any ending.
 const NO_DEVICES: &[&str] = &[
     "mem",
     "kmem",
@@ -126,11 +127,11 @@ const NO_DEVICES: &[&str] = &[
     "log",
 ];
 
-/// Folders that hold other people's things, and are nobody's to give away as a whole.
+/// Folders that many users or programs share; they cannot be allowed as a whole.
 const NO_FOLDERS: &[&str] =
     &["/", "/etc", "/home", "/root", "/run", "/srv", "/tmp", "/var", "/var/lib"];
 
-/// Files and folders of which nothing may be read: keys, passwords, what other processes do.
+/// Files and folders of which nothing may be read: keys, passwords, data of other processes.
 const SECRET: &[&str] = &[
     "/boot",
     "/dev",
@@ -154,33 +155,33 @@ const SECRET: &[&str] = &[
     "/var/log",
 ];
 
-/// Folders in people's homes that hold keys.
+/// Names of files and folders in home folders that hold keys.
 const SECRET_NAMES: &[&str] =
     &[".aws", ".config", ".gnupg", ".kube", ".netrc", ".password-store", ".ssh"];
 
 impl Default for Permissions {
-    /// The least, which every plugin has.
+    /// The minimum that every plugin has.
     fn default() -> Permissions {
         Permissions {
             network: false,
             devices: Vec::new(),
             read: Vec::new(),
-            // What an agent in another language takes: an interpreter, and a Zenoh session.
+            // Enough for an agent in another language: an interpreter and a Zenoh session.
             memory: 128 << 20,
-            // Interpreters load for a second; what goes on for longer is not a sensor.
+            // Interpreters load for about a second; a sensor does not compute for longer.
             cpu: 0.5,
-            // Sockets, pipes and a few devices.
+            // Enough for sockets, pipes and a few devices.
             files: 64,
-            // A program and what it calls.
+            // Enough for a program and the programs that it calls.
             processes: 16,
-            // Settings, and a day of what it has measured.
+            // Enough for settings, and measurements of a day.
             disk: 256 << 20,
         }
     }
 }
 
 impl Permissions {
-    /// What is asked for beyond the least.
+    /// Returns the rights that are needed beyond the minimum.
     pub fn asks(&self) -> Vec<Right> {
         let least = Permissions::default();
         let mut asks = Vec::new();
@@ -195,7 +196,7 @@ impl Permissions {
         asks
     }
 
-    /// What is asked for and not allowed.
+    /// Returns the rights that are needed and not in `allowed`.
     pub fn beyond(&self, allowed: &[Right]) -> Vec<Right> {
         let is_allowed = |asked: &Right| allowed.iter().any(|allowed| allowed.covers(asked));
         self.asks().into_iter().filter(|asked| !is_allowed(asked)).collect()
@@ -203,7 +204,7 @@ impl Permissions {
 }
 
 impl Right {
-    /// Whether somebody who has this has the other as well.
+    /// Whether this right includes `other`.
     pub fn covers(&self, other: &Right) -> bool {
         match (self, other) {
             (Right::Memory(may), Right::Memory(asks)) | (Right::Disk(may), Right::Disk(asks)) => {
@@ -216,7 +217,7 @@ impl Right {
         }
     }
 
-    /// What it means, for a person who is to allow it.
+    /// Describes the right for the person that is to allow it.
     pub fn meaning(&self) -> String {
         match self {
             Right::Network => "to connect to the Internet and to this network".to_owned(),
@@ -231,7 +232,7 @@ impl Right {
     }
 }
 
-/// As it is written after `--allow`: the key of the manifest, and its value.
+/// Writes the right as it stands after `--allow`: the key of the manifest, and its value.
 impl fmt::Display for Right {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -275,12 +276,13 @@ impl FromStr for Right {
     }
 }
 
-/// Rights as a list for a person.
+/// Writes rights as a list for a person, separated by spaces.
 pub fn listed(rights: &[Right]) -> String {
     rights.iter().map(Right::to_string).collect::<Vec<_>>().join(" ")
 }
 
-/// Why a device cannot be given to a plugin, whoever allows it; by its path alone.
+/// Returns the reason why a device cannot be allowed to any plugin, judged by its path alone; `None` if it
+/// can.
 pub(crate) fn device_objection(path: &Path) -> Option<String> {
     if let Some(objection) = path_objection(path) {
         return Some(objection);
@@ -302,7 +304,8 @@ pub(crate) fn device_objection(path: &Path) -> Option<String> {
         .map(|_| "it gives access to the whole machine, or to its screen and keyboard".to_owned())
 }
 
-/// Why a file or folder cannot be shown to a plugin, whoever allows it; by its path alone.
+/// Returns the reason why a file or folder cannot be allowed to any plugin, judged by its path alone;
+/// `None` if it can.
 pub(crate) fn read_objection(path: &Path) -> Option<String> {
     if let Some(objection) = path_objection(path) {
         return Some(objection);
@@ -336,7 +339,8 @@ fn path_objection(path: &Path) -> Option<String> {
         .then(|| "it leads elsewhere: write it without `..`".to_owned())
 }
 
-/// `"64MiB"`, in bytes.
+/// Parses a size such as `"64MiB"` into bytes; `None` if it is not a whole number with a unit, or too
+/// large.
 pub(crate) fn bytes_of(text: &str) -> Option<u64> {
     let units = [("GiB", 30), ("MiB", 20), ("KiB", 10)];
     let (number, shift) =
@@ -345,7 +349,7 @@ pub(crate) fn bytes_of(text: &str) -> Option<u64> {
     number.checked_mul(1 << shift)
 }
 
-/// Bytes as they are written in a manifest, in the largest unit that is exact.
+/// Writes bytes as in a manifest, in the largest unit that is exact; below a MiB rounded up to KiB.
 pub(crate) fn bytes_text(bytes: u64) -> String {
     let units = [("GiB", 30), ("MiB", 20)];
     let whole = units.into_iter().find(|(_, shift)| bytes > 0 && bytes.is_multiple_of(1 << shift));

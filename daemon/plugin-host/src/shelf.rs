@@ -1,12 +1,15 @@
-//! The folder in which a machine's packages are: one folder each, and what people have said of them.
+//! The plugin folder of a machine: one folder per package, and marker files with decisions of people.
 //!
-//! Everything here is a rename in that folder, so that a daemon which looks at any moment sees the
-//! old or the new. What begins with a dot is no package: `.NAME.disabled`, `.NAME.rights` (what a person
-//! has allowed it, a line each), `.NAME.before` (what was there before the last upgrade), `.NAME.failed`
-//! (an upgrade that was taken back).
+//! Every change is one rename in that folder, so a daemon that reads it at any moment sees the old or the
+//! new state. Names that begin with a dot are no packages:
 //!
-//! Whoever can write to the folder decides what runs here. So it and all in it are made for this user
-//! alone, whatever the umask, and a folder that others can write to is refused.
+//! - `.NAME.disabled`: the package is disabled.
+//! - `.NAME.rights`: the rights that a person has allowed it, one in a line.
+//! - `.NAME.before`: the version before the last upgrade.
+//! - `.NAME.failed`: an upgrade that was rolled back.
+//!
+//! A user that can write to the folder controls which programs run here. So the folder and everything in it
+//! is created for this user alone, whatever the umask is, and a folder that others can write to is refused.
 
 use std::fs::{self, DirBuilder, OpenOptions, Permissions};
 use std::io::{self, Write as _};
@@ -19,74 +22,75 @@ use crate::manifest::Manifest;
 use crate::package::{Faults, Package};
 use crate::rights::{Right, listed};
 
-/// More packages on one machine are not looked at.
+/// Largest number of packages on one machine; further ones are ignored.
 const PACKAGES_MAX: usize = 256;
 
-/// A folder that only this user enters.
+/// Mode of a folder that only this user can enter.
 const FOLDER_MODE: u32 = 0o700;
-/// Bits by which somebody else could write.
+/// Bits of a mode with which the group or other users can write.
 const OTHERS_WRITE: u32 = 0o022;
 /// All bits of a mode.
 const MODE: u32 = 0o7777;
 
-/// Marks a folder whose packages have been allowed what they used before anybody was asked.
+/// Marker file: rights have to be allowed in this plugin folder. It is written when a daemon first checks
+/// the folder; packages that ran there before keep the rights that they used.
 const ASKED: &str = ".rights-are-asked";
 
-/// The folder.
+/// The plugin folder.
 #[derive(Clone, Debug)]
 pub struct Shelf {
-    /// Where it is.
+    /// Path of the folder.
     pub folder: PathBuf,
 }
 
-/// Why something could not be done with a package. Completes “failed to …”.
+/// Reason why an operation on a package failed. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ShelfError {
-    /// What is to be added is no whole package.
+    /// The package to be added has mistakes.
     #[error("add a package that is not whole: {}", .0.first())]
     Faulty(Box<Faults>),
-    /// There is none of this name.
+    /// There is no package of this name.
     #[error("find a plugin `{name}` in {}", folder.display())]
     Unknown {
-        /// The name.
+        /// Name of the package.
         name: String,
-        /// Where it is not.
+        /// The plugin folder.
         folder: PathBuf,
     },
-    /// A package asks for more than anybody has allowed.
+    /// The package asks for rights that were not allowed.
     #[error("let `{name}` use {}: nobody has allowed that", listed(asks))]
     NotAllowed {
-        /// The package.
+        /// Name of the package.
         name: String,
-        /// What it asks for.
+        /// Rights that it asks for and that were not allowed.
         asks: Vec<Right>,
     },
-    /// Others could put something into the folder.
+    /// Other users can change files of the plugin folder.
     #[error("use {}: {who} can write to it, and could run anything here: {cure}", path.display())]
     Writable {
-        /// The folder, or what is in it.
+        /// The folder, or a file or folder in it.
         path: PathBuf,
-        /// Who.
+        /// Description of the users that can write, for the message.
         who: &'static str,
-        /// The command that mends it.
+        /// Command that corrects it.
         cure: String,
     },
-    /// The file system declined.
+    /// A file operation failed.
     #[error("{doing} {}: {source}", path.display())]
     Io {
-        /// What was being done.
+        /// The operation.
         doing: &'static str,
-        /// With what.
+        /// Its path.
         path: PathBuf,
-        /// Why.
+        /// The error.
         #[source]
         source: io::Error,
     },
 }
 
 impl Shelf {
-    /// The packages, by name.
+    /// Returns the names of the packages, sorted.
     pub fn names(&self) -> Vec<String> {
         let Ok(entries) = fs::read_dir(&self.folder) else { return Vec::new() };
         let folders = entries.flatten().filter(|entry| entry.path().is_dir());
@@ -97,7 +101,7 @@ impl Shelf {
         names
     }
 
-    /// Where a package of this name is.
+    /// Returns the folder of a package of this name.
     pub fn at(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
@@ -106,20 +110,20 @@ impl Shelf {
         self.folder.join(format!(".{name}.{what}"))
     }
 
-    /// Whether a person has taken it out of use.
+    /// Whether a person has disabled the package.
     pub fn is_disabled(&self, name: &str) -> bool {
         self.aside(name, "disabled").exists()
     }
 
-    /// Takes a package out of use, or into use again; whatever was given up is begun anew.
+    /// Disables or enables a package. Enabling it also starts it again if it was given up.
     ///
     /// # Errors
     ///
-    /// If there is none of this name, or the folder cannot be written.
+    /// Returns an error if there is no package of this name, or the folder cannot be written.
     pub fn set_disabled(&self, name: &str, is_disabled: bool) -> Result<(), ShelfError> {
         self.known(name)?;
         let mark = self.aside(name, "disabled");
-        // Written before it is removed: whoever watches the folder sees that something was said.
+        // Also written when it is then removed: a daemon that watches the folder sees the change.
         write(&mark, "")?;
         if !is_disabled {
             fs::remove_file(&mark).map_err(|source| failed("remove", &mark, source))?;
@@ -127,11 +131,11 @@ impl Shelf {
         Ok(())
     }
 
-    /// Makes the folder, if it is not there.
+    /// Creates the folder if it does not exist.
     ///
     /// # Errors
     ///
-    /// If it cannot be made, or others can write to it.
+    /// Returns an error if it cannot be created, or other users can write to it.
     pub fn make(&self) -> Result<(), ShelfError> {
         let mut folder = DirBuilder::new();
         let made = folder.recursive(true).mode(FOLDER_MODE).create(&self.folder);
@@ -139,20 +143,21 @@ impl Shelf {
         self.check_writers()
     }
 
-    /// Looks whether nobody but this user, and root, decides what is in the folder.
+    /// Checks that only this user and root can change the folder.
     ///
     /// # Errors
     ///
-    /// If somebody else can write to it, or owns it. A folder that is not there is nobody's.
+    /// Returns an error if another user owns the folder or can write to it. A folder that does not exist is
+    /// no error.
     pub fn check_writers(&self) -> Result<(), ShelfError> {
         others_cannot_write(&self.folder)
     }
 
-    /// The same of what is in a package.
+    /// Checks that only this user and root can change the files of a package.
     ///
     /// # Errors
     ///
-    /// The first file or folder that somebody else can write to.
+    /// Returns an error with the first file or folder that another user can write to or owns.
     pub(crate) fn check_writers_of(&self, name: &str) -> Result<(), ShelfError> {
         others_cannot_write(&self.at(name))?;
         let mut folders = vec![self.at(name)];
@@ -167,18 +172,18 @@ impl Shelf {
         Ok(())
     }
 
-    /// What a person has allowed a package.
+    /// Returns the rights that a person has allowed a package.
     pub fn allowed(&self, name: &str) -> Vec<Right> {
         let text = fs::read_to_string(self.aside(name, "rights")).unwrap_or_default();
-        // A line that is none allows nothing.
+        // A line that is no right is ignored.
         text.lines().filter_map(|line| line.trim().parse().ok()).collect()
     }
 
-    /// Notes what a person allows a package, beside what was allowed before.
+    /// Adds rights that a person allows a package.
     ///
     /// # Errors
     ///
-    /// If there is none of this name, or the folder cannot be written.
+    /// Returns an error if there is no package of this name, or the folder cannot be written.
     pub fn allow(&self, name: &str, rights: &[Right]) -> Result<(), ShelfError> {
         self.known(name)?;
         self.note_rights(name, rights)
@@ -200,8 +205,8 @@ impl Shelf {
         fs::rename(&new, &place).map_err(|source| failed("write", &place, source))
     }
 
-    /// Allows packages what they use already: once, when a daemon first looks at a folder in which
-    /// nobody was asked. `has_run` says which have run here.
+    /// Allows packages the rights that they already use. This happens once per plugin folder, for folders
+    /// from the time before rights had to be allowed. `has_run` tells which packages have run here.
     pub(crate) fn keep_rights(&self, has_run: impl Fn(&str) -> bool) -> Result<(), ShelfError> {
         let mark = self.folder.join(ASKED);
         if mark.exists() || !self.folder.exists() {
@@ -217,8 +222,9 @@ impl Shelf {
         write(&mark, "Packages that ask for more than the least wait until a person allows it.\n")
     }
 
-    /// What the package that is there may keep when another version takes its place: what was allowed,
-    /// or, before anybody was asked, what it asks for.
+    /// Returns the rights that a new version of an installed package may use without consent: those that
+    /// were allowed, or, in a folder from the time before rights had to be allowed, those that the
+    /// installed version asks for.
     pub fn kept_rights(&self, name: &str) -> Vec<Right> {
         let mut kept = self.allowed(name);
         if !self.folder.join(ASKED).exists()
@@ -229,11 +235,13 @@ impl Shelf {
         kept
     }
 
-    /// Puts a package in, in place of what has its name. `allowed` is what a person allows it now.
+    /// Installs a package; an installed package of the same name is replaced and kept as `.NAME.before`,
+    /// for a rollback. `allowed` are the rights that a person allows now.
     ///
     /// # Errors
     ///
-    /// If it is not whole, asks for more than was ever allowed, or cannot be copied.
+    /// Returns an error if the package has mistakes, asks for rights that were not allowed, or cannot be
+    /// copied.
     pub fn add(&self, from: &Path, allowed: &[Right]) -> Result<Manifest, ShelfError> {
         let package = Package::open(from).map_err(|faults| ShelfError::Faulty(Box::new(faults)))?;
         let name = package.manifest.name.clone();
@@ -248,7 +256,8 @@ impl Shelf {
         self.clear(&new)?;
         copy(from, &new)?;
         let place = self.at(&name);
-        // Before it is in place: a daemon that looks meanwhile asks nobody.
+        // Noted before the package is in place, so that a daemon that reads the folder meanwhile finds the
+        // rights.
         self.note_rights(&name, &asks)?;
         if place.exists() {
             self.clear(&before)?;
@@ -258,14 +267,14 @@ impl Shelf {
         Ok(package.manifest)
     }
 
-    /// Takes a package away, with what was before it.
+    /// Removes a package, with its earlier versions, rights and marker files.
     ///
     /// # Errors
     ///
-    /// If there is none of this name, or it cannot be removed.
+    /// Returns an error if there is no package of this name, or it cannot be removed.
     pub fn remove(&self, name: &str) -> Result<(), ShelfError> {
         self.known(name)?;
-        // Out of sight at once: a daemon never sees half of it.
+        // One rename hides it: a daemon never sees a package that is half removed.
         let gone = self.aside(name, "removed");
         self.clear(&gone)?;
         let place = self.at(name);
@@ -276,7 +285,7 @@ impl Shelf {
         Ok(())
     }
 
-    /// Puts back what was there before the last upgrade; `false` if nothing was.
+    /// Restores the version before the last upgrade. Returns `false` if there is none.
     pub(crate) fn roll_back(&self, name: &str) -> Result<bool, ShelfError> {
         let (place, before) = (self.at(name), self.aside(name, "before"));
         if !before.exists() {
@@ -289,9 +298,10 @@ impl Shelf {
         Ok(true)
     }
 
-    /// The upgrade has proved itself: there is no way back any more.
+    /// Removes the version before the last upgrade, because the new one works. There is no rollback any
+    /// more.
     pub(crate) fn keep(&self, name: &str) {
-        // What stays is in nobody's way.
+        // A version that cannot be removed does no harm.
         let _ = self.clear(&self.aside(name, "before"));
     }
 
@@ -315,7 +325,7 @@ fn failed(doing: &'static str, path: &Path, source: io::Error) -> ShelfError {
     ShelfError::Io { doing, path: path.to_owned(), source }
 }
 
-/// Writes a file that only this user reads, whatever the umask.
+/// Writes a file that only this user can read, whatever the umask is.
 fn write(file: &Path, text: &str) -> Result<(), ShelfError> {
     let opened = OpenOptions::new().create(true).truncate(true).write(true).mode(0o600).open(file);
     let written = opened.and_then(|mut file| file.write_all(text.as_bytes()));
@@ -324,7 +334,7 @@ fn write(file: &Path, text: &str) -> Result<(), ShelfError> {
 
 fn others_cannot_write(path: &Path) -> Result<(), ShelfError> {
     let Ok(metadata) = fs::symlink_metadata(path) else { return Ok(()) };
-    // A link has no mode; where it leads is not the package's.
+    // A link has no mode of its own, and its target is no part of the package.
     if metadata.is_symlink() {
         return Ok(());
     }
@@ -338,7 +348,7 @@ fn others_cannot_write(path: &Path) -> Result<(), ShelfError> {
     Err(ShelfError::Writable { path: path.to_owned(), who, cure })
 }
 
-/// Copies a folder and what is in it, links as links; nobody but this user can write to the copy.
+/// Copies a folder with everything in it, links as links. Only this user can write to the copy.
 fn copy(from: &Path, to: &Path) -> Result<(), ShelfError> {
     let made = DirBuilder::new().mode(FOLDER_MODE).create(to);
     made.map_err(|source| failed("make", to, source))?;
@@ -448,7 +458,7 @@ mod tests {
         assert_eq!(shelf.allowed("lamp"), [Right::Network]);
     }
 
-    /// Modes are set by hand here: the umask is the whole process's.
+    /// The test sets modes explicitly: the umask would be that of the whole test process.
     #[test]
     fn nobody_else_can_write_what_is_made_here_and_where_somebody_can_it_is_refused() {
         let source = tempfile::tempdir().expect("a folder");

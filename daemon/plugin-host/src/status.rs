@@ -1,4 +1,4 @@
-//! How the plugins of a daemon are, for people: `althing plugin list`.
+//! Status of the plugins of a daemon, for users: `althing plugin list`.
 
 use acl::{AgentId, DaemonId};
 use serde::{Deserialize, Serialize};
@@ -9,73 +9,74 @@ use crate::package::Package;
 /// All plugins of one daemon.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plugins {
-    /// The daemon.
+    /// Name of the daemon.
     pub daemon: DaemonId,
-    /// Where its packages are.
+    /// Its plugin folder.
     pub folder: String,
-    /// How far they can be confined there.
+    /// Extent to which plugins can be confined there.
     #[serde(default)]
     pub confinement: Confined,
-    /// Each, by name.
+    /// Status of each plugin, sorted by name.
     pub plugins: Vec<Status>,
 }
 
-/// How far plugins can be confined where a daemon runs.
+/// Extent to which plugins can be confined on a daemon's machine.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Confined {
-    /// What cannot be kept from a plugin without `network`, each in a sentence; empty if nothing is left.
+    /// Restrictions that cannot be enforced for a plugin without `network`, each as a sentence; empty if
+    /// all can.
     pub not_enforced: Vec<String>,
-    /// How what plugins take is limited.
+    /// Description of how the resources of plugins are limited.
     pub limits: String,
-    /// Whether plugins run only where they are confined whole.
+    /// Whether a plugin runs only if all of its confinement can be enforced.
     pub is_required: bool,
-    /// What the kernel has for it.
+    /// Means of confinement that the kernel offers; `None` until they are known.
     pub means: Option<Means>,
 }
 
-/// One plugin.
+/// Status of one plugin.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Status {
-    /// Its name.
+    /// Name of the plugin.
     pub name: String,
-    /// Its version; empty where its manifest cannot be read.
+    /// Its version; empty if its manifest cannot be read.
     pub version: String,
-    /// What it is, in a line.
+    /// Its description, one line.
     pub about: String,
-    /// Where it stands.
+    /// Its state.
     pub state: State,
-    /// Why, where that is not plain.
+    /// Reason for the state, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// What it was allowed beyond the least, as it is written after `--allow`.
+    /// Rights that it uses beyond the minimum, as written after `--allow`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub allowed: Vec<String>,
-    /// What of its confinement cannot be enforced here, each in a sentence.
+    /// Restrictions that cannot be enforced for it here, each as a sentence.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_enforced: Vec<String>,
-    /// What a person can do about it.
+    /// Advice on what a person can do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
-    /// Its process.
+    /// Process id; `None` if it does not run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pid: Option<i32>,
-    /// Bytes of memory its processes hold.
+    /// Bytes of memory that its processes hold.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub memory: Option<u64>,
-    /// The agents of it that are in the ecosystem.
+    /// Its agents that are in the ecosystem.
     pub agents: Vec<AgentId>,
-    /// How often it was started again.
+    /// Number of restarts.
     pub restarts: u32,
-    /// Messages that were too many, and dropped.
+    /// Messages that were dropped because there were too many.
     pub dropped: u64,
-    /// The file of what it prints.
+    /// Path of the file with its output.
     pub log: String,
 }
 
 impl Status {
-    /// Takes what its package says of itself; nothing, where it cannot be read.
+    /// Takes version and description from its package; clears them if the package cannot be read.
     pub(crate) fn describes(&mut self, package: Option<&Package>) {
         let manifest = package.map(|package| &package.manifest);
         self.version = manifest.map(|manifest| manifest.version.clone()).unwrap_or_default();
@@ -83,33 +84,33 @@ impl Status {
     }
 }
 
-/// Where a plugin stands.
+/// State of a plugin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum State {
-    /// Its package is not whole.
+    /// Its package has mistakes.
     Invalid,
-    /// A person has taken it out of use.
+    /// A person has disabled it.
     Disabled,
-    /// It asks for what nobody has allowed.
+    /// The package asks for rights that were not allowed.
     NotAllowed,
-    /// It could not be confined whole, and has to be.
+    /// The plugin may run only fully confined, which is not possible here.
     NotConfined,
-    /// Nobody wants an agent of it.
+    /// None of its agents is wanted.
     #[default]
     Unused,
-    /// Its process is beginning.
+    /// Its process has been started, and its agents are not all present yet.
     Starting,
-    /// Its agents are here.
+    /// Its agents have joined.
     Running,
-    /// It has ended, and will be started again.
+    /// The process has ended, and will be restarted.
     Waiting,
-    /// It has ended too often: a person has to look.
+    /// The process has ended too often: a person has to intervene.
     GivenUp,
 }
 
 impl State {
-    /// The name, for a person.
+    /// Returns the name of the state, for a person.
     pub fn as_str(self) -> &'static str {
         match self {
             State::Invalid => "invalid",

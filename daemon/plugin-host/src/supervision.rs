@@ -1,7 +1,7 @@
-//! The life of one plugin: checked, started, ready, ended, started again, given up, stopped.
+//! Supervision of one plugin: its process is started, followed, restarted, given up and stopped.
 //!
-//! What people want of it comes as a [`Wish`], and is looked at before anything else: a stop that
-//! arrives during a restart wins.
+//! What is wanted of the plugin comes as a [`Wish`], which takes precedence over everything else: a stop
+//! that arrives during a restart wins.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -26,48 +26,49 @@ use crate::process::{Process, ending};
 use crate::program::Program;
 use crate::status::{State, Status};
 
-/// How often it is seen what a plugin takes.
+/// Interval of measuring what a plugin takes.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// What is wanted of a plugin.
+/// Desired state of a plugin.
 #[derive(Clone, Debug)]
 pub(crate) enum Wish {
-    /// That it runs.
+    /// The plugin runs.
     Run(Arc<Wanted>),
-    /// That it does not, and why; its package, if that can be read.
+    /// The plugin does not run: its state, the reason, and its package if that can be read.
     Rest(State, Option<String>, Option<Arc<Package>>),
-    /// That nothing is left of it.
+    /// The package was removed: the supervision ends and its status is deleted.
     Gone,
 }
 
-/// A package, and the agents that it is to bring.
+/// A package, and the agents that it has to bring.
 #[derive(Debug)]
 pub(crate) struct Wanted {
     pub(crate) package: Arc<Package>,
     pub(crate) agents: Vec<WantedAgent>,
 }
 
-/// An agent that a plugin is to bring.
+/// An agent that a plugin has to bring.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WantedAgent {
-    /// Its name.
+    /// Name of the agent.
     pub name: AgentId,
-    /// Which of the plugins of its package it is.
+    /// Name of the plugin, within its package.
     pub plugin: String,
-    /// Through what it acts, where the file says.
+    /// Driver that the agent uses; `None` if the file or manifest names none.
     pub driver: Option<String>,
-    /// What the file says of it.
+    /// Its `config`, from the ecosystem file or the manifest.
     pub config: Value,
 }
 
-/// How the plugins are, as anybody may ask.
+/// Status of all plugins, by name.
 pub(crate) type Statuses = Arc<Mutex<BTreeMap<String, Status>>>;
 
-/// Why one life of a plugin is over.
+/// Reason why an incarnation of a plugin is over.
 enum Over {
-    /// Something else is wanted now.
+    /// The desired state has changed, or the daemon drains.
     Unwanted,
-    /// It ended, or had to be ended, after it was ready since then.
+    /// The process ended, or had to be ended. `ready` is the time since which it was ready; `None` if it
+    /// never was.
     Ended { why: String, ready: Option<Instant> },
 }
 
@@ -80,7 +81,7 @@ pub(crate) struct Supervision {
 }
 
 impl Supervision {
-    /// Does what is wanted until nothing is.
+    /// Follows the wishes until the package is removed or the daemon drains.
     pub(crate) async fn run(mut self) {
         loop {
             let wish = self.wishes.borrow_and_update().clone();
@@ -117,7 +118,7 @@ impl Supervision {
         change(status);
     }
 
-    /// Waits until something else is wanted; whether that is the end of the daemon.
+    /// Waits until the desired state changes. Returns `true` if the supervision has to end instead.
     async fn unwanted(&mut self) -> bool {
         let stopping = self.ground.landing.stopping.clone();
         tokio::select! {
@@ -127,7 +128,7 @@ impl Supervision {
         }
     }
 
-    /// Keeps it running until something else is wanted.
+    /// Keeps the plugin running until the desired state changes.
     async fn keep_running(&mut self, wanted: &Wanted) {
         let permissions = &wanted.package.manifest.permissions;
         let (asks, lacks) = (permissions.asks(), self.ground.ward().plan(permissions).lacks());
@@ -212,7 +213,7 @@ impl Supervision {
                 status.restarts += u32::from(wait.is_some());
             });
             let Some(wait) = wait else {
-                // Only a person, or another version, changes anything.
+                // Only a person or another version can help.
                 self.unwanted().await;
                 return;
             };
@@ -226,7 +227,7 @@ impl Supervision {
         }
     }
 
-    /// Puts back the version before an upgrade that does not get ready; whether there was one.
+    /// Restores the version before an upgrade that does not become ready. Returns whether there was one.
     fn roll_back(&self, why: &str) -> bool {
         match self.ground.shelf.roll_back(&self.name) {
             Ok(true) => {
@@ -247,7 +248,7 @@ impl Supervision {
         }
     }
 
-    /// One life of the process.
+    /// Runs one incarnation of the process, until it is over.
     async fn life(
         &mut self,
         wanted: &Wanted,
@@ -281,7 +282,7 @@ impl Supervision {
         let within = wanted.package.manifest.ready_within;
         let said = tokio::time::timeout(within, process.say(&hello)).await;
         if !matches!(said, Ok(Ok(()))) {
-            // Whoever has ended is not spoken to: how it ended says more.
+            // If the process has ended, the way in which it ended says more than the error of writing.
             let why = match tokio::time::timeout(LOOK, process.ended()).await {
                 Ok(status) => self.with_last_words(ending(status)),
                 Err(_) => "it does not read its standard input".to_owned(),
@@ -300,7 +301,8 @@ impl Supervision {
             }
             Some(why) => {
                 process.end().await;
-                // The kernel ends what holds too much, and says only that it was killed.
+                // The kernel kills a process that exceeds its memory limit, and the exit status only says
+                // “killed”.
                 let is_full = counted.is_some_and(|group| group.taken().ended > 0);
                 let permissions = &wanted.package.manifest.permissions;
                 let why = if is_full { held_too_much(permissions) } else { why };
@@ -309,7 +311,8 @@ impl Supervision {
         }
     }
 
-    /// Follows a process until it is over: why it ended, or has to; nothing if it is not wanted any more.
+    /// Follows a process until it is over. Returns the reason why it ended or has to be ended, or `None` if
+    /// it is not wanted any more.
     async fn live(
         &mut self,
         wanted: &Wanted,
@@ -357,7 +360,7 @@ impl Supervision {
         }
     }
 
-    /// Looks which of its agents are here.
+    /// Updates which of the plugin's agents are present, and its status.
     fn see(
         &self,
         wanted: &Wanted,

@@ -1,4 +1,4 @@
-//! The template of an action model: what it may name, and what it becomes for an agent.
+//! Templates of action models: they are checked against the manifest, and filled in for an agent.
 
 use std::collections::BTreeMap;
 
@@ -9,22 +9,22 @@ use serde_json::Value;
 
 use crate::manifest::ConfigKey;
 
-/// What a template may cost: a model of a thousand actions is far below.
+/// Limit of steps to fill in a template. A model of a thousand actions needs far fewer.
 const FUEL: u64 = 1_000_000;
 
 fn environment() -> Environment<'static> {
     let mut environment = Environment::new();
-    // A key that is not there is a mistake, and no empty text.
+    // An unknown key is a mistake, and not an empty text.
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_fuel(Some(FUEL));
     environment
 }
 
-/// The model of an agent with this config.
+/// Returns the action model of an agent with this config, as text.
 ///
 /// # Errors
 ///
-/// If the template is wrong, or names what the config does not say; for a person.
+/// Returns the reason, for a person, if the template is wrong or uses a key that the config does not have.
 pub(crate) fn filled_in(
     template: &str,
     name: &str,
@@ -36,8 +36,8 @@ pub(crate) fn filled_in(
     rendered.map_err(|error| format!("the template of a model, {error}"))
 }
 
-/// What is wrong with a template whatever an agent's config says: it cannot be read, or names what
-/// no agent of the package has.
+/// Returns the mistakes of a template that do not depend on an agent's config: it cannot be parsed, or uses
+/// names that no agent of the package has.
 pub(crate) fn mistakes(template: &str, keys: &BTreeMap<String, ConfigKey>) -> Vec<Diagnostic> {
     let environment = environment();
     let parsed = match environment.template_from_str(template) {
@@ -55,7 +55,7 @@ pub(crate) fn mistakes(template: &str, keys: &BTreeMap<String, ConfigKey>) -> Ve
     mistakes
 }
 
-/// The line of this number, from one.
+/// Returns the span of a line, counted from one.
 fn line(template: &str, number: Option<usize>) -> Span {
     let index = number.unwrap_or(1).saturating_sub(1);
     let start = template.split_inclusive('\n').take(index).map(str::len).sum::<usize>();
@@ -63,7 +63,7 @@ fn line(template: &str, number: Option<usize>) -> Span {
     Span::new(start, start + length)
 }
 
-/// What the template names and does not set itself, such as `config.location`.
+/// Returns the names that the template uses and does not define itself, such as `config.location`.
 fn unknown(environment: &Environment<'_>, template: &Template<'_, '_>) -> Vec<String> {
     let functions: Vec<&str> = environment.globals().map(|(name, _)| name).collect();
     let mut names: Vec<_> = template.undeclared_variables(true).into_iter().collect();
@@ -74,7 +74,7 @@ fn unknown(environment: &Environment<'_>, template: &Template<'_, '_>) -> Vec<St
 fn mistake(template: &str, keys: &BTreeMap<String, ConfigKey>, path: &str) -> Option<Diagnostic> {
     let (root, rest) = path.split_once('.').map_or((path, None), |(root, rest)| (root, Some(rest)));
     let key = rest.map(|rest| rest.split('.').next().unwrap_or(rest));
-    // A hyphen subtracts: `config.mounted-on` is `config.mounted` less `on`.
+    // A hyphen is a minus sign: `config.mounted-on` is `config.mounted` minus `on`.
     let hyphenated = keys.keys().find(|name| match (root, key) {
         ("config", Some(key)) => name.starts_with(&format!("{key}-")),
         _ => name.split('-').skip(1).any(|part| part == root),
@@ -82,7 +82,7 @@ fn mistake(template: &str, keys: &BTreeMap<String, ConfigKey>, path: &str) -> Op
     let message = match (root, key) {
         ("agent", _) | ("config", None) => return None,
         ("config", Some(key)) if keys.contains_key(key) => return None,
-        // Said once, of its first half.
+        // Reported once, for the first half of the name.
         (root, _) if root != "config" && hyphenated.is_some() => return None,
         ("config", Some(key)) => format!("the manifest has no [config.{key}]"),
         _ => format!("`{root}` is not known here; known are `agent` and `config`"),

@@ -1,7 +1,8 @@
-//! Starts a package's program once, as a daemon would, to see whether it works: `althing plugin check`.
+//! Trial of a package: starts its program once, as a daemon would, to check that it works
+//! (`althing plugin check`).
 //!
-//! The program is confined as it will be, joins an endpoint of its own, and is let in as a daemon lets it
-//! in; but the ecosystem it joins has no one else in it.
+//! The program is confined as usual, connects to an endpoint of its own, and its agents are admitted as
+//! usual. But the ecosystem has no other agents.
 
 use std::collections::BTreeMap;
 use std::fs::{self, DirBuilder};
@@ -27,53 +28,53 @@ use crate::process::{Launcher, Process, ending};
 use crate::program::Program;
 use crate::supervision::WantedAgent;
 
-/// How long a program without agents of its own has to live.
+/// Time that a program without agents must keep running.
 const LIVES_FOR: Duration = Duration::from_secs(2);
 
-/// What is tried.
+/// Parameters of a trial.
 pub struct Trial {
-    /// The package; its folder is absolute.
+    /// The package; the path of its folder is absolute.
     pub package: Package,
-    /// This daemon's own program.
+    /// This daemon's own program, which is started to become the plugin's.
     pub launcher: Launcher,
-    /// The words and the map that it is told.
+    /// Domain, map and settings for the plugin.
     pub host: Host,
-    /// Whether it runs only where nothing of its confinement is missing.
+    /// Whether the program is started only if all of its confinement can be enforced.
     pub requires_confinement: bool,
 }
 
-/// A trial that went well.
+/// Result of a successful trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Worked {
-    /// What was really executed.
+    /// The program that was executed.
     pub program: PathBuf,
-    /// How long it took until all its agents were here.
+    /// Time until all its agents were present.
     pub took: Duration,
     /// Its agents.
     pub agents: Vec<AgentId>,
-    /// What could not be kept from it here, each in a sentence.
+    /// Restrictions that could not be enforced here, each as a sentence.
     pub not_enforced: Vec<String>,
 }
 
-/// A trial that did not.
+/// Result of a failed trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Failed {
-    /// Why, for a person.
+    /// Reason, for a person.
     pub why: String,
-    /// What can be done about it.
+    /// Advice on what a person can do.
     pub advice: Option<String>,
 }
 
-/// A folder that is removed with all that is in it.
+/// Temporary folder; removed with its contents on drop.
 struct Folder(PathBuf);
 
-/// What a trial stands on.
+/// Surroundings of a trial.
 struct Stage {
     package: Arc<Package>,
     program: Program,
     wanted: Vec<WantedAgent>,
     landing: Landing,
-    /// The wire of an ecosystem that has nobody else in it; closed when it is dropped.
+    /// Network of an ecosystem without other daemons; closed on drop.
     _network: Network,
     folder: Folder,
     log: Log,
@@ -81,11 +82,11 @@ struct Stage {
 }
 
 impl Trial {
-    /// Starts the program, waits until its agents are here, and ends it.
+    /// Starts the program, waits until its agents are present, and ends it.
     ///
     /// # Errors
     ///
-    /// If it does not start, ends by itself, or is not ready in time.
+    /// Returns the reason if the program does not start, ends by itself, or is not ready in time.
     pub async fn run(self) -> Result<Worked, Failed> {
         let without = |why: String| Failed { why, advice: None };
         let Trial { package, launcher, host, requires_confinement } = self;
@@ -153,7 +154,7 @@ impl Stage {
         let hello = hello(package, landing, &endpoint, &told, None);
         let outcome = match process.say(&hello).await {
             Ok(()) => self.ready(&mut process, &endpoint).await,
-            // How it ended says more than that it does not listen.
+            // The way in which it ended says more than the error of writing.
             Err(_) => Err(self.with_last_words(ending(process.ended().await))),
         };
         let took = began.elapsed();
@@ -163,7 +164,7 @@ impl Stage {
         Ok(Worked { program: program.file.clone(), took, agents, not_enforced })
     }
 
-    /// Waits until all that it is to bring is here.
+    /// Waits until all agents that it has to bring are present, and returns them.
     async fn ready(
         &self,
         process: &mut Process,
@@ -212,13 +213,13 @@ impl Stage {
     }
 }
 
-/// Why a plugin does not run that may only run fully confined, if it may and is not.
+/// Returns the reason why a plugin that must be fully confined does not run; `None` if it may run.
 pub(crate) fn not_confined(is_required: bool, lacks: &[String]) -> Option<String> {
     (is_required && !lacks.is_empty())
         .then(|| format!("`confinement = \"require\"`, and here {}", lacks.join("; ")))
 }
 
-/// A daemon of an ecosystem that has no other.
+/// Returns the daemon of an ecosystem without other daemons.
 fn landing(host: Host, network: &Network) -> Landing {
     let ecosystem = EcosystemId::new("trial").expect("invariant: it is a name");
     let daemon = DaemonId::new("trial").expect("invariant: it is a name");
@@ -236,7 +237,7 @@ fn landing(host: Host, network: &Network) -> Landing {
 }
 
 impl Folder {
-    /// Makes one that only this user can enter, and that was not there before.
+    /// Creates a new folder that only this user can enter.
     fn new() -> io::Result<Folder> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let name = format!("althing-{}-{:x}", std::process::id(), now.as_nanos());

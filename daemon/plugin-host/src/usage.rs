@@ -1,7 +1,7 @@
-//! What the processes of a plugin take of the machine, as the kernel says.
+//! Resources that the processes of a plugin take, read from `/proc`.
 //!
-//! All of a process group count, those that have ended and were not waited for included. Where the
-//! kernel counts nothing for a plugin (`cgroup`), this is all that is known, four times a second.
+//! All processes of its process group count, also those that have ended and were not waited for. If the
+//! plugin has no control group (`cgroup`), this is the only measure, taken four times a second.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
@@ -10,57 +10,59 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Files in a plugin's home; more are not counted.
+/// Largest number of files in a plugin's data folder that is counted.
 pub(crate) const FILES_MAX: u64 = 10_000;
 
-/// What `stat` counts blocks in.
+/// Bytes in a block as counted by `stat`.
 const BLOCK: u64 = 512;
 
-/// The longest text of `/proc` about a process that is read. A process chooses how long some of them
-/// are; a program with thousands of libraries and threads has a tenth of this.
+/// Longest file of `/proc` about a process that is read, in bytes. A process can make some of these files
+/// as long as it likes. For a program with thousands of libraries and threads they have a tenth of this.
 const TEXT_BYTES_MAX: u64 = 4 << 20;
 
-/// Of all processes of a group together.
+/// Usage of all processes of a group together.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Usage {
-    /// Bytes of memory that are in use, swapped out or spent on tables; what processes share counts
-    /// for each.
+    /// Bytes of memory in use, swapped out, or used for page tables. Memory that processes share counts for
+    /// each of them.
     pub(crate) memory: u64,
-    /// How many there are, ended ones included.
+    /// Number of processes, including those that have ended and were not waited for.
     pub(crate) processes: u32,
-    /// Their threads.
+    /// Number of their threads.
     pub(crate) threads: u32,
-    /// Time on a processor so far, of each that is there, by its number and when it began.
+    /// Processor time so far of each process that exists, by process id and start time. A reused process id
+    /// has another start time.
     pub(crate) cpu: BTreeMap<(i32, u64), Spent>,
 }
 
-/// Time that one process has spent on a processor.
+/// Processor time of one process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Spent {
     pub(crate) own: Duration,
-    /// Of children that have ended and were waited for.
+    /// Time of its children that have ended and were waited for.
     pub(crate) children: Duration,
 }
 
-/// What a plugin keeps on disk.
+/// Files that a plugin keeps on disk.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Kept {
-    /// Bytes, those of removed files that are still open included.
+    /// Bytes, including removed files that are still open.
     pub(crate) bytes: u64,
-    /// Files and folders, up to [`FILES_MAX`].
+    /// Number of files and folders, up to [`FILES_MAX`].
     pub(crate) files: u64,
-    /// What cannot be read, so that not all is counted, and why; for a person.
+    /// The first file or folder that cannot be read, with the reason, for a person: the count is incomplete
+    /// then.
     pub(crate) hides: Option<String>,
 }
 
 impl Kept {
-    /// Notes that something cannot be read; the first is enough.
+    /// Records that something cannot be read. Only the first is kept.
     fn hide(&mut self, what: impl FnOnce() -> String, error: &io::Error) {
         self.hides.get_or_insert_with(|| format!("{} cannot be read: {error}", what()));
     }
 }
 
-/// What the processes of a group take now.
+/// Measures the processes of a group.
 pub(crate) fn usage(group: i32) -> Usage {
     let mut usage = Usage::default();
     for (process, stat) in processes_of(group) {
@@ -73,27 +75,28 @@ pub(crate) fn usage(group: i32) -> Usage {
     usage
 }
 
-/// Whether a process, or a thread, is of a group; `None` if there is no such process.
+/// Whether a process or a thread belongs to a group; `None` if there is no such process.
 pub(crate) fn is_of_group(process: i32, group: i32) -> Option<bool> {
-    // `getpgid` of `rustix` does not expect a first process that is of no group.
+    // `rustix::process::getpgid` cannot be used: it does not expect that process 1 has no group.
     let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
     Some(of_group(&stat, group).is_some())
 }
 
-/// How many processes a group has.
+/// Returns the number of processes in a group.
 pub(crate) fn processes(group: i32) -> u32 {
     u32::try_from(processes_of(group).count()).unwrap_or(u32::MAX)
 }
 
 impl Usage {
-    /// Time that was spent since `before`: by those that are there, and by those that have ended as far
-    /// as somebody waited for them.
+    /// Returns the processor time spent since `before`: by the processes that exist now, and by processes
+    /// that have ended if their parents waited for them.
     pub(crate) fn spent_since(&self, before: &Usage) -> Duration {
         let all = |usage: &Usage| -> Duration {
             usage.cpu.values().map(|spent| spent.own + spent.children).sum()
         };
-        // A child that is waited for passes its time on, so the sum does not shrink. One that nobody
-        // waits for takes it along; then at least what the others have spent counts.
+        // When a parent waits for a child, it takes over the child's time, so the sum does not shrink. The
+        // time of a child that is not waited for is lost. Then at least the time that the others have spent
+        // is counted.
         let together = all(self).saturating_sub(all(before));
         let each = self.cpu.iter().map(|(process, spent)| {
             let known = before.cpu.get(process).copied().unwrap_or_default();
@@ -118,12 +121,12 @@ fn processes_of(group: i32) -> impl Iterator<Item = (i32, Stat)> {
     })
 }
 
-/// What one process takes by its line of `/proc/PID/stat`, if it is of this group.
+/// Parses the line of `/proc/PID/stat` of one process; `None` if the process is not of this group.
 fn of_group(stat: &str, group: i32) -> Option<Stat> {
-    // Its name stands in parentheses, and may have some of its own.
+    // The name of the program stands in parentheses, and may contain parentheses.
     let (_, rest) = stat.rsplit_once(')')?;
     let fields: Vec<&str> = rest.split_whitespace().collect();
-    // Counted from the state, which is the third of all: proc(5).
+    // Fields are counted from the state, which is the third field in proc(5).
     let number = |index: usize| fields.get(index)?.parse::<u64>().ok();
     if fields.get(2)?.parse::<i32>().ok()? != group {
         return None;
@@ -140,7 +143,7 @@ fn of_group(stat: &str, group: i32) -> Option<Stat> {
     })
 }
 
-/// The bytes of memory by a process's `/proc/PID/status`; none of one that has ended.
+/// Returns the bytes of memory that `/proc/PID/status` reports; zero for a process that has ended.
 fn memory(status: &str) -> u64 {
     let field = |name: &str| -> u64 {
         let line = status.lines().find_map(|line| line.strip_prefix(name));
@@ -150,7 +153,11 @@ fn memory(status: &str) -> u64 {
     field("VmRSS:") + field("VmSwap:") + field("VmPTE:")
 }
 
-/// A text of `/proc`, if it is not too long.
+/// Reads a file of `/proc`.
+///
+/// # Errors
+///
+/// Returns an error if the file cannot be read, or is longer than [`TEXT_BYTES_MAX`].
 pub(crate) fn read_text(path: &Path) -> io::Result<String> {
     let mut text = Vec::new();
     let length = File::open(path)?.take(TEXT_BYTES_MAX + 1).read_to_end(&mut text)?;
@@ -158,12 +165,12 @@ pub(crate) fn read_text(path: &Path) -> io::Result<String> {
         let mebibytes = TEXT_BYTES_MAX >> 20;
         return Err(io::Error::other(format!("it is longer than {mebibytes} MiB")));
     }
-    // Paths of files are any bytes.
+    // Paths of files may be any bytes.
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-/// What is kept in a plugin's home by its files and by its processes. `file_max` is the longest that
-/// one of its files can be.
+/// Counts the files of a plugin: those in its data folder `home`, and removed ones that its processes still
+/// hold. `file_max` is the largest size of one file.
 pub(crate) fn kept(home: &Path, group: i32, file_max: u64) -> Kept {
     let mut kept = Kept::default();
     let mut folders = vec![home.to_owned()];
@@ -181,12 +188,12 @@ pub(crate) fn kept(home: &Path, group: i32, file_max: u64) -> Kept {
     kept
 }
 
-/// Counts what is in one folder, and adds the folders in it to `folders`.
+/// Counts the files in one folder, and adds its subfolders to `folders`.
 fn count_folder(folder: &Path, kept: &mut Kept, folders: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
         let metadata = match entry.metadata() {
-            // It was removed meanwhile.
+            // The file was removed in the meantime.
             Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
             metadata => metadata?,
         };
@@ -202,7 +209,7 @@ fn count_folder(folder: &Path, kept: &mut Kept, folders: &mut Vec<PathBuf>) -> i
     Ok(())
 }
 
-/// A path as it fits into a reason: a plugin chooses how long those in its home are.
+/// Shortens a path for a message. A plugin could make the paths in its data folder as long as it likes.
 fn shortened(path: &Path) -> String {
     let shown = path.display().to_string();
     match shown.char_indices().nth(200) {
@@ -211,7 +218,7 @@ fn shortened(path: &Path) -> String {
     }
 }
 
-/// Adds files that were removed and that processes still hold.
+/// Counts removed files that processes still have open or mapped.
 fn removed(home: &Path, group: i32, file_max: u64, kept: &mut Kept) {
     let is_removed = |path: &Path| {
         path.starts_with(home) && path.as_os_str().as_encoded_bytes().ends_with(b" (deleted)")
@@ -234,7 +241,8 @@ fn removed(home: &Path, group: i32, file_max: u64, kept: &mut Kept) {
             }
         };
         for line in maps.lines() {
-            // How large it is nobody can see any more: it counts as much as it can be.
+            // The size of a removed file that is only mapped cannot be read, so it counts with the largest
+            // size.
             let mut fields = line.split_whitespace();
             let inode = fields.nth(4).and_then(|inode| inode.parse().ok());
             let path = fields.collect::<Vec<_>>().join(" ");
@@ -247,7 +255,7 @@ fn removed(home: &Path, group: i32, file_max: u64, kept: &mut Kept) {
     }
 }
 
-/// Adds the removed files that one process has open, except those that are `known`.
+/// Counts the removed files that one process has open, except those that are `known`.
 fn count_open(
     process: i32,
     is_removed: &impl Fn(&Path) -> bool,
@@ -265,7 +273,7 @@ fn count_open(
                 kept.bytes += metadata.blocks() * BLOCK;
             }
             Ok(_) => (),
-            // It was closed meanwhile.
+            // The file was closed in the meantime.
             Err(error) if error.kind() == io::ErrorKind::NotFound => (),
             Err(error) => return Err(error),
         }
@@ -273,14 +281,14 @@ fn count_open(
     Ok(())
 }
 
-/// Whether a process holds nothing any more. Of one that has ended the kernel says that it may not be
-/// looked at, as of one that hides.
+/// Whether a process has ended and holds no files. For a process that has ended, the kernel gives the same
+/// error as for one that forbids to be inspected.
 fn has_ended(process: i32) -> bool {
     fs::read_to_string(format!("/proc/{process}/stat")).map_or(true, |stat| is_ended(&stat))
 }
 
-/// Whether a line of `/proc/PID/stat` is of a process of which only the number is left. While other
-/// threads live, it holds files although its first thread has ended.
+/// Whether a line of `/proc/PID/stat` is of a process that has ended completely. A process still holds
+/// files while other threads run, although its first thread has ended.
 fn is_ended(stat: &str) -> bool {
     let Some((_, rest)) = stat.rsplit_once(')') else { return false };
     let fields: Vec<&str> = rest.split_whitespace().collect();
@@ -336,12 +344,12 @@ mod tests {
         use std::process::{Command, Stdio};
         let home = tempfile::tempdir().expect("a folder");
         let mut child = Command::new("sh");
-        // A file that is removed and still open; then it answers.
+        // The file is removed while it is still open. Afterwards the script answers over its pipe.
         let script = "exec 3> gone; head -c 65536 /dev/zero >&3; rm gone; head -c 4096 /dev/zero > here; exec cat";
         let child = child.args(["-c", script]).current_dir(home.path());
         let child = child.stdin(Stdio::piped()).stdout(Stdio::piped()).process_group(0);
         let mut child = child.spawn().expect("it is everywhere");
-        // What has answered is loaded: a process that has only begun may hold nothing yet.
+        // After the answer, the process is loaded: a process that has only started may use no memory yet.
         child.stdin.as_mut().expect("piped").write_all(b"!").expect("it listens");
         child.stdout.as_mut().expect("piped").read_exact(&mut [0]).expect("it answers");
         let group = i32::try_from(child.id()).expect("a number of a process");
@@ -359,8 +367,8 @@ mod tests {
         use rustix::fs::{Mode, OFlags, mkdirat, openat};
         let home = tempfile::tempdir().expect("a folder");
         assert_eq!(kept(home.path(), i32::MAX, 1).hides, None);
-        // Folder in folder, until the path of the last is longer than the kernel takes. Permissions
-        // would not keep root out.
+        // Nested folders, until the path is longer than the kernel accepts. Permissions would not stop
+        // root.
         let name = "x".repeat(250);
         let flags = OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC;
         let mut folder = rustix::fs::open(home.path(), flags, Mode::empty()).expect("a folder");

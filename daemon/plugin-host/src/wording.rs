@@ -1,17 +1,17 @@
-//! What is wrong with the form of a `plugin.toml`, in the words of its author.
+//! Words mistakes in the form of a `plugin.toml` for its author.
 //!
-//! “invalid type: map, expected a sequence” becomes “`agent` must be a list in [ ], and is a table”, and
-//! what to write.
+//! “invalid type: map, expected a sequence” becomes “`agent` must be a list in [ ], and is a table”, with
+//! advice on what to write.
 
 use std::ops::Range;
 
 use pddl::{Diagnostic, Span, nearest};
 use terminal::form::{self, Mistake};
 
-/// Where the rest stands.
+/// Help for mistakes without more specific advice.
 const DOCS: &str = "docs/plugins.md says what a plugin.toml has";
 
-/// What could stand at keys.
+/// Example lines for some keys.
 const EXAMPLES: &[(&str, &str)] = &[
     ("name", "name = \"thermometer\""),
     ("version", "version = \"0.1.0\""),
@@ -28,7 +28,7 @@ const EXAMPLES: &[(&str, &str)] = &[
 /// Keys that are lists of tables.
 const LISTS_OF_TABLES: &[&str] = &["agent"];
 
-/// Words what the reader of the file says of the bytes at `place`.
+/// Turns the parser's message about the bytes at `place` into a diagnostic for the author of the file.
 pub(crate) fn worded(text: &str, said: &str, place: Range<usize>) -> Diagnostic {
     let offset = |place| u32::try_from(place).unwrap_or(u32::MAX);
     let span = Span { start: offset(place.start), end: offset(place.end) };
@@ -56,7 +56,7 @@ pub(crate) fn worded(text: &str, said: &str, place: Range<usize>) -> Diagnostic 
     Diagnostic::error(span, message).with_help(help)
 }
 
-/// What to do about a key that nobody reads.
+/// Returns advice about an unknown key.
 fn in_place_of(key: &str, known: &[&str]) -> String {
     match nearest(key, known.iter().copied()) {
         _ if ["plugin", "package"].contains(&key) => {
@@ -67,13 +67,13 @@ fn in_place_of(key: &str, known: &[&str]) -> String {
     }
 }
 
-/// What could stand at a key.
+/// Returns an example of a line for a key.
 fn write(key: &str) -> String {
     let example = EXAMPLES.iter().find(|(name, _)| *name == key);
     example.map_or_else(|| DOCS.to_owned(), |(_, example)| format!("write {example}"))
 }
 
-/// The key whose value, or whose table, stands at a place.
+/// Returns the key of the line, or the name of the table header, at an offset.
 fn key_at(text: &str, place: usize) -> &str {
     let begin = text.get(..place).and_then(|before| before.rfind('\n')).map_or(0, |at| at + 1);
     let line = text.get(begin..).and_then(|rest| rest.lines().next()).unwrap_or_default().trim();
@@ -88,7 +88,7 @@ fn key_at(text: &str, place: usize) -> &str {
 mod tests {
     use crate::manifest::Manifest;
 
-    /// The first mistake of a manifest, with what would be right.
+    /// Returns the first mistake of a manifest, with its help.
     fn said(text: &str) -> String {
         let found = Manifest::read(text).expect_err("it is wrong");
         let help = found[0].help.clone().unwrap_or_default();

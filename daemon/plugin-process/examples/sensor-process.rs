@@ -1,4 +1,4 @@
-//! The plugin `sensor`, unchanged, as a program of its own: what a package of it runs.
+//! The unchanged plugin `sensor` as a program of its own, to be run by a package.
 
 fn main() -> std::process::ExitCode {
     plugin_process::run(&[sensor::TEMPERATURE_SENSOR, sensor::PLUGIN])

@@ -1,4 +1,4 @@
-//! A plugin in a process of its own: the same crate that can be linked into a daemon, with a `main` of
+//! Runs a plugin as a process of its own: the same crate that can be linked into a daemon, with a `main` of
 //! one line.
 //!
 //! ```no_run
@@ -9,8 +9,9 @@
 //! }
 //! ```
 //!
-//! It reads what its daemon tells it ([`acl::Hello`]), joins where that says, and lets its agents live
-//! until its standard input ends. What it logs is the plugin's log (`althing plugin logs`).
+//! The process reads one line from its daemon ([`acl::Hello`]), connects to the endpoint given there, and
+//! runs its agents until its standard input is closed. Its standard error goes to the plugin's log
+//! (`althing plugin logs`).
 
 use std::io::{BufRead as _, Write as _};
 use std::process::ExitCode;
@@ -25,11 +26,12 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 use tracing_subscriber::EnvFilter;
 
-/// How long agents may take to give up what they are at.
+/// Time that agents have to stop what they are doing when the process ends.
 const DRAINING: Duration = Duration::from_secs(1);
 
-/// Lets the agents live that the daemon wants of these plugins: each of the plugin it names, or of the
-/// first.
+/// Runs the agents that the daemon asks for, each with the plugin that its description names, or with the
+/// first one if there is none of that name. Returns when the daemon stops the plugin or one of its agents
+/// ends.
 pub fn run(plugins: &[PluginEntry]) -> ExitCode {
     log();
     let mut line = String::new();
@@ -51,7 +53,7 @@ pub fn run(plugins: &[PluginEntry]) -> ExitCode {
             "speak version {theirs} of the protocol; I speak {SCHEMA_VERSION}"
         ));
     }
-    // One for the wire, one for the agents.
+    // One worker thread for the connection, and this thread for the agents.
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
     match runtime {
@@ -64,16 +66,17 @@ pub fn run(plugins: &[PluginEntry]) -> ExitCode {
 }
 
 fn log() {
-    // A plugin's last words say why it ended; that Zenoh calls its host again is none.
+    // The last lines of the log are shown as the reason why a plugin ended. Zenoh's warnings about
+    // reconnecting to the host are not useful there.
     let quiet = || EnvFilter::new("warn,zenoh=error");
     let filter = EnvFilter::try_from_env("ALTHING_LOG").unwrap_or_else(|_| quiet());
     let logging = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    // A logger that is there already is as good.
+    // Fails if the program has a logger already, which is used then.
     let _ = logging.without_time().with_ansi(false).try_init();
 }
 
 fn failed(problem: &str) -> ExitCode {
-    // Nobody may be listening.
+    // Standard error may be closed.
     let _ = writeln!(std::io::stderr(), "failed to {problem}");
     ExitCode::FAILURE
 }
@@ -120,7 +123,7 @@ async fn live(plugins: &[PluginEntry], hello: Hello) -> Result<(), String> {
     tokio::select! {
         () = unwanted() => (),
         Some(ended) = lives.join_next() => {
-            // One that breaks takes the process along: the daemon starts it anew.
+            // An agent that fails ends the process: the daemon starts it again.
             let ended = ended.map_err(|error| error.to_string())?;
             let ended = ended.map_err(|error| error.to_string())?;
             ended.map_err(|error| error.to_string())?;
@@ -139,7 +142,7 @@ fn build(
     host: &Arc<Host>,
 ) -> Result<(acl::AgentId, Box<dyn agent::Launch>), String> {
     let HelloAgent { name, plugin: called, driver, config, .. } = agent;
-    // A package that is called otherwise than what is in it means the first.
+    // If the package has another name than its plugins, the first plugin is used.
     let plugin = plugins.iter().find(|plugin| plugin.name == called).or(plugins.first());
     let plugin = plugin.ok_or_else(|| format!("find the plugin of `{name}`: there is none"))?;
     let default = plugin.drivers.first().copied().unwrap_or_default();
@@ -153,11 +156,10 @@ fn build(
     Ok((name, built))
 }
 
-/// Waits until the daemon does not want the plugin any more: it closes the standard input, or says so
-/// by a signal.
+/// Waits until the daemon stops the plugin: it closes the standard input, or sends a signal to terminate.
 async fn unwanted() {
     let (tell, ended) = tokio::sync::oneshot::channel();
-    // On a thread of its own: nothing wakes a read.
+    // On a thread of its own, because a blocking read cannot be cancelled.
     std::thread::spawn(move || {
         let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
         let _ = tell.send(());

@@ -1,8 +1,8 @@
-//! The one system call and the four `ioctl`s of user notification: everything `unsafe` is here.
+//! The one system call and the four `ioctl`s of user notification: all `unsafe` code is here.
 //!
-//! Each call hands the kernel a pointer to a structure of `libc`, which has the layout of the kernel's
-//! `linux/seccomp.h`; it lives on the stack of the caller until the call returns, and the kernel keeps no
-//! pointer.
+//! Each call passes the kernel a pointer to a structure of `libc`, which has the layout of the kernel's
+//! `linux/seccomp.h`. The structure stays on the stack of the caller until the call returns, and the kernel
+//! keeps no pointer.
 #![expect(unsafe_code, reason = "no crate wraps these calls")]
 
 use std::ffi::{c_long, c_ulong};
@@ -15,15 +15,16 @@ use seccompiler::BpfProgram;
 use crate::{Listener, Notification, Response};
 
 /// Installs a filter on this thread, for good; its children inherit it. Calls that it selects wait until
-/// somebody answers them through the listener.
+/// they are answered through the listener.
 ///
 /// # Errors
 ///
-/// If the kernel has no user notification, or another filter of this process notifies already.
+/// Returns an error if the kernel has no user notification, or if another filter of this process notifies
+/// already.
 pub fn listen(program: &BpfProgram) -> io::Result<Listener> {
     rustix::thread::set_no_new_privs(true)?;
-    // A signal does not take back a call that was read already; without it (before Linux 5.19) the call
-    // is made again.
+    // With `WAIT_KILLABLE_RECV`, a signal does not interrupt a call that was read already. Before Linux
+    // 5.19 there is no such flag: then an interrupted call is made again.
     let killable =
         libc::SECCOMP_FILTER_FLAG_NEW_LISTENER | libc::SECCOMP_FILTER_FLAG_WAIT_KILLABLE_RECV;
     match install(program, killable) {
@@ -39,7 +40,7 @@ fn install(program: &BpfProgram, flags: c_ulong) -> io::Result<Listener> {
     let length = length.map_err(|_| io::Error::from(io::ErrorKind::InvalidInput))?;
     let filter: Vec<libc::sock_filter> = program.iter().map(instruction).collect();
     let program = libc::sock_fprog { len: length, filter: filter.as_ptr().cast_mut() };
-    // SAFETY: `program` points to `length` instructions, which live until the call returns; the kernel
+    // SAFETY: `program` points to `length` instructions, which exist until the call returns; the kernel
     // copies them and writes to neither.
     let result = unsafe {
         libc::syscall(
@@ -50,7 +51,7 @@ fn install(program: &BpfProgram, flags: c_ulong) -> io::Result<Listener> {
         )
     };
     let listener = i32::try_from(checked(result)?).map_err(io::Error::other)?;
-    // SAFETY: the kernel has just opened this descriptor for this process, and nobody else knows it.
+    // SAFETY: the kernel has just opened this descriptor for this process, and nothing else owns it.
     Ok(Listener::from(unsafe { OwnedFd::from_raw_fd(listener) }))
 }
 
@@ -60,7 +61,7 @@ fn instruction(one: &seccompiler::sock_filter) -> libc::sock_filter {
 
 /// Reads a call that waits; blocks if there is none.
 pub(crate) fn receive(listener: BorrowedFd<'_>) -> io::Result<Notification> {
-    // SAFETY: all its fields are numbers, and the kernel demands zeros.
+    // SAFETY: all its fields are numbers, and the kernel requires zeros.
     let mut read: libc::seccomp_notif = unsafe { mem::zeroed() };
     // SAFETY: the kernel writes one `seccomp_notif` to a pointer to one.
     let result =

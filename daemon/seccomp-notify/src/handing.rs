@@ -1,4 +1,4 @@
-//! Hands a listener to its supervisor, over a Unix socket, with a message.
+//! Sends a listener to its supervisor over a Unix socket, with a message.
 
 use std::io::{self, IoSlice, IoSliceMut};
 use std::mem::MaybeUninit;
@@ -11,12 +11,12 @@ use rustix::net::{
 
 use crate::Listener;
 
-/// Sends a message, and a listener if there is one. The message is not empty, and shorter than a pipe's
-/// buffer, so that it goes as one.
+/// Sends a message, and a listener if there is one. The message must not be empty, and must be shorter than
+/// a pipe's buffer, so that it is sent in one piece.
 ///
 /// # Errors
 ///
-/// If the socket takes neither.
+/// Returns an error if the socket does not accept the message.
 pub fn send(socket: BorrowedFd<'_>, message: &[u8], listener: Option<&Listener>) -> io::Result<()> {
     let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
     let mut ancillary = SendAncillaryBuffer::new(&mut space);
@@ -33,12 +33,12 @@ pub fn send(socket: BorrowedFd<'_>, message: &[u8], listener: Option<&Listener>)
     }
 }
 
-/// Receives what was sent: so much of the message as `buffer` holds, and the listener. Blocks as the
-/// socket does.
+/// Receives a message and its listener, if there is one. Returns the number of bytes in `buffer`, which
+/// holds the beginning of a longer message. Blocks if the socket does.
 ///
 /// # Errors
 ///
-/// If the socket says so.
+/// Returns an error if the socket fails.
 pub fn receive(socket: BorrowedFd<'_>, buffer: &mut [u8]) -> io::Result<(usize, Option<Listener>)> {
     let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
     let mut ancillary = RecvAncillaryBuffer::new(&mut space);

@@ -1,16 +1,16 @@
-//! System calls that another process decides about: seccomp's user notification (Linux 5.9, seccomp_unotify(2)).
+//! System calls that another process decides: seccomp's user notification (Linux 5.9, seccomp_unotify(2)).
 //!
 //! - A process that confines itself installs a filter ([`listen`]) and hands the [`Listener`] to its
 //!   supervisor ([`send`], [`receive`]), over a socket that both have.
-//! - Each call that the filter selects waits until the supervisor has answered it
-//!   ([`Listener::respond`]): with a value, an error, or “go on”. The supervisor can also put a file of
-//!   its own into the process ([`Listener::put_file`]): a socket that it has connected, say.
+//! - Each call that the filter selects waits until the supervisor has answered it ([`Listener::respond`]):
+//!   with a value, an error, or “continue”. The supervisor can also put a file of its own into the process
+//!   ([`Listener::put_file`]), for example a connected socket.
 //!
-//! The arguments of a call are registers and do not change; what they point to may, and any other
-//! thread of the process may change what its file descriptors mean. So “go on” is right only where the
-//! registers alone decide.
+//! The arguments of a call are registers and do not change. But the memory that they point to may change,
+//! and another thread of the process may replace the files behind its descriptors. So “continue” is safe
+//! only if the decision depends on the registers alone.
 //!
-//! There is no async here, and no policy. All that is `unsafe` is in `ffi`.
+//! There is no async here, and no policy. All `unsafe` code is in `ffi`.
 
 mod ffi;
 mod handing;
@@ -26,53 +26,53 @@ use seccompiler::{BpfProgram, SeccompAction, SeccompFilter, SeccompRule, TargetA
 pub use ffi::listen;
 pub use handing::{receive, send};
 
-/// `BPF_RET | BPF_K`: what a program answers.
+/// `BPF_RET | BPF_K`: the instruction that returns an action.
 const RETURN: u16 = 0x06;
-/// `SECCOMP_RET_TRACE`, which stands for a notification until a program is finished.
+/// `SECCOMP_RET_TRACE`, a placeholder for the notification until a program is finished.
 const TRACE: u32 = 0x7ff0_0000;
 /// `SECCOMP_RET_USER_NOTIF`.
 const NOTIFY: u32 = 0x7fc0_0000;
 
-/// The supervisor's end of a filter.
+/// Supervisor's end of a filter.
 #[derive(Debug)]
 pub struct Listener(OwnedFd);
 
-/// A call that waits for an answer.
+/// System call that waits for an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Notification {
-    /// Names the call in the answer.
+    /// Identifies the call in the answer.
     pub id: u64,
-    /// The thread that makes the call, by its number here; 0 if it cannot be seen from here.
+    /// Id of the thread that makes the call, in the supervisor's namespace; 0 if it is not visible there.
     pub thread: u32,
-    /// The number of the call.
+    /// Number of the system call.
     pub call: i64,
-    /// Its arguments, as registers hold them.
+    /// Its arguments, as in the registers.
     pub arguments: [u64; 6],
 }
 
-/// What becomes of a call.
+/// Answer to a system call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Response {
-    /// It returns this, and nothing is done.
+    /// The call returns this value without being executed.
     Value(i64),
-    /// It fails with this error number.
+    /// The call fails with this error number.
     Error(i32),
-    /// The kernel does it.
+    /// The kernel executes the call.
     Continue,
 }
 
-/// The program of a filter that notifies of these calls, and allows all others.
+/// Returns a filter program that notifies of calls that match `rules`, and allows all others.
 ///
 /// # Errors
 ///
-/// If a rule cannot be compiled.
+/// Returns an error if a rule cannot be compiled.
 pub fn program(
     rules: BTreeMap<i64, Vec<SeccompRule>>,
     target: TargetArch,
 ) -> Result<BpfProgram, seccompiler::BackendError> {
     let (others, these) = (SeccompAction::Allow, SeccompAction::Trace(0));
     let mut program: BpfProgram = SeccompFilter::new(rules, others, these, target)?.try_into()?;
-    // `seccompiler` has no word for it.
+    // `seccompiler` does not support notifications, so its action “trace” is replaced.
     for instruction in &mut program {
         if instruction.code == RETURN && instruction.k == TRACE {
             instruction.k = NOTIFY;
@@ -82,11 +82,12 @@ pub fn program(
 }
 
 impl Listener {
-    /// Waits for a call; `None` once no process has the filter any more, or when the time is over.
+    /// Waits for a call. Returns `None` when no process has the filter any more, or when the time `within`
+    /// is over.
     ///
     /// # Errors
     ///
-    /// If the kernel does not say.
+    /// Returns an error if waiting or reading fails.
     pub fn next(&self, within: Option<Duration>) -> io::Result<Option<Notification>> {
         let timeout = within.map(Timespec::try_from).transpose();
         let timeout = timeout.map_err(|_| io::Error::from(io::ErrorKind::InvalidInput))?;
@@ -103,7 +104,7 @@ impl Listener {
             }
             match ffi::receive(self.as_fd()) {
                 Ok(notification) => return Ok(Some(notification)),
-                // The process was killed, or a signal took the call back, before it was read.
+                // Before the call was read, its process was killed or a signal interrupted it.
                 Err(error) if !matches!(error.raw_os_error(), Some(libc::ENOENT | libc::EINTR)) => {
                     return Err(error);
                 }
@@ -112,11 +113,11 @@ impl Listener {
         }
     }
 
-    /// Answers a call. One that waits no more is passed over.
+    /// Answers a call. A call that does not wait any more is ignored.
     ///
     /// # Errors
     ///
-    /// If the kernel refuses the answer.
+    /// Returns an error if the kernel rejects the answer.
     pub fn respond(&self, id: u64, response: Response) -> io::Result<()> {
         match ffi::respond(self.as_fd(), id, response) {
             Err(error) if error.raw_os_error() == Some(libc::ENOENT) => Ok(()),
@@ -124,16 +125,17 @@ impl Listener {
         }
     }
 
-    /// Whether a call still waits: only then is what was read of its process its own.
+    /// Whether a call still waits. What was read about its process is valid only if this is `true`
+    /// afterwards; otherwise the process may have ended and another may have its id.
     pub fn is_waiting(&self, id: u64) -> bool {
         ffi::is_waiting(self.as_fd(), id)
     }
 
-    /// Puts a file into the process of a call that waits, in place of one that it has.
+    /// Puts a file into the process of a waiting call, in place of the descriptor `in_place_of`.
     ///
     /// # Errors
     ///
-    /// If the call waits no more, or the kernel refuses.
+    /// Returns an error if the call does not wait any more, or the kernel refuses.
     pub fn put_file(
         &self,
         id: u64,

@@ -1,4 +1,4 @@
-//! Calls of a thread that another thread answers.
+//! System calls of one thread that another thread answers.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,7 +12,8 @@ use seccomp_notify::{Listener, Response, listen, program};
 
 const PATIENCE: Option<Duration> = Some(Duration::from_secs(20));
 
-/// Runs `work` on a thread with a filter for these calls; its listener, and what `work` returns.
+/// Runs `work` on a thread with a filter for these calls. Returns the listener, and a channel with the
+/// result of `work`.
 fn filtered<T: Send + 'static>(
     calls: &[libc::c_long],
     work: impl FnOnce() -> T + Send + 'static,
@@ -61,7 +62,7 @@ fn a_file_is_put_in_place_of_another() {
     let number = file.as_raw_fd().unsigned_abs();
     let (listener, results) = filtered(&[libc::SYS_fsync], move || -> io::Result<()> {
         file.sync_all()?;
-        // It is a socket by now.
+        // The supervisor has replaced the file with a socket.
         file.write_all(b"hello")
     });
     let call = listener.next(PATIENCE).expect("it says").expect("it waits");
@@ -104,7 +105,7 @@ fn number(call: libc::c_long) -> i64 {
     i64::from(call)
 }
 
-/// The older call, where the machine has it.
+/// Returns the number of `mkdir`; of `mkdirat` on architectures without it.
 fn mkdir() -> libc::c_long {
     #[cfg(target_arch = "x86_64")]
     return libc::SYS_mkdir;

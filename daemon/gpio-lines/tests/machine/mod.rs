@@ -1,8 +1,8 @@
-//! A machine with a GPIO chip (PL061): QEMU's `virt`, with Debian's kernel for it. Its power button
-//! hangs on line 3, and QEMU presses it when it is told to.
+//! A virtual machine with a GPIO chip (PL061): QEMU's `virt`, with Debian's kernel for arm64. Its power
+//! button is connected to line 3; QEMU presses it on a command.
 //!
-//! No kernel of Debian has a simulated GPIO chip, so this is the least that is real. Inside runs this
-//! same test program, built for that machine, as the only process there is.
+//! No kernel of Debian has a simulated GPIO chip, so this is the smallest setup with a real driver. Inside,
+//! this same test program runs, built for that machine, as the only process.
 
 #[path = "../../../../tests/support/left_out.rs"]
 mod left_out;
@@ -14,29 +14,30 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// What the program has to say begins with this, among what the kernel says.
+/// Prefix of the program's output, to distinguish it from that of the kernel.
 pub(crate) const SAID: &str = "@said ";
 
-/// What the program says when the button is to be pressed.
+/// Output with which the program asks for a press of the button.
 pub(crate) const PRESS: &str = "press the button";
 
 const QEMU: &str = "qemu-system-aarch64";
 const TARGET: &str = "aarch64-unknown-linux-musl";
 
-/// Where the kernel is, if it is not installed: `dpkg -x` puts it anywhere.
+/// Environment variable with the path of the kernel, if it is not installed: `dpkg -x` can unpack it to any
+/// folder.
 const KERNEL: &str = "ALTHING_ARM64_KERNEL";
 
-/// How long a machine may take from its start to its end: it takes about ten seconds.
+/// Time that a machine may take from its start to its end; it takes about ten seconds.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// What is needed.
+/// Programs that the tests need.
 struct Needed {
     qemu: PathBuf,
     kernel: PathBuf,
 }
 
 impl Needed {
-    /// What is missing, if anything, with what brings it.
+    /// Finds the programs. Returns the missing one, with the way to install it, as an error.
     fn find() -> Result<Needed, String> {
         let path = std::env::var_os("PATH").unwrap_or_default();
         let qemu = std::env::split_paths(&path).map(|folder| folder.join(QEMU));
@@ -63,8 +64,8 @@ impl Needed {
     }
 }
 
-/// Runs a test of this file inside such a machine; what it has said. `None`, loudly, where something
-/// is missing: then nothing is tested, and `CI=true` fails.
+/// Runs a test of this program inside such a machine, and returns its output. Returns `None` with a message
+/// if something is missing: then nothing is tested, and with `CI=true` the test fails.
 pub(crate) fn said_by(test: &str) -> Option<Vec<String>> {
     let needed = match Needed::find() {
         Ok(needed) => needed,
@@ -94,7 +95,7 @@ pub(crate) fn said_by(test: &str) -> Option<Vec<String>> {
     }
     drop(watchdog);
     if said.is_empty() {
-        // Shown where the test fails, which it will.
+        // Shown if the test fails, which it will without output.
         println!("{heard}");
     }
     Some(said)
@@ -114,13 +115,13 @@ fn begin(Needed { qemu, kernel }: &Needed, folder: &Path, test: &str) -> Child {
     command.stderr(errors).spawn().expect("it is installed")
 }
 
-/// Ends the machine that it holds.
+/// Ends its machine on drop.
 struct Watchdog(Child);
 
 impl Drop for Watchdog {
     fn drop(&mut self) {
         let began = Instant::now();
-        // It powers off by itself, once it has said all.
+        // The machine powers off by itself after the last output.
         while self.0.try_wait().expect("our own child").is_none() {
             if began.elapsed() > Duration::from_secs(10) {
                 let _ = self.0.kill();
@@ -130,7 +131,7 @@ impl Drop for Watchdog {
     }
 }
 
-/// Presses the power button, which QEMU lets go of after a tenth of a second.
+/// Presses the power button; QEMU releases it after a tenth of a second.
 fn press(socket: &Path) {
     let qemu = UnixStream::connect(socket).expect("it listens");
     let mut answers = BufReader::new(qemu.try_clone().expect("a second handle"));
@@ -143,7 +144,7 @@ fn press(socket: &Path) {
     }
 }
 
-/// This test program, built for that machine.
+/// Returns this test program, built for that machine.
 fn built() -> PathBuf {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let flags = "-Clinker=rust-lld -Clink-self-contained=yes -Cstrip=symbols";
@@ -165,7 +166,7 @@ fn built() -> PathBuf {
     executable.next_back().expect("it has built the test")
 }
 
-/// An archive (cpio, `newc`) with one program.
+/// Returns an archive (cpio, `newc`) with one program.
 fn archive(name: &str, program: &[u8]) -> Vec<u8> {
     let mut archive = Vec::new();
     for (name, mode, content) in [(name, 0o100_755, program), ("TRAILER!!!", 0, &[][..])] {

@@ -1,19 +1,19 @@
-//! A `libphidget22` of C that is compiled by the test, whose devices a test sets, unplugs and plugs
-//! in. `phidget22.c` says what it does.
+//! A `libphidget22` in C that the test compiles; a test sets, unplugs and plugs in its devices.
+//! `phidget22.c` describes what it does.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use tempfile::TempDir;
 
-/// The library and its devices; each test has one of its own.
+/// The library and its devices; each test has its own.
 pub(crate) struct Fake {
     folder: TempDir,
     lines: Vec<(String, f64)>,
 }
 
 impl Fake {
-    /// Without a device.
+    /// Creates a library without devices.
     pub(crate) fn new() -> Fake {
         let fake = Fake { folder: tempfile::tempdir().expect("a folder"), lines: Vec::new() };
         let source = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -29,7 +29,7 @@ impl Fake {
         fake
     }
 
-    /// Where it lies.
+    /// Returns the path of the library.
     pub(crate) fn library(&self) -> PathBuf {
         self.folder.path().join("libphidget22.so.0")
     }
@@ -38,19 +38,19 @@ impl Fake {
         self.folder.path().join(format!("libphidget22.so.0.{ending}"))
     }
 
-    /// Sets a line of what it is told: `plugged`, `CLASS.PORT.TYPE`, `fail_every` …
+    /// Sets a line of the file that the library reads: `plugged`, `CLASS.PORT.TYPE`, `fail_every` …
     pub(crate) fn set(&mut self, key: &str, value: f64) {
         self.lines.retain(|(known, _)| known != key);
         self.lines.push((key.to_owned(), value));
         let text: String =
             self.lines.iter().map(|(key, value)| format!("{key} {value}\n")).collect();
-        // Read at any time: never half of it.
+        // The library may read the file at any time, so it is replaced by a rename.
         let draft = self.beside("draft");
         std::fs::write(&draft, text).expect("a file");
         std::fs::rename(draft, self.beside("state")).expect("a file");
     }
 
-    /// How often something was done with a channel: `create`, `open`, `close`, `delete`.
+    /// Returns how often a function for channels was called: `create`, `open`, `close`, `delete`.
     #[allow(dead_code, reason = "not every test counts")]
     pub(crate) fn count(&self, what: &str) -> usize {
         let log = std::fs::read_to_string(self.beside("log")).unwrap_or_default();

@@ -1,11 +1,11 @@
-//! Which calls a plugin may make of the kernel (seccomp).
+//! Filters of the system calls that a plugin may make (seccomp).
 //!
-//! - [`ALLOWED`] is what programs in any language need. Every other call, also one that a later kernel
-//!   brings, fails as on a kernel that does not have it (`ENOSYS`), so that programs do without it.
-//! - [`FORBIDDEN`] calls, and allowed ones with arguments that reach beyond the plugin (another process,
-//!   a namespace, a device node, a socket of another family), fail with “Operation not permitted”.
-//! - Where the kernel has no other means, calls that connect a socket or signal a process wait for the
-//!   daemon's answer (`mediator`).
+//! - [`ALLOWED`] are the calls that programs in any language need. All others, also those of later kernels,
+//!   fail with `ENOSYS`, as on a kernel that does not have them, so that programs do without.
+//! - [`FORBIDDEN`] calls fail with “Operation not permitted”. So do allowed calls with arguments that reach
+//!   beyond the plugin: another process, a namespace, a device node, a socket of another family.
+//! - If the kernel has no other means, calls that connect a socket, signal a process or start one wait for
+//!   the daemon's answer (`mediator`).
 
 use std::collections::BTreeMap;
 use std::str::FromStr as _;
@@ -16,8 +16,7 @@ use seccompiler::{
 };
 use syscalls::Sysno;
 
-/// Calls that programs need, whatever language they are written in. Names that this machine's kernel
-/// interface does not have are left out.
+/// Calls that programs in any language need. Names that do not exist on this architecture are left out.
 const ALLOWED: &str = "
     read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek
     sendfile sendfile64 splice tee vmsplice copy_file_range readahead fadvise64 fadvise64_64
@@ -66,7 +65,8 @@ const ALLOWED: &str = "
     setsockopt sendto send sendmsg sendmmsg recvfrom recv recvmsg recvmmsg recvmmsg_time64 shutdown
     getrandom";
 
-/// Calls that fail as not permitted, so that a person sees why a program does not go on.
+/// Calls that fail with “Operation not permitted” instead of `ENOSYS`, so that the reason why a program
+/// fails is visible.
 const FORBIDDEN: &str = "
     acct add_key bpf chroot clock_adjtime clock_settime delete_module finit_module init_module
     io_uring_enter io_uring_register io_uring_setup kcmp kexec_load keyctl migrate_pages mount
@@ -76,29 +76,31 @@ const FORBIDDEN: &str = "
     shmdt shmget swapoff swapon umount2 unshare userfaultfd
     setpgid setsid";
 
-/// Calls that change what is noted of a file, whoever may write it: Landlock has no word for them, so
-/// where no mount keeps files as they are, nobody may make them.
+/// Calls that change metadata of a file. Landlock does not control them, so they are forbidden unless
+/// mounts protect the files.
 const METADATA: &str = "
     chmod fchmod fchmodat chown fchown lchown fchownat chown32 fchown32 lchown32
     utime utimes futimesat utimensat utimensat_time64
     setxattr lsetxattr fsetxattr removexattr lremovexattr fremovexattr";
 
-/// A watch on a path tells when a file is opened, read or written, and Landlock does not control it. So it
-/// is forbidden where no mount keeps other files out of sight.
+/// Call that watches a path. A watch reports when a file is opened, read or written, and Landlock does not
+/// control it. So the call is forbidden unless mounts hide other files.
 const WATCHES: &str = "inotify_add_watch";
 
-/// Calls that read the attributes of a file by its path, hidden or not. Where no mount keeps files out
-/// of sight they fail as on a file system that keeps none, and programs do without.
+/// Calls that read the extended attributes of a file by its path, even if Landlock hides the file. Unless
+/// mounts hide other files, they fail as on a file system without extended attributes, and programs do
+/// without.
 const ATTRIBUTES: &str = "getxattr lgetxattr listxattr llistxattr";
 
-/// Calls that set something of a process, by its number: of itself, if that is 0.
+/// Calls that change a property of the process with a given number; 0 is the calling process.
 const ABOUT_PROCESSES: &str =
     "prlimit64 sched_setaffinity sched_setparam sched_setscheduler sched_setattr";
 
-/// Calls that signal a process, by its number.
+/// Calls that signal the process with a given number.
 const SIGNALS: &str = "kill tkill tgkill rt_sigqueueinfo rt_tgsigqueueinfo";
 
-/// Namespaces of a `clone`; and the flag by which a child would be the daemon's, who does not know it.
+/// Flags of `clone` that create namespaces, and the flag that makes the child a child of the daemon, which
+/// would not know of it.
 const CLONE_FLAGS: &[i32] = &[
     libc::CLONE_NEWNS,
     libc::CLONE_NEWCGROUP,
@@ -110,72 +112,74 @@ const CLONE_FLAGS: &[i32] = &[
     libc::CLONE_PARENT,
 ];
 
-/// `fcntl`: whom a file's signals go to, and leases, which keep others waiting who open the file.
+/// Commands of `fcntl` that choose the process which receives a file's signals, and those for leases and
+/// notifications, which delay or observe other processes that open the file.
 const FCNTL: &[i32] = &[F_SETOWN, F_SETOWN_EX, F_SETSIG, libc::F_SETLEASE, libc::F_NOTIFY];
 const F_SETOWN: i32 = 8;
 const F_SETSIG: i32 = 10;
 const F_SETOWN_EX: i32 = 15;
 
-/// `ioctl`: the same of sockets and terminals, and what would be typed into a terminal.
+/// Requests of `ioctl` that choose the process which receives the signals of a socket or terminal, or that
+/// insert input into a terminal.
 const IOCTL: &[u64] = &[FIOSETOWN, SIOCSPGRP, TIOCSTI, TIOCLINUX];
 const FIOSETOWN: u64 = 0x8901;
 const SIOCSPGRP: u64 = 0x8902;
 const TIOCSTI: u64 = 0x5412;
 const TIOCLINUX: u64 = 0x541c;
 
-/// Types of an `ioctl` that reads and sets what a file system notes of an open file, or acts on all of
-/// it: flags such as “immutable”, encryption, quotas, freezing, snapshots. Only a mount keeps files from
-/// them. Programs that ask for flags go on without. What they ask of sockets, pipes and terminals is of
-/// other types ('T', 0x89), and so is what the drivers of devices have.
+/// Types of `ioctl` requests that read or set metadata of an open file, or act on its whole file system:
+/// flags such as “immutable”, encryption, quotas, freezing, snapshots. Only a mount protects files from
+/// them. Programs that ask for flags work without. Requests about sockets, pipes and terminals are of other
+/// types ('T', 0x89), and so are those of device drivers.
 const IOCTL_OF_FILES: &[u8] = b"fXv";
-/// The same of Btrfs, of which all file systems have `FICLONE` and `FICLONERANGE`: they copy into a file
-/// that may be written, and programs do not expect that they are not permitted.
+/// The same for Btrfs. `FICLONE` and `FICLONERANGE` are of this type, but all file systems have them: they
+/// copy into a file that may be written, and programs do not expect “Operation not permitted”.
 const IOCTL_OF_BTRFS: u8 = 0x94;
 const FICLONE: u64 = 0x4004_9409;
 const FICLONERANGE: u64 = 0x4020_940d;
-/// Where the type stands in the number of a request (`_IOC_TYPESHIFT`).
+/// Position of the type in the number of a request (`_IOC_TYPESHIFT`).
 const IOCTL_TYPE_SHIFT: u32 = 8;
 
 /// `IOPRIO_WHO_PROCESS`.
 const IOPRIO_PROCESS: u64 = 1;
-/// `PERSONALITY` that only asks.
+/// Argument of `personality` that only queries.
 const ASK_PERSONALITY: u64 = 0xffff_ffff;
-/// `SOCK_TYPE_MASK`: the type of a socket, without its flags.
+/// `SOCK_TYPE_MASK`: selects the type of a socket, without its flags.
 const SOCKET_TYPE: u64 = 0xf;
 
-/// What is forbidden, and what is asked about.
+/// Properties of the confinement that decide which calls are forbidden.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Choice {
-    /// Sockets of the Internet are allowed.
+    /// Whether sockets of the Internet are allowed.
     pub(super) network: bool,
-    /// Files are kept as they are by mounts.
+    /// Whether mounts protect the files of others.
     pub(super) has_own_mounts: bool,
-    /// `truncate` is held against what may be written.
+    /// Whether `truncate` works only on files that may be written.
     pub(super) truncates_own_only: bool,
-    /// Memory that has no name is counted.
+    /// Whether a control group counts memory, also memory that belongs to no process.
     pub(super) counts_memory: bool,
 }
 
-/// Why calls cannot be forbidden.
+/// Reason why the filters could not be installed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CallsError {
-    /// The filter could not be made.
+    /// The filter could not be compiled.
     #[error("make a filter of calls: {0}")]
     Compile(#[from] BackendError),
-    /// The kernel did not take it.
+    /// The kernel did not accept the filter.
     #[error("forbid calls: {0}")]
     Install(#[from] seccompiler::Error),
 }
 
 type Rules = BTreeMap<i64, Vec<SeccompRule>>;
 
-/// This machine, if filters are known for it.
+/// Returns the architecture of this machine, or `None` if no filters can be made for it.
 pub(super) fn target() -> Option<TargetArch> {
     std::env::consts::ARCH.try_into().ok()
 }
 
-/// Allows what is needed and forbids what reaches beyond the plugin, for good.
+/// Installs the filters for this thread, for good.
 pub(super) fn forbid(choice: Choice, target: TargetArch) -> Result<(), CallsError> {
     let errno = |number: i32| SeccompAction::Errno(number.unsigned_abs());
     let known = numbers(ALLOWED).map(|call| (call, Vec::new())).collect();
@@ -188,7 +192,7 @@ pub(super) fn forbid(choice: Choice, target: TargetArch) -> Result<(), CallsErro
         let none = errno(libc::ENOTSUP);
         filters.push(SeccompFilter::new(rules, SeccompAction::Allow, none, target)?);
     }
-    // Of two errors that of the filter counts which came last.
+    // If two filters return different errors, that of the filter installed last counts.
     for filter in filters {
         let program: BpfProgram = filter.try_into()?;
         seccompiler::apply_filter(&program)?;
@@ -196,8 +200,8 @@ pub(super) fn forbid(choice: Choice, target: TargetArch) -> Result<(), CallsErro
     Ok(())
 }
 
-/// The filter of the calls about which the daemon is asked: those that connect and that signal others,
-/// and, if it counts processes, those that begin one.
+/// Returns the filter for the calls that the daemon answers: those that connect, those that signal another
+/// process than `own`, and, with `counts_processes`, those that start a process.
 pub(super) fn mediated(
     counts_processes: bool,
     own: u32,
@@ -206,7 +210,7 @@ pub(super) fn mediated(
     let mut rules = Rules::new();
     rules.extend(numbers("connect").map(|call| (call, Vec::new())));
     for call in SIGNALS.split_whitespace() {
-        // Programs signal themselves often: runtimes do, and `abort`.
+        // Programs signal themselves often, for example in `abort` and in runtimes.
         add(&mut rules, call, vec![vec![is_not(0, own.into())?]]);
     }
     if counts_processes {
@@ -229,8 +233,8 @@ fn forbidden(choice: Choice) -> Result<Rules, BackendError> {
     }
     if !choice.counts_memory {
         rules.extend(numbers("memfd_create").map(|call| (call, Vec::new())));
-        // Pages that are shared and of no file are no data of the process, and when it gives them back
-        // they stay in memory, and are not in its resident set any more.
+        // Shared anonymous pages are not limited as data of the process. When the process gives them back
+        // (`MADV_DONTNEED`), they stay in memory, but outside of its resident set.
         let shared = (libc::MAP_SHARED | libc::MAP_ANONYMOUS).unsigned_abs().into();
         for call in ["mmap", "mmap2"] {
             add(&mut rules, call, vec![vec![masked(3, shared, shared)?]]);
@@ -242,8 +246,8 @@ fn forbidden(choice: Choice) -> Result<Rules, BackendError> {
     Ok(rules)
 }
 
-/// Sockets of other families, and those of Unix without a connection: these reach any other that is
-/// known by its address.
+/// Forbids sockets of other families, and Unix sockets without a connection, because those reach any socket
+/// with a known address.
 fn sockets(rules: &mut Rules, network: bool) -> Result<(), BackendError> {
     let mut families = vec![libc::AF_UNIX];
     if network {
@@ -265,7 +269,7 @@ fn sockets(rules: &mut Rules, network: bool) -> Result<(), BackendError> {
     Ok(())
 }
 
-/// What concerns other processes, or would take this one out of sight.
+/// Forbids calls that affect other processes, or that hide this process.
 fn processes(rules: &mut Rules) -> Result<(), BackendError> {
     for call in ABOUT_PROCESSES.split_whitespace() {
         add(rules, call, vec![vec![is_not(0, 0)?]]);
@@ -277,7 +281,8 @@ fn processes(rules: &mut Rules) -> Result<(), BackendError> {
     let flags = flags.map(|flag| Ok(vec![masked(0, flag, flag)?]));
     add(rules, "clone", flags.collect::<Result<_, BackendError>>()?);
     let option = |option: i32| u64::from(option.unsigned_abs());
-    // Who is not dumpable shows nobody what it holds.
+    // A process that is not dumpable hides what it holds from other processes of its user, such as the
+    // daemon.
     let hidden = vec![is(0, option(libc::PR_SET_DUMPABLE))?, is_not(1, 1)?];
     add(rules, "prctl", vec![hidden, vec![is(0, option(libc::PR_SCHED_CORE))?]]);
     let others = vec![is_not(0, 0)?, is_not(0, ASK_PERSONALITY)?];
@@ -292,8 +297,8 @@ fn files(rules: &mut Rules) -> Result<(), BackendError> {
     add(rules, "fcntl64", fcntl);
     let ioctl = IOCTL.iter().map(|command| Ok(vec![is(1, *command)?]));
     add(rules, "ioctl", ioctl.collect::<Result<_, BackendError>>()?);
-    // A file that is opened to be read is emptied all the same.
-    // So can a file that is opened for neither (the fourth access mode), which asks Landlock for nothing.
+    // `O_TRUNC` empties a file even if it is opened for reading only, or with the fourth access mode
+    // (neither reading nor writing), for which Landlock requires no right.
     let mask = (libc::O_ACCMODE | libc::O_TRUNC).unsigned_abs().into();
     for (call, index) in [("open", 1), ("openat", 2)] {
         let empties = [libc::O_RDONLY, libc::O_ACCMODE].map(|mode| mode | libc::O_TRUNC);
@@ -309,7 +314,7 @@ fn files(rules: &mut Rules) -> Result<(), BackendError> {
     Ok(())
 }
 
-/// Conditions of an `ioctl` that reads or sets what a file system notes of a file.
+/// Returns the conditions for `ioctl` requests that read or set metadata of a file.
 fn requests_of_files() -> Result<Vec<Vec<SeccompCondition>>, BackendError> {
     let is_of = |kind: u8| {
         let mask = u64::from(u8::MAX) << IOCTL_TYPE_SHIFT;
@@ -323,7 +328,7 @@ fn requests_of_files() -> Result<Vec<Vec<SeccompCondition>>, BackendError> {
     Ok(any)
 }
 
-/// Adds conditions of which any forbids the call; all calls that are forbidden anyway stay so.
+/// Forbids a call under any of these conditions. A call that is forbidden unconditionally stays so.
 fn add(rules: &mut Rules, call: &str, any: Vec<Vec<SeccompCondition>>) {
     let Some(call) = known(call) else { return };
     let added: Result<Vec<_>, _> = any.into_iter().map(SeccompRule::new).collect();
@@ -347,7 +352,7 @@ fn masked(index: u8, mask: u64, value: u64) -> Result<SeccompCondition, BackendE
     SeccompCondition::new(index, SeccompCmpArgLen::Dword, SeccompCmpOp::MaskedEq(mask), value)
 }
 
-/// The numbers of calls, of those that this machine has.
+/// Returns the numbers of calls; names that this architecture does not have are left out.
 fn numbers(names: &str) -> impl Iterator<Item = i64> {
     names.split_whitespace().filter_map(known)
 }
@@ -369,7 +374,7 @@ mod tests {
             let stray = list.split_whitespace().find(|name| !has(ALLOWED, name));
             assert_eq!(stray, None, "it is forbidden anyway");
         }
-        // A misspelt name would be forbidden nowhere.
+        // A misspelt name would forbid nothing.
         let misspelt = FORBIDDEN.split_whitespace().find(|name| known(name).is_none());
         assert!(misspelt.is_none() || cfg!(not(target_arch = "x86_64")), "{misspelt:?}");
     }
@@ -402,7 +407,7 @@ mod tests {
             };
             let rules = forbidden(choice).expect("rules");
             let call = known("mmap").expect("every machine has it");
-            // With conditions: programs map files, and memory of their own.
+            // Only under conditions, because programs map files and private memory.
             let is_conditional = rules.get(&call).is_some_and(|rules| !rules.is_empty());
             assert_eq!(is_conditional, !counts_memory);
             assert_eq!(rules.contains_key(&call), !counts_memory);
@@ -416,7 +421,7 @@ mod tests {
         let Some(target) = target() else { return };
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().to_owned();
-        // A filter holds for the thread that has installed it, and ends with it.
+        // A filter applies to the thread that installed it, and ends with the thread.
         let confined = std::thread::spawn(move || {
             rustix::thread::set_no_new_privs(true).expect("the kernel lets everybody");
             let choice = Choice {

@@ -1,4 +1,4 @@
-//! What a plugin's process may do with files, and whom it may reach (Landlock).
+//! Restricts what a plugin's process can do with files, sockets and signals (Landlock).
 
 use std::path::PathBuf;
 
@@ -7,30 +7,31 @@ use landlock::{
     PathBeneath, PathFd, RulesetAttr as _, RulesetCreatedAttr as _, RulesetError, Scope,
 };
 
-/// The kernel interface that was read when this was written. What a kernel does not have is left out.
+/// Newest Landlock version that this code knows. What an older kernel does not support is left out.
 const KNOWN: ABI = ABI::V9;
 
-/// Since this one, no file is emptied that may not be written.
+/// First version that forbids emptying (`truncate`) a file that may not be written.
 pub(super) const TRUNCATES: i32 = 3;
-/// Since this one, signals and abstract sockets stay among a plugin's own processes.
+/// First version that restricts signals and abstract sockets to the plugin's own processes.
 pub(super) const SCOPES: i32 = 6;
-/// Since this one, sockets are reached by their path only where that is allowed.
+/// First version that restricts connections to sockets with a path.
 pub(super) const SOCKETS: i32 = 9;
 
-/// Files, by what may be done with them.
+/// Files that a process may use, by the kind of use.
 #[derive(Debug, Default)]
 pub(super) struct Files<'f> {
-    /// To be read and executed.
+    /// Files and folders that may be read and executed.
     pub(super) read: Vec<&'f PathBuf>,
-    /// To be read, written, made and removed.
+    /// Files and folders that may be read, written, created and removed.
     pub(super) write: Vec<&'f PathBuf>,
-    /// Sockets to connect to.
+    /// Sockets that may be connected to.
     pub(super) sockets: Vec<&'f PathBuf>,
     /// Whether TCP may be used.
     pub(super) network: bool,
 }
 
-/// Restricts this process for good; the version of Landlock that the kernel has, 0 for none.
+/// Restricts this process for good. Returns the version of Landlock that the kernel has, or 0 if it has
+/// none.
 pub(super) fn restrict(files: &Files<'_>) -> Result<i32, RulesetError> {
     let all = AccessFs::from_all(KNOWN);
     let ruleset = landlock::Ruleset::default().set_compatibility(CompatLevel::BestEffort);
@@ -44,7 +45,7 @@ pub(super) fn restrict(files: &Files<'_>) -> Result<i32, RulesetError> {
     let write = files.write.iter().map(|path| (path, all));
     let sockets = files.sockets.iter().map(|path| (path, sockets));
     for (path, access) in read.chain(write).chain(sockets) {
-        // What is not there cannot be reached anyway.
+        // A path that does not exist needs no rule.
         let Ok(opened) = PathFd::new(path) else { continue };
         let access = if path.is_dir() { access } else { access & AccessFs::from_file(KNOWN) };
         created = created.add_rule(PathBeneath::new(opened, access))?;

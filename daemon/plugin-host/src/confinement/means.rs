@@ -1,8 +1,8 @@
-//! What this kernel offers to confine plugins with, what is made of it for one plugin, and what is left
-//! that cannot be enforced.
+//! Means of confinement that this kernel offers, how they are used for one plugin, and what cannot be
+//! enforced with them.
 //!
-//! It is tried out, not guessed from a version: a process of the daemon's own program confines itself
-//! step by step and says how far it came ([`Means::try_out`]).
+//! They are tried out, and not derived from a kernel version: a process of the daemon's own program
+//! confines itself step by step, and reports which steps succeeded ([`Means::try_out`]).
 
 use std::path::{Path, PathBuf};
 
@@ -14,48 +14,48 @@ use super::room::{self, Furniture};
 use super::{PLAIN_DEVICES, SYSTEM, ZERO};
 use crate::rights::Permissions;
 
-/// What the kernel has.
+/// Means of confinement that the kernel offers.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Means {
-    /// The version of Landlock; 0 for none.
+    /// Version of Landlock; 0 if there is none.
     pub landlock: i32,
-    /// Why there are no namespaces for a room of its own; `None` if there are.
+    /// Reason why there are no namespaces for a room; `None` if there are.
     pub no_namespaces: Option<String>,
-    /// Why calls cannot be forbidden (seccomp); `None` if they can.
+    /// Reason why system calls cannot be forbidden (seccomp); `None` if they can.
     pub no_calls: Option<String>,
-    /// Why the daemon cannot be asked about calls (seccomp user notification); `None` if it can.
+    /// Reason why the daemon cannot answer system calls (seccomp user notification); `None` if it can.
     pub no_questions: Option<String>,
-    /// Whether plugins run as root, whose processes the kernel does not count.
+    /// Whether plugins run as root; the kernel does not limit the number of processes of root.
     pub is_root: bool,
 }
 
-/// What is done with it for one plugin.
+/// Use of the means for one plugin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Plan {
-    /// It gets a room of its own.
+    /// Whether it runs in a namespace room of its own.
     pub(crate) has_room: bool,
-    /// The kernel hides files and whom it could signal (Landlock).
+    /// Version of Landlock, which hides files and other processes; 0 if there is none.
     pub(crate) landlock: i32,
-    /// Calls are forbidden.
+    /// Whether system calls are forbidden.
     pub(crate) forbids_calls: bool,
-    /// Calls that connect or signal wait for the daemon's answer.
+    /// Whether calls that connect or signal wait for the daemon's answer.
     pub(crate) is_mediated: bool,
-    /// So do those that begin a process.
+    /// Whether calls that start a process wait for the daemon's answer, too.
     pub(crate) counts_processes: bool,
-    /// A control group counts what its processes take together.
+    /// Whether a control group counts what its processes take together.
     pub(crate) is_counted: bool,
-    /// It may use the Internet.
+    /// Whether it may use the Internet.
     pub(crate) network: bool,
-    /// It may read files and folders of others, in which there may be sockets.
+    /// Whether it may read files and folders of others, which may contain sockets.
     pub(crate) reads_more: bool,
-    /// The daemon runs as root.
+    /// Whether the daemon runs as root.
     pub(crate) is_root: bool,
 }
 
 impl Means {
-    /// Confines this process as plugins are, step by step; what works. For a process of its own, which
-    /// ends afterwards. `folder` is any folder that exists.
+    /// Confines this process as plugins are confined, step by step, and returns what succeeded. Only for a
+    /// process that ends afterwards. `folder` is any folder that exists.
     pub(crate) fn try_out(folder: &Path) -> Means {
         let why = |error: &dyn std::error::Error| error.to_string();
         let target = calls::target();
@@ -91,7 +91,7 @@ impl Means {
         }
     }
 
-    /// Nothing of which anything is known.
+    /// Returns means of which none is available, all for the reason `why`.
     pub(crate) fn none(why: &str) -> Means {
         let why = || Some(why.to_owned());
         Means {
@@ -103,7 +103,7 @@ impl Means {
         }
     }
 
-    /// What is done for a plugin; `is_counted` if it has a control group.
+    /// Returns the use of the means for a plugin. `is_counted` tells whether it has a control group.
     pub(crate) fn plan(&self, permissions: &Permissions, is_counted: bool) -> Plan {
         let mut plan = Plan {
             has_room: self.no_namespaces.is_none(),
@@ -125,29 +125,29 @@ impl Means {
 }
 
 impl Plan {
-    /// Whether sockets of others that have a path are out of reach. A socket in a folder that is shown in
-    /// the room can be connected to, though the folder is read-only.
+    /// Whether sockets of others with a path are out of reach. A socket in a folder that is shown in the
+    /// room can be connected to, although the folder is read-only.
     fn hides_sockets(&self) -> bool {
         (self.has_room && !self.reads_more) || self.landlock >= files::SOCKETS || self.is_mediated
     }
 
-    /// Whether sockets of others that have a name only (abstract ones) are out of reach.
+    /// Whether sockets of others with only a name (abstract ones) are out of reach.
     fn hides_names(&self) -> bool {
         let has_own_network = self.has_room && !self.network;
         has_own_network || self.landlock >= files::SCOPES || self.is_mediated
     }
 
-    /// Whether processes of others are out of reach for signals.
+    /// Whether processes of others cannot be signalled.
     fn hides_processes(&self) -> bool {
         self.landlock >= files::SCOPES || self.is_mediated
     }
 
-    /// Whether the kernel, or the daemon when it is asked, bounds how many processes there are.
+    /// Whether the kernel, or the daemon by its answers, limits the number of processes.
     fn bounds_processes(&self) -> bool {
         self.is_counted || (self.has_room && !self.is_root) || self.counts_processes
     }
 
-    /// Whether other files stay as they are.
+    /// Whether the plugin cannot change other files.
     fn keeps_files(&self) -> bool {
         self.has_room || (self.forbids_calls && self.landlock > 0)
     }
@@ -161,7 +161,7 @@ impl Plan {
         }
     }
 
-    /// What cannot be kept from a plugin here, each in a sentence for a person.
+    /// Returns what cannot be enforced here, each as a sentence for a person.
     pub(crate) fn lacks(&self) -> Vec<String> {
         let mut lacks = Vec::new();
         let mut say = |is_lacking: bool, what: &str| {
@@ -228,7 +228,7 @@ mod tests {
                 }
             }
         }
-        // A room alone is enough where Landlock is not built in.
+        // Without Landlock, a room is enough.
         assert!(means(0, true, true).plan(&asking(false, &[]), false).lacks().is_empty());
     }
 

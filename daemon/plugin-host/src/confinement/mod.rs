@@ -1,16 +1,17 @@
-//! What a plugin's process may do: entered by the process itself before it becomes the program, so that
-//! no `fork` of a process with many threads has anything to do but `exec`.
+//! Confinement of a plugin's process. The process confines itself before it becomes the program, because
+//! after a `fork` in a daemon with many threads nothing is safe but `exec`.
 //!
-//! - `room`: where the kernel lets, namespaces of its own, in which there is only what it may see.
-//! - `files`: of the file system it sees what the system is made of, its own package, and what its
-//!   manifest names; it neither signals nor meets others beyond its own (Landlock).
-//! - `calls`: it may make the calls that programs need, and of these none that reaches beyond it
-//!   (seccomp). What the kernel cannot decide, the daemon is asked (`mediator`).
-//! - Memory, open files, file sizes, processes, priority, no core dumps (`setrlimit`), and no capabilities. What
-//!   all its processes take together a control group counts (`cgroup`), or its host looks at (`usage`).
-//! - It is killed with the thread that has started it.
+//! - `room`: namespaces of its own, if the kernel allows them, which hold only what the process may see.
+//! - `files`: access only to the files of the system, its own package, its data folder, and what its
+//!   manifest names; no signals and sockets to other processes (Landlock).
+//! - `calls`: only the system calls that programs need, with no effect beyond the process (seccomp). Calls
+//!   that the kernel cannot decide are answered by the daemon (`mediator`).
+//! - Limits of memory, open files, file sizes, processes and priority, no core dumps (`setrlimit`), and no
+//!   capabilities. The resources of all its processes together are counted by a control group (`cgroup`),
+//!   or measured by the host (`usage`).
+//! - The process is killed when the thread that started it ends.
 //!
-//! `means` is which of these this kernel has, and what is left open.
+//! `means` finds out which of these this kernel supports, and what cannot be enforced.
 
 mod calls;
 mod files;
@@ -31,7 +32,8 @@ pub use means::Means;
 pub(crate) use means::Plan;
 use room::Furniture;
 
-/// What the system is made of. Of `/etc` only what programs ask for, and no keys.
+/// Files and folders of the system that every plugin may read. Of `/etc` only those that programs need,
+/// without keys.
 const SYSTEM: &[&str] = &[
     "/usr",
     "/bin",
@@ -61,34 +63,34 @@ const SYSTEM: &[&str] = &[
     "/sys",
 ];
 
-/// Devices that hold nothing of anybody's.
+/// Devices that every plugin may use; they hold no data of others.
 const PLAIN_DEVICES: &[&str] = &["/dev/null", "/dev/full", "/dev/random", "/dev/urandom"];
 
-/// A device that is read only: who maps it to be written and shared holds memory that is counted of no
-/// process.
+/// Device that may only be read. A process that maps it shared and for writing holds memory that is counted
+/// for no process.
 const ZERO: &str = "/dev/zero";
 
-/// What one process may do.
+/// Confinement of one process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Confinement {
-    /// Who started it; with whom it ends.
+    /// Process id of the daemon that started the process; it ends with that daemon.
     pub(crate) parent: u32,
-    /// With what it is confined.
+    /// Means of confinement that are used.
     pub(crate) plan: Plan,
     pub(crate) limits: Limits,
-    /// What it may read and execute beside the system.
+    /// Files and folders that it may read and execute, in addition to the system's.
     pub(crate) read: Vec<PathBuf>,
     /// Devices that it may write to.
     pub(crate) devices: Vec<PathBuf>,
     /// Sockets that it may connect to.
     pub(crate) sockets: Vec<PathBuf>,
-    /// A folder of its own.
+    /// Its data folder.
     pub(crate) home: PathBuf,
-    /// The control group that it joins, if it has one.
+    /// Control group that it joins, if it has one.
     pub(crate) cgroup: Option<PathBuf>,
 }
 
-/// What each of its processes may take.
+/// Limits for each of the plugin's processes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Limits {
     /// Bytes of memory.
@@ -97,59 +99,61 @@ pub(crate) struct Limits {
     pub(crate) files: u64,
     /// Bytes of one file.
     pub(crate) file_size: u64,
-    /// Threads of all its processes together, where the kernel counts them for itself.
+    /// Threads of all its processes together; enforced where the kernel counts them per namespace.
     pub(crate) tasks: u64,
 }
 
-/// What a process says of its confinement before it becomes the program, over its standard input.
+/// Report of a process about its confinement, which it sends over its standard input before it becomes the
+/// program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Entered {
-    /// The version of Landlock that holds for it.
+    /// Version of Landlock that is in force for it; 0 if none.
     pub(crate) landlock: i32,
 }
 
-/// Why a process cannot become a plugin. Completes “failed to …”.
+/// Reason why a process cannot become a plugin. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConfinementError {
-    /// Whoever started it has ended.
+    /// The daemon that started it has ended.
     #[error("begin: the daemon has ended meanwhile")]
     Orphaned,
     /// A limit could not be set.
     #[error("limit {what}: {source}")]
     Limit {
-        /// Of what.
+        /// The limited resource.
         what: &'static str,
-        /// Why.
+        /// The error.
         #[source]
         source: std::io::Error,
     },
-    /// It has no room of its own.
+    /// The process could not enter a namespace room.
     #[error(transparent)]
     Room(#[from] room::RoomError),
     /// The file system could not be hidden.
     #[error("hide the file system from it: {0}")]
     Landlock(#[from] landlock::RulesetError),
-    /// The kernel has less than it had when the daemon started.
+    /// The kernel supports less than when the daemon started.
     #[error(
         "hide the file system from it: the kernel has version {is} of Landlock, and had {was} when the daemon started"
     )]
     Weaker {
-        /// The version in force.
+        /// Version of Landlock in force.
         is: i32,
-        /// The version that was planned with.
+        /// Version of Landlock when the daemon started.
         was: i32,
     },
-    /// Calls could not be forbidden.
+    /// The filters of system calls could not be installed.
     #[error(transparent)]
     Calls(#[from] calls::CallsError),
-    /// The daemon could not be told.
+    /// The report could not be sent to the daemon.
     #[error("tell the daemon that it is confined: {0}")]
     Told(#[source] std::io::Error),
 }
 
 impl Confinement {
-    /// Confines this process and makes it the program; returns only if that fails.
+    /// Confines this process and replaces it with the program. Returns only on failure, with a message for
+    /// a person.
     pub fn become_program(&self, program: &Path, arguments: &[String]) -> String {
         if let Err(error) = self.enter() {
             return format!("failed to {error}");
@@ -170,11 +174,12 @@ impl Confinement {
             PLAIN_DEVICES.iter().map(PathBuf::from).chain(self.devices.iter().cloned()).collect();
         let system: Vec<PathBuf> = SYSTEM.iter().map(PathBuf::from).collect();
         if self.plan.has_room {
-            // Landlock lets it see of /proc what is its own; without, no more is in the room.
+            // With Landlock, all of `/proc` is mounted, because Landlock limits it to the process's own
+            // part. Without, only the listed files of it are.
             let is_shown = |path: &&PathBuf| self.plan.landlock == 0 || !path.starts_with("/proc");
             let proc = (self.plan.landlock > 0).then(|| PathBuf::from("/proc"));
             let shown = system.iter().filter(is_shown).chain(&proc).chain(&self.read);
-            // Landlock alone lets a device be opened to be read only.
+            // Only Landlock can restrict a device to reading, so without it `/dev/zero` is left out.
             let zero = (self.plan.landlock > 0).then(|| PathBuf::from(ZERO));
             let furniture = Furniture {
                 shown: shown.cloned().collect(),
@@ -184,7 +189,8 @@ impl Confinement {
                 network: self.plan.network,
             };
             room::enter(&furniture)?;
-            // It is in the room, where it was outside.
+            // The current folder is at the same path in the room. If it is not there, the current folder
+            // stays the root.
             let _ = std::env::set_current_dir(&folder);
         }
         self.limit()?;
@@ -206,7 +212,7 @@ impl Confinement {
             |errno: rustix::io::Errno| limit("its life to that of the daemon", errno.into());
         rustix::process::set_parent_process_death_signal(Some(Signal::KILL)).map_err(failed)?;
         let parent = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get());
-        // It may have ended before it could be asked to take this one along.
+        // The parent may have ended before the signal was set.
         match parent.and_then(|pid| u32::try_from(pid).ok()) {
             Some(parent) if parent == self.parent => Ok(()),
             _ => Err(ConfinementError::Orphaned),
@@ -226,15 +232,15 @@ impl Confinement {
         set("message queues", Resource::Msgqueue, 0)?;
         set("real-time priority", Resource::Rtprio, 0)?;
         set("priority", Resource::Nice, 0)?;
-        // Outside of a namespace of users, all processes of this user would count.
+        // Without a namespace of users, all processes of this user would count.
         if self.plan.has_room {
             set("processes", Resource::Nproc, tasks)?;
         }
         Ok(())
     }
 
-    /// The last step: what was made of this process is told to the daemon, with the calls that it is to
-    /// be asked about.
+    /// Last step: installs the filters, and sends the report to the daemon, with the listener for the calls
+    /// that the daemon answers.
     fn forbid_calls(&self, entered: &Entered) -> Result<(), ConfinementError> {
         let target = calls::target().filter(|_| self.plan.forbids_calls);
         if let Some(target) = target {
@@ -254,23 +260,24 @@ impl Confinement {
     }
 }
 
-/// The longest core dump, in bytes. At 0 the kernel writes no file, but still hands the dump to a program
-/// that collects dumps (a `core_pattern` that begins with `|`); at 1 it does neither. A hard limit of 0 is
-/// kept, because raising it takes a capability.
+/// Returns the longest core dump, in bytes. At 0 the kernel writes no file, but still hands the dump to a
+/// program that collects dumps (a `core_pattern` that begins with `|`); at 1 it does neither. A hard limit
+/// of 0 is kept, because raising it takes a capability.
 fn core_limit() -> u64 {
     getrlimit(Resource::Core).maximum.map_or(1, |most| most.min(1))
 }
 
-/// Gives up all capabilities, also those that a program of root would have again.
+/// Drops all capabilities, also those that a program of root would get again.
 fn drop_capabilities() -> std::io::Result<()> {
     let none = CapabilitySet::empty();
-    // Only who may set its capabilities can bound them; who may not has none to lose.
+    // Only a process with the capability to set capabilities can reduce its bounding set; any other has
+    // none to lose.
     for capability in CapabilitySet::all().iter() {
         let _ = rustix::thread::remove_capability_from_bounding_set(capability);
     }
     let _ = rustix::thread::clear_ambient_capability_set();
     let sets = CapabilitySets { effective: none, permitted: none, inheritable: none };
-    // A service manager may have forbidden the call, and left nothing to give up.
+    // A service manager may have forbidden the call and left no capabilities to drop.
     if rustix::thread::capabilities(None) != Ok(sets) {
         rustix::thread::set_capabilities(None, sets)?;
     }
@@ -282,7 +289,8 @@ fn limit(what: &'static str, source: std::io::Error) -> ConfinementError {
     ConfinementError::Limit { what, source }
 }
 
-/// What a process of the daemon's own program says of the kernel's means, for the daemon to read.
+/// Finds out what the kernel offers to confine plugins, in a process of its own. Returns [`Means`] in JSON,
+/// for the daemon to read.
 pub fn probe(folder: &Path) -> String {
     serde_json::to_string(&Means::try_out(folder)).unwrap_or_default()
 }

@@ -1,9 +1,9 @@
-//! A room of its own for a plugin's process: namespaces of users, mounts, System V IPC and, without
+//! Namespace room of a plugin's process: Linux namespaces of users, mounts and System V IPC, and, without
 //! `network`, of networks (namespaces(7)).
 //!
-//! In the room there is only what the plugin may see. Everything is mounted read-only but for its home,
-//! so that neither contents nor modes, times or attributes of other files change; sockets are those that
-//! it was given; the network has no interface. The user is the same, without capabilities.
+//! The room holds only what the plugin may see. Everything is mounted read-only except its data folder, so
+//! contents, modes, times and attributes of other files cannot change. The only sockets are those that it
+//! may connect to, and the network has no interface. The user is the same, without capabilities.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs;
@@ -17,15 +17,15 @@ use rustix::mount::{
     mount_remount, unmount,
 };
 
-/// Where the rest of the machine is while the room is furnished.
+/// Mount point of the machine's root while the room is made.
 const OLD: &str = "/old";
-/// The room until it is entered.
+/// Root of the room until it is entered.
 const NEW: &str = "/new";
 
-/// Links in a path that are followed; more are a circle.
+/// Number of links followed in one path; more are taken for a cycle.
 const LINKS_MAX: usize = 64;
 
-/// Links to what each process has open, which shells and interpreters use.
+/// Links to the open files of each process, which shells and interpreters use.
 const OPEN_FILES: [(&str, &str); 4] = [
     ("/dev/fd", "/proc/self/fd"),
     ("/dev/stdin", "/proc/self/fd/0"),
@@ -33,22 +33,22 @@ const OPEN_FILES: [(&str, &str); 4] = [
     ("/dev/stderr", "/proc/self/fd/2"),
 ];
 
-/// What a room has.
+/// Contents of a room.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Furniture {
-    /// Files and folders that are seen as they are. What is not there is left out.
+    /// Files and folders that are visible, at the same path. Those that do not exist are left out.
     pub(super) shown: Vec<PathBuf>,
-    /// Devices, which can be opened to be written.
+    /// Devices, which can be opened for writing.
     pub(super) devices: Vec<PathBuf>,
     /// Sockets that can be connected to.
     pub(super) sockets: Vec<PathBuf>,
-    /// The folder that can be written to; also `/tmp`.
+    /// The folder that can be written to; `/tmp` links to it.
     pub(super) home: PathBuf,
-    /// Whether the network is this machine's.
+    /// Whether the network of this machine is available.
     pub(super) network: bool,
 }
 
-/// Why a room could not be entered. Completes “failed to …”.
+/// Reason why a room could not be entered. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[error("{doing}: {source}")]
 pub struct RoomError {
@@ -56,10 +56,10 @@ pub struct RoomError {
     source: io::Error,
 }
 
-/// Where the parts of some paths are, with all links on the way.
+/// Real files and folders that some paths lead to, and all links on the way.
 #[derive(Debug, Default, PartialEq)]
 struct Places {
-    /// Links, and what they lead to.
+    /// Links, with their targets.
     links: BTreeMap<PathBuf, PathBuf>,
     /// Real files and folders.
     real: BTreeMap<PathBuf, Kind>,
@@ -71,7 +71,7 @@ enum Kind {
     File,
 }
 
-/// Enters a room, for good. The process must have one thread.
+/// Enters a room, for good. The process must have a single thread.
 pub(super) fn enter(furniture: &Furniture) -> Result<(), RoomError> {
     let Furniture { shown, devices, sockets, home, network } = furniture;
     let seen = Places::of(shown.iter().chain(devices).chain(sockets));
@@ -102,11 +102,11 @@ pub(super) fn enter(furniture: &Furniture) -> Result<(), RoomError> {
     enter_new()
 }
 
-/// Puts the machine's files aside, below [`OLD`], and makes a place for the new ones, at [`NEW`].
+/// Moves the machine's files below [`OLD`], and mounts an empty root for the room at [`NEW`].
 fn leave(somewhere: &Path) -> Result<(), RoomError> {
     let private = MountPropagationFlags::PRIVATE | MountPropagationFlags::REC;
     mount_change("/", private).map_err(|errno| failed("keep mounts to itself", errno.into()))?;
-    // Anything that exists will do; it is out of the way again once it is the root.
+    // Any existing folder serves as a mount point; it is reachable again once the mount is the root.
     tmpfs(somewhere)?;
     let base = |name: &str| somewhere.join(name.trim_start_matches('/'));
     for name in [OLD, NEW] {
@@ -116,7 +116,7 @@ fn leave(somewhere: &Path) -> Result<(), RoomError> {
     tmpfs(Path::new(NEW))
 }
 
-/// Makes [`NEW`] the root, and lets go of all else.
+/// Makes [`NEW`] the root, and unmounts everything else.
 fn enter_new() -> Result<(), RoomError> {
     std::env::set_current_dir(NEW).map_err(|error| failed("enter the room", error))?;
     pivot(Path::new("."), Path::new("."))?;
@@ -135,7 +135,7 @@ fn pivot(root: &Path, old: &Path) -> Result<(), RoomError> {
 
 fn tmpfs(at: &Path) -> Result<(), RoomError> {
     let flags = MountFlags::NOSUID | MountFlags::NODEV;
-    // Of names and links only.
+    // Small, because it holds only names and links.
     let mounted = mount("althing", at, "tmpfs", flags, Some(c"mode=0755,size=4m"));
     mounted.map_err(|errno| failed(&format!("mount a tmpfs at {}", at.display()), errno.into()))
 }
@@ -143,7 +143,7 @@ fn tmpfs(at: &Path) -> Result<(), RoomError> {
 // === impl Places ===
 
 impl Places {
-    /// Follows paths on the machine as it is; those that lead nowhere are left out.
+    /// Follows paths on the machine. Those that lead nowhere are left out.
     fn of<'p>(paths: impl Iterator<Item = &'p PathBuf>) -> Places {
         let mut places = Places::default();
         for path in paths {
@@ -151,7 +151,7 @@ impl Places {
         }
         let folders = places.real.iter().filter(|(_, kind)| **kind == Kind::Folder);
         let folders: Vec<PathBuf> = folders.map(|(folder, _)| folder.clone()).collect();
-        // What is in a folder that is shown comes with it.
+        // The contents of a visible folder are visible with it.
         let is_within =
             |path: &Path| folders.iter().any(|folder| path != folder && path.starts_with(folder));
         places.real.retain(|path, _| !is_within(path));
@@ -159,7 +159,7 @@ impl Places {
         places
     }
 
-    /// Where paths lead, without the links on the way.
+    /// Returns the files and folders that paths lead to, with all links resolved.
     fn real_ones(paths: &[PathBuf]) -> Vec<PathBuf> {
         Places::of(paths.iter()).real.into_keys().collect()
     }
@@ -194,7 +194,7 @@ impl Places {
         self.links.extend(links);
     }
 
-    /// Makes all of them in the new room.
+    /// Creates all files, folders and links in the new room.
     fn furnish(&self) -> Result<(), RoomError> {
         for (path, kind) in &self.real {
             bind(path, *kind)?;
@@ -210,17 +210,17 @@ fn owned(part: Component<'_>) -> PathBuf {
     PathBuf::from(part.as_os_str())
 }
 
-/// A path of the machine, while it is aside.
+/// Returns the path of a file of the machine while its root is at [`OLD`].
 fn outside(path: &Path) -> PathBuf {
     Path::new(OLD).join(path.strip_prefix("/").unwrap_or(path))
 }
 
-/// The same path in the room, until it is entered.
+/// Returns the path of a file in the room until the room is entered.
 fn inside(path: &Path) -> PathBuf {
     Path::new(NEW).join(path.strip_prefix("/").unwrap_or(path))
 }
 
-/// Mounts a file or folder where it was, with all that is mounted below it.
+/// Mounts a file or folder at the same path in the room, with everything that is mounted below it.
 fn bind(path: &Path, kind: Kind) -> Result<(), RoomError> {
     let (from, to) = (outside(path), inside(path));
     match kind {
@@ -251,7 +251,7 @@ fn make_folder(folder: &Path) -> Result<(), RoomError> {
     fs::create_dir_all(folder).map_err(|error| failed_at("make", folder, error))
 }
 
-/// Lets nothing be written to what was mounted so far, and no device but these be opened.
+/// Makes everything that is mounted so far read-only, and forbids opening any device except these.
 fn protect(devices: &[PathBuf]) -> Result<(), RoomError> {
     let devices: Vec<_> = devices.iter().map(|device| inside(device)).collect();
     for mounted in mounts()?.iter().filter(|mounted| mounted.as_path() != Path::new(NEW)) {
@@ -264,7 +264,7 @@ fn protect(devices: &[PathBuf]) -> Result<(), RoomError> {
     Ok(())
 }
 
-/// What is mounted in the room.
+/// Returns the mount points in the room.
 fn mounts() -> Result<Vec<PathBuf>, RoomError> {
     let table = outside(Path::new("/proc/self/mountinfo"));
     let table = fs::read_to_string(&table).map_err(|error| failed_at("read", &table, error))?;
@@ -272,7 +272,7 @@ fn mounts() -> Result<Vec<PathBuf>, RoomError> {
     Ok(places.filter(|place| place.starts_with(NEW)).collect())
 }
 
-/// A path of the kernel's tables, in which blanks are written as `\040`.
+/// Decodes a path of the kernel's tables, in which blanks are written as `\040`.
 fn unescaped(text: &str) -> PathBuf {
     use std::os::unix::ffi::OsStringExt as _;
     let (mut bytes, mut rest) = (Vec::new(), text.as_bytes());
@@ -293,7 +293,8 @@ fn unescaped(text: &str) -> PathBuf {
     PathBuf::from(std::ffi::OsString::from_vec(bytes))
 }
 
-/// With what a mount is mounted: the kernel lets nobody take these away who did not set them.
+/// Returns the flags of a mount. A remount has to keep those that this process did not set: the kernel does
+/// not let it clear them.
 fn flags(mounted: &Path) -> Result<MountFlags, RoomError> {
     let known = rustix::fs::statvfs(mounted);
     let known = known.map_err(|errno| failed_at("look at", mounted, errno.into()))?.f_flag;
@@ -351,7 +352,7 @@ mod tests {
         assert_eq!(links, [at("v"), at("versions/current")]);
         let places = Places::of(paths[..4].iter());
         assert_eq!(places.real, BTreeMap::from([(at("versions/3.1"), Kind::Folder)]));
-        // The folder that all is in takes the links along as well.
+        // If their common folder is visible, the links in it are, too.
         let places = Places::of(paths.iter());
         assert_eq!(places.real, BTreeMap::from([(at("versions"), Kind::Folder)]));
         assert_eq!(places.links, BTreeMap::from([(at("v"), PathBuf::from("versions"))]));
