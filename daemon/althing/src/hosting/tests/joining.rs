@@ -17,7 +17,7 @@ fn robot() -> [String; 2] {
     ]
 }
 
-/// A thermometer in office2 whose action to report the temperature has this cost.
+/// A thermometer in office2 that reports the temperature at this cost.
 fn thermometer(cost: f64) -> Script {
     let plan = "(report-temperature guest office2)\n".to_owned();
     Script {

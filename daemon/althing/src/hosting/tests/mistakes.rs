@@ -451,8 +451,8 @@ async fn a_later_life_of_an_asker_keeps_its_goal_once() {
         let config = "{ start = \"office2\" }";
         let robots = ["turtlebot-1", "turtlebot-2"].map(|name| entry(name, "turtlebot", config));
         let office = Office::open(&robots, mode).await;
-        // Incarnations that are told that the goal holds, and one that ends while the robot is on
-        // its way.
+        // Incarnations that receive the report that the goal holds, and one that ends while the
+        // robot is on its way.
         for (robot, patience) in [(1, 60), (1, 60), (2, 0), (2, 60)] {
             let stopping = CancellationToken::new();
             let (keyboard, terminal) = Keyboard::with_terminal();

@@ -118,7 +118,7 @@ impl City {
         Person { terminal, lines: Vec::new() }
     }
 
-    /// Returns the daemon whose agent of this name is the leader.
+    /// Returns the daemon that hosts the leader of this name.
     fn acting(&self, agent: &str) -> String {
         let id = AgentId::new(agent).expect("a name");
         let found = self.nodes["gamma"].switchboard().find(&id);

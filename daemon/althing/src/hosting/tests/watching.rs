@@ -23,7 +23,7 @@ fn camera(more: &str) -> String {
     entry("camera-1", "ptz-camera", &config)
 }
 
-/// A robot at whose screen people log in.
+/// A robot with a screen at which people log in.
 fn robot(login: &str) -> String {
     let config = format!("{{ start = \"office2\", login = {{ {login} }} }}");
     entry("turtlebot-1", "turtlebot", &config)
