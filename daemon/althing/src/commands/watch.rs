@@ -21,7 +21,8 @@ use crate::commands::client::{self, Target};
 use crate::hosting::GuestKeys;
 use crate::interruption;
 
-/// Most messages that wait to be printed; further ones are dropped silently.
+/// Most messages that wait to be printed or recorded; further ones are dropped. A recording counts
+/// them.
 const WAITING_MAX: usize = 10_000;
 
 /// The replacement for a person's answer; its length does not depend on that of the answer.

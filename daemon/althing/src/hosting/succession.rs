@@ -20,8 +20,7 @@ use crate::config::Ecosystem;
 /// How often a daemon checks whether the building is served.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// The plugins of robots: their place and charge are kept, which are all that a robot's entry says
-/// of its start.
+/// The plugins of robots: their places and charges are kept, because a robot's entry can set both.
 const ROBOTS: [&str; 3] = ["turtlebot", "cleaning-robot", "video-robot"];
 
 /// A task that takes over the building when no process serves it. Dropping this ends the task and
