@@ -47,9 +47,9 @@ pub(crate) fn start(verbose: u8) {
 }
 
 /// Returns the filter for a number of `-v`. Zenoh logs much that only its developers need: its
-/// sessions, messages that arrive before the declaration of their key, exchanges between routers;
-/// these need a higher level. Agents resend what was not received. Zenoh's errors are reported by
-/// `substrate_zenoh::plain_words`.
+/// sessions, messages that arrive before the declaration of their key, exchanges between routers.
+/// These appear only at higher levels; nothing is lost without them, because agents resend what
+/// was not received. Zenoh's errors are reported by `substrate_zenoh::plain_words`.
 fn level(verbose: u8) -> &'static str {
     match verbose {
         0 => "warn,zenoh=error,zenoh::api::session=off",

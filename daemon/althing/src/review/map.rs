@@ -65,7 +65,8 @@ impl Desk<'_> {
     }
 
     /// Warns about connections without a way back. Some one-way connections form a round, as
-    /// through an airlock: if the way back consists of one-way connections, the round is intended.
+    /// through an airlock: if the way back leads over other one-way connections, the round is
+    /// intended.
     fn one_way(&mut self, ways: &Ways<'_>) {
         let given: BTreeSet<_> = ways.pairs().collect();
         let has_back = |(from, to): &(&str, &str)| given.contains(&(*to, *from));
