@@ -1,18 +1,18 @@
-//! Awards per second: calls for proposals, proposals, and the choice, for many goals at once.
+//! Awards per second: calls for proposals, bids, and the choice, for many goals at once.
 //!
 //! ```text
 //! cargo bench -p althing --bench awards
 //! ```
 //!
-//! Twenty bidders in four processes that meet over Zenoh on Unix sockets; those who reason are in a
-//! fifth. Every goal is another job that any bidder can do, so every bid is planned for it alone.
-//! A job takes no time, so that bidders are soon free again. The clock runs from the first wish
-//! until the last job is done, which is later than its award. First a burst of seven (the burst of
-//! rmf_demos#302), then all the others at once.
+//! Twenty bidders run in four processes that are linked by Zenoh over Unix sockets; the reasoning
+//! agents run in a fifth. Every goal is another job that any bidder can do, so every bid is planned
+//! for that goal alone. A job takes no time, so that bidders are soon free again. The clock runs
+//! from the first request until the last job is done, which is later than its award. First comes a
+//! burst of seven goals (the burst of rmf_demos#302), then all the others at once.
 //!
-//! What is counted are awards for which all have bid: of each it is heard that all twenty had answered
-//! its call before it was made, and how many had proposed. A few are made without one: whoever carries
-//! out another goal's job when the call goes out is not waited for.
+//! Only complete awards count: those before which all twenty bidders had answered the call and had
+//! proposed. A few awards are made without an answer of all: a bidder that carries out another
+//! goal's job when the call is sent is not waited for.
 
 mod support;
 
@@ -29,7 +29,7 @@ use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
 use support::overhearing::Award;
 use support::{Entry, Outcome, PATIENCE};
 
-/// As in the daemon.
+/// The same allocator as in the daemon.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
@@ -110,8 +110,8 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// How many awards were made when all bidders had answered, and all of them had proposed: others are
-/// not counted.
+/// Counts the awards that were made after all bidders had answered and proposed; others do not
+/// count.
 fn whole(awards: &[Award]) -> usize {
     let bidders = PROCESSES * BIDDERS_EACH;
     let is_whole = |it: &&Award| it.answers == bidders && it.proposals == bidders;
@@ -136,7 +136,7 @@ fn map(jobs: usize) -> String {
     )
 }
 
-/// Asks for these jobs, all at once, and waits until the last is done.
+/// Requests these jobs, all at once, and waits until the last one is done.
 async fn ask(terminal: &mut Terminal, jobs: std::ops::Range<usize>) -> Outcome<Duration> {
     let (began, count) = (Instant::now(), jobs.len());
     for job in jobs {
@@ -162,7 +162,7 @@ async fn ask(terminal: &mut Terminal, jobs: std::ops::Range<usize>) -> Outcome<D
 
 // === bidders ===
 
-/// A process of bidders, until it is killed.
+/// Runs a process of bidders until it is killed.
 async fn bid(folder: &Path, process: usize) -> Outcome<()> {
     let switchboard = support::daemon(
         folder,
@@ -186,7 +186,7 @@ async fn bid(folder: &Path, process: usize) -> Outcome<()> {
     std::future::pending().await
 }
 
-/// Does any job at once.
+/// A device that does any job at once.
 struct Bidder {
     id: AgentId,
 }

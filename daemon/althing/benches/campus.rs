@@ -1,14 +1,15 @@
-//! What a hundred devices cost: the campus of `ecosystems/`, on one machine.
+//! The cost of a hundred devices: the campus of `ecosystems/`, on one machine.
 //!
 //! ```text
 //! cargo bench -p althing --bench campus
 //! ```
 //!
-//! - In this process: how long a change of the composed domain takes, and a plan for what it left.
+//! - In this process: the time of a change of the composite domain, and of a plan for what is left
+//!   after it.
 //! - In processes of their own: the time from start to ready, resident memory with one house and
-//!   with all, five times each, and how long a goal waits for its plan, in both modes.
+//!   with all, five times each, and how long a goal waits for its plan, in both flows.
 //!
-//! Each process has folders of its own and is ended when it has been measured.
+//! Each process has folders of its own and is ended after its measurement.
 
 mod support;
 
@@ -28,26 +29,25 @@ use planner::explain::{self, Guard, Known};
 use planner::{Cancel, Grounding, Options, Replanner};
 use support::Figures;
 
-/// As in the daemon.
+/// The same allocator as in the daemon.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// As in `ecosystems/campus.toml`.
+/// The same values as in `ecosystems/campus.toml`.
 const SEED: u64 = 1;
 const HOUSES: usize = 5;
 
-/// How often what takes microseconds or milliseconds is measured; the median is told, and the slowest
-/// of a hundred.
+/// Number of measurements of short times; the median is printed, and the 99th percentile.
 const ROUNDS: usize = 200;
 
-/// How often daemons are started to see how much memory they take: which pages of the binary are
-/// resident is chance, and comes to five KiB per device. The median is told.
+/// Number of starts of a daemon to measure its memory: the set of resident pages of the binary
+/// varies by chance, up to five KiB per device. The median is printed.
 const STARTS: usize = 5;
 
-/// With how many houses.
+/// The numbers of houses.
 const SIZES: [usize; 2] = [1, HOUSES];
 
-/// Ten heartbeats: everybody has heard everybody, and models are composed.
+/// Ten heartbeats: all agents know each other, and the domain is composed.
 const SETTLING: Duration = Duration::from_secs(10);
 
 const CHANGE_AIM_MS: f64 = 5.0;
@@ -60,7 +60,7 @@ const ONTOLOGY: &str = include_str!("../../../domains/campus/domain.pddl");
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
 fn main() -> Outcome<()> {
-    // Cargo tries whether the benchmark runs when it tests.
+    // When Cargo runs tests, it only checks that the benchmark runs.
     let houses = if std::env::args().any(|argument| argument == "--bench") { HOUSES } else { 1 };
     let campus = Campus::seeded(SEED, houses);
     println!("{} devices", campus.layout().devices().len());
@@ -83,7 +83,7 @@ fn tell(what: &str, value: f64, unit: &str, aim: Option<f64>) {
     println!("{what}: {value:.2} {unit}{verdict}");
 }
 
-/// The median, and the slowest of a hundred, which has an aim.
+/// Prints the median, and the 99th percentile, which has an aim.
 fn tell_figures(what: &str, figures: &Figures, aim: f64) {
     tell(&format!("{what}, p50"), figures.within(0.5), "ms", None);
     tell(&format!("{what}, p99"), figures.within(0.99), "ms", Some(aim));
@@ -164,7 +164,7 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
     Ok(())
 }
 
-/// How long it takes to explain why these conditions cannot be reached.
+/// Measures the time to explain why these conditions cannot be reached.
 fn explain(snapshot: &Snapshot, parts: &[Condition]) -> Outcome<Figures> {
     let guards = snapshot.guards().into_iter().map(|(inside, guard)| {
         let (outside, predicate) = (Name::new(&guard.outside), Name::new(&guard.predicate));
@@ -187,7 +187,7 @@ fn known(room: &str) -> Atom {
     }
 }
 
-/// How long it takes to plan for all rooms, of which all are known but `unknown`, or none is.
+/// Measures the time to plan for all rooms, when all are known except `unknown`, or none is.
 fn plan_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Outcome<Figures> {
     let problem = problem_for(snapshot, layout, unknown);
     figures(|| {
@@ -198,7 +198,7 @@ fn plan_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Outc
     })
 }
 
-/// How long it takes a planner that has planned in these before to do it again, in turn.
+/// Measures the time to plan again, in turn, for snapshots that the planner has planned in before.
 fn replan_for(snapshots: &[Snapshot], layout: &Layout, unknown: &str) -> Outcome<Figures> {
     let problem = |snapshot| problem_for(snapshot, layout, Some(unknown));
     let problems: Vec<Problem> = snapshots.iter().map(problem).collect();
@@ -223,7 +223,7 @@ fn replan_for(snapshots: &[Snapshot], layout: &Layout, unknown: &str) -> Outcome
     figures(again)
 }
 
-/// The goal of knowing all rooms, of which all are known but `unknown`, or none is.
+/// Returns the goal to know all rooms, when all are known except `unknown`, or none is.
 fn problem_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Problem {
     let goal = layout.rooms().map(|room| Condition::Atom(known(room))).collect();
     let mut problem = snapshot.with_goal(&Condition::And(goal), None);
@@ -234,7 +234,7 @@ fn problem_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> P
     problem
 }
 
-/// What the plugins say of themselves.
+/// Returns the announcement of a device's plugin.
 fn announcement(device: &Device) -> Outcome<Announcement> {
     let name = device.name();
     let said = match device {
@@ -270,8 +270,8 @@ fn announcement(device: &Device) -> Outcome<Announcement> {
 
 // === in processes of their own ===
 
-/// A daemon that has settled: how long it took to be ready, and what it holds, in KiB: in all,
-/// and without the pages of its binary.
+/// A daemon that has settled: the time until it was ready, and its memory in KiB, in total and
+/// without the pages of its binary.
 struct Settled {
     ready_ms: f64,
     resident: f64,
@@ -298,7 +298,7 @@ fn memory() -> Outcome<()> {
     Ok(())
 }
 
-/// A daemon of each size, started one after the other and settled side by side.
+/// Starts a daemon of each size, one after the other, and lets both settle at the same time.
 fn settled() -> Outcome<[Settled; 2]> {
     let start = |houses| Daemon::start(&Campus::seeded(SEED, houses), "decentralized");
     let daemons = [start(SIZES[0])?, start(SIZES[1])?];
@@ -307,10 +307,10 @@ fn settled() -> Outcome<[Settled; 2]> {
     Ok([few?, many?])
 }
 
-/// How long the goal of one house, and that of all rooms, wait for their plan.
+/// Measures how long the goal of one house, and that of all rooms, wait for their plan.
 fn goal(campus: &Campus, mode: &str) -> Outcome<()> {
     for goal in ["house-a", "temperatures"] {
-        // One each: a goal waits for the robots of another.
+        // A daemon for each, because a goal would wait for the robots of another one.
         let daemon = Daemon::start(campus, mode)?;
         std::thread::sleep(SETTLING);
         let begun = Instant::now();
@@ -320,7 +320,7 @@ fn goal(campus: &Campus, mode: &str) -> Outcome<()> {
             (line.contains("a plan of") || line.starts_with("failed")).then_some(line)
         });
         let took = begun.elapsed().as_secs_f64() * 1_000.0;
-        // The rest of its life is not measured.
+        // The rest of the run is not measured.
         let _ = asking.kill();
         let _ = asking.wait();
         let planned = planned.unwrap_or_else(|| "nothing was said".to_owned());
@@ -331,7 +331,7 @@ fn goal(campus: &Campus, mode: &str) -> Outcome<()> {
     Ok(())
 }
 
-/// A daemon that is ready; ended when dropped.
+/// A daemon that is ready; it is killed when this is dropped.
 struct Daemon {
     process: Child,
     ready_ms: f64,
@@ -348,7 +348,7 @@ impl Daemon {
         fs::write(&file, campus.ecosystem("domain.pddl", "map.pddl"))?;
         let begun = Instant::now();
         let process = command(&folder).arg("up").arg(&file).args(["--mode", mode]).spawn()?;
-        // Owned from here on, so that it ends whatever is wrong with its words.
+        // Owned from here on, so that the process ends also if its output is wrong.
         let mut daemon = Daemon { process, ready_ms: 0.0, file, folder };
         let stdout = daemon.process.stdout.take().ok_or("no standard output")?;
         for line in BufReader::new(stdout).lines() {
@@ -380,7 +380,7 @@ impl Daemon {
 
 impl Drop for Daemon {
     fn drop(&mut self) {
-        // If it has ended already, all the better.
+        // The process may have ended already.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }

@@ -1,16 +1,15 @@
-//! A thousand agents in one ecosystem, on ten daemons of this machine: what it costs that they are
-//! there.
+//! The cost of a thousand agents in one ecosystem, on ten daemons of this machine.
 //!
 //! ```text
 //! cargo bench -p althing --bench crowd
 //! ```
 //!
-//! Ten processes that meet over Zenoh, each linked with each as `althing up` does on one machine;
-//! each hosts a hundred actuators that say once a second that they work, and one of them a Domain
-//! Maintainer too. Measured is the processor time of all ten together while nothing else happens,
-//! by the kernel's account; and how long it takes from an agent's activation until the Domain
-//! Maintainer announces the domain that has it: of the first actuator of a daemon that has just come,
-//! which asks all others for their models, and of thirty more.
+//! Ten processes are linked by Zenoh, each with each, as `althing up` does on one machine. Each
+//! hosts a hundred actuators that send a heartbeat once a second, and one of them also hosts a
+//! Domain Maintainer. Two things are measured: the processor time of all ten together while nothing
+//! else happens, as the kernel counts it; and the time from an agent's activation until the Domain
+//! Maintainer announces the domain with it. The second is measured for the first actuator of a
+//! daemon that has just joined, which queries the models of all others, and for thirty more.
 
 mod support;
 
@@ -25,7 +24,7 @@ use support::{Figures, Outcome, PATIENCE, workers};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
-/// As in the daemon.
+/// The same allocator as in the daemon.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
@@ -34,11 +33,11 @@ const AGENTS_EACH: usize = 100;
 const CORE_SHARE_AIM: f64 = 15.0;
 const COMPOSED_AIM_MS: f64 = 20.0;
 
-/// How long all is quiet before it is measured, and how long it is measured.
+/// The time to settle before the measurement, and the time of the measurement.
 const SETTLING: Duration = Duration::from_secs(10);
 const MEASURED: Duration = Duration::from_secs(20);
 
-/// Agents that join while the others are there.
+/// Number of agents that join while the others are present.
 const NEWCOMERS: usize = 30;
 
 #[tokio::main]
@@ -92,7 +91,7 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// Lets an agent join; how long it took until that was announced.
+/// Launches an agent. Returns the time until the domain with it was announced.
 async fn join(
     name: &str,
     place: usize,
@@ -111,7 +110,7 @@ async fn join(
     }
 }
 
-/// Hears who joined.
+/// Receives the announcements of agents that have joined.
 struct Listener(mpsc::UnboundedSender<Vec<AgentId>>);
 
 impl Agent for Listener {
@@ -126,7 +125,7 @@ impl Listener {
             return;
         }
         if let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() {
-            // Nobody listens any more when the benchmark ends.
+            // The receiver is gone when the benchmark ends.
             let _ = self.0.send(change.joined);
         }
     }

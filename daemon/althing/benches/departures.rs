@@ -1,13 +1,13 @@
-//! False departures: daemons that are said to have left while they live, on a machine whose cores
-//! are all busy.
+//! False departures: daemons that count as gone although they run, on a machine with all cores
+//! busy.
 //!
 //! ```text
 //! cargo bench -p althing --bench departures [-- --minutes 60]
 //! ```
 //!
 //! Five daemons with twenty actuators each, at the default settings, and two threads per core that
-//! do nothing but use it. An observer counts whoever leaves, by a lost token; a Domain Maintainer
-//! whoever it masks, also because heartbeats stopped.
+//! only use processor time. An observer counts departures by a lost token; a Domain Maintainer
+//! counts the agents that it masks, also because heartbeats are missing.
 
 mod support;
 
@@ -69,7 +69,7 @@ async fn main() -> Outcome<()> {
         lasts.as_secs_f64() / 60.0,
         tokens + masked
     );
-    // The burners never end by themselves.
+    // The threads that use processor time never end by themselves.
     std::process::exit(i32::from(tokens + masked > 0));
 }
 
@@ -90,7 +90,7 @@ impl Departed {
     }
 }
 
-/// Counts who departs.
+/// Counts departures.
 struct Listener(Arc<Departed>);
 
 impl Agent for Listener {

@@ -1,16 +1,16 @@
-//! A gateway to an MQTT broker: from a device's word to a fact that is planned with, and hundreds of
-//! devices that are told of at once.
+//! A gateway to an MQTT broker: the time from a device's message to a fact in the composite domain,
+//! and the discovery of hundreds of devices at once.
 //!
 //! ```text
 //! apt-get install mosquitto
 //! cargo bench -p althing --bench gateway
 //! ```
 //!
-//! A real broker, a real daemon with a gateway and a Domain Maintainer, and a client of each. The first
-//! clock runs from the word that is said to the broker until the Domain Maintainer, asked again and
-//! again over Zenoh, says the fact; each device speaks five times a second, as none does for long. The
-//! second from the one text in which Zigbee2MQTT tells of all its
-//! devices until all of them are present, and until they can be planned with.
+//! A real broker, a real daemon with a gateway and a Domain Maintainer, and a client of each. The
+//! first clock runs from the message to the broker until the Domain Maintainer, queried repeatedly
+//! over Zenoh, has the fact; each device sends five messages a second, more than real devices do
+//! for long. The second clock runs from the one text in which Zigbee2MQTT lists all its devices
+//! until all of them are present, and until they can be planned with.
 
 #[path = "../../../tests/support/broker.rs"]
 #[allow(dead_code, reason = "what tests need of a broker besides")]
@@ -28,15 +28,15 @@ use serde_json::{Value, json};
 use substrate_zenoh::Config;
 use support::{Figures, Machine, Outcome, PATIENCE};
 
-/// Thermometers of a building, and the words that they say.
+/// Number of thermometers in the building, and of their messages.
 const HOUSE: usize = 40;
 const WORDS: usize = 2_000;
 const WORD_MS: f64 = 10.0;
 
-/// Between two words of all of them.
+/// Time between two messages of all devices together.
 const BETWEEN: Duration = Duration::from_millis(5);
 
-/// Devices that are told of at once, and how often.
+/// Number of devices that are announced at once, and of rounds.
 const CROWD: usize = 500;
 const ROUNDS: usize = 10;
 const CROWD_MS: f64 = 2_000.0;
@@ -67,7 +67,7 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// Who listens on Zenoh, and speaks as devices do.
+/// A client that receives messages on Zenoh, and publishes messages of devices on MQTT.
 struct Client {
     switchboard: Arc<Switchboard>,
     device: Arc<Connection>,
@@ -88,7 +88,7 @@ impl Client {
         Ok(Client { switchboard, device })
     }
 
-    /// A device's word → a fact.
+    /// Measures the time from a device's message to a fact.
     async fn words(&self) -> Outcome<()> {
         let words = if support::is_whole() { WORDS } else { 5 };
         self.announce(HOUSE)?;
@@ -98,7 +98,7 @@ impl Client {
         for word in 0..words {
             next.tick().await;
             let device = word % HOUSE;
-            // A value that was never said before.
+            // A value that was never sent before.
             let celsius = f64::from(1_000 + u32::try_from(word)?) / 100.0;
             let fact = format!("(= (temperature office1) {celsius})");
             let began = Instant::now();
@@ -112,7 +112,7 @@ impl Client {
         Ok(())
     }
 
-    /// Hundreds of devices at once.
+    /// Measures the discovery of hundreds of devices at once.
     async fn crowd(&self) -> Outcome<()> {
         let (rounds, crowd) = if support::is_whole() { (ROUNDS, CROWD) } else { (1, 20) };
         let (mut present, mut offered) = (Figures::new(), Figures::new());

@@ -1,19 +1,20 @@
-//! Plug and play in milliseconds: from the launch of an agent until everybody can plan with it.
+//! Plug and play: the time from the launch of an agent until all others can plan with it.
 //!
 //! ```text
 //! cargo bench -p althing --bench joining
 //! ```
 //!
-//! The smart office runs in a process of its own. A thermometer that nobody knows is launched
+//! The smart office runs in a process of its own. An unknown thermometer is launched
 //!
-//! - in a daemon that is here already, a hundred times;
-//! - with a daemon of its own, a new process and a new router. Whoever comes later calls those who
-//!   are here, so it must not matter how it is called; both ends of the alphabet are measured;
-//! - with a daemon that was killed and is started again at once.
+//! - in a daemon that is present already, a hundred times;
+//! - with a daemon of its own, a new process and a new router. A daemon connects to those that
+//!   entered earlier, so its name must not matter; names at both ends of the alphabet are measured;
+//! - with a daemon that was killed and is restarted at once.
 //!
-//! The clock stops when every maintainer has been asked, and has answered that it knows the
-//! newcomer: the Domain Maintainer plans with it, it plans for itself, everyone else's domain has
-//! it. The announcement of the Domain Maintainer comes earlier, and is told, too.
+//! The clock stops when every maintainer has been queried, and has answered that it knows the
+//! newcomer: the Domain Maintainer and the newcomer itself plan with it, and the domains of all
+//! others contain it. The announcement of the Domain Maintainer comes earlier, and is reported,
+//! too.
 
 mod support;
 
@@ -32,13 +33,13 @@ use tokio::sync::mpsc;
 const AGENTS: usize = 100;
 const AGENT_AIM_MS: f64 = 30.0;
 
-/// Daemons whose names sort after all others, and before.
+/// Numbers of daemons with names that sort after all others, and before.
 const LAST: usize = 25;
 const FIRST: usize = 25;
 const DAEMON_AIM_MS: f64 = 150.0;
 
-/// A router that comes within 100 ms after another has left may be given its place among Zenoh's
-/// routes; what is measured is one that comes to a house at rest.
+/// A router that joins within 100 ms after another has left may get that one's place among Zenoh's
+/// routes; the benchmark measures routers that join an ecosystem at rest.
 const REST: Duration = Duration::from_millis(300);
 
 const ECOSYSTEM: &str = "smart-office";
@@ -46,15 +47,15 @@ const OFFICE: &str = include_str!("../../../ecosystems/smart-office.toml");
 const DOMAIN: &str = include_str!("../../../domains/smart-office/domain.pddl");
 const MAP: &str = include_str!("../../../domains/smart-office/map.pddl");
 
-/// The office's plugins that can do something, and so keep a domain of their own.
+/// The office's plugins of actuators: each of their agents has a domain of its own.
 const DEVICES: [&str; 5] =
     ["temperature-sensor", "sensor", "ir-temperature-sensor", "turtlebot", "ptz-camera"];
 
-/// The daemon of the office, and that of this process, which calls it.
+/// The daemon of the office, and that of this process, which connects to it.
 const HOUSE: &str = "house";
 const HERE: &str = "stand";
 
-/// Announcements that wait to be read.
+/// Most announcements that wait to be read.
 const HEARD_MAX: usize = 256;
 
 #[tokio::main]
@@ -72,13 +73,13 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// The office in its process, and a daemon here that looks on.
+/// The office in its process, and an observing daemon in this one.
 struct Bench {
     machine: Machine,
     switchboard: Arc<Switchboard>,
     host: Arc<Host>,
     changes: mpsc::Receiver<(Instant, EpochChange)>,
-    /// Who keeps a domain, without newcomers and the Domain Maintainer.
+    /// The agents with a domain of their own, without newcomers and the Domain Maintainer.
     devices: BTreeSet<String>,
     _office: Process,
 }
@@ -116,7 +117,7 @@ impl Bench {
         Ok(Bench { machine, switchboard, host, changes, devices, _office: office })
     }
 
-    /// New agents in this process's daemon, one after the other.
+    /// Measures new agents in this process's daemon, one after the other.
     async fn agents(&mut self, count: usize) -> Outcome<()> {
         let (mut announced, mut known) = (Figures::default(), Figures::default());
         for number in 0..count {
@@ -136,7 +137,7 @@ impl Bench {
         Ok(())
     }
 
-    /// New daemons with one agent each, one after the other.
+    /// Measures new daemons with one agent each, one after the other.
     async fn daemons(&mut self, house: &str, count: usize) -> Outcome<()> {
         let mut figures = [const { Figures::new() }; 3];
         for number in 0..count {
@@ -160,7 +161,7 @@ impl Bench {
         Ok(())
     }
 
-    /// Daemons that are killed and started again at once.
+    /// Measures daemons that are killed and restarted at once.
     async fn returns(&mut self, house: &str, count: usize) -> Outcome<()> {
         let mut figures = [const { Figures::new() }; 2];
         for number in 0..count {
@@ -186,7 +187,7 @@ impl Bench {
         Ok(())
     }
 
-    /// When the Domain Maintainer said that this agent has joined.
+    /// Returns the time at which the Domain Maintainer announced that this agent had joined.
     async fn joined(&mut self, name: &AgentId) -> Outcome<Instant> {
         self.heard(|change| change.joined.contains(name)).await
     }
@@ -205,14 +206,14 @@ impl Bench {
         }
     }
 
-    /// When all had answered that they know this agent.
+    /// Returns the time at which all maintainers had answered that they know this agent.
     async fn known_to_all(&self, name: &AgentId) -> Outcome<Instant> {
         let deadline = Instant::now() + PATIENCE;
         loop {
             let domains = support::domains(&self.switchboard, None).await;
             let know = domains.iter().filter(|domain| domain.problem.contains(name.as_str()));
             let plan = domains.iter().filter(|domain| domain.offers.contains_key(name));
-            // Its own maintainer, and the Domain Maintainer, plan with it.
+            // Its own maintainer and the Domain Maintainer plan with it.
             if know.count() == self.devices.len() + 2 && plan.count() == 2 {
                 return Ok(Instant::now());
             }
@@ -222,7 +223,7 @@ impl Bench {
         }
     }
 
-    /// When this agent had answered that it knows all devices of the office.
+    /// Returns the time at which this agent had answered that it knows all devices of the office.
     async fn knows_all(&self, name: &AgentId) -> Outcome<Instant> {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -238,7 +239,7 @@ impl Bench {
     }
 }
 
-/// Hears what the Domain Maintainer announces.
+/// Receives the announcements of the Domain Maintainer.
 struct Ear {
     tell: mpsc::Sender<(Instant, EpochChange)>,
 }
@@ -252,7 +253,7 @@ impl Agent for Ear {
 impl Ear {
     fn informed(&mut self, message: Message, _ctx: &mut Context<Self>) {
         if let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() {
-            // What does not fit is missed, and then waited for in vain: the benchmark says so.
+            // An announcement that does not fit is lost; the wait for it then ends with an error.
             let _ = self.tell.try_send((Instant::now(), change));
         }
     }
@@ -260,7 +261,7 @@ impl Ear {
 
 // === the ecosystem ===
 
-/// The office on one machine, and thermometers that are not here yet.
+/// Returns the office's file for one machine, with thermometers that are launched later.
 fn ecosystem(counts: &[(&str, usize)]) -> String {
     let lines = OFFICE.lines().map(|line| match line.split_once(" = ") {
         Some(("daemon", _)) => format!("daemon = \"{HOUSE}\"\n"),
@@ -282,7 +283,7 @@ fn ecosystem(counts: &[(&str, usize)]) -> String {
     text
 }
 
-/// No name is the beginning of another.
+/// Returns a name that is not the beginning of another name.
 fn name_of(house: &str, number: usize) -> String {
     format!("thermometer-{house}-{number:03}")
 }

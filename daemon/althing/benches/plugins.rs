@@ -1,15 +1,15 @@
-//! Plugins that run as processes: put in → planned with, killed → planned with again, and what an idle
-//! one holds.
+//! Plugins that run as processes: the time from installation until planning, the time from a kill
+//! until planning again, and the memory of an idle one.
 //!
 //! ```text
 //! cargo build --profile plugin --workspace --example sensor-process
 //! cargo bench -p althing --bench plugins
 //! ```
 //!
-//! A real daemon, and a package whose program is the plugin `sensor`, linked into a program of its own,
-//! confined as every plugin is. A folder is renamed into the folder of plugins, or the process gets a
-//! SIGKILL; the clock stops when the Domain Maintainer, asked again and again over Zenoh, can plan with
-//! its agent.
+//! A real daemon, and a package with the plugin `sensor`, linked into a program of its own and
+//! confined as every plugin. A folder is renamed into the folder of packages, or the process gets a
+//! SIGKILL; the clock stops when the Domain Maintainer, queried repeatedly over Zenoh, can plan
+//! with its agent.
 
 mod support;
 
@@ -28,7 +28,7 @@ const PUT_IN_MS: f64 = 500.0;
 const AGAIN_MS: f64 = 300.0;
 const MEMORY_MIB: f64 = 12.0;
 
-/// How long an idle plugin is left alone before it is weighed.
+/// How long an idle plugin is left alone before its memory is measured.
 const IDLE: Duration = Duration::from_secs(3);
 
 const ONTOLOGY: &str = include_str!("../../../domains/smart-office/domain.pddl");
@@ -65,7 +65,8 @@ async fn main() -> Outcome<()> {
         }
         let began = Instant::now();
         kill(before.pid.ok_or("it runs")?)?;
-        // Its proxy says at once that it offers nothing, and then that it does again.
+        // Its proxy announces at once that it offers nothing, and later that it offers its action
+        // again.
         await_other(&switchboard, before.pid).await?;
         await_offer(&switchboard, &agent, true).await?;
         again.push(began.elapsed());
@@ -86,7 +87,7 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// The plugin `sensor` as a program of its own.
+/// Returns the path of the plugin `sensor` as a program of its own.
 fn program() -> Outcome<PathBuf> {
     let deps = std::env::current_exe()?;
     let folder = deps.ancestors().nth(3).ok_or("the target folder")?;
@@ -98,7 +99,7 @@ fn program() -> Outcome<PathBuf> {
     Ok(program)
 }
 
-/// Puts the package into the folder of plugins, whole at once.
+/// Puts the package into the folder of packages, atomically.
 fn put(machine: &Machine, program: &Path) -> Outcome<()> {
     let made = machine.path().join(NAME);
     std::fs::create_dir(&made)?;
@@ -126,7 +127,7 @@ async fn enter(machine: &Machine) -> Outcome<Arc<Switchboard>> {
     Ok(switchboard)
 }
 
-/// Waits until the Domain Maintainer can plan with an agent, or cannot any more.
+/// Waits until the Domain Maintainer can plan with an agent, or no longer can.
 async fn await_offer(switchboard: &Switchboard, agent: &AgentId, wanted: bool) -> Outcome<()> {
     let deadline = Instant::now() + PATIENCE;
     let maintainer = AgentId::new("domain-maintainer").ok();
@@ -147,7 +148,7 @@ async fn status(switchboard: &Switchboard) -> Outcome<Status> {
     Ok(found.ok_or("it is not there")?)
 }
 
-/// Waits until another process of it runs.
+/// Waits until another process of the plugin runs.
 async fn await_other(switchboard: &Switchboard, before: Option<i32>) -> Outcome<()> {
     let deadline = Instant::now() + PATIENCE;
     while Instant::now() < deadline {
@@ -164,7 +165,7 @@ fn kill(pid: i32) -> Outcome<()> {
     Ok(rustix::process::kill_process(pid, rustix::process::Signal::KILL)?)
 }
 
-/// What a process holds, in MiB: all that is in memory, and what of that is its alone.
+/// Returns the memory of a process in MiB: all that is resident, and the private part of it.
 fn weigh(pid: i32) -> Outcome<Vec<(&'static str, f64)>> {
     let rollup = std::fs::read_to_string(format!("/proc/{pid}/smaps_rollup"))?;
     let of = |field: &str| {

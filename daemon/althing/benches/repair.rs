@@ -1,20 +1,20 @@
-//! A sensor's process is killed, or stands still: the time until the action that replaces it is
+//! A sensor's process is killed or stopped: the time until the action that replaces it is
 //! dispatched.
 //!
 //! ```text
 //! cargo bench -p althing --bench repair
 //! ```
 //!
-//! Scenario 1 of the paper in seeded buildings, a process for each machine, in both flows. The
-//! sensor hangs when it is asked, or has reported; then its process gets a SIGKILL. The clock
-//! stops when the first `request` of the next plan is heard on Zenoh, by a listener that takes no
-//! part. What the ecosystem is told to wait is taken off: the grace, where a running plan needs
-//! the sensor; the time for which what it said is still believed, where a kept goal rests on that;
-//! and of a process that was stopped (SIGSTOP), or whose cable was pulled, the lease, after which
-//! Zenoh says that it is gone. For cables every machine is a network namespace, and TLS is between
-//! them; that needs root, and is left out, loudly, without it.
+//! Scenario 1 of the paper in seeded buildings, with a process for each machine, in both flows. The
+//! sensor hangs when it is requested, or has reported; then its process gets a SIGKILL. The clock
+//! stops when a listener on Zenoh that takes no part receives the first `request` of the next plan.
+//! Times that the ecosystem waits by design are subtracted: the grace, if a running plan needs the
+//! sensor; the time for which its facts are still believed, if a kept goal depends on them; and for
+//! a process that was stopped (SIGSTOP), or cut off by a pulled cable, the lease, after which Zenoh
+//! reports that it is gone. For cables every machine is a network namespace, with TLS between them;
+//! that needs root, and is left out, with a note, without it.
 //!
-//! Who misses an aim ends with an exit code that says so.
+//! If an aim is missed, the exit code shows that.
 
 #[path = "../../../tests/support/mod.rs"]
 mod house;
@@ -40,18 +40,19 @@ use substrate_zenoh::{Config, Tap};
 use support::{Figures, Machine, Outcome, PATIENCE, Process};
 use tokio::sync::mpsc;
 
-/// Deaths in each flow of sensors that a plan needs, and of those on whose word a goal rests.
+/// Number of deaths in each flow: of sensors that a plan needs, and of sensors with facts that a
+/// goal depends on.
 const DEATHS: [usize; 2] = [15, 7];
 const AIMS_MS: [f64; 2] = [50.0, 150.0];
 
-/// Freezes in each flow with each lease, and as many pulled cables.
+/// Number of stopped processes in each flow with each lease, and of pulled cables.
 const FREEZES: usize = 7;
 const LEASES: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(4)];
 const FREEZE_AIM_MS: f64 = 100.0;
 
 const GOAL: &str = "(forall (?r - room) (known-temperature ?r))";
 
-/// Requests to actuators that wait to be read.
+/// Most requests to actuators that wait to be read.
 const ACTS_MAX: usize = 1_024;
 
 #[tokio::main]
@@ -87,7 +88,7 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// Plays what is noticed when a lease has passed.
+/// Measures faults that are detected after a lease.
 async fn silences(mode: Mode, means: Means, how: &str) -> Outcome<()> {
     let (Means::Freeze(lease) | Means::Pull(lease)) = means else { return Ok(()) };
     let mut figures = Figures::default();
@@ -97,7 +98,7 @@ async fn silences(mode: Mode, means: Means, how: &str) -> Outcome<()> {
     for scenario in seeds.take(times) {
         let took = death(&scenario, mode, means).await;
         let took = took.map_err(|error| format!("seed {}, {how}: {error}", scenario.seed))?;
-        // The lease counts from the last sign of life, which is up to a quarter older.
+        // The lease starts at the last keep-alive, which is up to a quarter of the lease earlier.
         figures.push(took.saturating_sub(lease + grace));
     }
     let what = format!("a plan needs it, `grace` and a lease of {lease:?} taken off");
@@ -106,27 +107,27 @@ async fn silences(mode: Mode, means: Means, how: &str) -> Outcome<()> {
     Ok(())
 }
 
-/// How a process comes to its end.
+/// The fault of a process.
 #[derive(Clone, Copy)]
 enum Means {
-    /// By a SIGKILL.
+    /// The process is killed by a SIGKILL.
     Kill,
-    /// It stands still, and Zenoh has this lease.
+    /// The process is stopped, and Zenoh has this lease.
     Freeze(Duration),
-    /// Its machine's cable is pulled, and Zenoh has this lease.
+    /// The cable of its machine is pulled, and Zenoh has this lease.
     Pull(Duration),
 }
 
-/// Where daemons run.
+/// The machines of the daemons.
 enum Running {
-    /// On this machine.
+    /// All daemons run on this machine.
     Here(Machine, BTreeMap<String, Process>),
-    /// On machines of their own.
+    /// Each daemon runs on a machine of its own, a network namespace.
     OnWires(wires::Wires),
 }
 
-/// Plays one scenario until the sensor's process is killed; how long until the next plan's first
-/// action was dispatched.
+/// Plays one scenario until the fault of the sensor's process. Returns the time until the next
+/// plan's first action was dispatched.
 async fn death(scenario: &SeededScenario, mode: Mode, means: Means) -> Outcome<Duration> {
     let mut stage = Stage::set(scenario, mode, means).await?;
     scenario.arm(&stage.building, Fault::Hangs)?;
@@ -152,7 +153,7 @@ async fn death(scenario: &SeededScenario, mode: Mode, means: Means) -> Outcome<D
     Ok(dispatched - killed)
 }
 
-/// A building, its machines, a person, and a listener.
+/// A building, its machines, a user, and a listener.
 struct Stage {
     building: Building,
     running: Running,
@@ -187,7 +188,7 @@ impl Stage {
         Ok(Stage { building, running, dying, terminal, acts, round, _tap, _server })
     }
 
-    /// Brings the process of the sensor to its end.
+    /// Injects the fault into the sensor's process.
     fn end(&mut self, means: Means) -> Outcome<()> {
         match &mut self.running {
             Running::OnWires(wires) => wires.pull(&self.dying),
@@ -214,7 +215,7 @@ impl Stage {
         }
     }
 
-    /// Waits until it is heard that an agent was asked to act: the building knows earlier.
+    /// Waits until a request to an agent to act is received; the building knows earlier.
     async fn asked(&mut self, agent: &str) -> Outcome<()> {
         loop {
             let act = self.next_act().await?.1;
@@ -225,7 +226,7 @@ impl Stage {
         }
     }
 
-    /// The number of the plan that is carried out now.
+    /// Returns the number of the plan that is carried out now.
     fn rounds_so_far(&mut self) -> u32 {
         while let Ok((_, act)) = self.acts.try_recv() {
             self.round = self.round.max(act.token.round);
@@ -233,7 +234,7 @@ impl Stage {
         self.round
     }
 
-    /// When the first action of a plan after this one was asked for.
+    /// Returns the time at which the first action of a later plan was requested.
     async fn dispatched_after(&mut self, round: u32, dead: &str) -> Outcome<Instant> {
         loop {
             let (at, act) = self.next_act().await?;
@@ -285,13 +286,14 @@ async fn on_wires(
 ) -> Outcome<(Running, building::Server)> {
     let mut wires = wires::Wires::lay(&scenario.layout, zenoh)?;
     let server = building::serve(building.handle(), &wires.socket()).await?;
-    // It waits for each daemon, which meets its building in this process meanwhile.
+    // Blocking: it waits for each daemon, and each daemon connects to its building in this process
+    // meanwhile.
     tokio::task::block_in_place(|| wires.up(mode));
     Ok((Running::OnWires(wires), server))
 }
 
 impl Running {
-    /// A client of the daemon that reasons.
+    /// Returns the configuration of a client of the reasoning daemon.
     fn client(&self, name: &str) -> Outcome<Config> {
         match self {
             Running::OnWires(wires) => wires.client(name),
@@ -305,7 +307,7 @@ impl Running {
     }
 }
 
-/// The daemon of the sensor that dies.
+/// Returns the daemon of the sensor that dies.
 fn dying(scenario: &SeededScenario) -> Outcome<String> {
     let folder = Machine::new()?;
     Setting::new("scenario-1", &scenario.layout).write(folder.path(), None)?;
@@ -314,7 +316,7 @@ fn dying(scenario: &SeededScenario) -> Outcome<String> {
     Ok(dying.ok_or("the sensor is no agent")?.daemon.clone())
 }
 
-/// A keyboard for the person, when all devices can be planned with.
+/// Launches a keyboard for the user, once all devices can be planned with.
 async fn enter(config: Config, scenario: &SeededScenario) -> Outcome<Terminal> {
     let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
     let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
@@ -326,12 +328,12 @@ async fn enter(config: Config, scenario: &SeededScenario) -> Outcome<Terminal> {
     Ok(terminal)
 }
 
-/// Keeps what an actuator is asked to do, and when.
+/// Records a request to an actuator, and its time.
 fn hear(payload: &Bytes, tell: &mpsc::Sender<(Instant, Act)>) {
     let at = Instant::now();
     let Ok(message) = acl::decode(payload) else { return };
     if let Some(act) = act(&message) {
-        // What does not fit is missed, and then waited for in vain: the benchmark says so.
+        // A request that does not fit is lost; the wait for it then ends with an error.
         let _ = tell.try_send((at, act));
     }
 }

@@ -1,12 +1,12 @@
-//! What a daemon with ten simulated devices costs: the time from its start until it is ready, and
-//! the memory it then holds.
+//! The cost of a daemon with ten simulated devices: the time from its start until it is ready, and
+//! its memory then.
 //!
 //! ```text
 //! cargo bench -p althing --bench start [-- RUNS]
 //! ```
 //!
-//! Each run is a process of its own, in folders of its own, ended when it has been measured. The
-//! clock runs from before the process exists to the line that says that its agents are here.
+//! Each run is a process of its own, in folders of its own, ended after its measurement. The clock
+//! runs from before the process exists to the line that reports that its agents are present.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -16,13 +16,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Starts when nobody says how many.
+/// Default number of starts.
 const RUNS: usize = 20;
 
 /// The rooms with a thermometer; with a robot and its sensor they make ten devices.
 const ROOMS: usize = 8;
 
-/// Three heartbeats: everybody has heard everybody, and models are composed.
+/// Three heartbeats: all agents know each other, and the domain is composed.
 const SETTLING: Duration = Duration::from_secs(3);
 
 const READY_AIM_MS: f64 = 150.0;
@@ -54,7 +54,7 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-/// How many runs were asked for; one where Cargo only tries whether the benchmark runs.
+/// Returns the number of runs; one if Cargo only checks that the benchmark runs.
 fn runs() -> Outcome<usize> {
     let arguments: Vec<_> = std::env::args().skip(1).collect();
     let default = if arguments.iter().any(|argument| argument == "--bench") { RUNS } else { 1 };
@@ -66,7 +66,7 @@ fn verdict(is_reached: bool) -> &'static str {
     if is_reached { "reached" } else { "missed" }
 }
 
-/// A daemon that is ready; ended when dropped.
+/// A daemon that is ready; it is killed when this is dropped.
 struct Daemon {
     process: Child,
     ready: Duration,
@@ -87,7 +87,7 @@ impl Daemon {
             .stdout(Stdio::piped())
             .spawn()?;
         let stdout = process.stdout.take().ok_or("the daemon has no standard output")?;
-        // Owned from here on, so that it ends whatever is wrong with its words.
+        // Owned from here on, so that the process ends also if its output is wrong.
         let mut daemon = Daemon { process, ready: Duration::ZERO, _folder: folder };
         for line in BufReader::new(stdout).lines() {
             if line?.contains("is ready") {
@@ -98,7 +98,7 @@ impl Daemon {
         Err("the daemon ended before it was ready".into())
     }
 
-    /// A line of the process's status, which Linux tells in KiB.
+    /// Returns a value of the process's status, which Linux gives in KiB, in MiB.
     fn memory_mib(&self, field: &str) -> Outcome<f64> {
         let status = fs::read_to_string(format!("/proc/{}/status", self.process.id()))?;
         let line = status.lines().find_map(|line| line.strip_prefix(field));
@@ -110,7 +110,7 @@ impl Daemon {
 
 impl Drop for Daemon {
     fn drop(&mut self) {
-        // If it has ended already, all the better.
+        // The process may have ended already.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
@@ -129,7 +129,7 @@ fn write_ecosystem(folder: &Path) -> Outcome<PathBuf> {
     Ok(file)
 }
 
-/// One corridor, and rooms that open to it.
+/// Returns a map with one corridor, and rooms that are connected to it.
 fn map() -> String {
     let (mut rooms, mut doors) = (String::new(), String::new());
     for room in 1..=ROOMS {

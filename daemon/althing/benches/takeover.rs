@@ -1,20 +1,21 @@
-//! The machine that reasons is killed in the middle of a plan: the time until another goes on with
-//! it.
+//! The machine with the leading reasoning agents is killed in the middle of a plan: the time until
+//! a standby continues it.
 //!
 //! ```text
 //! cargo bench -p althing --bench takeover
 //! ```
 //!
-//! A robot is on its way to measure a temperature, a process for each machine, in both flows. The
-//! machine that hosts the Plan Requester, the Plan Executor, or all who reason gets a SIGKILL;
-//! another machine stands by. The clock stops when who took over asks for the plan, or for its
-//! action, as a listener on Zenoh hears it. Nothing is waited for by design, so nothing is taken
-//! off. The goal must then be reached by the plan that was under way.
+//! A robot is on its way to measure a temperature, with a process for each machine, in both flows.
+//! The machine that hosts the Plan Requester, the Plan Executor, or all reasoning agents gets a
+//! SIGKILL; another machine hosts the standbys. The clock stops when the new leader requests the
+//! plan or its action, as received by a listener on Zenoh. There is no waiting by design, so
+//! nothing is subtracted. The goal must then be reached by the plan that was under way.
 //!
-//! Where one Planning Agent plans for all, its machine is also killed while it is asked for the plan:
-//! it stands still, so that it cannot answer before. Then the clock stops at the first action.
+//! In the centralised flow the machine of the Planning Agent is also killed while the plan is
+//! requested from it: it is stopped before, so that it cannot answer earlier. Then the clock stops
+//! at the first action.
 //!
-//! Who misses the aim ends with an exit code that says so.
+//! If the aim is missed, the exit code shows that.
 
 mod support;
 
@@ -31,7 +32,7 @@ use substrate_zenoh::{Config, Tap};
 use support::{Figures, Machine, Outcome, PATIENCE, Process};
 use tokio::sync::mpsc;
 
-/// Deaths of each kind in each flow.
+/// Number of deaths of each kind in each flow.
 const DEATHS: usize = 20;
 const AIM_MS: f64 = 500.0;
 
@@ -42,10 +43,10 @@ const GOAL: &str = "(known-temperature office2)";
 const PLANNER: &str = "planning-agent";
 const REASONING: [&str; 4] = ["domain-maintainer", "plan-requester", PLANNER, "plan-executor"];
 
-/// Journals that must have the plan before anybody is killed: as many as a goal is kept by.
+/// Number of Journals that must have the plan before the machine is killed: as many as keep a goal.
 const KEPT_BY: usize = 2;
 
-/// Requests that wait to be read.
+/// Most requests that wait to be read.
 const HEARD_MAX: usize = 1_024;
 
 #[tokio::main]
@@ -55,7 +56,7 @@ async fn main() -> Outcome<()> {
         println!("{mode}");
         for who in [&["plan-requester"][..], &["plan-executor"], &REASONING, &[PLANNER]] {
             if who == [PLANNER] && mode == Mode::Decentralized {
-                // There each device plans for itself.
+                // In the decentralised flow each device plans for itself.
                 continue;
             }
             let mut figures = Figures::default();
@@ -71,14 +72,14 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// What was asked, by which life of whom, and when.
+/// A request, the incarnation of its sender, and its time.
 struct Asked {
     at: Instant,
     by: (AgentId, Incarnation),
     what: What,
 }
 
-/// What is asked for on the way to a goal.
+/// The kinds of requests on the way to a goal.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum What {
     Plan,
@@ -86,7 +87,7 @@ enum What {
     Action,
 }
 
-/// Plays one death; how long until somebody went on.
+/// Plays one death. Returns the time until a standby continued.
 async fn play(who: &[&str], mode: Mode) -> Outcome<Duration> {
     let machine = Machine::new()?;
     std::fs::write(machine.path().join("domain.pddl"), ONTOLOGY)?;
@@ -95,14 +96,14 @@ async fn play(who: &[&str], mode: Mode) -> Outcome<Duration> {
     let mut processes = BTreeMap::new();
     for daemon in ["alpha", "beta", "gamma"] {
         let mut process = machine.start(daemon, &mode.to_string())?;
-        // One after the other: who comes first acts.
+        // One after the other, so that the first one becomes the leader.
         process.ready().await?;
         processes.insert(daemon, process);
     }
     let (tell, mut heard) = mpsc::channel(HEARD_MAX);
     let hear = move |payload: &Bytes| {
         if let Some(asked) = asked(payload) {
-            // What does not fit is missed, and then waited for in vain: the benchmark says so.
+            // A request that does not fit is lost; the wait for it then ends with an error.
             let _ = tell.try_send(asked);
         }
     };
@@ -136,7 +137,8 @@ async fn play(who: &[&str], mode: Mode) -> Outcome<Duration> {
     Ok(took)
 }
 
-/// Kills who stands still before the plan that it is asked for; how long until an action is asked for.
+/// Kills the stopped machine when the plan is requested from it. Returns the time until an action
+/// is requested.
 async fn death_of_planner(
     dying: &mut Process,
     heard: &mut mpsc::Receiver<Asked>,
@@ -147,8 +149,8 @@ async fn death_of_planner(
     Ok(next(heard, |asked| asked.what == What::Action).await?.at - killed)
 }
 
-/// Kills it when the plan is carried out, and Journals have it; how long until another asks for what
-/// comes next.
+/// Kills the machine when the plan is carried out and Journals have it. Returns the time until the
+/// new leader sends the next request.
 async fn death_on_the_way(
     dying: &mut Process,
     heard: &mut mpsc::Receiver<Asked>,
@@ -164,7 +166,7 @@ async fn death_on_the_way(
     Ok(taken_over.await?.at - killed)
 }
 
-/// Waits until enough Journals say that they have the plan.
+/// Waits until enough Journals report that they have the plan.
 async fn until_kept(person: &Person) -> Outcome<()> {
     let deadline = Instant::now() + PATIENCE;
     let has_plan = |answer: &Bytes| {
@@ -193,7 +195,7 @@ async fn next(heard: &mut mpsc::Receiver<Asked>, is_it: impl Fn(&Asked) -> bool)
     }
 }
 
-/// Waits until the goal is reached; how many plans were made for it.
+/// Waits until the goal is reached. Returns the number of plans that were made for it.
 async fn until_done(terminal: &mut Terminal) -> Outcome<usize> {
     let mut plans = 0;
     loop {
@@ -221,13 +223,13 @@ fn asked(payload: &Bytes) -> Option<Asked> {
     Some(Asked { at, by: (message.sender, message.incarnation), what })
 }
 
-/// Who asks for goals, and can ask the Journals.
+/// A user that requests goals, and can query the Journals.
 struct Person {
     terminal: Terminal,
     switchboard: Arc<Switchboard>,
 }
 
-/// A keyboard for the person, when the robot can be planned with.
+/// Launches a keyboard for the user, once the robot can be planned with.
 async fn enter(machine: &Machine) -> Outcome<Person> {
     let config = client(machine, "person")?;
     let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
@@ -240,7 +242,7 @@ async fn enter(machine: &Machine) -> Outcome<Person> {
     Ok(Person { terminal, switchboard })
 }
 
-/// A client of the daemon that lives.
+/// Returns the configuration of a client of the daemon that is not killed.
 fn client(machine: &Machine, name: &str) -> Outcome<Config> {
     let mut config = Config::new(EcosystemId::new("takeover")?, DaemonId::new(name)?);
     config.mode = substrate_zenoh::Mode::Client;
@@ -248,8 +250,8 @@ fn client(machine: &Machine, name: &str) -> Outcome<Config> {
     Ok(config)
 }
 
-/// `alpha` and `beta` host those who are to die, `gamma` the others, and a robot that carries a
-/// thermometer.
+/// Returns an ecosystem in which `alpha` and `beta` host the agents in `who`, and `gamma` the
+/// others and a robot that carries a thermometer.
 fn ecosystem(who: &[&str]) -> String {
     let mut text = "[ecosystem]\nname = \"takeover\"\ndomain = \"domain.pddl\"\n\
                     problem = \"map.pddl\"\n\n[building]\ntime-scale = 0.05\n\n"

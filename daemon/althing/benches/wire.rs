@@ -1,14 +1,14 @@
-//! What a goal costs on the wire: messages and bytes, from its request to its outcome, in both
-//! flows, with ten, fifty and a hundred devices.
+//! The cost of a goal in messages and bytes, from its request to its outcome, in both flows, with
+//! ten, fifty and a hundred devices.
 //!
 //! ```text
 //! cargo bench -p althing --bench wire [-- --kinds]
 //! ```
 //!
-//! Buildings of the campus generator, in memory, under paused time: the same on every machine.
-//! Counted is what agents hand to the substrate, also for agents of their own daemon, where Zenoh
-//! would send nothing; a message to all counts once. Bytes are payloads. Heartbeats are not the
-//! goal's, and told apart.
+//! Buildings of the campus generator, in memory, in paused time, so the results are the same on
+//! every machine. Everything that agents pass to the substrate counts, also messages to agents of
+//! the same daemon, for which Zenoh would send nothing; a message to all counts once. Bytes are
+//! payloads. Heartbeats do not belong to the goal, and are counted separately.
 //!
 //! Fails if a device's share grows from the smallest building to the largest.
 
@@ -28,22 +28,23 @@ use substrate::memory::Network;
 use substrate::{Address, Ask, BoxFuture, SendError, Subject, Substrate, Through};
 use support::{Entry, Outcome};
 
-/// As in `ecosystems/campus.toml`.
+/// The same value as in `ecosystems/campus.toml`.
 const SEED: u64 = 1;
 
-/// Buildings, by their devices: multiples of half a house.
+/// The buildings, by their number of devices: multiples of half a house.
 const SIZES: [usize; 3] = [10, 50, 100];
 
-/// How much greater a device's share may be in the largest building than in the smallest.
+/// Largest allowed ratio of a device's share in the largest building to that in the smallest.
 const GROWTH_MAX: f64 = 1.5;
 
-/// Five heartbeats: everybody has heard everybody.
+/// Five heartbeats: all agents know each other.
 const SETTLING: Duration = Duration::from_secs(5);
 
-/// After the outcome: receipts that wait for company, and what follows from the last step.
+/// Time after the outcome for receipts that wait to be batched, and for the consequences of the
+/// last step.
 const ENDING: Duration = Duration::from_secs(1);
 
-/// As `ecosystems/campus.toml` has it; what is slow is this process, not the wire.
+/// The same value as in `ecosystems/campus.toml`; this process is slow, not the network.
 const PROPOSALS_DEADLINE: Duration = Duration::from_secs(20);
 
 const DOMAIN: &str = include_str!("../../../domains/campus/domain.pddl");
@@ -95,12 +96,12 @@ fn main() -> Outcome<ExitCode> {
     Ok(if is_linear { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// What is asked for.
+/// The goal that is requested.
 #[derive(Clone, Copy)]
 enum Aim {
-    /// One thermometer is asked.
+    /// One thermometer is requested to measure.
     OneRoom,
-    /// Every thermometer is: the goal grows with the building.
+    /// Every thermometer is requested to measure, so the goal grows with the building.
     EveryRoom,
 }
 
@@ -125,7 +126,7 @@ impl Aim {
     }
 }
 
-/// Plays one goal in a building with so many devices.
+/// Plays one goal in a building with this number of devices.
 async fn cost(count: usize, mode: Mode, aim: Aim) -> Outcome<Arc<Counts>> {
     let campus = Campus::seeded(SEED, count.div_ceil(DEVICES_PER_HOUSE));
     let devices = first_of(&campus, count);
@@ -167,8 +168,8 @@ async fn cost(count: usize, mode: Mode, aim: Aim) -> Outcome<Arc<Counts>> {
     Ok(counts)
 }
 
-/// The devices of the smallest buildings, half a house at a time: eight thermometers, and a robot
-/// with its sensor.
+/// Returns the devices of the smallest buildings, half a house at a time: eight thermometers, and a
+/// robot with its sensor.
 fn first_of(campus: &Campus, count: usize) -> Vec<&Device> {
     let mut devices = Vec::new();
     for house in campus.layout().devices().chunks(DEVICES_PER_HOUSE) {
@@ -183,7 +184,7 @@ fn first_of(campus: &Campus, count: usize) -> Vec<&Device> {
     devices
 }
 
-/// A daemon of this process, all of whose sending is counted.
+/// Opens a daemon in this process; everything that it sends is counted.
 fn open(
     network: &Network,
     name: &str,
@@ -198,7 +199,7 @@ fn open(
     Ok(switchboard)
 }
 
-/// Wishes, and waits until it is so.
+/// Requests a goal, and waits until it is reached.
 async fn reach(terminal: &mut Terminal, goal: String) -> Outcome<()> {
     let wish = Wish {
         goal,
@@ -219,7 +220,7 @@ async fn reach(terminal: &mut Terminal, goal: String) -> Outcome<()> {
 
 // === counting ===
 
-/// What was handed over, by kind: how often, and how many bytes.
+/// The number and the bytes of messages that were sent, by kind.
 #[derive(Default)]
 struct Counts(Mutex<BTreeMap<&'static str, (u64, u64)>>);
 
@@ -238,7 +239,7 @@ impl Counts {
         self.with(BTreeMap::clear);
     }
 
-    /// All but heartbeats.
+    /// Returns the sum of all kinds except heartbeats.
     fn of_goal(&self) -> (u64, u64) {
         self.with(|kinds| {
             let of_goal = kinds.iter().filter(|(kind, _)| **kind != HEARTBEATS);
@@ -259,7 +260,7 @@ impl Counts {
     }
 }
 
-/// A daemon's end of the wire, with a counter on it.
+/// A daemon's substrate with a counter.
 struct Counted {
     port: Arc<dyn Substrate>,
     counts: Arc<Counts>,

@@ -1,7 +1,7 @@
-//! The command line: what can be asked for. Says nothing of how it is done.
+//! The command line: its commands and their arguments. What they do is in [`crate::commands`].
 //!
-//! The first screen is written by hand, for a stranger with a terminal of 80 × 24; a test keeps it
-//! in step with the commands below.
+//! The first screen is written by hand, for new users with a terminal of 80 × 24; a test checks
+//! that it lists the commands below.
 
 pub(crate) mod cert;
 pub(crate) mod plugin;
@@ -15,7 +15,7 @@ use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use terminal::arguments::{PrintArgs, seconds};
 use terminal::exit;
 
-/// What a stranger sees first.
+/// The text that is printed without arguments.
 const FIRST_SCREEN: &str = "\
 Althing: the sensors, robots, screens and people of a building plan together.
 
@@ -636,7 +636,8 @@ impl From<ModeArg> for agent::Mode {
     }
 }
 
-/// Reads the command line; where there is nothing to do but to print, does that.
+/// Parses the command line. If there is only something to print, such as help, prints it and
+/// returns the exit code as the error.
 pub(crate) fn parse() -> Result<Cli, ExitCode> {
     if std::env::args_os().len() == 1 {
         return Err(terminal::output::print(FIRST_SCREEN, exit::DONE));
@@ -667,8 +668,8 @@ mod tests {
         }
     }
 
-    /// What is written below the options has lines of its own; a line that is wider than the
-    /// terminal would be broken a second time.
+    /// Checks that the texts below the options fit into 80 columns. Their lines are broken by hand,
+    /// and a longer one would be broken a second time.
     #[test]
     fn what_is_written_below_the_options_fits_a_terminal() {
         fn all(command: &clap::Command, seen: &mut Vec<String>) {

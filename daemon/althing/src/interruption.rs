@@ -1,4 +1,4 @@
-//! How the process is told to stop: by signals, and by whoever read what it prints.
+//! How the process is asked to stop: by signals, or because the reader of its output is gone.
 
 use std::os::fd::AsFd as _;
 use std::os::unix::fs::FileTypeExt as _;
@@ -8,13 +8,14 @@ use rustix::io::Errno;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 
-/// Whether the process has been told to stop, by SIGINT or SIGTERM, whose number comes. Listens
-/// from the call on, not only from when it is first polled: who has said that he is ready must not
-/// die of the answer. Where signals cannot be listened to, they end the process as they always do.
+/// Waits for SIGINT or SIGTERM, and returns the signal's number. Handlers are installed by the call
+/// itself, not by the first poll: a process that has reported that it is ready must not be killed
+/// by a signal that follows at once. If handlers cannot be installed, the signals end the process
+/// as usual, and the future never completes.
 ///
 /// # Panics
 ///
-/// Outside of a tokio runtime.
+/// Panics outside of a tokio runtime.
 pub(crate) fn interrupted() -> impl Future<Output = i32> {
     let (interrupt, terminate) = (SignalKind::interrupt(), SignalKind::terminate());
     let listening = (signal(interrupt), signal(terminate));
@@ -29,16 +30,16 @@ pub(crate) fn interrupted() -> impl Future<Output = i32> {
     }
 }
 
-/// Waits until nobody reads stdout any more (`althing watch | head`). A write would find out too, and
-/// may be hours away. Where stdout is no pipe, that never comes.
+/// Waits until the reader of stdout is gone (`althing watch | head`). A write would detect that
+/// too, but may be hours away. If stdout is not a pipe or socket, this never completes.
 pub(crate) fn reader_gone() -> impl Future<Output = ()> {
     let (tell, gone) = oneshot::channel();
     if is_pipe() {
-        // A thread of its own, which ends with the process: nothing else wakes it.
+        // A thread of its own, which ends with the process, because the poll cannot be cancelled.
         std::thread::spawn(move || {
             let stdout = std::io::stdout();
             let mut watched = [PollFd::from_borrowed_fd(stdout.as_fd(), PollFlags::empty())];
-            // A signal interrupts the wait, and no more.
+            // A signal interrupts the poll, which is then repeated.
             while matches!(poll(&mut watched, None), Ok(_) | Err(Errno::INTR)) {
                 if watched[0].revents().intersects(PollFlags::ERR | PollFlags::HUP) {
                     let _ = tell.send(());
@@ -54,7 +55,7 @@ pub(crate) fn reader_gone() -> impl Future<Output = ()> {
     }
 }
 
-/// Whether stdout leads to another process.
+/// Whether stdout is a pipe or a socket.
 fn is_pipe() -> bool {
     let about = std::fs::metadata("/proc/self/fd/1");
     about.is_ok_and(|about| about.file_type().is_fifo() || about.file_type().is_socket())
@@ -69,7 +70,7 @@ mod tests {
     #[tokio::test]
     async fn a_signal_that_comes_before_anybody_waits_is_heard() {
         let interrupted = interrupted();
-        // Were nobody listening yet, this would end the tests.
+        // Without installed handlers, this would end the tests.
         kill_process(getpid(), Signal::TERM).expect("our own process");
         assert_eq!(interrupted.await, Signal::TERM.as_raw());
     }

@@ -1,7 +1,7 @@
-//! The log: for who runs the daemon, on stderr, quiet unless asked.
+//! The log: for the operator of the daemon, on stderr, quiet by default.
 //!
-//! `ALTHING_LOG` speaks the language of `tracing`'s filters (`info`, `agent=debug`) and wins over
-//! `-v`; results and mistakes are never logged, they are printed.
+//! `ALTHING_LOG` uses the syntax of `tracing`'s filters (`info`, `agent=debug`) and overrides `-v`;
+//! results and mistakes of the user are never logged, they are printed.
 
 use terminal::visible;
 use tracing_subscriber::field::MakeExt as _;
@@ -10,25 +10,25 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _, fmt, registry};
 
-/// The variable that says what is logged.
+/// The environment variable with the filter.
 const VARIABLE: &str = "ALTHING_LOG";
 
-/// Begins to log. What cannot be read of the filter is left out, and said so.
+/// Starts logging. A filter that cannot be parsed is ignored, with a note to the user.
 pub(crate) fn start(verbose: u8) {
     let asked = std::env::var(VARIABLE).ok().filter(|filter| !filter.trim().is_empty());
-    // Who asks for more of Zenoh reads its errors as they are.
+    // With an explicit filter or `-vv`, Zenoh's errors are logged unchanged.
     let is_plain = asked.is_none() && verbose < 2;
     let filter = asked.unwrap_or_else(|| level(verbose).to_owned());
     let filter = EnvFilter::builder().parse(&filter).unwrap_or_else(|err| {
         terminal::output::note(&format!("{VARIABLE}={filter} is left out: {err}"));
         EnvFilter::new(level(verbose))
     });
-    // What others said stands in the fields; the rest of a line is ours.
+    // Fields may contain text from outside, so their control characters are made visible.
     let fields = fmt::format::debug_fn(|writer, field, value| {
         let value = format!("{value:?}");
         match field.name() {
             "message" => write!(writer, "{}", visible::line(&value)),
-            // Where a line of the crate `log` came from stands before it already.
+            // The origin of a record of the crate `log` is printed in front of it already.
             name if name.starts_with("log.") => Ok(()),
             name => write!(writer, "{name}={}", visible::line(&value)),
         }
@@ -42,13 +42,14 @@ pub(crate) fn start(verbose: u8) {
                 move |about| !is_plain || !substrate_zenoh::is_error_of_zenoh(about),
             )));
     let plain = is_plain.then(substrate_zenoh::plain_words);
-    // A second start, in a test, changes nothing.
+    // A second call, as in tests, has no effect.
     let _ = registry().with(lines).with(plain).with(substrate_zenoh::too_long()).try_init();
 }
 
-/// What `-v` means. Zenoh tells much that is of use to nobody who does not work on Zenoh: its sessions,
-/// that something came before the name it goes by, where routers still tell each other what is there.
-/// Agents say again what nobody has received. Its errors are told by `substrate_zenoh::plain_words`.
+/// Returns the filter for a number of `-v`. Zenoh logs much that only its developers need: its
+/// sessions, messages that arrive before the declaration of their key, exchanges between routers.
+/// These appear only at higher levels; nothing is lost without them, because agents resend what
+/// was not received. Zenoh's errors are reported by `substrate_zenoh::plain_words`.
 fn level(verbose: u8) -> &'static str {
     match verbose {
         0 => "warn,zenoh=error,zenoh::api::session=off",

@@ -1,13 +1,15 @@
-//! `althing`: one binary per machine. This file is the table of contents of the process.
+//! `althing`: one binary per machine. This file lists the parts of the process.
 //!
-//! 1. [`cli`] reads the command line, 2. [`commands`] has one function per command, 3.
-//!    [`terminal::exit`] names what the process ends with.
+//! 1. [`cli`] parses the command line.
+//! 2. [`commands`] has one function per command.
+//! 3. [`terminal::exit`] names the exit codes.
 //!
-//! Around them: [`prompt`] (a person at a terminal), [`hosting`] (one daemon and its agents), [`plugins`] (the table of them), [`scenario`]
-//! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`review`] (what is wrong
-//! with it beyond its shape), [`logging`],
-//! [`service_manager`] (what systemd is told), [`interruption`] (what it, or Ctrl-C, tells us). How
-//! files are read, and mistakes and results shown, is the crate [`terminal`]'s; `althing plan` is
+//! Other parts: [`prompt`] (the interactive prompt), [`hosting`] (one daemon and its agents),
+//! [`plugins`] (the table of built-in plugins), [`scenario`] (the paper's demonstrations),
+//! [`config`] (reading the ecosystem file), [`review`] (checks beyond the form of that file),
+//! [`interfacing`] (interfaces to other ecosystems), [`logging`], [`service_manager`]
+//! (notifications to systemd), [`interruption`] (signals and closed pipes). Reading files and
+//! displaying mistakes and results is left to the crate [`terminal`]; `althing plan` is in
 //! [`althing_plan`].
 
 mod cli;
@@ -41,7 +43,8 @@ fn main() -> ExitCode {
     commands::run(cli.command)
 }
 
-/// A panic may hold what others said, and a terminal obeys what it is sent.
+/// Installs a panic hook that escapes control characters: a panic message may contain text from
+/// outside, and a terminal would obey control characters in it.
 fn tell_panics_safely() {
     std::panic::set_hook(Box::new(|panic| {
         let thread = std::thread::current();

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::config::AgentEntry;
 
-/// All of them, in the order in which they are listed for people.
+/// All built-in plugins, in the order in which they are listed for users.
 pub(crate) const PLUGINS: &[PluginEntry] = &[
     domain_maintainer::PLUGIN,
     plan_requester::PLUGIN,
@@ -31,14 +31,15 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     video_robot::PLUGIN,
 ];
 
-/// The plugin of this name.
+/// Returns the plugin of this name.
 pub(crate) fn find(name: &str) -> Option<&'static PluginEntry> {
     PLUGINS.iter().find(|plugin| plugin.name == name)
 }
 
-/// Who asks a daemon's people, where its file wants them to be asked.
+/// Returns the entry of the agent that asks the people at a daemon to admit new agents, for
+/// ecosystem files that require that.
 pub(crate) fn doorkeeper(daemon: &DaemonId) -> AgentEntry {
-    // As much of the daemon's name as a name has room for.
+    // The daemon's name is cut to the length that a name may have.
     let daemon_name: String = daemon.as_str().chars().take(48).collect();
     let name = AgentId::new(&format!("doorkeeper-{daemon_name}"));
     AgentEntry {
@@ -52,7 +53,7 @@ pub(crate) fn doorkeeper(daemon: &DaemonId) -> AgentEntry {
     }
 }
 
-/// Their names and drivers, for the ecosystem file.
+/// Returns the names and drivers of all plugins, for checking ecosystem files.
 pub(crate) fn known() -> Vec<crate::config::KnownPlugin> {
     let known = |plugin: &PluginEntry| crate::config::KnownPlugin {
         name: plugin.name,

@@ -1,8 +1,8 @@
-//! What the service manager is told, systemd or whoever speaks its language: that the daemon is
-//! ready, that it lives, that it is stopping.
+//! Notifies the service manager, systemd or a compatible one, that the daemon is ready, alive, or
+//! stopping.
 //!
-//! Where nobody listens, because `NOTIFY_SOCKET` is not set, nothing is told. That a service manager
-//! cannot be reached is logged, and no reason to end.
+//! If `NOTIFY_SOCKET` is not set, nothing is sent. If the service manager cannot be reached, that
+//! is logged, and the daemon continues.
 
 use std::future;
 use std::time::Duration;
@@ -10,15 +10,15 @@ use std::time::Duration;
 use sd_notify::NotifyState;
 use tokio::time::{self, Interval, MissedTickBehavior};
 
-/// How many signs of life fit between two that the service manager must hear: one may be late.
+/// Number of keep-alives per watchdog period, so that one may be late.
 const SIGNS_PER_DEADLINE: u32 = 3;
 
-/// The agents are here. `status` is shown by `systemctl status`.
+/// Reports that the agents are present. `status` is shown by `systemctl status`.
 pub(crate) fn ready(status: &str) {
     tell(&[NotifyState::Ready, NotifyState::Status(status)]);
 }
 
-/// The agents are giving up their commitments.
+/// Reports that the agents are cancelling their commitments.
 pub(crate) fn stopping() {
     tell(&[NotifyState::Stopping]);
 }
@@ -29,13 +29,13 @@ fn tell(states: &[NotifyState<'_>]) {
     }
 }
 
-/// Says that the daemon lives, as often as the service manager asked for (`WATCHDOG_USEC`).
+/// Sends keep-alives as often as the service manager requires (`WATCHDOG_USEC`).
 pub(crate) struct Watchdog {
     due: Option<Interval>,
 }
 
 impl Watchdog {
-    /// As the environment says; never due where it says nothing.
+    /// Reads the period from the environment; without one, no keep-alive is ever due.
     pub(crate) fn from_environment() -> Watchdog {
         let period = sd_notify::watchdog_enabled().map(|deadline| deadline / SIGNS_PER_DEADLINE);
         let due = period.filter(|period| *period > Duration::ZERO).map(|period| {
@@ -46,7 +46,7 @@ impl Watchdog {
         Watchdog { due }
     }
 
-    /// Waits until a sign of life is due. Dropping the future loses nothing.
+    /// Waits until a keep-alive is due. Cancel-safe.
     pub(crate) async fn due(&mut self) {
         match &mut self.due {
             Some(due) => {
@@ -56,7 +56,7 @@ impl Watchdog {
         }
     }
 
-    /// Gives the sign. Whoever calls it proves that it is not stuck.
+    /// Sends a keep-alive. The call itself proves that the caller is not stuck.
     pub(crate) fn lives(&self) {
         tell(&[NotifyState::Watchdog]);
     }

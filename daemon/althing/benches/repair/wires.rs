@@ -1,4 +1,5 @@
-//! Machines of a scenario that are network namespaces, with TLS between them: cables can be pulled.
+//! Machines of a scenario as network namespaces, with TLS between them, so that cables can be
+//! pulled.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -14,41 +15,42 @@ use crate::house::network::{LAN, Site, is_permitted, secured};
 use crate::setting::{REASONING, Setting};
 use crate::support::{self, Machine, Outcome};
 
-/// Where a cable leads that is pulled.
+/// The network to which a pulled cable leads.
 const NOWHERE: &str = "nowhere";
 
-/// Messages a second that are read of one sender: all of them.
+/// Most messages per second that are accepted from one sender: enough for all of them.
 const PER_SECOND: u32 = 100_000;
 
 /// All machines of a scenario.
 pub(crate) struct Wires {
     site: Site,
     names: Vec<String>,
-    /// Where the words and the map are.
+    /// The folder with the ontology and the map.
     _folder: Machine,
 }
 
-/// What is said where nothing is measured, in a benchmark's words; `true` where it is.
+/// Whether network namespaces are permitted; if not, prints a note that this part is left out.
 pub(crate) fn are_permitted() -> bool {
     is_permitted()
 }
 
 impl Wires {
-    /// Machines on one network, none of which runs yet; the building is met at [`Wires::socket`].
+    /// Creates the machines on one network; no daemon runs yet. The building's socket is
+    /// [`Wires::socket`].
     pub(crate) fn lay(layout: &Layout, zenoh: &str) -> Outcome<Wires> {
         let folder = Machine::new()?;
         Setting::new("scenario-1", layout).write(folder.path(), None)?;
         let text = std::fs::read_to_string(&folder.file)?;
         let named: BTreeSet<_> =
             support::entries(&text)?.into_iter().map(|entry| entry.daemon).collect();
-        // Who reasons is called by all others.
+        // All other daemons connect to the reasoning one, so it comes first.
         let others = named.into_iter().filter(|name| name != REASONING);
         let names: Vec<_> = std::iter::once(REASONING.to_owned()).chain(others).collect();
         let text = format!(
             "{text}\n[zenoh]\nscouting = false\nlisten.endpoints = [\"tls/0.0.0.0:7447\"]\n{zenoh}\n"
         );
         let borrowed: Vec<_> = names.iter().map(String::as_str).collect();
-        // The site's file is elsewhere.
+        // The ecosystem file is written to another folder, so the paths become absolute.
         let path = |file: &str| format!("{:?}", folder.path().join(file).display().to_string());
         let text = text
             .replace("\"domain.pddl\"", &path("domain.pddl"))
@@ -63,7 +65,7 @@ impl Wires {
         self.site.office.folder().join("building.sock")
     }
 
-    /// Starts all daemons; each calls those that are there, and is ready when this returns.
+    /// Starts all daemons, each connected to those before it; all are ready when this returns.
     pub(crate) fn up(&mut self, mode: Mode) {
         let mode = mode.to_string();
         for (index, name) in self.names.iter().enumerate() {
@@ -74,7 +76,7 @@ impl Wires {
         }
     }
 
-    /// A guest of the daemon that reasons, who speaks with its key.
+    /// Returns the configuration of a guest of the reasoning daemon, with that daemon's key.
     pub(crate) fn client(&self, name: &str) -> Outcome<Config> {
         let keys = Folder::new(self.site.office.folder().join("keys"));
         let host = DaemonId::new(REASONING)?;
@@ -91,7 +93,8 @@ impl Wires {
         Ok(config)
     }
 
-    /// Pulls the cable of a machine: nobody is told, and its end stays plugged in.
+    /// Pulls the cable of a machine. No process is notified, and the interface of the machine stays
+    /// up.
     pub(crate) fn pull(&self, machine: &str) {
         self.site.replug(machine, LAN, NOWHERE);
     }

@@ -1,4 +1,5 @@
-//! What benchmarks of the whole house share: agents in this process, daemons in others, figures.
+//! Shared parts of the benchmarks of whole ecosystems: agents in this process, daemons in others,
+//! figures.
 
 #![allow(dead_code, reason = "each benchmark uses its part")]
 
@@ -24,19 +25,19 @@ use tokio::process::{Child, Command};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-/// How long anything may take before a benchmark gives up: far more than on any machine it should.
+/// Longest time of anything before a benchmark gives up: far more than any machine should need.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
 
 pub(crate) type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
-/// Whether all of it is measured; if not, Cargo only tries whether the benchmark runs.
+/// Whether everything is measured; if not, Cargo only checks that the benchmark runs.
 pub(crate) fn is_whole() -> bool {
     std::env::args().any(|argument| argument == "--bench")
 }
 
 // === figures ===
 
-/// How long something took, each time.
+/// The times of repeated measurements.
 #[derive(Default)]
 pub(crate) struct Figures(Vec<Duration>);
 
@@ -49,7 +50,7 @@ impl Figures {
         self.0.push(took);
     }
 
-    /// What this share of the times stayed within, in milliseconds.
+    /// Returns the quantile of the times for this share, in milliseconds.
     pub(crate) fn within(&self, share: f64) -> f64 {
         let mut sorted = self.0.clone();
         sorted.sort();
@@ -63,23 +64,23 @@ impl Figures {
     }
 }
 
-/// Whether any aim was missed so far.
+/// Whether any aim has been missed so far.
 static HAS_MISSED: AtomicBool = AtomicBool::new(false);
 
-/// Whether an aim is reached, for a person.
+/// Prints a value and whether its aim is reached.
 pub(crate) fn judge(what: &str, value: f64, aim: f64) {
     let verdict = verdict(value <= aim);
     println!("    {what} {value:.1} ms, aim ≤ {aim} ms: {verdict}");
 }
 
-/// A word for whether an aim is reached, which is remembered for the end.
+/// Returns a word for whether an aim is reached, and records a miss for the end.
 pub(crate) fn verdict(is_reached: bool) -> &'static str {
     HAS_MISSED.fetch_or(!is_reached, Ordering::Relaxed);
     if is_reached { "reached" } else { "missed" }
 }
 
-/// The end of a benchmark: an error, and so an exit code, if an aim was missed. Who only tries whether
-/// it runs misses nothing.
+/// Returns an error if an aim was missed, so that the benchmark has an exit code. If Cargo only
+/// checks that the benchmark runs, nothing counts as missed.
 pub(crate) fn reached() -> Outcome<()> {
     if is_whole() && HAS_MISSED.load(Ordering::Relaxed) {
         return Err("an aim was missed".into());
@@ -87,20 +88,21 @@ pub(crate) fn reached() -> Outcome<()> {
     Ok(())
 }
 
-/// Processor time that these processes have used so far, in seconds, by the kernel's account.
+/// Returns the processor time that these processes have used so far, in seconds, as the kernel
+/// counts it.
 pub(crate) fn processor_time(children: &[Child]) -> Outcome<f64> {
     let ids: Option<Vec<u32>> = children.iter().map(Child::id).collect();
     let ids = ids.ok_or("a process has ended")?;
     ids.iter().map(|id| processor_time_of(&id.to_string())).sum()
 }
 
-/// The same of this process.
+/// Returns the processor time of this process.
 pub(crate) fn own_processor_time() -> Outcome<f64> {
     processor_time_of("self")
 }
 
 fn processor_time_of(process: &str) -> Outcome<f64> {
-    // The kernel tells it in ticks, of which its interface has a hundred per second.
+    // The kernel counts in ticks, and its interface has a hundred per second.
     const TICKS_PER_SECOND: f64 = 100.0;
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat"))?;
     let (_, fields) = stat.rsplit_once(')').ok_or("no process status")?;
@@ -119,7 +121,7 @@ pub(crate) struct Entry {
     pub(crate) config: serde_json::Value,
 }
 
-/// The agents of an ecosystem file that nobody checks: it is a benchmark's own.
+/// Reads the agents of an ecosystem file without checking it: it is a benchmark's own.
 pub(crate) fn entries(text: &str) -> Outcome<Vec<Entry>> {
     let file: toml::Table = toml::from_str(text)?;
     let agents = file.get("agent").and_then(toml::Value::as_array).ok_or("no agents")?;
@@ -133,7 +135,7 @@ fn entry(agent: &toml::Value) -> Outcome<Entry> {
     Ok(Entry { name: AgentId::new(text("name"))?, plugin, daemon, config })
 }
 
-/// What agents in this process are built with.
+/// Returns the context in which agents in this process are built.
 pub(crate) fn host(domain: &str, map: &str, mode: agent::Mode) -> Outcome<Host> {
     let ontology = pddl::parse_domain(domain).into_result().map_err(|_| "the domain")?;
     let map = pddl::parse_problem(map).into_result().map_err(|_| "the map")?;
@@ -178,14 +180,14 @@ fn next_incarnation() -> Incarnation {
     Incarnation(LAST.fetch_max(began, Ordering::Relaxed).max(began) + 1)
 }
 
-/// What those who keep a domain answer when they are asked for it: all, or one of them.
+/// Queries the domains of all agents that have one, or of one of them.
 pub(crate) async fn domains(switchboard: &Switchboard, of: Option<AgentId>) -> Vec<Snapshot> {
     let ask = Ask { daemon: None, resource: Resource::Domain, agent: of };
     let answers = switchboard.ask(ask, Duration::from_secs(2)).await;
     answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
 }
 
-/// Waits until the Domain Maintainer can plan with all of these.
+/// Waits until the Domain Maintainer can plan with all of these devices.
 pub(crate) async fn await_offers(
     switchboard: &Switchboard,
     devices: &BTreeSet<String>,
@@ -206,7 +208,7 @@ pub(crate) async fn await_offers(
     }
 }
 
-/// A daemon of this process, which listens in `folder` and calls others there.
+/// Opens a daemon in this process that listens in `folder` and connects to others there.
 pub(crate) async fn daemon(
     folder: &Path,
     ecosystem: &str,
@@ -233,7 +235,7 @@ fn prepared(
     Ok((Switchboard::new(ecosystem, daemon, Settings::default()), config))
 }
 
-/// The same, and what is said here and heard here is noted.
+/// The same, with a record of the bids that it receives and the awards that it sends.
 pub(crate) async fn daemon_overheard(
     folder: &Path,
     ecosystem: &str,
@@ -247,7 +249,8 @@ pub(crate) async fn daemon_overheard(
     Ok((switchboard, overheard))
 }
 
-/// This benchmark once more, with these arguments; it ends when it is dropped.
+/// Starts this benchmark once more, with these arguments; the process is killed when this is
+/// dropped.
 pub(crate) fn again(arguments: &[&str]) -> Outcome<Child> {
     let mut command = Command::new(std::env::current_exe()?);
     Ok(command.args(arguments).stdin(Stdio::null()).kill_on_drop(true).spawn()?)
@@ -255,14 +258,14 @@ pub(crate) fn again(arguments: &[&str]) -> Outcome<Child> {
 
 // === daemons in other processes ===
 
-/// A folder in which daemons of one machine meet.
+/// A folder with the sockets of the daemons of one machine.
 pub(crate) struct Machine {
     pub(crate) folder: tempfile::TempDir,
     pub(crate) file: PathBuf,
 }
 
 impl Machine {
-    /// A new one, with an ecosystem file yet to be written.
+    /// Creates a new folder; the ecosystem file is yet to be written.
     pub(crate) fn new() -> Outcome<Machine> {
         let folder = tempfile::Builder::new().prefix("alt-").tempdir()?;
         let file = folder.path().join("althing.toml");
@@ -277,13 +280,13 @@ impl Machine {
         self.path().join("building.sock")
     }
 
-    /// Where the daemon of this name is met.
+    /// Returns the endpoint of the daemon of this name.
     pub(crate) fn endpoint(&self, ecosystem: &str, daemon: &str) -> String {
         let socket = self.path().join("run").join(ecosystem).join(format!("{daemon}.sock"));
         format!("unixsock-stream/{}", socket.display())
     }
 
-    /// Starts `althing up`; it ends when it is dropped.
+    /// Starts `althing up`; it is killed when the returned value is dropped.
     pub(crate) fn start(&self, daemon: &str, mode: &str) -> Outcome<Process> {
         let child = Command::new(env!("CARGO_BIN_EXE_althing"))
             .arg("up")
@@ -300,17 +303,17 @@ impl Machine {
     }
 }
 
-/// One `althing up`.
+/// One process of `althing up`.
 pub(crate) struct Process(Child);
 
 impl Process {
-    /// Reads until the daemon says that it is ready.
+    /// Reads the output until the daemon reports that it is ready.
     pub(crate) async fn ready(&mut self) -> Outcome<()> {
         let stdout = self.0.stdout.take().ok_or("the daemon has no standard output")?;
         let mut lines = BufReader::new(stdout).lines();
         while let Some(line) = tokio::time::timeout(PATIENCE, lines.next_line()).await?? {
             if line.contains("is ready") {
-                // What it says later is read and thrown away, so that it never waits for us.
+                // Later output is read and discarded, so that the daemon never blocks on it.
                 tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
                 return Ok(());
             }
@@ -318,12 +321,12 @@ impl Process {
         Err("the daemon ended before it was ready".into())
     }
 
-    /// SIGKILL, now.
+    /// Sends SIGKILL.
     pub(crate) fn kill(&mut self) -> Outcome<()> {
         Ok(self.0.start_kill()?)
     }
 
-    /// SIGSTOP, now: it stands still until it is killed.
+    /// Sends SIGSTOP: the process is stopped until it is killed.
     pub(crate) fn stop(&mut self) -> Outcome<()> {
         let id = self.0.id().ok_or("it has ended")?;
         let id = i32::try_from(id).ok().and_then(rustix::process::Pid::from_raw);
@@ -331,7 +334,7 @@ impl Process {
         Ok(())
     }
 
-    /// Waits for its end.
+    /// Waits until the process has ended.
     pub(crate) async fn ended(mut self) -> Outcome<()> {
         tokio::time::timeout(PATIENCE, self.0.wait()).await??;
         Ok(())

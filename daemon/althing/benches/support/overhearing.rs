@@ -1,6 +1,6 @@
-//! Notes the answers to calls for proposals that a daemon of this process hears, and the awards that it
-//! makes, as they pass between its switchboard and its wire: nobody else has to listen, which would
-//! cost time. What they say is read when the clock has stopped.
+//! Records the answers to calls for proposals that a daemon of this process receives, and the
+//! awards that it sends, between its switchboard and its substrate. No separate listener is needed,
+//! which would cost time. The messages are decoded after the clock has stopped.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,11 +14,12 @@ use substrate::{
     Substrate, Through,
 };
 
-/// What was said, in its order.
+/// The recorded messages, in their order.
 #[derive(Default)]
 pub(crate) struct Overheard(Mutex<Vec<(Performative, Bytes)>>);
 
-/// How many have answered the call of an award when it was made, and how many of them proposed.
+/// The number of agents that had answered the call of an award when it was made, and of those that
+/// had proposed.
 pub(crate) struct Award {
     pub(crate) answers: usize,
     pub(crate) proposals: usize,
@@ -33,7 +34,7 @@ impl Overheard {
         }
     }
 
-    /// All awards since this was asked last.
+    /// Returns all awards since the last call.
     pub(crate) fn awards(&self) -> Vec<Award> {
         let all = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
         let mut answers: BTreeMap<ReplyToken, BTreeSet<AgentId>> = BTreeMap::new();
@@ -57,7 +58,7 @@ impl Overheard {
     }
 }
 
-/// What comes from the wire.
+/// The inbound side: records messages from the substrate.
 pub(crate) struct Inward {
     switchboard: Arc<Switchboard>,
     overheard: Arc<Overheard>,
@@ -95,13 +96,13 @@ impl Inbound for Inward {
     }
 }
 
-/// What goes to the wire.
+/// The outbound side: records messages to the substrate.
 struct Outward {
     wire: Arc<dyn Substrate>,
     overheard: Arc<Overheard>,
 }
 
-/// A wire on which what is said is noted.
+/// Wraps a substrate so that messages to it are recorded.
 pub(crate) fn outward(wire: Arc<dyn Substrate>, overheard: &Arc<Overheard>) -> Arc<dyn Substrate> {
     Arc::new(Outward { wire, overheard: Arc::clone(overheard) })
 }

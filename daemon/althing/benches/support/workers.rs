@@ -1,4 +1,4 @@
-//! Daemons full of actuators that do nothing but be there, each in a process of its own.
+//! Daemons with many actuators that only send heartbeats, each daemon in a process of its own.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,10 +14,10 @@ use tokio::task::JoinHandle;
 
 use super::{Entry, Outcome, PATIENCE};
 
-/// The ecosystem they are in.
+/// The name of their ecosystem.
 pub(crate) const ECOSYSTEM: &str = "crowd";
 
-/// Places there are: one per actuator, at most.
+/// Number of places, and so the most actuators: one per place.
 const PLACES: usize = 1_000;
 
 const DOMAIN: &str = "(define (domain crowd)
@@ -26,8 +26,8 @@ const DOMAIN: &str = "(define (domain crowd)
     (:predicates (located ?w - worker ?p - place) (known ?p - place))
     (:functions (total-cost)))";
 
-/// Starts so many daemons, each with so many actuators; the first keeps the domain. Each calls those
-/// before it, as `althing up` does on one machine.
+/// Starts a number of daemons, each with a number of actuators; the first also hosts the Domain
+/// Maintainer. Each connects to those before it, as `althing up` does on one machine.
 pub(crate) async fn start(folder: &Path, daemons: usize, each: usize) -> Outcome<Vec<Child>> {
     let path = folder.display().to_string();
     let mut children = Vec::new();
@@ -46,7 +46,7 @@ pub(crate) async fn start(folder: &Path, daemons: usize, each: usize) -> Outcome
     Ok(children)
 }
 
-/// Is one of these daemons, if it was started as one.
+/// Runs as one of these daemons if the process was started as one; returns at once otherwise.
 pub(crate) async fn be_one() -> Outcome<()> {
     let arguments: Vec<_> = std::env::args().collect();
     match arguments.as_slice() {
@@ -57,17 +57,17 @@ pub(crate) async fn be_one() -> Outcome<()> {
     }
 }
 
-/// The name of a daemon.
+/// Returns the name of a daemon.
 pub(crate) fn name(number: usize) -> String {
     format!("daemon-{number}")
 }
 
-/// The name of an actuator.
+/// Returns the name of an actuator.
 pub(crate) fn agent_name(number: usize) -> String {
     format!("worker-{number}")
 }
 
-/// What they are built with.
+/// Returns the context in which the actuators are built.
 pub(crate) fn host() -> Outcome<Host> {
     let places: Vec<_> = (0..PLACES).map(|place| format!("place-{place}")).collect();
     let map = format!(
@@ -77,7 +77,7 @@ pub(crate) fn host() -> Outcome<Host> {
     super::host(DOMAIN, &map, Mode::Decentralized)
 }
 
-/// A daemon with its agents, until it is killed.
+/// Runs a daemon with its agents until it is killed.
 async fn live(folder: &Path, number: usize, agents: usize) -> Outcome<()> {
     let others: Vec<_> = (0..number).map(name).collect();
     let switchboard = super::daemon(folder, ECOSYSTEM, &name(number), &others).await?;
@@ -99,7 +99,7 @@ async fn live(folder: &Path, number: usize, agents: usize) -> Outcome<()> {
     std::future::pending().await
 }
 
-/// Launches one more, in a daemon of this process.
+/// Launches one more actuator, in a daemon of this process.
 pub(crate) fn launch(
     id: &AgentId,
     place: usize,

@@ -106,7 +106,7 @@ pub(crate) struct CertPlaceArgs {
     pub(crate) folder: Option<PathBuf>,
 }
 
-/// A hundred years at most: dates beyond fit no certificate.
+/// Parses a number of days: a hundred years at most, because certificates cannot hold later dates.
 fn days() -> clap::builder::RangedI64ValueParser<u32> {
     clap::value_parser!(u32).range(1..=36_500)
 }

@@ -1,4 +1,4 @@
-//! `althing act`: asks for one action, and follows it to its end.
+//! `althing act`: requests one action, and follows it to its end.
 
 use std::process::ExitCode;
 
@@ -8,7 +8,7 @@ use crate::cli::{ActArgs, ActionArgs};
 use crate::commands::speaking::{self, Interrupt, Manner};
 use crate::commands::{client, wrong};
 
-/// Asks for the action.
+/// Requests the action.
 pub(super) fn run(args: &ActArgs) -> ExitCode {
     let json = args.print.json;
     let said = match said(&args.action) {
@@ -22,7 +22,7 @@ pub(super) fn run(args: &ActArgs) -> ExitCode {
     })
 }
 
-/// What is to be said, once it can be read as an action.
+/// Returns the request for an action, after checking that the action can be parsed.
 pub(crate) fn said(args: &ActionArgs) -> Result<Said, String> {
     let action = &args.action;
     pddl::parse_step(action).into_result().map_err(|found| super::located(&found, action))?;

@@ -1,4 +1,4 @@
-//! `althing agents`: who is here, with which capabilities.
+//! `althing agents`: the agents that are present, with their actions.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -21,7 +21,7 @@ pub(super) fn run(args: &AgentsArgs) -> ExitCode {
     client::with_view(&args.ask, print)
 }
 
-/// Prints what has appeared and no file names, with the lines that would name it.
+/// Prints the discovered agents, each with the lines that would name it in the file.
 async fn discovered(view: &View, json: bool) -> ExitCode {
     view.directory(None).await;
     let answers = view.ask(Resource::Discovered, None).await;
@@ -88,7 +88,7 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
     output::print(text, exit::DONE)
 }
 
-/// Who is here, as each daemon says of its own agents: the link may not have told of all yet.
+/// Queries all agents from their daemons: the link may not have reported all of them yet.
 async fn residents(view: &View) -> Vec<Resident> {
     let mut residents: Vec<Resident> = view
         .ask(Resource::Directory, None)
@@ -102,7 +102,7 @@ async fn residents(view: &View) -> Vec<Resident> {
     residents
 }
 
-/// What of each agent's model a Domain Maintainer had to leave out.
+/// Queries the parts of each agent's action model that the Domain Maintainer had to leave out.
 async fn conflicts(view: &View) -> BTreeMap<AgentId, Vec<String>> {
     let maintainer = AgentId::new("domain-maintainer").ok();
     let answers = view.ask(Resource::Domain, maintainer).await;
@@ -110,7 +110,7 @@ async fn conflicts(view: &View) -> BTreeMap<AgentId, Vec<String>> {
     snapshot.map(|snapshot| snapshot.conflicts).unwrap_or_default()
 }
 
-/// The actions in each agent's model.
+/// Queries the actions in each agent's action model.
 async fn models(view: &View) -> BTreeMap<AgentId, Vec<String>> {
     let mut models = BTreeMap::new();
     for answer in view.ask(Resource::Model, None).await {

@@ -1,4 +1,5 @@
-//! `althing answer`: the questions that agents ask people, and a person's answer to one.
+//! `althing answer`: the questions that agents ask people, and the answer of a person to one of
+//! them.
 
 use std::fmt::Write as _;
 use std::io::{self, BufRead as _, IsTerminal as _, Read as _};
@@ -14,7 +15,7 @@ use crate::cli::AnswerArgs;
 use crate::commands::client::{self, Link, View};
 use crate::commands::speaking::{self, Interrupt, Manner};
 
-/// The longest answer from standard input.
+/// Longest answer from standard input, in bytes.
 const ANSWER_BYTES_MAX: u64 = 4 << 10;
 
 /// Lists the open questions, or answers one.
@@ -60,8 +61,8 @@ async fn answer(link: &Link, id: &str, args: &AnswerArgs) -> ExitCode {
     speaking::say(link, said, Manner { to: None, json, interrupt }).await
 }
 
-/// What a person answers: what stands on the command line, or is typed unseen, or comes from standard
-/// input.
+/// Returns the answer of the user: from the command line, typed at the terminal (hidden if it is
+/// sealed), or from standard input.
 fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
     if !words.is_empty() {
         if question.seal_to.is_some() {
@@ -98,7 +99,7 @@ fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
     }
 }
 
-/// What is to be said to answer the question `id`: its number, or its keyboard and its number.
+/// Returns the answer to the question `id`: its number, or its keyboard and its number.
 pub(crate) async fn said(view: &View, id: &str, text: String) -> Result<Said, String> {
     meant(view, id).await.map(|question| reply(question, text))
 }

@@ -21,18 +21,18 @@ use crate::plugins;
 
 const DAY_SECONDS: u64 = 24 * 3_600;
 
-/// How long before its end a certificate is announced where no file says it.
+/// Days before its expiry at which a certificate is reported if no ecosystem file sets them.
 const WARN_DAYS: u64 = 30;
 
-/// Which certificates are meant.
+/// The ecosystem and the folder of its certificates.
 struct Place {
     name: EcosystemId,
-    /// Its file, if there is one.
+    /// The ecosystem as its file defines it; `None` if there is no file.
     ecosystem: Option<Ecosystem>,
     folder: Folder,
 }
 
-/// Makes, shows, takes back.
+/// Creates an authority or certificates, lists them, or revokes them.
 pub(super) fn run(args: &CertArgs) -> ExitCode {
     match &args.command {
         CertCommand::Authority(args) => authority(args),
@@ -135,7 +135,7 @@ fn show(args: &CertShowArgs) -> ExitCode {
             "ends" => Color::Yellow,
             _ => Color::Red,
         };
-        // Padded before it is painted: colors have no width.
+        // Padded before it is coloured, because colour codes count as characters.
         let state = Styled::painted(color, &format!("{state:<8}"));
         let line = format!("{:<30} {:>9} ", certificate.subject, days(certificate));
         let hosts = format!(" {}", certificate.hosts.join(", "));
@@ -185,15 +185,14 @@ impl Place {
         Place::find(args.ecosystem.as_deref(), args.folder.as_ref())
     }
 
-    /// The ecosystem that is meant, and where its certificates are. The error completes
-    /// “failed to …”.
+    /// Finds the ecosystem and the folder of its certificates. The error completes “failed to …”.
     fn find(asked: Option<&str>, folder: Option<&PathBuf>) -> Result<Place, String> {
         let file = match asked {
             None => config::find_ecosystem_file(),
             Some(asked) => match config::resolve_ecosystem(asked) {
                 Ok(file) => Some(file),
                 Err(problem) => match EcosystemId::new(asked) {
-                    // A name will do: the file may be elsewhere.
+                    // A name is enough: the file may be on another machine.
                     Ok(name) => return Ok(Place::named(name, None, folder)),
                     Err(_) => return Err(problem),
                 },
@@ -209,7 +208,7 @@ impl Place {
                 Ok(Place::named(ecosystem.name.clone(), Some(ecosystem), folder))
             }
             None => match folder {
-                // The folder says it all.
+                // If the folder is given, the name of the ecosystem does not matter.
                 Some(_) => {
                     let name = EcosystemId::new("ecosystem").map_err(|error| error.to_string())?;
                     Ok(Place::named(name, None, folder))
@@ -234,7 +233,7 @@ impl Place {
         security.map_or(WARN_DAYS, |security| security.warn_before.as_secs() / DAY_SECONDS)
     }
 
-    /// A name that the file does not have is a guest's, or misspelled.
+    /// Warns about a name that the file does not have: it is a guest's, or misspelled.
     fn warn_of_stranger(&self, name: &DaemonId) {
         let Some(ecosystem) = &self.ecosystem else { return };
         if ecosystem.daemons.is_empty() || ecosystem.daemons.contains(name) {
@@ -250,7 +249,8 @@ impl Place {
     }
 }
 
-/// The authority's, those it has made as far as that is known here, and those that are here.
+/// Returns the authority's certificate, then those that it has issued if its key is here, and those
+/// in this folder.
 fn certificates(folder: &Folder, trust: &Trust) -> Vec<Certificate> {
     let mut found = Authority::open(folder).map(|each| each.issued()).unwrap_or_default();
     for name in folder.daemons() {
@@ -285,7 +285,7 @@ fn object(certificate: &Certificate, state: &str) -> serde_json::Value {
     })
 }
 
-/// Says what is wrong with files.
+/// Reports an error with credential files.
 fn failed(error: &CredentialError, json: bool) -> ExitCode {
     super::wrong(&format!("failed to {error}"), json)
 }

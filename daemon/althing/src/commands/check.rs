@@ -1,9 +1,9 @@
-//! `althing check`: what is wrong in these files, each in its line.
+//! `althing check`: reports the mistakes in files, each in its line.
 //!
-//! - Tells the kind of a file by its ending (`.toml` is an ecosystem) and its words.
-//! - An ecosystem's agents are built as `up` would build them, and let go.
-//! - A problem or an action model is checked against the domain it names: one of the files given,
-//!   else one found beside it.
+//! - The kind of a file is recognised by its extension (`.toml` is an ecosystem) and its contents.
+//! - The agents of an ecosystem are built as `althing up` would build them, but not launched.
+//! - A problem or an action model is checked against the domain that it names: one of the files
+//!   given, or else one found beside it.
 
 mod tree;
 
@@ -28,23 +28,23 @@ use crate::config::{Ecosystem, KnownPlugin, Overrides};
 use crate::interfacing;
 use crate::review::{self, Scope};
 
-/// What a file turned out to be.
+/// The result for one file.
 struct Checked {
     file: String,
     kind: &'static str,
-    /// What there is to say of it in a line, besides mistakes.
+    /// A short description of the contents, besides mistakes.
     about: String,
     has_errors: bool,
 }
 
-/// The domains given, and what was found so far.
+/// The domains given, and the results so far.
 struct Desk {
     domains: Vec<DomainText>,
     report: Report,
     checked: Vec<Checked>,
 }
 
-/// Checks every file, and shows what is wrong.
+/// Checks every file, and prints the mistakes.
 pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
     let limits = Limits::of_time(args.time_limit);
     let give = terminal::deadline::refusal(args.print.json);
@@ -63,7 +63,8 @@ pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
     deadline.answer(|| desk.show(args.print.json))
 }
 
-/// Whether a file is an ecosystem's: by its ending, or because it has the table of one.
+/// Whether a file is an ecosystem file: by its extension, or because it contains the table
+/// `[ecosystem]`.
 fn is_ecosystem(path: &Path) -> bool {
     let has_ending = path.extension().is_some_and(|ending| ending == "toml");
     let has_table = || {
@@ -76,7 +77,7 @@ fn is_ecosystem(path: &Path) -> bool {
 // === impl Desk ===
 
 impl Desk {
-    /// Domains first, so that the others find them in whatever order the files are named.
+    /// Checks domains first, so that the other files find them regardless of their order.
     fn check_texts(&mut self, paths: &[&PathBuf]) {
         let mut others = Vec::new();
         for path in paths {
@@ -112,7 +113,7 @@ impl Desk {
         self.domains.push(text);
     }
 
-    /// A problem or an action model.
+    /// Checks a problem or an action model.
     fn check_dependent(&mut self, path: &Path, source: &Arc<Source>, domain: &Name) {
         let mut report = Report::default();
         let given = beside::domain_given(path, domain, &self.domains);
@@ -126,7 +127,7 @@ impl Desk {
                 let model = pddl_files::action_model_of(source, text, &mut report);
                 ("action model", model.map(|model| about_model(&model)))
             }
-            // What asks for nothing is a map.
+            // A problem with an empty goal is a map.
             Some(Document::Problem(problem)) if problem.goal.is_always() => {
                 let map = pddl_files::map_of(source, text, &mut report);
                 ("problem", map.map(|map| about_problem(&map)))

@@ -1,4 +1,4 @@
-//! How a command reaches a running ecosystem: as a Zenoh client of one of its daemons.
+//! The link of a command to a running ecosystem: a Zenoh client of one of its daemons.
 
 use std::future::Future;
 use std::path::PathBuf;
@@ -18,13 +18,13 @@ use crate::config::{self, Ecosystem, Overrides};
 use crate::hosting::{self, GuestKeys, Node, Wire};
 use crate::plugins;
 
-/// How long an answer is waited for.
+/// How long to wait for answers.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
 
-/// How long agents of the ecosystem may take to be seen after the link is up.
+/// How long to wait until agents of the ecosystem are seen, once the link is up.
 const SEEN_WITHIN: Duration = Duration::from_secs(5);
 
-/// Of a host's name, what stands in a guest's: lists of agents are 80 columns wide.
+/// Number of characters of the host name in a guest's name: lists of agents are 80 columns wide.
 const HOST_CHARS_MAX: usize = 12;
 
 /// A link to a running ecosystem.
@@ -33,20 +33,20 @@ pub(crate) struct Link {
     pub(crate) view: View,
 }
 
-/// What can be seen of an ecosystem from here: through a link, or from a daemon that is part of it.
+/// Access to an ecosystem: through a link, or from a daemon of it.
 #[derive(Clone)]
 pub(crate) struct View {
     pub(crate) switchboard: Arc<Switchboard>,
     pub(crate) name: EcosystemId,
-    /// What is known of the ecosystem here, if its file is.
+    /// The ecosystem as its file defines it; `None` if the file is not known here.
     pub(crate) ecosystem: Option<Arc<Ecosystem>>,
-    /// Where daemons of it are.
+    /// The endpoints of its daemons.
     pub(crate) endpoints: Vec<String>,
-    /// With whose key guests speak, where it is secured.
+    /// The key that guests use, if the ecosystem is secured.
     pub(crate) keys: Option<GuestKeys>,
 }
 
-/// Which ecosystem is meant, and where its daemons are.
+/// The ecosystem that a command addresses, and the endpoints of its daemons.
 pub(crate) struct Target {
     pub(super) name: EcosystemId,
     pub(super) ecosystem: Option<Ecosystem>,
@@ -55,13 +55,13 @@ pub(crate) struct Target {
 }
 
 impl Target {
-    /// Finds the ecosystem: that of `--ecosystem`, or of the file here, or the only one that runs
-    /// on this machine. The error completes “failed to …”.
+    /// Finds the ecosystem: that of `--ecosystem`, or of the file in the current folder, or the
+    /// only one that runs on this machine. The error completes “failed to …”.
     pub(super) fn find(reach: &ReachArgs) -> Result<Target, String> {
         let file = match &reach.ecosystem {
             Some(asked) => match config::resolve_ecosystem(asked) {
                 Ok(file) => Some(file),
-                // A name without a file will do: its daemons may run here.
+                // A name without a file is enough: its daemons may run here.
                 Err(problem) => match EcosystemId::new(asked) {
                     Ok(name) => return Target::named(name, None, reach),
                     Err(_) => return Err(problem),
@@ -102,7 +102,8 @@ impl Target {
                  with `althing up`, or name one elsewhere with --connect ENDPOINT"
             ));
         }
-        // Of a file that says nothing of security, nobody is asked: it is the same everywhere.
+        // If the file has no security settings, no keys are searched: the file is the same on all
+        // machines.
         let settings = ecosystem.as_ref().map(|ecosystem| ecosystem.security.as_ref());
         let keys = match settings {
             Some(None) => None,
@@ -115,12 +116,12 @@ impl Target {
         Ok(Target { name, ecosystem, endpoints, keys })
     }
 
-    /// What a client session is opened with.
+    /// Returns the configuration of a client session.
     pub(super) fn config(&self) -> Result<substrate_zenoh::Config, String> {
         guest_config(&self.name, &self.endpoints, self.keys.as_ref(), "cli")
     }
 
-    /// Waits for a command's turn to join, where the daemons are on this machine.
+    /// Waits for the command's turn to join, if daemons are on this machine.
     fn turn(&self) -> Result<Option<Turn>, String> {
         let is_here = |endpoint: &String| endpoint.starts_with("unixsock-stream/");
         if !self.endpoints.iter().any(is_here) {
@@ -130,7 +131,7 @@ impl Target {
         turn::wait(&folder).map(Some)
     }
 
-    /// Links up.
+    /// Opens the link.
     pub(super) async fn link(self) -> Result<Link, String> {
         let config = self.config()?;
         let daemon = config.daemon.clone();
@@ -149,7 +150,7 @@ impl Target {
     }
 }
 
-/// What a client session is opened with; `role` tells those of one process apart.
+/// Returns the configuration of a client session; `role` distinguishes the sessions of one process.
 pub(crate) fn guest_config(
     ecosystem: &EcosystemId,
     endpoints: &[String],
@@ -170,7 +171,8 @@ pub(crate) fn guest_config(
     Ok(config)
 }
 
-/// The arguments by which an ecosystem was found, for a command that a person is advised to type.
+/// Returns the arguments by which an ecosystem was found, for a command that the user is advised to
+/// type.
 pub(crate) fn reach_words(reach: &ReachArgs) -> String {
     let ReachArgs { ecosystem, connect, key } = reach;
     let ecosystem = ecosystem.iter().map(|each| ("--ecosystem", each));
@@ -186,28 +188,28 @@ pub(crate) fn reach_words(reach: &ReachArgs) -> String {
         .collect()
 }
 
-/// A name that no other process of any machine has: people sit at many terminals.
+/// Returns a name that no other process of any machine has.
 pub(crate) fn guest_name(role: &str) -> String {
     let host = super::up::host_name();
     let host = host.as_ref().map_or("here", DaemonId::as_str);
-    // Two machines whose names begin alike seldom number their processes alike.
+    // Two machines with the same beginning of their names rarely have the same process ids.
     let host: String = host.chars().take(HOST_CHARS_MAX).collect();
     format!("{role}-{host}-{}", std::process::id())
 }
 
 impl View {
-    /// The name of the shared ontology, as far as it is known here.
+    /// Returns the name of the shared ontology, or `unknown` if it is not known here.
     pub(crate) fn ontology(&self) -> &str {
         self.ecosystem.as_ref().map_or("unknown", |ecosystem| ecosystem.domain.name.as_str())
     }
 
-    /// Asks all daemons for a resource.
+    /// Queries a resource from all daemons.
     pub(crate) async fn ask(&self, resource: Resource, agent: Option<AgentId>) -> Vec<Bytes> {
         let ask = Ask { daemon: None, resource, agent };
         self.switchboard.ask(ask, ANSWERED_WITHIN).await
     }
 
-    /// The daemon at which an agent is, as the daemons say that are here.
+    /// Returns the daemon that hosts an agent, according to the daemons that answer.
     pub(crate) async fn holder(&self, agent: &AgentId) -> Option<DaemonId> {
         self.directory(None).await;
         let answers = self.ask(Resource::Directory, None).await;
@@ -217,7 +219,8 @@ impl View {
         found.map(|resident| resident.daemon)
     }
 
-    /// Who is here, once the link has told of `wanted`, or of anyone.
+    /// Waits until `wanted`, or any agent, is seen, up to [`SEEN_WITHIN`]. Returns the agents that
+    /// are seen then.
     pub(crate) async fn directory(&self, wanted: Option<&AgentId>) -> Arc<Directory> {
         let (mut directory, mut changes) = self.switchboard.presence_changes();
         let deadline = tokio::time::Instant::now() + SEEN_WITHIN;
@@ -235,7 +238,7 @@ impl View {
     }
 }
 
-/// The one ecosystem that runs on this machine.
+/// Returns the only ecosystem that runs on this machine; an error if there are none or several.
 fn only_running() -> Result<EcosystemId, String> {
     let mut running: Vec<_> = hosting::running_ecosystems()
         .into_iter()
@@ -260,7 +263,7 @@ fn only_running() -> Result<EcosystemId, String> {
     }
 }
 
-/// Links up, does something, and leaves in good order.
+/// Opens a link, runs `act`, and leaves in good order.
 pub(super) fn with_link<F: Future<Output = (Link, ExitCode)>>(
     reach: &ReachArgs,
     json: bool,
@@ -288,7 +291,7 @@ pub(super) fn with_link<F: Future<Output = (Link, ExitCode)>>(
     })
 }
 
-/// Links up, prints what is seen from there, as JSON or for people, and leaves.
+/// Opens a link, prints a view of the ecosystem as JSON or for people, and leaves.
 pub(super) fn with_view(
     args: &AskArgs,
     print: impl AsyncFnOnce(&View, bool) -> ExitCode,
@@ -300,7 +303,7 @@ pub(super) fn with_view(
     })
 }
 
-/// Says that something could not be reached.
+/// Reports that something could not be reached.
 pub(crate) fn unavailable(problem: &str, json: bool) -> ExitCode {
     if json {
         let problem = format!("failed to {problem}");

@@ -1,4 +1,4 @@
-//! `althing completions`: what lets a shell complete the command line.
+//! `althing completions`: scripts that let a shell complete the command line.
 
 use std::process::ExitCode;
 

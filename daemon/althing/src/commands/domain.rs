@@ -1,4 +1,4 @@
-//! `althing domain`: what all agents can do together, as PDDL.
+//! `althing domain`: the composite domain, as PDDL.
 
 use std::process::ExitCode;
 

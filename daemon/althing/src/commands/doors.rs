@@ -1,7 +1,8 @@
-//! By which daemon of this machine a command joins: one that runs before one that was stopped.
+//! Chooses the daemon of this machine through which a command joins: running daemons before stopped
+//! ones.
 //!
-//! A stopped process (SIGSTOP, a debugger, a frozen container) still accepts connections, because the
-//! kernel does that for it, and then says nothing. Zenoh waits ten seconds for each of them.
+//! A stopped process (SIGSTOP, a debugger, a frozen container) still accepts connections, because
+//! the kernel does that for it, but never answers. Zenoh waits ten seconds for each of them.
 
 use std::path::Path;
 
@@ -12,19 +13,20 @@ use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
 use rustix::process::Pid;
 use terminal::output;
 
-/// How Zenoh names a socket of this machine.
+/// The prefix of Zenoh's endpoints for sockets of this machine.
 const SOCKET: &str = "unixsock-stream/";
 
-/// What listens at a socket.
+/// The process that listens at a socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Listener {
-    /// This process; none where it is in another namespace of processes.
+    /// A process that accepts connections; `None` if it is in another PID namespace.
     Process(Option<Pid>),
-    /// A process that takes no connection: so many wait already that the kernel keeps no more for it.
+    /// A process that accepts no connection, because its queue in the kernel is full.
     Full,
 }
 
-/// The same endpoints, those of processes that run first; says which stand still.
+/// Returns the same endpoints, those of running processes first. Tells the user which processes are
+/// stopped.
 pub(super) fn awake_first(endpoints: &[String]) -> Vec<String> {
     let (mut awake, mut stopped) = (Vec::new(), Vec::new());
     for endpoint in endpoints {
@@ -51,7 +53,7 @@ pub(super) fn awake_first(endpoints: &[String]) -> Vec<String> {
     awake
 }
 
-/// The process behind an endpoint of this machine.
+/// Returns the process behind an endpoint of this machine; `None` if it is unknown.
 pub(super) fn process_at(endpoint: &str) -> Option<Pid> {
     match listener(endpoint)? {
         Listener::Process(process) => process,
@@ -62,7 +64,7 @@ pub(super) fn process_at(endpoint: &str) -> Option<Pid> {
 /// Whether a process is stopped (SIGSTOP, or by a debugger).
 pub(super) fn is_stopped(process: Pid) -> bool {
     let about = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
-    // The name before it is in parentheses, and may hold any character.
+    // The process name before it is in parentheses, and may contain any character.
     let state = about.rsplit_once(')').and_then(|(_, rest)| rest.trim_start().chars().next());
     matches!(state, Some('T' | 't'))
 }
@@ -77,7 +79,7 @@ fn listener(endpoint: &str) -> Option<Listener> {
     knock(Path::new(path.split(['#', '?']).next()?))
 }
 
-/// Connects without waiting: a stopped process would let a command wait for ever.
+/// Connects without blocking: a stopped process would block a command for ever.
 fn knock(path: &Path) -> Option<Listener> {
     let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
     let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None).ok()?;
@@ -112,7 +114,7 @@ mod tests {
         assert!(is_listening(&path) && !is_stopped(own));
     }
 
-    /// A connection that stays open, as long as there is room.
+    /// Opens a connection if there is room in the queue.
     fn is_free(path: &Path) -> Option<std::os::fd::OwnedFd> {
         let flags = SocketFlags::NONBLOCK;
         let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None);

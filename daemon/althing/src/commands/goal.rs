@@ -1,4 +1,4 @@
-//! `althing goal`: asks a running ecosystem for a goal, and follows it to its end.
+//! `althing goal`: requests a goal from a running ecosystem, and follows it to its end.
 
 use std::process::ExitCode;
 
@@ -11,7 +11,7 @@ use crate::commands::client;
 use crate::commands::speaking::{self, Interrupt, Manner};
 use crate::config::{Ecosystem, is_pddl, wish_for};
 
-/// Asks for a goal or cancels one.
+/// Requests a goal or cancels one.
 pub(super) fn run(args: &GoalArgs) -> ExitCode {
     let json = args.print.json;
     client::with_link(&args.reach, json, async |link| {
@@ -29,7 +29,7 @@ pub(super) fn run(args: &GoalArgs) -> ExitCode {
     })
 }
 
-/// What is to be said, once the goal is found and can be read.
+/// Returns the request, after finding the goal and checking that it can be parsed.
 pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Said, String> {
     if let Some(id) = &args.cancel {
         return Ok(Said::Cancel(ConversationId::new(id)));
@@ -46,14 +46,15 @@ pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Sai
         }
     };
     let wish = readable(wish)?;
-    // What is said here counts more than what the file says of the goal.
+    // Options of the command line override the settings in the file.
     let keep = if args.maintain { Keep::Maintain } else { wish.keep };
     let priority = args.priority.unwrap_or(wish.priority);
     let partition = args.partition.map_or(wish.partition, Into::into);
     Ok(Said::Wish(Wish { keep, priority, partition, ..wish }))
 }
 
-/// The wish, if its goal can be read; otherwise what is wrong with it, and what was likely meant.
+/// Returns the wish if its goal can be parsed; otherwise the mistakes and, if possible, the goal
+/// that was probably meant.
 pub(super) fn readable(wish: Wish) -> Result<Wish, String> {
     let goal = wish.goal.trim();
     let Err(found) = pddl::parse_condition(goal).into_result() else { return Ok(wish) };

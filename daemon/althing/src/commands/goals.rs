@@ -1,4 +1,4 @@
-//! `althing goals`: what is wanted, how it stands, and what has happened.
+//! `althing goals`: all goals, their state, and their history.
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -13,7 +13,7 @@ use terminal::{exit, output, visible};
 use crate::cli::AskArgs;
 use crate::commands::client::{self, View};
 
-/// Lines of a goal's history that are shown; `--json` has them all.
+/// Lines of a goal's history that are shown; `--json` shows all of them.
 const HISTORY_LINES: usize = 6;
 
 /// Prints a paragraph per goal.
@@ -30,7 +30,7 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
     }
 }
 
-/// The goals, as the leading Plan Requester says; none where none answers.
+/// Queries the goals from the leading Plan Requester; `None` if it does not answer.
 pub(super) async fn ask(view: &View) -> Option<Vec<GoalStatus>> {
     let requester = AgentId::new("plan-requester").ok();
     view.directory(requester.as_ref()).await;
@@ -63,7 +63,7 @@ fn paragraphs(goals: &[GoalStatus], now: &Zoned) -> String {
     text
 }
 
-/// The time of day in the time zone of `now`, with the date where it is another day.
+/// Returns the time of day in the time zone of `now`, with the date if it is another day.
 fn clock_time(unix_ms: u64, now: &Zoned) -> String {
     let known = i64::try_from(unix_ms).ok().and_then(|ms| Timestamp::from_millisecond(ms).ok());
     let Some(at) = known.map(|at| at.to_zoned(now.time_zone().clone())) else {

@@ -1,4 +1,4 @@
-//! What a person hears, as lines for a person and as objects for a program.
+//! Formats the messages that a person receives: lines for people, objects for programs.
 
 use std::process::ExitCode;
 
@@ -10,7 +10,7 @@ use terminal::output::Color;
 use terminal::styled::Styled;
 use terminal::{exit, output};
 
-/// Prints what was heard.
+/// Prints a message.
 pub(crate) fn print(heard: &Heard, json: bool) -> ExitCode {
     if json {
         return output::print_json(&object(heard), exit::DONE);
@@ -19,7 +19,7 @@ pub(crate) fn print(heard: &Heard, json: bool) -> ExitCode {
     output::print_styled(&text, exit::DONE)
 }
 
-/// What was heard, for a person.
+/// Formats a message for people.
 pub(crate) fn lines(heard: &Heard) -> Vec<Styled> {
     match heard {
         Heard::Asked(id) => vec![line(Color::Dim, "asked", id.as_str())],
@@ -45,7 +45,8 @@ fn line(color: Color, word: &str, rest: &str) -> Styled {
     Styled::painted(color, &format!("{word:<8}")).and(" ").and(rest)
 }
 
-/// A text of several lines; those after the first stand below it, so that none looks like one of ours.
+/// Formats a text of several lines. Further lines are indented, so that none looks like a line of
+/// this program.
 fn block(color: Color, word: &str, text: &str) -> Vec<Styled> {
     let mut parts = text.lines();
     let first = line(color, word, parts.next().unwrap_or_default());
@@ -70,7 +71,7 @@ fn of_report(report: &Report) -> Vec<Styled> {
     lines
 }
 
-/// An answer to a message that was sent as it was written.
+/// Formats an answer to a message that the user wrote.
 fn of_message(message: &Message) -> Styled {
     let (from, act) = (&message.sender, message.performative);
     let said = match act {
@@ -90,7 +91,7 @@ fn of_message(message: &Message) -> Styled {
     Styled::line(&format!("{:<8} {from}: {said}", act.as_str()))
 }
 
-/// What was heard, for a program.
+/// Formats a message for programs.
 pub(crate) fn object(heard: &Heard) -> Value {
     match heard {
         Heard::Asked(id) => json!({ "event": "asked", "conversation": id }),

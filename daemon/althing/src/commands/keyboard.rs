@@ -1,4 +1,4 @@
-//! `althing keyboard`: a prompt to a running ecosystem, in any terminal.
+//! `althing keyboard`: an interactive prompt to a running ecosystem.
 
 use std::process::ExitCode;
 
@@ -27,7 +27,7 @@ pub(super) fn run(args: &KeyboardArgs) -> ExitCode {
 }
 
 async fn open(link: &Link, id: AgentId, is_chosen: bool, json: bool) -> ExitCode {
-    // A name that we made has nobody else.
+    // A generated name is unique, so it is not checked.
     if is_chosen && let Some(daemon) = link.view.holder(&id).await {
         let problem = format!(
             "be `{id}`: an agent of that name is at daemon `{daemon}`; choose another with --name"

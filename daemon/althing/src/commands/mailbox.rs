@@ -1,4 +1,4 @@
-//! `althing mailbox`: how full agents' mailboxes are, and what has overflowed.
+//! `althing mailbox`: how full the mailboxes of agents are, and how many messages have overflowed.
 
 use std::fmt::Write as _;
 use std::process::ExitCode;

@@ -1,8 +1,8 @@
 //! One function per command: from arguments to an exit code.
 //!
-//! Each prints what it has to say; none reads the command line or the environment itself.
+//! Commands print their results; none reads the command line or the environment itself.
 
-// One command each.
+// One module per command.
 pub(crate) mod act;
 pub(crate) mod agents;
 pub(crate) mod answer;
@@ -29,7 +29,7 @@ mod validate;
 mod vigil;
 pub(crate) mod watch;
 
-// What several of them need.
+// Modules that several commands share.
 pub(crate) mod client;
 pub(crate) mod hearing;
 mod speaking;
@@ -44,10 +44,11 @@ use terminal::{exit, output};
 use crate::cli::Command;
 use crate::plugins;
 
-/// What `althing up` says when its agents are here; whoever started it waits for the line.
+/// The words in the line that `althing up` prints when its agents are present; a process that
+/// starts it waits for this line.
 pub(crate) const READY: &str = "is ready";
 
-/// Does what was asked.
+/// Runs a command.
 pub(crate) fn run(command: Command) -> ExitCode {
     match command {
         Command::Plan(args) => althing_plan::run(&args),
@@ -76,7 +77,7 @@ pub(crate) fn run(command: Command) -> ExitCode {
     }
 }
 
-/// Says what is wrong with what the user wrote.
+/// Reports a mistake in what the user wrote.
 fn wrong(problem: &str, json: bool) -> ExitCode {
     if json {
         let value = serde_json::json!({ "status": "bad-input", "problem": problem });
@@ -86,13 +87,13 @@ fn wrong(problem: &str, json: bool) -> ExitCode {
     exit::with(exit::BAD_INPUT)
 }
 
-/// Mistakes in a text, each with its place.
+/// Formats the mistakes in a text, each with its place.
 fn located(found: &[pddl::Diagnostic], text: &str) -> String {
     let lines: Vec<_> = found.iter().map(|mistake| mistake.located(text)).collect();
     lines.join("\n")
 }
 
-/// A duration in its largest unit.
+/// Formats a duration in its largest unit.
 pub(crate) fn brief(duration: Duration) -> String {
     match duration.as_secs() {
         0 => format!("{} ms", duration.as_millis()),
@@ -102,16 +103,17 @@ pub(crate) fn brief(duration: Duration) -> String {
     }
 }
 
-/// Runs what waits. Two threads: one for the agents of a small board, one for a planner.
+/// Runs a future to its end, on a runtime with two threads: one for the agents of a small board,
+/// one for a planner.
 ///
-/// Zenoh cannot live on Tokio's single-threaded scheduler.
+/// Zenoh does not work on Tokio's single-threaded scheduler.
 fn in_runtime(work: impl Future<Output = ExitCode>) -> ExitCode {
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
     match runtime {
         Ok(runtime) => {
             let code = runtime.block_on(work);
-            // A search that was cancelled may still be looking at its flag.
+            // A cancelled search may take a moment until it checks its flag.
             runtime.shutdown_timeout(std::time::Duration::from_millis(200));
             code
         }

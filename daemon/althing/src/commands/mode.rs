@@ -1,4 +1,4 @@
-//! `althing mode`: changes the flow while it runs.
+//! `althing mode`: changes the planning flow of a running ecosystem.
 
 use std::process::ExitCode;
 
@@ -8,7 +8,7 @@ use crate::cli::ModeArgs;
 use crate::commands::client;
 use crate::commands::speaking::{self, Interrupt, Manner};
 
-/// Asks for the flow.
+/// Requests the flow.
 pub(super) fn run(args: &ModeArgs) -> ExitCode {
     let json = args.print.json;
     client::with_link(&args.reach, json, async |link| {

@@ -1,4 +1,4 @@
-//! `althing plugin`: programs that bring agents, on this machine and in a running ecosystem.
+//! `althing plugin`: packages of plugins, on this machine and in a running ecosystem.
 
 mod allow;
 mod check;
@@ -21,7 +21,7 @@ use crate::commands::client::{self, View};
 use crate::config::{self, Ecosystem, Overrides};
 use crate::{hosting, plugins};
 
-/// Shows, checks, adds, removes.
+/// Lists, checks, installs, changes or removes packages.
 pub(super) fn run(args: &PluginArgs) -> ExitCode {
     match &args.command {
         PluginCommand::List(args) => client::with_view(args, list),
@@ -39,7 +39,7 @@ pub(super) fn run(args: &PluginArgs) -> ExitCode {
     }
 }
 
-/// How the plugins of all daemons are.
+/// Queries the state of the plugins of all daemons.
 pub(super) async fn plugins(view: &View) -> Vec<Plugins> {
     view.directory(None).await;
     let answers = view.ask(Resource::Plugins, None).await;
@@ -85,12 +85,12 @@ async fn list(view: &View, json: bool) -> ExitCode {
     output::print(text, exit::DONE)
 }
 
-/// How far a daemon confines its plugins, in a line.
+/// Describes in a line how far a daemon confines its plugins.
 fn confined(plugins: &Plugins) -> String {
     let Plugins { daemon, confinement, .. } = plugins;
     let Confined { not_enforced, limits, .. } = confinement;
     let said = match not_enforced.as_slice() {
-        // A daemon of another version does not say.
+        // A daemon of another version does not report this.
         [] if limits.is_empty() => return String::new(),
         [] => format!("`{daemon}` enforces the whole confinement of plugins"),
         lacks => format!("not enforced on `{daemon}`, of a plugin: {}", lacks.join("; ")),
@@ -119,7 +119,7 @@ fn line(plugins: &Plugins, status: &Status) -> String {
     text
 }
 
-/// What of a plugin's confinement is not enforced, if something is not.
+/// Describes the parts of a plugin's confinement that are not enforced; `None` if all are.
 fn not_enforced_here(lacks: &[String]) -> Option<String> {
     (!lacks.is_empty()).then(|| format!("not enforced here: {}", lacks.join("; ")))
 }
@@ -130,7 +130,7 @@ fn add(args: &PluginAddArgs) -> ExitCode {
         Ok(shelf) => shelf,
         Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
     };
-    // A folder is called by its name wherever one stands.
+    // The path is resolved, because messages name a package by its folder.
     let from = args.package.canonicalize().unwrap_or_else(|_| args.package.clone());
     let added = Package::open(&from).map_err(|faults| ShelfError::Faulty(Box::new(faults)));
     let added = added.and_then(|package| {
@@ -186,7 +186,7 @@ fn change(
     }
 }
 
-/// An error about a plugin; of one that is not there, with the name that may be meant.
+/// Returns the text of an error; for an unknown plugin with the name that was probably meant.
 fn known_or_near(shelf: &Shelf, name: &str, error: ShelfError) -> String {
     match error {
         ShelfError::Unknown { .. } => {
@@ -214,7 +214,7 @@ fn shelf(place: &PluginPlaceArgs) -> Result<Shelf, String> {
     Ok(Shelf { folder: hosting::plugins_folder(said.as_deref()) })
 }
 
-/// Reads an ecosystem file; what is wrong with it is shown.
+/// Reads an ecosystem file; mistakes in it are shown.
 fn load(file: &Path) -> Result<Ecosystem, String> {
     let read = Ecosystem::load(file, &Overrides::default(), &plugins::known());
     read.map_err(|error| {

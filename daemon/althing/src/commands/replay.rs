@@ -1,11 +1,12 @@
-//! `althing replay`: what came from outside, said again to agents that are started afresh.
+//! `althing replay`: replays the requests of a recording to agents that are started afresh.
 //!
-//! - What a recorded ecosystem's own agents said is not played: they are here, and say their own.
-//!   What is played is what others opened: people's goals, actions and changes (`plays`).
-//! - The agents live in this process, on a wire in memory, with a simulated building of their own;
-//!   `--lose` and `--duplicate` make that wire unreliable.
-//! - Who asked for something after something else had ended then, asks after it has ended now.
-//! - How each thing ended is held against how it ended then.
+//! - Messages of the recorded ecosystem's own agents are not replayed: those agents run here, and
+//!   send their own. Replayed are the exchanges that others opened: goals, actions and changes of
+//!   people (`plays`).
+//! - The agents run in this process, on a network in memory, with a simulated building of their
+//!   own; `--lose` and `--duplicate` make that network unreliable.
+//! - A request that was made after another one had ended is replayed after that one has ended.
+//! - The end of each exchange is compared with its end in the recording.
 
 mod plays;
 
@@ -36,10 +37,10 @@ use plays::{End, Play, Plays, Words};
 use terminal::render::plural;
 use terminal::{exit, output};
 
-/// A recording did not come to the same ends.
+/// Exit code if an exchange ended otherwise than in the recording.
 const OTHERWISE: u8 = 1;
 
-/// Plays a recording, and says how it went.
+/// Replays a recording, and prints the results.
 pub(super) fn run(args: &ReplayArgs) -> ExitCode {
     let json = args.print.json;
     let recording = match Recording::read(&args.file) {
@@ -93,30 +94,30 @@ fn ecosystem(args: &ReplayArgs) -> Result<Ecosystem, ExitCode> {
     Ok(ecosystem)
 }
 
-/// A recording that is about to be played.
+/// A recording that is about to be replayed.
 struct Show {
     plays: Plays,
     mishaps: Arc<Mishaps>,
     speed: f64,
     lasts: Duration,
-    /// How long an end is waited for beyond that: messages that are lost are sent again up to a
-    /// second later, and a plan has tens of them.
+    /// How long to wait for an end beyond the recorded time: lost messages are resent up to a
+    /// second later, and a plan has tens of messages.
     patience: Duration,
     unread: usize,
     name: String,
 }
 
-/// Where conversations of the recording go on now.
+/// The conversations of the replay that continue those of the recording.
 type Now = Arc<watch::Sender<BTreeMap<ConversationId, ConversationId>>>;
 
 impl Show {
-    /// Plays it to its end. The error completes “failed to …”.
+    /// Replays the recording to its end. The error completes “failed to …”.
     async fn play(self, ecosystem: &Ecosystem, json: bool) -> Result<ExitCode, String> {
-        // What a fresh ecosystem keeps, it keeps as long as it is played.
+        // The state folder of the fresh ecosystem exists as long as the replay.
         let state = tempfile::Builder::new().prefix("althing-").tempdir();
         let state = state.map_err(|error| format!("make a folder for the replay: {error}"))?;
         let node = self.open(ecosystem, state.path()).await?;
-        // A heartbeat or two, so that everybody knows of everybody, as then.
+        // Waits for heartbeats, so that all agents know each other as in the recording.
         tokio::time::sleep(ecosystem.settings.heartbeat_period * 2).await;
         let began = Instant::now();
         let voices = self.voices(&node, ecosystem);
@@ -132,7 +133,7 @@ impl Show {
                 let is_its_turn =
                     |ended: &BTreeSet<usize>| play.after.iter().all(|it| ended.contains(it));
                 tokio::time::sleep(wait).await;
-                // What others wait for in vain is played all the same.
+                // A request is replayed at the end of the time even if earlier ones have not ended.
                 let _ = tokio::time::timeout_at(until, others.wait_for(is_its_turn)).await;
                 let has_ended = || {
                     ended.send_modify(|ended| {
@@ -168,7 +169,7 @@ impl Show {
         Node::open(part, wire).await.map_err(|error| error.to_string())
     }
 
-    /// A keyboard for everybody who said something, under the name it had.
+    /// Launches a keyboard agent for every initiator in the recording, under its name there.
     fn voices(&self, node: &Node, ecosystem: &Ecosystem) -> BTreeMap<AgentId, Voice> {
         let mut voices = BTreeMap::new();
         for (index, play) in self.plays.plays.iter().enumerate() {
@@ -240,8 +241,8 @@ impl Show {
     }
 }
 
-/// By which keyboard something is said. Who gives a goal up hears what is said to that, beside what
-/// its asker hears in the same conversation, and so has a keyboard of its own.
+/// Returns the name of the keyboard that sends a message. A cancellation has a keyboard of its own:
+/// its answers arrive in the same conversation as those to the initiator of the goal.
 fn voice_of(index: usize, play: &Play) -> AgentId {
     match &play.words {
         Words::Said(_) => play.who.clone(),
@@ -250,8 +251,8 @@ fn voice_of(index: usize, play: &Play) -> AgentId {
     }
 }
 
-/// Says one thing again, and hears how it ends. Of a goal that is kept `has_ended` is told when it holds
-/// first, as in the recording: whoever gives it up has waited for no more.
+/// Replays one exchange, and returns its end. For a kept goal `has_ended` is called when it first
+/// holds, as in the recording, because a later cancellation has waited for no more than that.
 async fn perform(play: Play, voice: Voice, now: Now, until: Instant, has_ended: impl Fn()) -> End {
     let said = match play.words {
         Words::Said(said) => said,
@@ -275,19 +276,19 @@ async fn perform(play: Play, voice: Voice, now: Now, until: Instant, has_ended: 
                 end = heard;
                 has_ended();
             }
-            // A goal that was kept is played until it holds.
+            // A kept goal that held in the recording is followed until it holds.
             if is_final || (end == End::Done && play.end == End::Done) {
                 return;
             }
         }
     };
-    // Whatever is still open then, is open.
+    // An exchange that has no end by then counts as open.
     let _ = tokio::time::timeout_at(until, hearing).await;
     end
 }
 
-/// Where a conversation of the recording goes on, as soon as it does; its old name, which nobody knows
-/// here, if it never does.
+/// Returns the conversation that continues one of the recording, as soon as it exists; the old
+/// name, which no agent knows here, if it never does.
 async fn conversation_now(now: &Now, then: ConversationId, until: Instant) -> ConversationId {
     let mut known = now.subscribe();
     let asked = tokio::time::timeout_at(until, known.wait_for(|now| now.contains_key(&then)));
@@ -298,7 +299,7 @@ async fn conversation_now(now: &Now, then: ConversationId, until: Instant) -> Co
 }
 
 impl End {
-    /// What news say of the end; nothing, if it is not there yet.
+    /// Returns the end that a message reports; `None` for progress.
     fn of(news: &News) -> Option<End> {
         match news {
             News::Report(report) => End::of_outcome(report.outcome),

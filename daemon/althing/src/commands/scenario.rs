@@ -1,5 +1,5 @@
-//! `althing scenario`: plays a scenario of the paper and says whether the building's truth is
-//! what it wants.
+//! `althing scenario`: plays a scenario of the paper and reports whether the building's truth meets
+//! its requirements.
 
 use std::process::ExitCode;
 
@@ -11,10 +11,10 @@ use crate::cli::{ScenarioArgs, SubstrateArg};
 use crate::interruption;
 use crate::scenario::{Event, Played, Scenario, Script, Stage, play};
 
-/// The outcome does not hold.
+/// Exit code if the building's truth does not meet them.
 const DOES_NOT_HOLD: u8 = 1;
 
-/// Plays, prints what happens, and the verdict.
+/// Plays the scenario, and prints its events and the verdict.
 pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
     let mode = args.mode.map_or(Mode::Decentralized, Mode::from);
     let stage = match args.substrate {
@@ -34,7 +34,7 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
     super::in_runtime(async move {
         tokio::select! {
             code = perform(number, script, json) => code,
-            // The stage falls with the play, and what was started for it ends.
+            // Dropping the scenario ends all processes that it has started.
             signal = interruption::interrupted() => exit::by_signal(signal),
             () = interruption::reader_gone() => exit::with(exit::DONE),
         }

@@ -1,4 +1,5 @@
-//! `althing send`: one message as it is written, checked, sent from a keyboard; the answers.
+//! `althing send`: checks one message of the user, sends it from a keyboard agent, and prints the
+//! answers.
 
 use std::io::Read as _;
 use std::path::Path;
@@ -20,14 +21,14 @@ use crate::cli::SendArgs;
 use crate::commands::client::{self, Link};
 use crate::commands::speaking::{self, Interrupt, Manner};
 
-/// How long answers are waited for that name no time: longer than an agent has to answer, and
-/// than a plan takes to be found.
+/// Default time to wait for answers: longer than an agent may take to answer, and longer than the
+/// search for a plan takes.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// A message of a person is not longer than this; a program that sends megabytes is mistaken.
+/// Longest message in bytes; a program that writes megabytes is mistaken.
 const BYTES_MAX: u64 = 1 << 20;
 
-/// What is written in the file.
+/// The message in the file.
 #[derive(Deserialize)]
 struct Written {
     performative: Performative,
@@ -38,16 +39,16 @@ struct Written {
     protocol: Option<Protocol>,
     conversation_id: Option<ConversationId>,
     reply_by: Option<Deadline>,
-    /// What the keyboard says itself ([`SAID_BY_KEYBOARD`]), or nobody knows.
+    /// Keys that the keyboard sets itself ([`SAID_BY_KEYBOARD`]), and unknown ones.
     #[serde(flatten)]
     rest: Map<String, Value>,
 }
 
-/// The keys of a message that are written.
+/// The keys of a message that users write.
 const WRITTEN: &[&str] =
     &["performative", "receiver", "content", "protocol", "conversation_id", "reply_by"];
 
-/// Those that the keyboard says itself, whatever is written.
+/// The keys that the keyboard sets itself, whatever the file contains.
 const SAID_BY_KEYBOARD: &[&str] = &[
     "version",
     "id",
@@ -98,11 +99,12 @@ async fn send(link: &Link, draft: Draft, json: bool) -> ExitCode {
     let manner = Manner { to: to.as_ref().map(AgentId::as_str), json, interrupt };
     let is_to_all = draft.to.is_none();
     let code = speaking::say(link, Said::Send(draft), manner).await;
-    // Of a message to all nobody knows how many will answer: the end of the wait is its end.
+    // The number of answers to a message to all agents is unknown: the end of the wait is a
+    // success.
     if is_to_all && code == exit::with(exit::UNAVAILABLE) { exit::with(exit::DONE) } else { code }
 }
 
-/// Whether the receiver is here: a message to a wrong name would wait for its deadline.
+/// Checks that the receiver is present: a message to a wrong name would wait for its deadline.
 fn is_here(draft: &Draft, directory: &Directory) -> Result<(), String> {
     let Some(to) = draft.to.as_ref().filter(|to| directory.find(to).is_none()) else {
         return Ok(());
@@ -126,7 +128,7 @@ fn text(file: &Path) -> Result<String, String> {
 }
 
 /// Reads a message and checks it: its performative must open an exchange of its protocol, and its
-/// content must have the shape that goes with them.
+/// content must have the form that belongs to both.
 fn draft(text: &str) -> Result<Draft, String> {
     let written: Written = serde_json::from_str(text).map_err(|error| {
         format!("this is no message: {}; see althing help send", worded(&error))
@@ -166,7 +168,7 @@ fn draft(text: &str) -> Result<Draft, String> {
     Ok(Draft { to, performative, protocol, conversation: conversation_id, content, patience })
 }
 
-/// What cannot be read of a message, in the words of who wrote it.
+/// Explains in the terms of the user why a message cannot be read.
 fn worded(error: &serde_json::Error) -> String {
     let said = error.to_string();
     let near = |word: &str, known: &[&str]| match pddl::nearest(word, known.iter().copied()) {
@@ -191,7 +193,7 @@ fn worded(error: &serde_json::Error) -> String {
     }
 }
 
-/// The protocol that goes with a message, once its content can be read.
+/// Returns the protocol of a message, after checking that its content can be read.
 fn shape(performative: Performative, content: &Value) -> Result<Protocol, String> {
     let wrong =
         |error: serde_json::Error| format!("the content of a `{performative}`: {}", worded(&error));

@@ -1,4 +1,4 @@
-//! `althing sensors`: what is plugged into this machine, and the lines that bring it in.
+//! `althing sensors`: the sensors of this machine, and the lines that add them to an ecosystem.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -60,7 +60,7 @@ fn table(channels: &[Channel]) -> String {
         let Channel { device, quantity, is_ambient, .. } = channel;
         let now = match channel.read() {
             Ok(value) => format!("{value:.1} {}", quantity.unit()),
-            // Where its file is, --json says.
+            // `--json` shows the path of the file.
             Err(ReadError::File { source, .. }) => format!("fails: {source}"),
             Err(error) => format!("failed to {error}"),
         };
@@ -71,7 +71,8 @@ fn table(channels: &[Channel]) -> String {
     text + "\nalthing sensors --toml prints the lines that bring them into an ecosystem\n"
 }
 
-/// An agent for each device and what it measures, those of the machine itself left out.
+/// Returns an agent's entry for each device and quantity; sensors of the machine itself are left
+/// out.
 fn lines(channels: &[Channel]) -> String {
     let mut counts = BTreeMap::new();
     let mut text = String::new();

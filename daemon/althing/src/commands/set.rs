@@ -1,4 +1,4 @@
-//! `althing set`: changes what is known of the world.
+//! `althing set`: changes known facts.
 
 use std::process::ExitCode;
 
@@ -9,7 +9,7 @@ use crate::cli::{FactArgs, SetArgs};
 use crate::commands::speaking::{self, Interrupt, Manner};
 use crate::commands::{client, wrong};
 
-/// Asks for the change.
+/// Requests the change.
 pub(super) fn run(args: &SetArgs) -> ExitCode {
     let json = args.print.json;
     let said = match said(&args.facts) {
@@ -24,7 +24,7 @@ pub(super) fn run(args: &SetArgs) -> ExitCode {
     })
 }
 
-/// What is to be said, once it can be read as facts.
+/// Returns the request to change facts, after checking that they can be parsed.
 pub(crate) fn said(args: &FactArgs) -> Result<Said, String> {
     let facts = args.facts.join("\n");
     let read = pddl::parse_init_elements(&facts).into_result();

@@ -1,5 +1,5 @@
-//! Saying one thing to a running ecosystem through a keyboard of one's own, and following what
-//! comes of it. Serves `goal`, `act`, `set`, `mode`, `answer` and `send`.
+//! Sends one request or message to a running ecosystem through a keyboard agent of the command, and
+//! follows the answers. Used by `goal`, `act`, `set`, `mode`, `answer` and `send`.
 
 use std::mem;
 use std::process::ExitCode;
@@ -19,30 +19,31 @@ use crate::interruption;
 /// The number of the signal of Ctrl-C.
 const SIGINT: i32 = 2;
 
-/// What was asked for failed, or was refused.
+/// Exit code if the request failed or was refused.
 pub(super) const FAILED: u8 = 1;
 
-/// What Ctrl-C means for what was said.
+/// The effect of Ctrl-C on the request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Interrupt {
-    /// It goes on; the user is told so.
+    /// The request continues; the user gets this text.
     Leave(String),
-    /// A goal goes on; the user is told how to follow it and how to give it up. With the arguments by
-    /// which the ecosystem was found.
+    /// The goal continues; the user is told how to follow it and how to cancel it, with these
+    /// arguments, by which the ecosystem was found.
     LeaveGoal(String),
-    /// It is given up, and its last word is waited for; a second Ctrl-C leaves.
+    /// The request is cancelled, and its final report is waited for; a second Ctrl-C ends the
+    /// command at once.
     GiveUp,
 }
 
-/// How a thing is said.
+/// The options of a request.
 pub(super) struct Manner<'a> {
-    /// To whom it is said, as far as the user must wait for them.
+    /// The receiver, if the user has to wait for it.
     pub(super) to: Option<&'a str>,
     pub(super) json: bool,
     pub(super) interrupt: Interrupt,
 }
 
-/// Says one thing, and tells what is heard until the last word.
+/// Sends one request or message, and prints the answers up to the final one.
 pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode {
     let json = manner.json;
     let is_cancel = matches!(said, Said::Cancel(_));
@@ -78,7 +79,7 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
                     }
                     (left, about) => output::note(&left.advice(about.as_ref())),
                 }
-                // What was asked for is not done; a goal that holds is.
+                // An interrupted request is not done, except for a goal that holds already.
                 return if holds { exit::with(exit::DONE) } else { exit::by_signal(SIGINT) };
             }
             () = &mut reader_gone => {
@@ -102,7 +103,7 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
         if printed != exit::with(exit::DONE) || output::is_reader_gone() {
             return printed;
         }
-        // Of a message to all nobody knows how many will answer.
+        // The number of answers to a message to all agents is unknown.
         if heard.is_final() && !(is_to_all && matches!(heard, Heard::Answered(_))) {
             return exit::with(code_of(&heard, is_cancel));
         }
@@ -110,7 +111,7 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
 }
 
 impl Interrupt {
-    /// What a person is told who goes away.
+    /// Returns the text for a user that leaves before the end.
     fn advice(&self, about: Option<&ConversationId>) -> String {
         match (self, about) {
             (Interrupt::Leave(advice), _) => advice.clone(),
@@ -126,7 +127,8 @@ impl Interrupt {
     }
 }
 
-/// Says it; where the answers come. The error completes “failed to …”.
+/// Sends the request. Returns the terminal that receives the answers. The error completes “failed
+/// to …”.
 async fn begin(link: &Link, said: Said, manner: &Manner<'_>) -> Result<Terminal, &'static str> {
     let is_to_all = matches!(&said, Said::Send(draft) if draft.to.is_none());
     let (keyboard, terminal) = Keyboard::with_terminal();
@@ -134,7 +136,7 @@ async fn begin(link: &Link, said: Said, manner: &Manner<'_>) -> Result<Terminal,
     greet(link, manner.to).await?;
     link.node.launch(id, keyboard, link.view.ontology());
     if is_to_all {
-        // Nobody says it again who has not heard it.
+        // A message to all agents is not resent, so all of them must be reachable first.
         link.node.switchboard().introduced().await;
     }
     let sent = terminal.say.send(said).await;
@@ -142,7 +144,7 @@ async fn begin(link: &Link, said: Said, manner: &Manner<'_>) -> Result<Terminal,
     Ok(terminal)
 }
 
-/// What is told of a goal besides its own news.
+/// Starts the watch over leader and link, for goals only.
 fn vigil(link: &Link, manner: &Manner<'_>) -> Option<Vigil> {
     if !matches!(manner.interrupt, Interrupt::LeaveGoal(_)) {
         return None;
@@ -158,7 +160,7 @@ async fn news(vigil: &mut Option<Vigil>) -> News {
     }
 }
 
-/// Prints what was said of a goal meanwhile, as far as its Plan Requester remembers.
+/// Prints the reports of a goal that the command missed, as far as the Plan Requester keeps them.
 async fn catch_up(link: &Link, about: Option<&ConversationId>, told: &mut Told, json: bool) {
     let Some(about) = about else { return };
     let goals = goals::ask(&link.view).await.unwrap_or_default();
@@ -167,14 +169,14 @@ async fn catch_up(link: &Link, about: Option<&ConversationId>, told: &mut Told, 
     }
 }
 
-/// Prints what was said of a goal and not heard.
+/// Prints the lines of a goal's history that have not been printed.
 fn print_missed(told: &mut Told, about: &ConversationId, history: Vec<HistoryEntry>, json: bool) {
     for report in told.missed(history) {
         hearing::print(&Heard::Report(about.clone(), report), json);
     }
 }
 
-/// Waits until the link tells of whom one speaks to; says so where that takes long.
+/// Waits until the receiver is seen; tells the user if it is not seen in time.
 async fn greet(link: &Link, to: Option<&str>) -> Result<(), &'static str> {
     let wanted = to.and_then(|to| AgentId::new(to).ok());
     let directory = link.view.directory(wanted.as_ref()).await;

@@ -1,4 +1,4 @@
-//! `althing state`: what is known of the world, from whom, and until when.
+//! `althing state`: the known facts, their owners, and how long they are valid.
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -40,7 +40,7 @@ fn table(state: &BelievedState) -> String {
         let left = left.unwrap_or_default();
         let (owners, shown) = (owners.join(", "), visible::line(fact));
         let _ = writeln!(text, "{shown:<46} {:<22} {age}{left}", visible::line(&owners));
-        // Owners who contradict each other: whose word is not believed now.
+        // Contradicting claims of other owners, which are not believed now.
         for other in claims.iter().filter(|claim| claim.fact != *fact) {
             let age = super::brief(Duration::from_millis(other.age_ms));
             let not = if other.fact.starts_with("(unknown ") { "" } else { "not " };

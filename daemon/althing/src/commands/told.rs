@@ -1,11 +1,11 @@
-//! The reports of a goal that a command has printed. After a disconnection it prints from the goal's
-//! history what is missing, and no line twice.
+//! The reports of a goal that a command has printed. After a disconnection the command prints from
+//! the goal's history the lines that it missed, and no line twice.
 
 use std::collections::VecDeque;
 
 use acl::content::{HistoryEntry, Outcome, Report};
 
-/// As many lines as a Plan Requester remembers of a goal.
+/// Number of lines that are kept: as many as a Plan Requester keeps of a goal.
 const LINES_MAX: usize = 64;
 
 type Line = (Outcome, String);
@@ -14,26 +14,27 @@ type Line = (Outcome, String);
 #[derive(Debug, Default)]
 pub(super) struct Told {
     lines: VecDeque<Line>,
-    /// Those that were taken from the goal's history: they may still be under way as messages.
+    /// Lines that were printed from the goal's history: they may still arrive as messages.
     from_history: Vec<Line>,
 }
 
 impl Told {
-    /// Notes a report; whether it is to be printed.
+    /// Records a report. Returns `true` if it is to be printed.
     pub(super) fn note(&mut self, report: &Report) -> bool {
         let line = (report.outcome, report.detail.clone());
         if let Some(index) = self.from_history.iter().position(|other| *other == line) {
             self.from_history.remove(index);
             return false;
         }
-        // Messages keep their order: what the history told before this one is through.
+        // Messages keep their order, so no line from the history can still arrive after this one.
         self.from_history.clear();
         self.push(line);
         true
     }
 
-    /// Those lines of a goal's history that have not been printed; they count as printed now. Its end
-    /// is not among them: it comes as a message, until it is heard.
+    /// Returns the lines of a goal's history that have not been printed, and counts them as
+    /// printed. The final report is not among them: it is sent as a message until it is
+    /// acknowledged.
     pub(super) fn missed(&mut self, history: Vec<HistoryEntry>) -> Vec<Report> {
         let mut printed: Vec<_> = self.lines.iter().cloned().collect();
         let mut missed = Vec::new();

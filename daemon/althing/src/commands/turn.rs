@@ -1,8 +1,9 @@
-//! Commands join a running ecosystem in turns: each is a process with a Zenoh session of its own, and
-//! hundreds that join at one instant would keep the machine so busy that none sees anybody.
+//! Limits how many commands join a running ecosystem at once: each is a process with a Zenoh
+//! session of its own, and hundreds that join together would keep the machine so busy that none of
+//! them sees an agent.
 //!
-//! A turn is a locked file beside the daemons' sockets. It is over when the command has joined, or its
-//! process has ended.
+//! A turn is a locked file beside the daemons' sockets. It ends when the command has joined, or
+//! when its process has ended.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::os::unix::fs::OpenOptionsExt as _;
@@ -12,23 +13,24 @@ use std::time::{Duration, Instant};
 
 use terminal::output;
 
-/// How many commands join at a time.
+/// Number of commands that may join at a time.
 const AT_ONCE: usize = 4;
 
-/// After how long a person is told that the command waits.
+/// Time after which the user is told that the command waits.
 const TOLD_AFTER: Duration = Duration::from_secs(3);
 
-/// How often a command that waits tries whether its turn has come.
+/// How often a waiting command tries to get its turn.
 const TRIED_EVERY: Duration = Duration::from_millis(25);
 
-/// How long a command waits for its turn. Joining takes a tenth of a second: hundreds come first.
+/// How long a command waits for its turn. Joining takes a tenth of a second, so hundreds of
+/// commands can go first.
 const WITHIN: Duration = Duration::from_secs(120);
 
-/// A command's turn to join; over when dropped.
+/// A command's turn to join; it ends when this is dropped.
 pub(super) struct Turn(Option<File>);
 
-/// Waits until it is this command's turn to join the daemons whose sockets are in `folder`. The error
-/// completes “failed to …”.
+/// Waits until this command may join the daemons with sockets in `folder`. The error completes
+/// “failed to …”.
 pub(super) fn wait(folder: &Path) -> Result<Turn, String> {
     wait_within(folder, WITHIN)
 }
@@ -38,7 +40,7 @@ fn wait_within(folder: &Path, within: Duration) -> Result<Turn, String> {
     for number in 0..AT_ONCE {
         let path = folder.join(format!("joining-{number}"));
         let opened = OpenOptions::new().create(true).append(true).mode(0o600).open(&path);
-        // Where no file can be made, nobody can be waited for.
+        // If no file can be created, the command joins without waiting.
         let Ok(file) = opened else { return Ok(Turn(None)) };
         match file.try_lock() {
             Ok(()) => return Ok(Turn(Some(file))),
@@ -49,8 +51,8 @@ fn wait_within(folder: &Path, within: Duration) -> Result<Turn, String> {
     let began = Instant::now();
     let mut is_told = false;
     while began.elapsed() < within {
-        // Any of them: one that is held by a stopped command holds up nobody. The system wakes who
-        // waits for one lock only, so all are tried now and then.
+        // Any free lock will do, so a stopped command that holds one delays no other. A process can
+        // sleep on one lock only, so all of them are tried periodically.
         thread::sleep(TRIED_EVERY);
         if let Some(free) = files.iter().position(|file| file.try_lock().is_ok()) {
             return Ok(Turn(Some(files.swap_remove(free))));
@@ -69,7 +71,8 @@ fn wait_within(folder: &Path, within: Duration) -> Result<Turn, String> {
 
 impl Drop for Turn {
     fn drop(&mut self) {
-        // A process of the same files that was begun meanwhile would hold the lock.
+        // Explicitly unlocked, because a child process that inherited the file would still hold the
+        // lock.
         if let Some(file) = &self.0 {
             let _ = file.unlock();
         }

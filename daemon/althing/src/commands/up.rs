@@ -1,4 +1,4 @@
-//! `althing up`: runs the daemon until it is told to stop.
+//! `althing up`: runs the daemon until it is asked to stop.
 
 mod reload;
 
@@ -29,12 +29,12 @@ use crate::review::{self, Scope};
 use crate::service_manager::{self, Watchdog};
 use reload::{Next, Reload};
 
-/// How a daemon of this machine is called again when its link is lost: four times a second for as
-/// long as it does not answer, because looking for a socket costs nothing, and a process that was
-/// stopped is to be met as soon as it goes on.
+/// Zenoh's retry settings for a lost link to a daemon of this machine: four times a second as long
+/// as it does not answer. Looking for a socket costs almost nothing, and a process that was stopped
+/// is reached as soon as it continues.
 const RETRY: &str = "retry_period_init_ms=250;retry_period_max_ms=250";
 
-/// Reads the ecosystem, hosts this machine's part of it, drains at SIGINT and SIGTERM.
+/// Reads the ecosystem, hosts this machine's part of it, and drains at SIGINT and SIGTERM.
 pub(super) fn run(args: &UpArgs) -> ExitCode {
     hosting::keep_to_oneself();
     let Some(file) = args.file.clone().or_else(config::find_ecosystem_file) else {
@@ -80,7 +80,8 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
     super::in_runtime(up(ecosystem, place, others, manner, reload))
 }
 
-/// Reads the ecosystem and finds this daemon's part of it; what is wrong is shown.
+/// Reads the ecosystem and finds this daemon's part of it; mistakes are shown, and the error is the
+/// exit code.
 fn read(
     file: &Path,
     overrides: &Overrides,
@@ -106,15 +107,15 @@ fn read(
     Ok((ecosystem, place))
 }
 
-/// What the daemon does for whoever started it.
+/// The tasks that the command line gives to the daemon, besides hosting agents.
 struct Manner {
-    /// Goals it asks for.
+    /// The goals that it requests.
     goals: Vec<Wish>,
     has_prompt: bool,
     until_stdin_ends: bool,
 }
 
-/// Which part of the ecosystem this process hosts.
+/// The part of the ecosystem that this process hosts.
 #[derive(Clone)]
 struct Place {
     daemon: DaemonId,
@@ -123,8 +124,8 @@ struct Place {
 }
 
 impl Place {
-    /// The part of `--daemon`, or of the host name; a machine that the file does not name is
-    /// alone and hosts everything.
+    /// Returns the part of `--daemon`, or of the host name. A machine that the file does not name
+    /// runs alone and hosts all agents.
     fn find(ecosystem: &Ecosystem, asked: Option<&str>) -> Result<Place, String> {
         let host = host_name();
         let named = match asked {
@@ -142,7 +143,7 @@ impl Place {
                     known.join(", ")
                 ));
             }
-            // Nobody else hosts anything: nobody stands by.
+            // A daemon that runs alone hosts every agent, so no agent has a standby.
             let alone = |entry: &AgentEntry| AgentEntry { daemons: Vec::new(), ..entry.clone() };
             let agents = ecosystem.agents.iter().map(alone).collect();
             return Ok(Place { daemon, agents, is_alone: true });
@@ -164,17 +165,17 @@ impl Place {
     }
 }
 
-/// The machine's name, as a daemon's.
+/// Returns the machine's host name as the name of a daemon; `None` if it cannot be one.
 pub(super) fn host_name() -> Option<DaemonId> {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok()?;
     let first = name.trim().split('.').next()?.to_lowercase();
     DaemonId::new(&first).ok()
 }
 
-/// The other ecosystems that this daemon joins too, each with the interface it is joined by.
+/// The other ecosystems that this daemon joins, each with the interface that connects to it.
 type Others = Vec<(InterfaceEntry, Other)>;
 
-/// Reads the other ecosystems that this daemon is to join.
+/// Reads the other ecosystems that this daemon joins by its interfaces.
 fn others(ecosystem: &Ecosystem, place: &Place) -> Result<Others, Report> {
     let is_here = |entry: &InterfaceEntry| match &entry.daemon {
         Some(daemon) => place.is_alone || *daemon == place.daemon,
@@ -190,10 +191,10 @@ fn others(ecosystem: &Ecosystem, place: &Place) -> Result<Others, Report> {
     Ok(others)
 }
 
-/// A node in another ecosystem, and its stay there.
+/// The nodes in other ecosystems, each with its presence there.
 type Abroad = Vec<(Node, Stay)>;
 
-/// Joins the other ecosystems, with a wire of its own each, and lets the interfaces work.
+/// Joins the other ecosystems, each with a connection of its own, and starts the interfaces.
 async fn abroad(
     ecosystem: &Ecosystem,
     others: Others,
@@ -229,7 +230,8 @@ async fn abroad(
     Ok(abroad)
 }
 
-/// Mirrors leave before those they speak for: whatever they are at is given up over there too.
+/// Drains all nodes. Proxy agents leave before the agents that they stand for, so that their
+/// commitments are cancelled in the other ecosystem too.
 async fn drain(home: Node, abroad: Abroad) -> bool {
     let mut all = home.drain().await;
     for (node, _stay) in abroad {
@@ -250,7 +252,8 @@ async fn up(
         exit::with(exit::UNAVAILABLE)
     };
     hosting::warn_of_few_file_handles();
-    // They end after the node: others are told that a daemon has left when it has.
+    // `_stay` and the building are dropped after the node: other daemons must not see that this one
+    // has left before it has.
     let (mut node, simulated, _stay, scouts) = match open(&ecosystem, &place).await {
         Ok(opened) => opened,
         Err(problem) => return unavailable(format!("failed to {problem}")),
@@ -259,7 +262,8 @@ async fn up(
         Ok(abroad) => abroad,
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
-    // Before anybody hears that the daemon is ready, and may tell it to stop.
+    // Handlers are installed before the daemon reports that it is ready, because it may be stopped
+    // right after that.
     let interrupted = interruption::interrupted();
     tokio::pin!(interrupted);
     reload.building = simulated.own.clone();
@@ -305,7 +309,7 @@ async fn up(
     exit::with(exit::DONE)
 }
 
-/// Runs the daemon until it is told to stop, or has to begin anew; says whether it has to.
+/// Runs the daemon until it is asked to stop (`false`) or has to restart itself (`true`).
 async fn serve(
     node: &mut Node,
     ecosystem: &Ecosystem,
@@ -323,7 +327,7 @@ async fn serve(
             () = ended(&mut stdin_ended) => return false,
             () = watchdog.due() => watchdog.lives(),
             () = reload::asked_for(&mut reload.hangups) => {
-                // The terminal that it was started in has been closed.
+                // The terminal in which the daemon was started has been closed.
                 if reload.had_terminal && !std::io::stdin().is_terminal() {
                     return false;
                 }
@@ -338,7 +342,7 @@ async fn serve(
     }
 }
 
-/// A prompt's end of this daemon: a keyboard of its own, which asks for the goals of the command
+/// Opens a prompt of this daemon: a keyboard agent, which also requests the goals of the command
 /// line.
 async fn prompt(ecosystem: Arc<Ecosystem>, node: &Node, goals: Vec<Wish>) -> Result<Guest, String> {
     let (keyboard, terminal) = Keyboard::with_terminal();
@@ -363,17 +367,17 @@ async fn prompt(ecosystem: Arc<Ecosystem>, node: &Node, goals: Vec<Wish>) -> Res
 async fn wish(terminal: &Terminal, goals: Vec<Wish>) {
     for goal in goals {
         let wish = Wish { keep: acl::content::Keep::Maintain, ..goal };
-        // The keyboard ends with the daemon, and then nobody wishes anything.
+        // The keyboard ends with the daemon; the goal is not needed then.
         let _ = terminal.say.send(Said::Wish(wish)).await;
     }
 }
 
-/// Reads standard input to its end, on a thread of its own: nothing can wake a read of a terminal,
-/// and the process must not wait for it.
+/// Reads standard input to its end, on a thread of its own: a read of a terminal cannot be
+/// interrupted, and the process must not wait for it.
 fn watch_stdin() -> oneshot::Receiver<()> {
     let (tell, ended) = oneshot::channel();
     std::thread::spawn(move || {
-        // An input that cannot be read has ended.
+        // An error while reading counts as the end.
         let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
         let _ = tell.send(());
     });
@@ -383,15 +387,15 @@ fn watch_stdin() -> oneshot::Receiver<()> {
 async fn ended(stdin: &mut Option<oneshot::Receiver<()>>) {
     match stdin {
         Some(ended) => {
-            // The watcher gone is the end too.
+            // The end of the watching thread counts as the end, too.
             let _ = ended.await;
         }
         None => std::future::pending().await,
     }
 }
 
-/// Says who is here. A process that started this one waits for the line, a service manager for
-/// its own.
+/// Prints which agents are hosted. A process that started this one waits for the line; a service
+/// manager is notified separately.
 fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
     let agents: Vec<_> = node.agents().map(AgentId::as_str).collect();
     let alone = if place.is_alone { ", alone on this machine" } else { "" };
@@ -419,8 +423,8 @@ fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
     }
 }
 
-/// A daemon's node, the building it lends others, its place in the folder of sockets, and whether it
-/// looks for others beyond its machine.
+/// Opens a daemon's node. Also returns the simulated building, the daemon's presence in the folder
+/// of sockets, and whether it scouts for daemons beyond its machine.
 async fn open(
     ecosystem: &Ecosystem,
     place: &Place,
@@ -453,8 +457,8 @@ async fn open(
     Ok((node, simulated, stay, scouts))
 }
 
-/// Where several processes share the building: as the file says, or where plugins of this daemon that
-/// are processes find it.
+/// Returns the socket by which several processes share the building: the one in the ecosystem file
+/// or, if this daemon hosts agents of packages, one in the runtime folder.
 fn building_socket(ecosystem: &Ecosystem, place: &Place) -> Result<Option<PathBuf>, String> {
     if ecosystem.building.socket.is_some() {
         return Ok(ecosystem.building.socket.clone());
@@ -468,11 +472,11 @@ fn building_socket(ecosystem: &Ecosystem, place: &Place) -> Result<Option<PathBu
 #[derive(Default)]
 struct Simulated {
     handle: Option<BuildingHandle>,
-    /// The building itself, where it is not another process's.
+    /// The building itself; `None` if another process has it.
     own: Option<Building>,
-    /// Lends it to others for as long as the daemon lives.
+    /// Serves the building to other processes as long as the daemon runs.
     _server: Option<Server>,
-    /// Lends it to others when whoever does so now is gone.
+    /// Takes over the building when the process that serves it is gone.
     _succession: Option<Succession>,
 }
 
@@ -482,15 +486,16 @@ impl Simulated {
         Simulated { handle, own: Some(building), _server: server, _succession: None }
     }
 
-    /// Another process's, until that is gone.
+    /// Creates the handle for a building of another process, to be taken over when that process is
+    /// gone.
     fn theirs(ecosystem: &Ecosystem, socket: &Path, building: BuildingHandle) -> Simulated {
         let succession = hosting::succeed(ecosystem.clone(), socket.to_owned(), building.clone());
         Simulated { handle: Some(building), _succession: Some(succession), ..Simulated::default() }
     }
 }
 
-/// The building of the simulated drivers, if any is hosted here: another process's, if one
-/// serves it already; otherwise ours, which others may use.
+/// Returns the building for the simulated drivers of these agents, if there are any: that of
+/// another process if one serves it already, otherwise a new one, which other processes may use.
 async fn simulated(
     ecosystem: &Ecosystem,
     agents: &[AgentEntry],
@@ -513,7 +518,7 @@ async fn simulated(
     };
     match ::building::serve(building.handle(), socket).await {
         Ok(server) => Ok(Simulated::ours(building, Some(server))),
-        // Another daemon that started with us was faster.
+        // Another daemon that started at the same time was faster.
         Err(ServeError::InUse { .. }) => {
             let theirs = BuildingHandle::connect(socket).await;
             let theirs = theirs.map_err(|error| error.to_string())?;
@@ -523,8 +528,8 @@ async fn simulated(
     }
 }
 
-/// Zenoh as this daemon uses it: daemons of one machine meet in a folder of sockets, and whoever
-/// comes later calls those who are here.
+/// Configures Zenoh for this daemon: the daemons of one machine find each other by sockets in a
+/// folder, and a daemon connects to those that entered earlier.
 async fn wire(ecosystem: &Ecosystem, daemon: &DaemonId) -> Result<(Wire, Stay), String> {
     let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
     let socket = socket_in(&folder, daemon.as_str()).map_err(|error| error.to_string())?;
@@ -558,13 +563,14 @@ fn zenoh_settings(said: &Value) -> Value {
     }
 }
 
-/// Asks for the goals of the command line, on behalf of whoever started the daemon.
+/// Requests the goals of the command line through a keyboard agent.
 async fn ask(ecosystem: &Ecosystem, node: &Node, goals: Vec<Wish>) -> Option<Terminal> {
     if goals.is_empty() {
         return None;
     }
     let (keyboard, terminal) = Keyboard::with_terminal();
-    // The same in every life of the daemon, so that a goal is asked for anew and not once more.
+    // The same name in every incarnation of the daemon, so that a goal is resumed and not requested
+    // twice.
     let id = AgentId::new(&format!("starter-{}", node.switchboard().daemon())).ok()?;
     node.launch(id, keyboard, ecosystem.domain.name.as_str());
     wish(&terminal, goals).await;
@@ -582,7 +588,7 @@ async fn hear(terminal: &mut Option<Terminal>) -> Heard {
     }
 }
 
-/// The sockets of the daemons of an ecosystem on this machine.
+/// Returns the sockets of an ecosystem's daemons on this machine, sorted.
 pub(super) fn sockets(folder: &Path) -> Vec<PathBuf> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let paths = entries.flatten().map(|entry| entry.path());

@@ -1,4 +1,4 @@
-//! `althing validate`: does this plan work? An independent check, with the plan's cost.
+//! `althing validate`: checks a plan independently of any planner, and computes its cost.
 //!
 //! The last line on stdout is `cost = N` for a plan that works: planner benchmarks read it.
 
@@ -19,7 +19,7 @@ use terminal::{exit, output};
 
 use crate::cli::ValidateArgs;
 
-/// Checks the plan, and shows its cost or what fails.
+/// Checks the plan, and prints its cost or its first fault.
 pub(crate) fn run(args: &ValidateArgs) -> ExitCode {
     let json = args.print.json;
     let limits = Limits::of_time(args.time_limit);
@@ -29,7 +29,7 @@ pub(crate) fn run(args: &ValidateArgs) -> ExitCode {
     deadline.answer(|| show(json, judged))
 }
 
-/// What is to be said of a plan.
+/// The result of the validation.
 enum Judged {
     Valid {
         warnings: Report,
@@ -42,7 +42,7 @@ enum Judged {
         plan: Plan,
         fault: Box<Fault>,
     },
-    /// The texts cannot be used.
+    /// The domain, the problem or the plan cannot be used.
     Refused(Report),
 }
 
@@ -104,7 +104,7 @@ fn read_plan(path: &Path) -> Result<(Arc<Source>, Plan, Report), Report> {
     }
 }
 
-/// What has to do with time: this check knows none, and says so instead of guessing.
+/// Returns a report if the task or the plan uses time, which the validator does not support.
 fn unsupported(task: &Task, source: &Arc<Source>, plan: &Plan) -> Option<Report> {
     let mut report = task.report.clone();
     if let Some(later) = task.problem.timed_literal() {
@@ -165,7 +165,7 @@ fn show_fault(
     output::print_json(&value, exit::INVALID_PLAN)
 }
 
-/// The fault as a mistake in the plan's text, or of the goal in the problem's.
+/// Returns the fault as a mistake in the text of the plan or, for the goal, of the problem.
 fn told(
     task: &Task,
     source: &Arc<Source>,
@@ -201,14 +201,15 @@ fn told(
     }
 }
 
-/// What `check` would say of the step: the likely intended name.
+/// Returns the help that `check` gives for the step: the name that was probably meant.
 fn suggestion(task: &Task, plan: &Plan, index: usize) -> Option<String> {
     let step = plan.steps.get(index)?.clone();
     let alone = Plan { steps: vec![step], cost: None };
     pddl::check_plan(&task.domain, &task.problem, &alone).into_iter().find_map(|found| found.help)
 }
 
-/// The word `:goal`: the tree does not keep where the whole goal stands.
+/// Returns the span of the word `:goal`, because the tree does not record where the whole goal
+/// stands.
 fn goal_span(text: &str) -> pddl::Span {
     let without_comments = text.split_inclusive('\n').scan(0, |offset, line| {
         let start = *offset;

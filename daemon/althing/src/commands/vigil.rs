@@ -1,6 +1,6 @@
-//! What a person who waits for a goal is told besides the goal's own news: that nobody leads, and that
-//! the daemon through which the command hears stands still. When the command is linked to another
-//! daemon, what was said of the goal meanwhile is asked for.
+//! Watches leader and link while a command waits for a goal. Reports that there is no leader, and
+//! that the daemon through which the command receives messages is stopped. When the command is
+//! linked to another daemon, the reports of the goal that it missed are requested.
 
 use std::time::Duration;
 
@@ -11,38 +11,40 @@ use tokio::time::{Interval, MissedTickBehavior, interval};
 use crate::commands::client::View;
 use crate::commands::doors;
 
-/// How often it is looked. What is gone for two looks is told: a standby takes over within less.
+/// Interval of the checks. An absent leader is reported at the second check: a standby takes over
+/// sooner.
 const PERIOD: Duration = Duration::from_millis(500);
 
-/// For how many looks no daemon is reached before that is told: some links are back within a second.
+/// Number of checks without a daemon before that is reported: some links are back within a second.
 const UNREACHED_LOOKS: u32 = 6;
 
-/// Looks while a goal is waited for.
+/// Checks leader and link periodically.
 pub(super) struct Vigil {
     view: View,
     leader: AgentId,
-    /// The daemon of this machine by which the command hears: its endpoint and process.
+    /// The daemon of this machine through which the command receives messages: its endpoint and
+    /// process.
     door: Option<(String, Pid)>,
     ticks: Interval,
-    /// For how many looks nobody has led.
+    /// Number of checks in a row without a leader.
     leaderless: u32,
     is_door_told: bool,
-    /// For how many looks no daemon has been reached.
+    /// Number of checks in a row without a daemon.
     unreached: u32,
-    /// Whether the link has been lost, and no other is known yet.
+    /// Whether the link has been lost and the leader has not been seen since.
     is_cut_off: bool,
 }
 
-/// What there is to tell.
+/// An event to report.
 pub(super) enum News {
-    /// A line for a person.
+    /// A line for the user.
     Line(String),
-    /// The command was cut off, and hears again: it may have missed something.
+    /// The command was disconnected and receives messages again: it may have missed some.
     HearsAgain,
 }
 
 impl Vigil {
-    /// Begins; `leader` is the agent that decides on the goal.
+    /// Starts the watch; `leader` is the agent that decides on the goal.
     pub(super) fn begin(view: &View, leader: AgentId) -> Vigil {
         let door = view.endpoints.iter().find_map(|endpoint| {
             let process = doors::process_at(endpoint)?;
@@ -63,7 +65,7 @@ impl Vigil {
         }
     }
 
-    /// Waits for something to tell.
+    /// Waits for an event.
     pub(super) async fn news(&mut self) -> News {
         loop {
             self.ticks.tick().await;
@@ -78,7 +80,7 @@ impl Vigil {
         }
     }
 
-    /// Whether the leader is seen again after a time without a link.
+    /// Whether the leader is seen again after the link was lost.
     fn hears_again(&mut self) -> bool {
         let directory = self.view.switchboard.directory();
         self.is_cut_off |= directory.iter().next().is_none();
@@ -101,7 +103,8 @@ impl Vigil {
         })
     }
 
-    /// Whether any daemon is reached. A door that stands still has been told already.
+    /// Reports that no daemon is reached, or that one is reached again. A stopped daemon has been
+    /// reported already.
     fn of_link(&mut self) -> Option<String> {
         if self.view.switchboard.directory().iter().next().is_some() {
             let was_told = self.unreached >= UNREACHED_LOOKS && !self.is_door_told;
@@ -118,7 +121,7 @@ impl Vigil {
 
     fn of_leader(&mut self) -> Option<String> {
         let directory = self.view.switchboard.directory();
-        // Without a link nobody is seen, and nothing is known of who leads.
+        // Without a link no agent is seen, and the leader is unknown.
         directory.iter().next()?;
         let leader = &self.leader;
         match directory.find(leader) {

@@ -1,5 +1,5 @@
-//! `althing watch`: the messages of a running ecosystem as they are sent, held against the
-//! protocols; those of one conversation as a sequence diagram.
+//! `althing watch`: prints the messages of a running ecosystem as they are sent, and checks them
+//! against the protocols; those of one conversation as a sequence diagram.
 
 pub(crate) mod record;
 
@@ -21,16 +21,17 @@ use crate::commands::client::{self, Target};
 use crate::hosting::GuestKeys;
 use crate::interruption;
 
-/// Messages that may wait to be printed; a slow terminal misses the rest, and is told so.
+/// Most messages that wait to be printed or recorded; further ones are dropped. A recording counts
+/// them.
 const WAITING_MAX: usize = 10_000;
 
-/// What is shown in place of a person's answer; as long for a short one as for a long one.
+/// The replacement for a person's answer; its length does not depend on that of the answer.
 const VEIL: &str = "•••";
 
-/// A terminal's width.
+/// Width of the output in columns.
 const COLUMNS: usize = 80;
 
-/// Of a sequence diagram, the width of a name, and of the arrow between two.
+/// Width of a name in a sequence diagram, and of the arrow between two names.
 const NAME_COLUMNS: usize = 22;
 const ARROW_COLUMNS: usize = 24;
 const _: () = assert!(9 + 2 * NAME_COLUMNS + ARROW_COLUMNS + 2 <= COLUMNS);
@@ -60,20 +61,20 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
     })
 }
 
-/// To what is listened, and as whom.
+/// The ecosystem to listen to, and the identity of the listener.
 pub(crate) struct Listening {
     pub(crate) ecosystem: EcosystemId,
     pub(crate) endpoints: Vec<String>,
     pub(crate) keys: Option<GuestKeys>,
-    /// Tells the listeners of one process apart.
+    /// Distinguishes the listeners of one process.
     pub(crate) role: &'static str,
 }
 
-/// Prints messages until nobody reads them.
+/// Prints messages until the reader of the output is gone.
 ///
 /// # Errors
 ///
-/// If the ecosystem cannot be listened to; completes “failed to …”.
+/// Returns an error if the ecosystem cannot be reached; it completes “failed to …”.
 pub(crate) async fn listen(
     listening: &Listening,
     conversation: Option<String>,
@@ -83,7 +84,7 @@ pub(crate) async fn listen(
     let config = client::guest_config(ecosystem, endpoints, keys.as_ref(), role)?;
     let (hear, mut heard) = mpsc::channel(WAITING_MAX);
     let tap = substrate_zenoh::tap(config, move |_, payload| {
-        // A full queue loses a line of a log, and nothing else.
+        // A full queue loses lines of the output only.
         let _ = hear.try_send(payload);
     });
     let _tap = tap.await.map_err(|error| error.to_string())?;
@@ -106,7 +107,7 @@ pub(crate) async fn listen(
     Ok(exit::with(exit::DONE))
 }
 
-/// Says from when on nothing is missed.
+/// Tells the user that every message from now on is shown.
 fn announce(ecosystem: &EcosystemId, conversation: Option<&str>, json: bool) {
     let line = match conversation {
         Some(conversation) => format!("listening to {conversation}"),
@@ -147,7 +148,7 @@ impl Watcher {
     }
 }
 
-/// A message as anyone may see it: without what a person answered, which may be a secret.
+/// Returns a message without the answer of a person, which may be a secret.
 fn discreet(message: &Message) -> Message {
     let says = |key: &str, word: &str| message.content.get(key).is_some_and(|said| said == word);
     let answers =
@@ -156,7 +157,7 @@ fn discreet(message: &Message) -> Message {
     if answers || says("of", "answer") || says("act", "answer-question") {
         match ["text", "sealed"].iter().find(|key| shown.content.get(**key).is_some()) {
             Some(key) => shown.content[*key] = Value::from(VEIL),
-            // Of another shape than ours, and yet an answer.
+            // An answer in an unknown form.
             None => shown.content = Value::from(VEIL),
         }
     }
@@ -171,7 +172,7 @@ fn receiver(message: &Message) -> String {
     }
 }
 
-/// A message among all others: one line.
+/// Formats a message as one line.
 fn line(at: Duration, message: &Message) -> Styled {
     let (act, from, to) = (message.performative, &message.sender, receiver(message));
     let head = format!("{:>8.3} {act:<15} {from} → {to}", at.as_secs_f64());
@@ -180,7 +181,8 @@ fn line(at: Duration, message: &Message) -> Styled {
     Styled::line(format!("{head}  {what}").trim_end()).end()
 }
 
-/// A message of one conversation: an arrow from one agent to another, and what it says below.
+/// Formats a message of one conversation: an arrow from one agent to another, and the content below
+/// it.
 fn step(at: Duration, message: &Message) -> Styled {
     let from = cut(message.sender.as_str(), NAME_COLUMNS);
     let to = cut(&receiver(message), NAME_COLUMNS);
@@ -195,7 +197,7 @@ fn step(at: Duration, message: &Message) -> Styled {
     text
 }
 
-/// The beginning of a text, as long as there is room for it.
+/// Cuts a text to a width.
 fn cut(text: &str, columns: usize) -> String {
     if text.chars().count() <= columns {
         return text.to_owned();
@@ -205,7 +207,7 @@ fn cut(text: &str, columns: usize) -> String {
     cut
 }
 
-/// What a message says, in a few words on one line.
+/// Summarises the content of a message in a few words on one line.
 fn gist(message: &Message) -> String {
     let said = match message.performative {
         Performative::Confirm => message
@@ -221,12 +223,12 @@ fn gist(message: &Message) -> String {
             Ok(Inform::Epoch(change)) => {
                 format!("epoch {}, revision {}", change.epoch, change.revision)
             }
-            // It may be a secret.
+            // The answer may be a secret.
             Ok(Inform::Answer(_)) => "an answer".to_owned(),
             Err(_) => String::new(),
         },
         _ => match message.content_as::<Request>() {
-            // As above, on its way to the keyboard that keeps the question.
+            // The same, on its way to the keyboard that holds the question.
             Ok(Request::AnswerQuestion(answer)) => {
                 format!("an answer to question {}", answer.question)
             }
@@ -234,11 +236,12 @@ fn gist(message: &Message) -> String {
         },
     };
     let line = said.split_whitespace().collect::<Vec<_>>().join(" ");
-    // Before it is cut to the width of a terminal: what is shown is longer than what it stands for.
+    // Escaped before it is cut to the width of a terminal, because escapes are longer than the
+    // characters that they replace.
     visible::line(&line).into_owned()
 }
 
-/// The first field of a content that tells a person something.
+/// Returns the first field of a content that is informative for people.
 fn of_content(message: &Message) -> String {
     const TELLING: [&str; 13] = [
         "goal",
@@ -286,7 +289,7 @@ mod tests {
         discreet(&message(performative, &content)).content
     }
 
-    /// It may be a secret: also where another keyboard passes it on.
+    /// An answer may be a secret, also if another keyboard passes it on.
     #[test]
     fn what_a_person_answers_is_not_shown() {
         let answer = json!({ "of": "answer", "text": "2718" });

@@ -1,15 +1,16 @@
-//! Durations as people write them: `500ms`, `1.5s`, `2min`, `1h`.
+//! Durations as users write them: `500ms`, `1.5s`, `2min`, `1h`.
 
 use std::time::Duration;
 
 use serde::{Deserialize, Deserializer};
 
-/// A day: nothing in a building that answers waits longer, and sums of a few never overflow.
+/// One day: nothing in a building waits longer for an answer, and sums of a few such durations
+/// never overflow.
 const MAX: Duration = Duration::from_secs(24 * 60 * 60);
 
 const UNITS: &[(&str, f64)] = &[("ms", 0.001), ("s", 1.0), ("min", 60.0), ("h", 3_600.0)];
 
-/// Reads a duration above zero and up to a day. The error says what would be right.
+/// Parses a duration above zero and up to [`MAX`]. The error says what is allowed.
 pub(super) fn parse(text: &str) -> Result<Duration, String> {
     let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
     let (number, unit) = text.split_at(digits);
@@ -23,7 +24,7 @@ pub(super) fn parse(text: &str) -> Result<Duration, String> {
     }
 }
 
-/// The same for `serde`.
+/// Deserialises a duration for `serde`.
 pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Duration, D::Error> {
     parse(&String::deserialize(from)?).map_err(serde::de::Error::custom)
 }

@@ -1,4 +1,4 @@
-//! An ecosystem as its file means it: no options left open, no impossible pairs.
+//! An ecosystem as its file defines it: complete and consistent.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -15,47 +15,46 @@ use terminal::report::Source;
 use super::InterfaceEntry;
 use super::layer::Places;
 
-/// A whole ecosystem, the same on every machine.
+/// A whole ecosystem; it is the same on every machine.
 #[derive(Clone, Debug)]
 pub(crate) struct Ecosystem {
     /// Its name.
     pub(crate) name: EcosystemId,
     /// The shared ontology.
     pub(crate) domain: Arc<Domain>,
-    /// The map: objects and facts that no agent brings.
+    /// The map: the objects and facts that no agent brings.
     pub(crate) problem: Arc<Problem>,
-    /// Who plans.
+    /// The planning flow: centralised or decentralised.
     pub(crate) mode: Mode,
-    /// All daemons: those listed, and those that agents name.
+    /// All daemons: those listed, and those that agents and interfaces name.
     pub(crate) daemons: BTreeSet<DaemonId>,
     /// All agents, in the order of the file.
     pub(crate) agents: Vec<AgentEntry>,
-    /// Where this ecosystem meets others.
+    /// Interfaces to other ecosystems.
     pub(crate) interfaces: Vec<InterfaceEntry>,
-    /// Goals with a name; each has been parsed and checked.
+    /// The named goals; each has been parsed and checked.
     pub(crate) goals: BTreeMap<String, Wish>,
-    /// For Zenoh, as it is; null where nothing is said.
+    /// The configuration for Zenoh, as it is written; null if there is none.
     pub(crate) zenoh: Value,
     /// Times and bounds.
     pub(crate) settings: Settings,
-    /// How it is secured, if it is.
+    /// The settings of security; `None` if the ecosystem is not secured.
     pub(crate) security: Option<SecuritySettings>,
-    /// Who may do what, where it is secured.
+    /// The rights of agents and daemons; they are enforced only if the ecosystem is secured.
     pub(crate) rights: Rights,
     /// Plugins that run as processes.
     pub(crate) plugins: PluginSettings,
     /// The simulated building.
     pub(crate) building: BuildingSettings,
-    /// Where each key was written: `agent.0.config` and what is in it.
+    /// The place of each key: `agent.0.config` and all within it.
     pub(crate) places: Places,
-    /// The texts that the ecosystem was read from.
+    /// The texts from which the ecosystem was read.
     pub(crate) texts: Texts,
-    /// Whether ontology and map are free of errors, so that what is held against them means
-    /// something.
+    /// Whether ontology and map are free of errors; otherwise checks against them prove nothing.
     pub(crate) are_files_sound: bool,
 }
 
-/// The texts that an ecosystem was read from.
+/// The texts from which an ecosystem was read.
 #[derive(Clone, Debug)]
 pub(crate) struct Texts {
     /// The ecosystem file.
@@ -67,72 +66,73 @@ pub(crate) struct Texts {
 /// One `[[agent]]`.
 #[derive(Clone, Debug)]
 pub(crate) struct AgentEntry {
-    /// Where the entry stands in the file, such as `agent.3`; empty for an agent that no file names.
+    /// The path of the entry in the file, such as `agent.3`; empty for an agent that no file names.
     pub(crate) path: String,
     /// Its name, unique in the ecosystem.
     pub(crate) name: AgentId,
-    /// The plugin that builds it: a known one, or one of its package's.
+    /// The plugin that builds it: a built-in one, or one of its package.
     pub(crate) plugin: String,
-    /// The package whose process brings it; none for an agent of the daemon itself.
+    /// The package that provides its plugin; `None` for a built-in plugin.
     pub(crate) package: Option<String>,
-    /// Which daemons host it; none where whoever runs alone does. Of several, one acts and the
-    /// others stand by.
+    /// The daemons that host it. If there are none, a machine that runs alone hosts it. If there
+    /// are several, one is the leader and the others are standbys.
     pub(crate) daemons: Vec<DaemonId>,
-    /// One of the plugin's drivers; none for the plugin's default.
+    /// One of the plugin's drivers; `None` for the plugin's default.
     pub(crate) driver: Option<String>,
-    /// For the plugin, as it is; null where nothing is said.
+    /// The configuration for the plugin, as it is written; null if there is none.
     pub(crate) config: Arc<Value>,
 }
 
 impl AgentEntry {
-    /// Whether the daemon itself has its plugin.
+    /// Whether its plugin is built into the daemon.
     pub(crate) fn is_built_in(&self) -> bool {
         self.package.is_none()
     }
 }
 
-/// How an ecosystem is secured.
+/// The security settings of an ecosystem.
 #[derive(Clone, Debug)]
 pub(crate) struct SecuritySettings {
-    /// Where keys and certificates are.
+    /// The folder with keys and certificates.
     pub(crate) folder: PathBuf,
-    /// How long before its end a certificate is announced.
+    /// How long before its expiry a certificate is announced.
     pub(crate) warn_before: Duration,
-    /// What one daemon may send in a second.
+    /// Most messages per second that are accepted from one daemon.
     pub(crate) messages_per_second_max: u32,
 }
 
-/// Where plugins that run as processes come from, and who of theirs takes part.
+/// The settings for plugins that run as processes.
 #[derive(Clone, Debug)]
 pub(crate) struct PluginSettings {
-    /// The folder with their packages; none for this machine's own.
+    /// The folder with their packages; `None` for the default folder of the machine.
     pub(crate) folder: Option<PathBuf>,
-    /// Whether agents that the file does not name take part.
+    /// The rule for the admission of agents that the file does not name.
     pub(crate) admit: Admit,
-    /// Whether plugins run only where nothing of their confinement is missing.
+    /// Whether plugins run only if the machine supports all parts of their confinement.
     pub(crate) requires_confinement: bool,
 }
 
-/// What the simulated building is like besides the map.
+/// The initial state of the simulated building, besides the map.
 #[derive(Clone, Debug)]
 pub(crate) struct BuildingSettings {
     /// The true temperature of places, in °C.
     pub(crate) temperatures: BTreeMap<String, f64>,
-    /// What else is true of places, by place and quantity.
+    /// Other true quantities of places, by place and quantity.
     pub(crate) conditions: BTreeMap<String, BTreeMap<String, f64>>,
     /// Factor on all durations; 1 is real time.
     pub(crate) time_scale: f64,
-    /// Where several processes share the building.
+    /// The socket by which several processes share the building; `None` if it belongs to one
+    /// process.
     pub(crate) socket: Option<PathBuf>,
 }
 
-/// A goal of which nothing more is said.
+/// Returns a goal without further settings.
 pub(crate) fn wish_for(goal: &str) -> Wish {
     let (keep, partition) = Default::default();
     Wish { goal: goal.to_owned(), keep, priority: 0, partition }
 }
 
-/// Whether a goal is PDDL, right or wrong, and no name.
+/// Whether a goal is PDDL, right or wrong, and not a name.
 pub(crate) fn is_pddl(goal: &str) -> bool {
     goal.trim().is_empty() || goal.contains([' ', '(', ')', ','])
 }
@@ -140,9 +140,9 @@ pub(crate) fn is_pddl(goal: &str) -> bool {
 // === impl Ecosystem ===
 
 impl Ecosystem {
-    /// What is wanted by `goal`: the named goal, or `goal` itself if it is PDDL already.
+    /// Returns the goal named `goal`, or `goal` itself if it is PDDL.
     ///
-    /// The error says which names there are.
+    /// The error lists the names of goals.
     pub(crate) fn wish(&self, goal: &str) -> Result<Wish, String> {
         if let Some(wish) = self.goals.get(goal) {
             return Ok(wish.clone());
@@ -162,12 +162,12 @@ impl Ecosystem {
         Err(format!("there is no goal called `{goal}`; {help}"))
     }
 
-    /// The agents that a daemon hosts by name.
+    /// Returns the agents that are assigned to a daemon by name.
     pub(crate) fn agents_of(&self, daemon: &DaemonId) -> impl Iterator<Item = &AgentEntry> {
         self.agents.iter().filter(move |agent| agent.daemons.contains(daemon))
     }
 
-    /// The agents that keep what must outlive a process.
+    /// Returns the Journals: the agents that keep records for others.
     pub(crate) fn journals(&self) -> impl Iterator<Item = &AgentId> {
         let journals = self
             .agents
@@ -176,7 +176,7 @@ impl Ecosystem {
         journals.map(|agent| &agent.name)
     }
 
-    /// The agents that are given to no daemon: they belong to the machine that runs alone.
+    /// Returns the agents that are assigned to no daemon: a machine that runs alone hosts them.
     pub(crate) fn agents_of_nobody(&self) -> impl Iterator<Item = &AgentEntry> {
         self.agents.iter().filter(|agent| agent.daemons.is_empty())
     }

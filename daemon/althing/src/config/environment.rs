@@ -3,7 +3,7 @@
 //! The scheme: `ALTHING_`, then the path to the key in upper case, `__` between its parts and `_`
 //! for `-`. `ALTHING_ECOSYSTEM__MODE=centralized` is `mode = "centralized"` in `[ecosystem]`;
 //! `ALTHING_TIMING__HEARTBEAT_PERIOD=2s`, `ALTHING_ZENOH__CONNECT__ENDPOINTS='["tcp/pi:7447"]'`.
-//! What is no text is written as in TOML. Agents stand in the file alone.
+//! Values other than texts are written as in TOML. Agents can only be written in the file.
 //!
 //! A variable without `__` is not of this scheme (`ALTHING_LOG`).
 
@@ -25,7 +25,8 @@ const SEPARATOR: &str = "__";
 /// Variables by name.
 pub(crate) type Variables = BTreeMap<String, String>;
 
-/// Those of this process that are of the scheme. What is not UTF-8 is read as far as it is.
+/// Returns the variables of this process that belong to the scheme. Bytes that are not UTF-8 are
+/// replaced.
 pub(crate) fn variables() -> Variables {
     let all = std::env::vars_os().map(|(name, value)| {
         (name.to_string_lossy().into_owned(), value.to_string_lossy().into_owned())
@@ -37,7 +38,7 @@ fn is_ours(name: &str) -> bool {
     name.strip_prefix(PREFIX).is_some_and(|path| path.contains(SEPARATOR))
 }
 
-/// Reads variables against the schema. The layer's text lists them, one in a line.
+/// Reads variables against the schema. The text of the layer lists them, one per line.
 pub(super) fn read(variables: &Variables) -> (Layer, Vec<Diagnostic>) {
     let mut text = String::new();
     let mut starts = Vec::new();
@@ -56,7 +57,8 @@ pub(super) fn read(variables: &Variables) -> (Layer, Vec<Diagnostic>) {
     (reader.layer, reader.diagnostics)
 }
 
-/// The path and the value of one variable, if the schema knows them.
+/// Reads one variable. Returns its path and value; `None` if the schema does not allow them, with a
+/// diagnostic.
 fn variable(
     reader: &mut Reader,
     start: usize,
@@ -83,14 +85,14 @@ fn variable(
     reader.base = start + name.len() + 1;
     let tree = tree(shape, value);
     let value = match shape {
-        // Within what is handed on, anything may stand.
+        // A free table is passed on as it is, with any contents.
         Shape::Free => Some(handed_on(tree.get_ref())),
         _ => reader.value(&dotted, shape, about, &tree),
     };
     Some((path, value?))
 }
 
-/// A value of the environment as TOML: what is to be a text needs no quotes.
+/// Parses a value of the environment as TOML; where the schema wants a text, it needs no quotes.
 fn tree<'v>(shape: &Shape, value: &'v str) -> Spanned<DeValue<'v>> {
     let text = || Spanned::new(0..value.len(), DeValue::String(value.into()));
     match shape {
@@ -99,7 +101,7 @@ fn tree<'v>(shape: &Shape, value: &'v str) -> Spanned<DeValue<'v>> {
     }
 }
 
-/// Follows the parts through the schema; the error says what would be right.
+/// Follows the parts of a name through the schema. The error names the right ones.
 fn resolve(parts: &[&str]) -> Result<(Vec<String>, &'static Shape, &'static str), String> {
     let mut shape = &schema::FILE;
     let mut about = "";
@@ -120,7 +122,7 @@ fn resolve(parts: &[&str]) -> Result<(Vec<String>, &'static Shape, &'static str)
                 shape = element;
                 path.push(kebab);
             }
-            // Zenoh's own keys have `_`.
+            // Keys of Zenoh contain `_`.
             Shape::Free => path.push(lower),
             Shape::List(_) => return Err("agents stand in the ecosystem file alone".to_owned()),
             _ => return Err(format!("`{}` has no keys below it", path.join("."))),
@@ -152,7 +154,7 @@ fn suggestion(parts: &[&str], word: &str, known: &[&str]) -> String {
     }
 }
 
-/// Puts a value at a path, making tables on the way.
+/// Inserts a value at a path, and creates the tables on the way.
 fn insert(root: &mut Value, path: &[String], value: Value) {
     let Some((first, rest)) = path.split_first() else {
         *root = value;

@@ -1,7 +1,8 @@
-//! One layer of the configuration: values that passed the schema, and where each was written.
+//! One layer of the configuration: values that match the schema, and the place where each was
+//! written.
 //!
-//! The `config` crate merges layers; this remembers the places, so that whatever is found wrong
-//! later still points into the text, be it the file's or the environment's.
+//! The `config` crate merges layers; this module keeps the places, so that mistakes that are found
+//! later still point into the text of the file or the environment.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,21 +11,21 @@ use ::config::{ConfigError, Map, Source as ConfigSource, Value};
 use pddl::Span;
 use terminal::report::Source;
 
-/// Where something was written.
+/// The place where a value was written.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
-    /// The key, or of an element the element.
+    /// The key; for an element of a list, the element.
     pub(crate) key: Span,
     /// The value.
     pub(crate) value: Span,
 }
 
-/// Where every key was written, for mistakes that are found later.
+/// The place of every key, for mistakes that are found later.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Places(BTreeMap<String, (Arc<Source>, Place)>);
 
 impl Places {
-    /// Those of layers, the strongest last.
+    /// Collects the places of layers. The last layer has precedence.
     pub(super) fn of(layers: &[Layer]) -> Places {
         let places = layers.iter().flat_map(|layer| {
             let place = |(path, place): (&String, &Place)| {
@@ -35,7 +36,7 @@ impl Places {
         Places(places.collect())
     }
 
-    /// The values written directly under a path, as they stand in the text.
+    /// Returns the values written directly under a path, as they stand in the text.
     pub(crate) fn under(&self, path: &str) -> Vec<&str> {
         let is_under = |key: &str| {
             let rest = key.strip_prefix(path).and_then(|rest| rest.strip_prefix('.'));
@@ -45,7 +46,8 @@ impl Places {
         found.filter_map(|(_, (source, place))| source.text.get(place.value.range())).collect()
     }
 
-    /// Where something was written, or else the nearest thing around it; and whether it is that.
+    /// Returns the place of a path, or else of the nearest thing around it; the flag is `true` if
+    /// it is the path itself.
     pub(crate) fn find(&self, path: &str) -> Option<(Arc<Source>, Place, bool)> {
         let mut around = path;
         loop {
@@ -60,20 +62,20 @@ impl Places {
 /// Checked values and their places.
 #[derive(Clone, Debug)]
 pub(super) struct Layer {
-    /// The text they were written in.
+    /// The text in which they are written.
     pub(super) source: Arc<Source>,
     /// By dotted path: `agent.0.name`.
     pub(super) places: BTreeMap<String, Place>,
-    /// What `config` merges.
+    /// The values that the `config` crate merges.
     pub(super) values: Map<String, Value>,
-    /// All of the text could be read.
+    /// Whether all of the text could be parsed.
     pub(super) is_whole: bool,
 }
 
 // === impl Layer ===
 
 impl Layer {
-    /// A layer that says nothing.
+    /// Creates a layer without values.
     pub(super) fn new(source: Arc<Source>) -> Layer {
         Layer { source, places: BTreeMap::new(), values: Map::new(), is_whole: true }
     }

@@ -1,7 +1,7 @@
-//! From what was written to what it means: names, references, files, durations, goals.
+//! Turns the merged values into an ecosystem: checks names, references, files, durations and goals.
 //!
-//! Every check goes on after a mistake. A mistake is told where it was written: in the file, or in
-//! the environment where that had the last word.
+//! Every check continues after a mistake. A mistake is reported at the place of the value that
+//! counts: in the file, or in the environment if that overrides it.
 
 mod agents;
 
@@ -33,7 +33,7 @@ pub(crate) use goals::moved as moved_goal;
 use rights::limited_actions;
 use terminal::report::{Report, Source};
 
-/// What the checks share: where things were written, and what is wrong so far.
+/// The data that all checks share: the places of values, and the mistakes so far.
 struct Meaning<'l> {
     file: &'l Path,
     layers: &'l [Layer],
@@ -41,8 +41,8 @@ struct Meaning<'l> {
     report: Report,
 }
 
-/// Understands what was written as far as it can be, and says all that is wrong with it, `report`
-/// included.
+/// Turns values into an ecosystem as far as possible. Returns `None` instead of it if its name, its
+/// domain or its map is missing. The report contains `report` and all mistakes.
 pub(super) fn understand(
     file: &Path,
     raw: Raw,
@@ -50,7 +50,7 @@ pub(super) fn understand(
     known_plugins: &[KnownPlugin],
     report: Report,
 ) -> (Option<Ecosystem>, Report) {
-    // No `..`: a new table must be understood here.
+    // No `..`, so that a new table cannot be overlooked here.
     let Raw {
         ecosystem,
         zenoh,
@@ -79,7 +79,7 @@ pub(super) fn understand(
     let settings = meaning.settings(&timing, &limits);
     let security = meaning.security(security, name.as_ref());
     let mut rights = meaning.rights(&rights, &agents, &limited);
-    // Whoever keeps an interface brings the agents that it borrows.
+    // A daemon that runs an interface also brings the agents that the interface borrows.
     if let Allowed::These(newcomers) = &mut rights.newcomers {
         newcomers.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
     }
@@ -116,28 +116,29 @@ pub(super) fn understand(
 // === impl Meaning ===
 
 impl Meaning<'_> {
-    /// Where plugins come from; a folder is named relative to the file.
+    /// Returns the settings for plugins; a folder is relative to the ecosystem file.
     fn plugins(&self, raw: RawPlugins) -> PluginSettings {
         let RawPlugins { folder, admit, confinement } = raw;
         let beside = |folder: String| self.file.parent().unwrap_or(Path::new("")).join(folder);
         let admit = match admit.as_str() {
             "listed" => Admit::Listed,
             "ask" => Admit::Ask,
-            // The schema lets nothing else through.
+            // The schema allows no other value.
             _ => Admit::All,
         };
         let requires_confinement = confinement == "require";
         PluginSettings { folder: folder.map(beside), admit, requires_confinement }
     }
 
-    /// Where something was written last: the environment wins over the file, as its value does.
+    /// Returns the place of a value with the highest precedence: the environment overrides the
+    /// file.
     fn place(&self, path: &str) -> Option<(Arc<Source>, Place)> {
         self.layers.iter().rev().find_map(|layer| {
             layer.places.get(path).map(|place| (Arc::clone(&layer.source), *place))
         })
     }
 
-    /// Reports something about a value; `make` is given where it stands.
+    /// Reports a finding about a value; `make` receives its span.
     fn about_value(&mut self, path: &str, make: impl FnOnce(Span) -> Diagnostic) {
         match self.place(path) {
             Some((source, place)) => self.report.add(&source, [make(place.value)]),
@@ -145,7 +146,7 @@ impl Meaning<'_> {
         }
     }
 
-    /// Reports something about a key or an entry.
+    /// Reports a finding about a key or an entry.
     fn about_key(&mut self, path: &str, make: impl FnOnce(Span) -> Diagnostic) {
         match self.place(path) {
             Some((source, place)) => self.report.add(&source, [make(place.key)]),
@@ -153,7 +154,7 @@ impl Meaning<'_> {
         }
     }
 
-    /// Reports something about the file as a whole.
+    /// Reports a finding about the file as a whole.
     fn about_file(&mut self, diagnostic: Diagnostic) {
         match self.layers.get(1) {
             Some(file) => self.report.add(&file.source, [diagnostic]),
@@ -161,7 +162,8 @@ impl Meaning<'_> {
         }
     }
 
-    /// Reports that a needed key is nowhere; silent where it is there and was wrong already.
+    /// Reports that a required key is missing; does nothing if the key is there, because its value
+    /// was wrong and is reported already.
     fn missing(&mut self, table: &str, key: &str, example: &str) {
         if self.place(&super::reader::join(table, key)).is_some() {
             return;
@@ -169,7 +171,7 @@ impl Meaning<'_> {
         let spoken = super::reader::spoken(table);
         let message = format!("`{key}` is missing in `{spoken}`");
         let help = format!("write {key} = \"{example}\"");
-        // The defaults have the table too; it is missed where the user could have written it.
+        // The defaults have the table too; the report points to a table that the user has written.
         let written = self.layers.iter().skip(1).rev().find_map(|layer| {
             layer.places.get(table).map(|place| (Arc::clone(&layer.source), place.key))
         });
@@ -184,7 +186,7 @@ impl Meaning<'_> {
         }
     }
 
-    /// Reports a name that cannot be one.
+    /// Reports an invalid name.
     fn invalid_name(&mut self, path: &str, err: &InvalidName) {
         let message = format!("`{}` cannot be the name of {}", err.name, err.what);
         self.about_value(path, |span| Diagnostic::error(span, message).with_help(err.rule));
@@ -213,7 +215,7 @@ impl Meaning<'_> {
         daemons
     }
 
-    /// What is said to be so in the simulated building must be something that it has.
+    /// Reports quantities in the conditions of places that the simulated building does not have.
     fn quantities(&mut self, conditions: &BTreeMap<String, BTreeMap<String, f64>>) {
         for (place, values) in conditions {
             for name in values.keys().filter(|name| Quantity::named(name).is_none()) {
@@ -230,7 +232,7 @@ impl Meaning<'_> {
         }
     }
 
-    /// The simulated building, whose places must be those of the map.
+    /// Returns the settings of the simulated building; its places must be those of the map.
     fn building(&mut self, raw: RawBuilding, files: Option<&Files>) -> BuildingSettings {
         let RawBuilding { temperatures, conditions, time_scale, socket } = raw;
         let under = |key: &'static str, place: &String| (format!("{key}.{place}"), place.clone());

@@ -1,11 +1,13 @@
-//! The ecosystem file: read, layered with defaults, environment and command line, understood.
+//! The ecosystem file: reads it, merges it with defaults, environment and command line, and checks
+//! its meaning.
 //!
-//! 1. `reader` holds the file's text, and `environment` the variables, against the `schema`; each
-//!    becomes a `layer` of values with their places.
+//! 1. `reader` checks the text of the file, and `environment` the variables, against the `schema`;
+//!    each becomes a `layer` of values with their places.
 //! 2. The `config` crate merges the layers: `defaults.toml` < file < environment < command line.
-//! 3. `meaning` makes an [`Ecosystem`] of what was written (`raw`), and says what does not fit.
+//! 3. `meaning` turns the merged values (`raw`) into an [`Ecosystem`], and reports what does not
+//!    fit.
 //!
-//! All mistakes are found in one pass; each points into the text where it was made.
+//! All mistakes are found in one pass; each points into the text in which it was made.
 
 mod ecosystem;
 mod meaning;
@@ -45,40 +47,41 @@ use layer::Layer;
 use raw::Raw;
 use terminal::report::{Report, Source};
 
-/// What an ecosystem file may say of a plugin.
+/// A plugin, as far as ecosystem files refer to it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct KnownPlugin {
     /// Its name.
     pub(crate) name: &'static str,
-    /// The drivers it has.
+    /// The drivers that it offers; the first is the default.
     pub(crate) drivers: &'static [&'static str],
-    /// Whether several daemons may host it.
+    /// Whether several daemons may host the same agent of it, one as leader and the others as
+    /// standbys.
     pub(crate) stands_by: bool,
 }
 
-/// What holds where nobody says anything.
+/// The values of keys that neither the file, the environment nor the command line sets.
 const DEFAULTS: &str = include_str!("defaults.toml");
-/// What that text is called.
+/// The name of that text in messages.
 const DEFAULTS_NAME: &str = "built-in defaults";
 
-/// What the command line says, over everything else.
+/// Values from the command line; they override all others.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Overrides(Vec<(String, Value)>);
 
-/// Everything that is wrong with an ecosystem file and the files it names.
+/// All mistakes in an ecosystem file and the files that it names.
 #[derive(Clone, Debug)]
 pub(crate) struct LoadError(Report);
 
-/// An ecosystem file as far as it can be understood, and what is wrong with it.
+/// An ecosystem file as far as it can be understood, and its mistakes.
 #[derive(Debug)]
 pub(crate) struct Reading {
-    /// The ecosystem without what could not be understood; `None` where its name, its domain or its
-    /// map is missing.
+    /// The ecosystem without the parts that could not be understood; `None` if its name, its domain
+    /// or its map is missing.
     pub(crate) ecosystem: Option<Ecosystem>,
-    /// The mistakes and the doubts.
+    /// The errors and warnings.
     pub(crate) report: Report,
-    /// Whether all of the text is TOML. What seems to be missing may otherwise stand where nothing
-    /// could be read.
+    /// Whether all of the text is TOML. If not, a key that seems to be missing may be in a part
+    /// that could not be parsed.
     pub(crate) is_whole: bool,
 }
 
@@ -92,7 +95,7 @@ impl Overrides {
         self
     }
 
-    /// `--mode`
+    /// Sets the mode from `--mode`; `None` changes nothing.
     #[must_use]
     pub(crate) fn mode(self, mode: Option<Mode>) -> Overrides {
         match mode {
@@ -102,7 +105,7 @@ impl Overrides {
         }
     }
 
-    /// `--connect`, any number of times; none leaves what the file says.
+    /// Sets the endpoints from `--connect`, which may be repeated; an empty list changes nothing.
     #[must_use]
     pub(crate) fn connect(self, endpoints: &[String]) -> Overrides {
         if endpoints.is_empty() {
@@ -115,7 +118,7 @@ impl Overrides {
 // === impl LoadError ===
 
 impl LoadError {
-    /// The mistakes, to be shown.
+    /// Returns the mistakes, for display.
     pub(crate) fn into_report(self) -> Report {
         self.0
     }
@@ -124,7 +127,7 @@ impl LoadError {
 // === impl Ecosystem ===
 
 impl Ecosystem {
-    /// Reads an ecosystem file and all that it names.
+    /// Reads an ecosystem file and all files that it names.
     pub(crate) fn load(
         file: &Path,
         overrides: &Overrides,
@@ -191,7 +194,7 @@ impl Ecosystem {
     }
 }
 
-/// Defaults, file and environment, weakest first.
+/// Reads defaults, file and environment, in increasing order of precedence.
 fn read_layers(source: &Arc<Source>, variables: &Variables, report: &mut Report) -> [Layer; 3] {
     let readings = [
         reader::read(&Source::new(DEFAULTS_NAME, DEFAULTS)),

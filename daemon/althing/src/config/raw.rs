@@ -1,6 +1,7 @@
-//! What was written, layers merged, nothing interpreted yet. `meaning` makes an ecosystem of it.
+//! The configuration with its layers merged and nothing interpreted yet; `meaning` turns it into an
+//! ecosystem.
 //!
-//! What the defaults give is always there; the rest may be missing.
+//! Fields with a default in `defaults.toml` are always set; the others may be missing.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -64,7 +65,7 @@ pub(super) struct RawAgent {
     pub(super) name: Option<String>,
     pub(super) plugin: Option<String>,
     pub(super) package: Option<String>,
-    /// Empty where nothing is said.
+    /// Empty if the key is missing.
     pub(super) daemon: Vec<String>,
     pub(super) driver: Option<String>,
     pub(super) config: Value,

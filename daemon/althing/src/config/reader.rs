@@ -1,7 +1,7 @@
-//! Reads TOML against the schema: what fits becomes a [`Layer`], what does not a diagnostic.
+//! Reads TOML against the schema: values that fit become a [`Layer`], all others a diagnostic.
 //!
-//! Reads on after every mistake, so that all of them are told at once. What names mean, and whether
-//! the parts fit together, is for `meaning`.
+//! Reading continues after every mistake, so that all of them are reported at once. What names
+//! refer to, and whether the parts fit together, is checked in `meaning`.
 
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ use super::syntax::{self, Failure};
 pub(super) struct Reader {
     pub(super) layer: Layer,
     pub(super) diagnostics: Vec<Diagnostic>,
-    /// Where in the source the tree's own text begins.
+    /// Offset in the source at which the text of the tree begins.
     pub(super) base: usize,
 }
 
@@ -69,7 +69,7 @@ impl Reader {
         values
     }
 
-    /// The value, if it has the shape; otherwise a diagnostic.
+    /// Returns the value if it has the shape; otherwise adds a diagnostic and returns `None`.
     pub(super) fn value(
         &mut self,
         path: &str,
@@ -101,7 +101,7 @@ impl Reader {
                 let one = [((*key).to_owned(), handed_on(value.get_ref()))];
                 return Some(table_value(one.into_iter().collect()));
             }
-            // One is a list of one.
+            // A single text counts as a list with one element.
             (Shape::Texts, DeValue::String(_)) => {
                 let place = self.place(0..0, value.span());
                 self.layer.places.insert(join(path, "0"), place);
@@ -122,7 +122,8 @@ impl Reader {
         None
     }
 
-    /// Remembers the places in a table that is handed on as it is: some of it is checked later.
+    /// Records the places in a table that is passed on as it is, because parts of it are checked
+    /// later.
     fn remember(&mut self, path: &str, table: &DeTable<'_>) {
         for (written, value) in table {
             let path = join(path, written.get_ref());
@@ -163,7 +164,7 @@ impl Reader {
     fn list(&mut self, path: &str, shape: &Shape, about: &str, list: &DeArray<'_>) -> Value {
         let mut values = Vec::new();
         for element in list {
-            // Numbered by what is kept, as `config` will number them.
+            // Numbered without the elements that are wrong, because `config` will number them so.
             let path = join(path, &values.len().to_string());
             let place = self.place(element.span(), element.span());
             self.layer.places.insert(path.clone(), place);
@@ -180,7 +181,8 @@ impl Reader {
     }
 }
 
-/// A value that stands alone, or what is wrong with it beyond its kind.
+/// Returns a value that is neither table nor list, or else help on the mistake if there is more to
+/// say than that its type is wrong.
 fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
     let ok = Ok(handed_on(value));
     match (shape, value) {
@@ -212,7 +214,7 @@ fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
     }
 }
 
-/// What to write in place of a value of another kind.
+/// Returns what to write instead of a value of another type.
 fn cure(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<String> {
     let spoken = spoken(path);
     let key = spoken.rsplit('.').next().unwrap_or(&spoken);
@@ -238,13 +240,13 @@ fn cure(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<String> {
     }
 }
 
-/// Any TOML as `config` has it.
+/// Converts any TOML value to one of the `config` crate.
 pub(super) fn handed_on(value: &DeValue<'_>) -> Value {
     let kind = match value {
         DeValue::String(text) => ValueKind::String(text.to_string()),
         DeValue::Integer(number) => integer(number),
         DeValue::Float(number) => {
-            // Underscores are TOML's, not Rust's.
+            // TOML allows underscores in numbers, Rust does not when parsing.
             ValueKind::Float(number.as_str().replace('_', "").parse().unwrap_or(f64::NAN))
         }
         DeValue::Boolean(truth) => ValueKind::Boolean(*truth),
@@ -262,7 +264,8 @@ pub(super) fn handed_on(value: &DeValue<'_>) -> Value {
     Value::new(None, kind)
 }
 
-/// A whole number, or where it is larger than any, what comes nearest.
+/// Converts a whole number; one that does not fit into `i64` becomes the nearest floating-point
+/// number.
 fn integer(number: &toml::de::DeInteger<'_>) -> ValueKind {
     let digits = number.as_str().replace('_', "");
     match i64::from_str_radix(&digits, number.radix()) {
@@ -275,12 +278,12 @@ fn table_value(values: Map<String, Value>) -> Value {
     Value::new(None, ValueKind::Table(values))
 }
 
-/// `ecosystem` and `mode` make `ecosystem.mode`.
+/// Joins a path and a key: `ecosystem` and `mode` make `ecosystem.mode`.
 pub(super) fn join(path: &str, key: &str) -> String {
     if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
 }
 
-/// The path as a person would say it: `agent.3.name` is the `name` of an agent.
+/// Returns the path as users say it: `agent.3.name` is `agent.name`.
 pub(super) fn spoken(path: &str) -> String {
     let words = path.split('.').filter(|word| word.parse::<usize>().is_err());
     words.collect::<Vec<_>>().join(".")
@@ -332,7 +335,7 @@ fn unknown_key(
     Diagnostic::error(span, format!("unknown key `{name}`{within}")).with_help(help)
 }
 
-/// A short value as it may have been written.
+/// Returns a short value as it may have been written; `…` for anything longer.
 fn toml_text(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) if text.len() <= 40 => format!("\"{text}\""),

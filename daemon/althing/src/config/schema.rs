@@ -1,4 +1,4 @@
-//! Every key of an ecosystem file: its name, what may stand there, what it is for.
+//! The schema of ecosystem files: every key with its name, the shape of its value, and its purpose.
 //!
 //! A new key is one line here, one field in `raw`, and, if it is not always needed, one line in
 //! `defaults.toml`. Messages and suggestions are made from this table.
@@ -8,11 +8,11 @@
 pub(super) struct Key {
     pub(super) name: &'static str,
     pub(super) shape: Shape,
-    /// What it is for, in a few words.
+    /// The purpose of the key, in a few words.
     pub(super) about: &'static str,
 }
 
-/// What may stand at a key.
+/// The shape of the value of a key.
 #[derive(Debug)]
 pub(super) enum Shape {
     /// A text in quotes.
@@ -27,15 +27,15 @@ pub(super) enum Shape {
     Count,
     /// A number within bounds.
     Number { min: f64, max: f64 },
-    /// `[ … ]`, each element of one shape.
+    /// A list in brackets, each element of one shape.
     List(&'static Shape),
     /// A table with these keys and no others.
     Table(&'static [Key]),
-    /// A table with whatever keys, each of one shape.
+    /// A table with any keys, and values of one shape.
     Each(&'static Shape),
-    /// A table with these keys; or a text alone, which is that of the key that is named.
+    /// A table with these keys, or a single text as the value of the named key.
     Brief(&'static str, &'static [Key]),
-    /// A table that is handed on as it is.
+    /// A table that is passed on as it is.
     Free,
 }
 
@@ -81,7 +81,7 @@ const GOAL: &[Key] = &[
     ),
 ];
 
-/// What an `i32` holds, and people can still compare.
+/// Bounds that fit into an `i32` and that people can still compare.
 const PRIORITY: Shape = Shape::Number { min: -1_000_000.0, max: 1_000_000.0 };
 
 const AGENT: &[Key] = &[
@@ -94,7 +94,7 @@ const AGENT: &[Key] = &[
     key("actions", Shape::Texts, "the actions it may offer, where that is limited"),
 ];
 
-/// What is not in its dictionaries does not pass, in either direction.
+/// An interface. Words that are not in its tables do not pass, in either direction.
 const INTERFACE: &[Key] = &[
     key("ecosystem", Shape::Text, "the other ecosystem's file, such as \"house.toml\""),
     key("daemon", Shape::Text, "which of our machines joins both"),
@@ -119,7 +119,7 @@ const RULE: &[Key] = &[
     key("goals", Shape::List(&Shape::Text), "our predicates that goals may be made of"),
 ];
 
-/// The names of what can be let through.
+/// The names of the performatives that may pass.
 const PASSING: &[&str] = &{
     let mut names = [""; interfacing::PASSING.len()];
     let mut at = 0;
@@ -181,16 +181,16 @@ const BUILDING: &[Key] = &[
     key("socket", Shape::Text, "where several processes share the building"),
 ];
 
-/// What exists, and a furnace: the bounds of the simulated building.
+/// The bounds of the simulated building: from absolute zero to a furnace.
 const CELSIUS: Shape = Shape::Number { min: -273.15, max: 1_000.0 };
 
-/// By quantity; the building knows the bounds of each.
+/// Conditions by quantity; the building checks the bounds of each.
 const CONDITIONS: Shape = Shape::Each(&Shape::Number { min: 0.0, max: 1_000_000.0 });
 
 // === impl Shape ===
 
 impl Shape {
-    /// What would be right, to follow “must be”.
+    /// Describes the correct value, to follow “must be”.
     pub(super) fn expected(&self) -> String {
         match self {
             Shape::Text => "a text in quotes".to_owned(),
@@ -208,7 +208,7 @@ impl Shape {
         }
     }
 
-    /// The same as a rule.
+    /// Describes the correct value in the notation of a rule.
     pub(super) fn notation(&self) -> String {
         match self {
             Shape::Text => "\"TEXT\"".to_owned(),

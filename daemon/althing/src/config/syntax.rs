@@ -1,33 +1,33 @@
-//! Mistakes of TOML in the words of somebody who has never heard of it, and one for each slip: what
-//! only follows from another is not told.
+//! Explains syntax errors in TOML to users that do not know TOML, with one message per mistake:
+//! errors that only follow from an earlier one are not reported.
 
 use std::ops::Range;
 
 use pddl::{Diagnostic, Span};
 
-/// How the message of a text begins that is no TOML.
+/// The prefix of the message about text that is not TOML.
 const NOT_TOML: &str = "not TOML: ";
 
-/// Mistakes of this kind that are told; after so many the file is another's.
+/// Most syntax errors that are reported; a file with more of them is probably of another format.
 const ERRORS_MAX: usize = 20;
 
-/// What could not be read, and where.
+/// An error of the TOML parser, and its place.
 #[derive(Clone, Debug)]
 pub(super) struct Failure {
     pub(super) message: String,
     pub(super) range: Range<usize>,
 }
 
-/// Whether a mistake is one of TOML, so that the text around it could not be read.
+/// Whether a diagnostic is about syntax, so that the text around it could not be read.
 pub(crate) fn is_syntax_error(found: &Diagnostic) -> bool {
     found.message.starts_with(NOT_TOML)
 }
 
-/// The mistakes of a text, each told once.
+/// Returns the mistakes of a text, each once.
 pub(super) fn mistakes(text: &str, failures: &[Failure]) -> Vec<Diagnostic> {
     let mut told: Vec<Diagnostic> = Vec::new();
     let mut lines = Vec::new();
-    // Up to which byte of the text nothing more is told: it is in what was not closed.
+    // Errors before this offset are not reported: they are inside something that is not closed.
     let mut lost_until = 0;
     let mut entries = Vec::new();
     let mut sorted: Vec<&Failure> = failures.iter().collect();
@@ -69,9 +69,9 @@ fn line_of(text: &str, at: usize) -> Range<usize> {
     start..end
 }
 
-/// A `{` or `[` of a value in an earlier line that nothing closes.
+/// Finds a `{` or `[` of a value that is not closed, in the line before `line_start`.
 fn unclosed_before(text: &str, line_start: usize) -> Option<Diagnostic> {
-    // Only where the parser stumbles over the line after it.
+    // The parser fails at the line after it, so only the last line before that one is examined.
     let before = text[..line_start].trim_end();
     let line = line_of(text, before.len().saturating_sub(1));
     let last = text.get(line.clone())?;
@@ -84,7 +84,7 @@ fn unclosed_before(text: &str, line_start: usize) -> Option<Diagnostic> {
     let (at, open) = last_open(code)?;
     let close = if open == '{' { '}' } else { ']' };
     let next = text.get(line_start..)?.trim_start();
-    // A list may go over several lines; what begins like a table or a key is no part of it.
+    // A list may span several lines; a line that begins like a table or a key is not part of it.
     let begins = next.starts_with('[') || is_key_line(next.lines().next().unwrap_or_default());
     if !begins {
         return None;
@@ -94,7 +94,7 @@ fn unclosed_before(text: &str, line_start: usize) -> Option<Diagnostic> {
     Some(error(range, &message, format!("write `{close}` at the end of the line")))
 }
 
-/// The last bracket in a line that is opened and not closed in it.
+/// Returns the last bracket that a line opens and does not close.
 fn last_open(line: &str) -> Option<(usize, char)> {
     let mut open = Vec::new();
     let mut quote = None;
@@ -119,7 +119,7 @@ fn last_open(line: &str) -> Option<(usize, char)> {
     open.last().copied()
 }
 
-/// The line up to a `#` that stands in no quotes.
+/// Returns the line up to a `#` outside quotes.
 fn without_comment(line: &str) -> &str {
     let mut quote = None;
     for (at, c) in line.char_indices() {
@@ -142,14 +142,15 @@ fn is_key(word: &str) -> bool {
     !word.is_empty() && word.chars().all(is_plain)
 }
 
-/// A key or a table that is there already; and the entry that it stands in, of which one is told.
+/// Returns the message about a key or table that exists already, and the offset of its entry: one
+/// message per entry is enough.
 fn duplicate(text: &str, failure: &Failure, line: &Range<usize>) -> (usize, Diagnostic) {
     let range = failure.range.clone();
     let word = text.get(range.clone()).unwrap_or_default();
     let written = text.get(line.clone()).unwrap_or_default().trim();
     let lists = |name: &str| text.lines().any(|line| line.trim() == format!("[[{name}]]"));
     if written.starts_with('[') {
-        // `[agent]` among `[[agent]]`: every one after it is a duplicate too.
+        // `[agent]` among `[[agent]]`: the parser reports every later one as a duplicate too.
         let single = format!("[{word}]");
         if lists(word) && text.lines().any(|line| line.trim() == single) {
             let at = start_of_line(text, &single).unwrap_or(line.start);
@@ -180,7 +181,7 @@ fn number(text: &str, at: usize) -> usize {
     pddl::line_column(text, at).0
 }
 
-/// Where a line begins that consists of these words.
+/// Returns the offset at which a line of exactly these words begins.
 fn start_of_line(text: &str, words: &str) -> Option<usize> {
     let mut at = 0;
     for line in text.split_inclusive('\n') {
@@ -192,7 +193,7 @@ fn start_of_line(text: &str, words: &str) -> Option<usize> {
     None
 }
 
-/// Where a line begins that sets this key.
+/// Returns the offset of the line that sets this key.
 fn start_of_key(text: &str, key: &str) -> Option<usize> {
     let mut at = 0;
     for line in text.split_inclusive('\n') {
@@ -204,7 +205,7 @@ fn start_of_key(text: &str, key: &str) -> Option<usize> {
     None
 }
 
-/// The header of the table in which a line stands.
+/// Returns the header of the table that contains a line.
 fn header_before(text: &str, line_start: usize) -> Option<Range<usize>> {
     let mut end = line_start;
     while end > 0 {
@@ -218,7 +219,7 @@ fn header_before(text: &str, line_start: usize) -> Option<Range<usize>> {
     None
 }
 
-/// One line that could not be read.
+/// Explains one line that could not be read.
 fn of_line(text: &str, failure: &Failure, line: &Range<usize>) -> Diagnostic {
     let written = text.get(line.clone()).unwrap_or_default().trim_end_matches('\r');
     let whole = line.start..line.start + written.len();
@@ -260,7 +261,7 @@ fn header(begins: usize, code: &str) -> Diagnostic {
     error(begins..begins + code.len(), "a table begins with its name in brackets", help)
 }
 
-/// A value that is neither a text nor a number.
+/// Explains a value that is neither a text nor a number.
 fn of_value(text: &str, failure: &Failure) -> Option<Diagnostic> {
     let Failure { message, range } = failure;
     if message.starts_with("invalid basic string") || message.starts_with("invalid multi-line") {
@@ -297,7 +298,8 @@ fn of_value(text: &str, failure: &Failure) -> Option<Diagnostic> {
     Some(error(range.clone(), "a text stands in quotes", help))
 }
 
-/// `speed = 0,3`: a number that goes on as something that is none.
+/// Explains a decimal comma, as in `speed = 0,3`: the number is followed by something that is not a
+/// key.
 fn decimal_comma(text: &str, line: Range<usize>) -> Option<Diagnostic> {
     let written = text.get(line.clone())?;
     for (at, _) in written.match_indices('=') {
@@ -320,7 +322,7 @@ fn decimal_comma(text: &str, line: Range<usize>) -> Option<Diagnostic> {
     None
 }
 
-/// What the parser says, where nothing better is known.
+/// Returns the message of the parser, if no better explanation is known.
 fn plain(text: &str, Failure { message, range }: &Failure) -> Diagnostic {
     let (said, expected) = match message.split_once(", expected ") {
         Some((said, expected)) => (said, Some(expected)),
@@ -349,7 +351,7 @@ mod tests {
 
     use super::*;
 
-    /// Line, message and help of each mistake.
+    /// Returns line, message and help of each mistake.
     fn told(text: &str) -> Vec<(usize, String, String)> {
         let (_, errors) = DeTable::parse_recoverable(text);
         let failure = |err: &toml::de::Error| Failure {

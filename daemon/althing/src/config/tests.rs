@@ -1,4 +1,4 @@
-//! Layers and meaning. How mistakes look is tested on the binary.
+//! Layers and their meaning. How mistakes are displayed is tested on the binary.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -186,7 +186,7 @@ fn without_daemons_all_agents_are_the_machine_s_that_runs_alone() {
 
 #[test]
 fn nothing_that_is_written_panics() {
-    // Every prefix of a file is a file that somebody is about to finish.
+    // Every prefix of a file is a file that a user is about to finish.
     let house = House::new(FILE);
     for end in (0..FILE.len()).step_by(3) {
         std::fs::write(house.file(), &FILE[..end]).expect("a file");

@@ -10,53 +10,53 @@ use serde_json::Value;
 use crate::config::{AgentEntry, Ecosystem};
 use crate::review::At;
 
-/// Temperature of a place that the ecosystem file does not name, in °C.
+/// Temperature of a place for which the ecosystem file gives none, in °C.
 const CELSIUS: f64 = 20.0;
 
-/// Distance of two places between which the map gives none, in meters.
+/// Distance of two connected places for which the map gives none, in meters.
 const METERS: f64 = 5.0;
 
-/// What the plugins of robots take where an entry says nothing: seconds to fill a battery, meters
+/// Defaults of the robot plugins where an entry gives none: seconds to recharge a battery, meters
 /// to a pose.
 const RECHARGE_TIME: f64 = 600.0;
 const POSE_METERS: f64 = 1.0;
 
-/// Why the building cannot be simulated, and what of the ecosystem is to blame. Completes
-/// “failed to …”.
+/// The reason why the building cannot be simulated, and the place in the ecosystem's files that
+/// causes it. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[error("simulate the building: {problem}")]
 pub(crate) struct SimulationError {
-    /// Where it was written.
+    /// The place where the mistake is written.
     pub(crate) place: At,
-    /// What is wrong.
+    /// The mistake.
     #[source]
     pub(crate) problem: Impossible,
 }
 
-/// What cannot be simulated. Completes “failed to …”.
+/// A mistake that prevents simulation. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum Impossible {
     /// The map and the agents' entries do not fit.
     #[error("{0}")]
     Layout(#[from] LayoutError),
-    /// An agent's entry lacks what the building has to know.
+    /// An agent's entry lacks a key that the building needs.
     #[error("read the config of `{agent}`: it needs `{key}`")]
     Config {
         /// The agent.
         agent: String,
-        /// What it lacks.
+        /// The key that it lacks.
         key: &'static str,
     },
     /// A quantity that no building has.
     #[error("find the quantity `{name}`; known are {}", known())]
     Quantity {
-        /// What was written.
+        /// The name as it is written.
         name: String,
     },
 }
 
-/// Says where an impossible thing was written.
+/// Adds the place where a mistake is written to an error.
 trait Located<T> {
     fn at(self, place: impl FnOnce() -> At) -> Result<T, SimulationError>;
 }
@@ -67,17 +67,17 @@ impl<T, E: Into<Impossible>> Located<T> for Result<T, E> {
     }
 }
 
-/// A key of an entry's `config`.
+/// Returns the place of a key in an entry's `config`.
 fn config(entry: &AgentEntry, key: &str) -> At {
     At::Key(format!("{}.config.{key}", entry.path))
 }
 
-/// The building in which an ecosystem's simulated agents live, as it is at the start.
+/// Returns the building in which an ecosystem's simulated agents act, in its initial state.
 ///
 /// # Errors
 ///
-/// If an agent's entry names a place, a carrier or a quantity that is not there, or none, or if
-/// something is said to be so that cannot be.
+/// Returns an error if an agent's entry lacks a key, or names a place, a carrier or a quantity that
+/// does not exist, or if an initial condition is impossible.
 pub(crate) fn simulate(ecosystem: &Ecosystem) -> Result<Building, SimulationError> {
     let time_scale = || At::Key("building.time-scale".to_owned());
     let building = Building::new(layout_of(ecosystem)?, ecosystem.building.time_scale);
@@ -91,9 +91,9 @@ pub(crate) fn simulate(ecosystem: &Ecosystem) -> Result<Building, SimulationErro
     Ok(building)
 }
 
-/// Changes the devices of a building that is open to those of a file that was read anew: takes the
-/// devices of the agents that leave, and brings those that are not there. What is true of the others
-/// stays. What cannot be brought, for a person.
+/// Changes the devices of a running building to those of an ecosystem file that was read again:
+/// removes the devices of the agents in `leaving`, and adds those that are missing. The state of
+/// the others stays. Returns a message for the user for each device that cannot be added.
 pub(crate) fn refurnish(
     building: &Building,
     ecosystem: &Ecosystem,
@@ -104,7 +104,7 @@ pub(crate) fn refurnish(
         Err(error) => return vec![format!("failed to {error}")],
     };
     for agent in leaving {
-        // An agent without a simulated device has none to take.
+        // The agent may have no simulated device; then there is nothing to remove.
         let _ = building.remove_device(agent.as_str());
     }
     let is_missing = |device: &&Device| building.place_of(device.name()).is_err();
@@ -156,7 +156,7 @@ fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
     }
     for entry in of("ptz-camera") {
         let (location, views) = (text(entry, "location")?, views(entry)?);
-        // The location is right: it is the directions that are not.
+        // The location exists, so the mistake is in the directions.
         let is_there = layout.location(location).is_some();
         let key = if is_there { "presets" } else { "location" };
         layout.add_camera(entry.name.as_str(), location, views).at(|| config(entry, key))?;
@@ -187,7 +187,7 @@ fn add_robot(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationEr
     Ok(())
 }
 
-/// The spots that a robot knows by itself. Two robots may know one.
+/// Adds the poses of a robot's entry as places. Two robots may have the same pose.
 fn add_poses(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationError> {
     let Some(Value::Object(poses)) = entry.config.get("poses") else { return Ok(()) };
     for (name, pose) in poses {
@@ -206,7 +206,7 @@ fn add_poses(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationEr
     Ok(())
 }
 
-/// Where the places that a camera can see lie: in the directions of its presets.
+/// Returns the places that a camera can see, in the directions of its presets.
 fn views(entry: &AgentEntry) -> Result<Vec<View>, SimulationError> {
     let Some(Value::Object(presets)) = entry.config.get("presets") else { return Ok(Vec::new()) };
     let view = |preset: &Value| {

@@ -1,8 +1,9 @@
-//! What this process speaks and hears with in a secured ecosystem: the daemon with its own key, a
-//! guest with that of a daemon whose files it can read.
+//! Credentials of this process in a secured ecosystem: a daemon uses its own key, a guest uses the
+//! key of a daemon if it can read that daemon's files.
 //!
-//! A daemon tells the guests of its machine where its keys are by a file beside its socket, in a
-//! folder that belongs to its user alone: who may speak to the socket may read the key.
+//! A daemon publishes the folder of its keys to the guests of its machine by a file beside its
+//! socket, in a folder that belongs to its user alone: any process that can open the socket can
+//! also read the key.
 
 use std::fs;
 use std::io;
@@ -18,28 +19,29 @@ use substrate_zenoh::Security;
 use super::folders::state_folder;
 use crate::config::{SecuritySettings, credentials_folder};
 
-/// The ending of the file that says where a daemon's keys are.
+/// The extension of the file that names the folder of a daemon's keys.
 const KEYS: &str = "keys";
 
-/// How often the end of a certificate is announced.
+/// How often the expiry of a certificate is announced.
 const ANNOUNCED_EVERY: Duration = Duration::from_secs(24 * 3_600);
 
-/// What a guest hears in a second from one daemon at most. Commands hear little; this is to bound
-/// what a daemon gone mad can do to them.
+/// Most messages per second that a guest accepts from one daemon. Commands receive few; this bounds
+/// the harm that a faulty daemon can do to them.
 const GUEST_MESSAGES_PER_SECOND: u32 = 5_000;
 
-/// With whose key a guest speaks.
+/// The key that a guest uses.
 #[derive(Clone, Debug)]
 pub(crate) struct GuestKeys {
     folder: Folder,
     daemon: DaemonId,
 }
 
-/// What a daemon speaks and hears with; what it hears of revocations it keeps with its state.
+/// Returns the keys with which a daemon seals and verifies messages. Revocations that it receives
+/// are kept in its state folder.
 ///
 /// # Errors
 ///
-/// If its key or a certificate is missing, or of no worth.
+/// Returns an error if its key or a certificate is missing or invalid.
 pub(crate) fn secure(
     ecosystem: &EcosystemId,
     daemon: &DaemonId,
@@ -49,7 +51,7 @@ pub(crate) fn secure(
     let folder = Folder::new(&settings.folder);
     let read = || -> Result<Security, CredentialError> {
         let trust = Trust::read(&folder)?.keeping(kept.join("revoked.pem"))?;
-        // Later than any before, also where the clock was put back.
+        // Greater than the number of each earlier incarnation, even if the clock was set back.
         let life = Machine::new(Some(kept.clone())).next_life();
         let identity = Identity::read(&folder, daemon, &trust)?.in_life(life.0);
         let identity = Arc::new(identity);
@@ -59,7 +61,8 @@ pub(crate) fn secure(
     read().map_err(|error| error.to_string())
 }
 
-/// Says while the daemon lives that its certificate, or the authority's, is near its end.
+/// Logs a warning once a day if the certificate of the daemon or of the authority expires within
+/// `before`. Never returns.
 pub(crate) async fn announce_end(security: Security, folder: PathBuf, before: Duration) {
     loop {
         let now = SystemTime::now();
@@ -80,31 +83,32 @@ pub(crate) async fn announce_end(security: Security, folder: PathBuf, before: Du
     }
 }
 
-/// Tells the guests of this machine where a daemon's keys are.
+/// Writes the file that tells the guests of this machine where a daemon's keys are.
 ///
 /// # Errors
 ///
-/// If the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub(crate) fn tell_keys(socket: &Path, folder: &Path) -> io::Result<()> {
     let absolute = fs::canonicalize(folder)?;
     fs::write(socket.with_extension(KEYS), absolute.as_os_str().as_encoded_bytes())
 }
 
-/// Tells them that there are none.
+/// Removes that file: the daemon has no keys.
 pub(crate) fn forget_keys(socket: &Path) {
-    // There may never have been any.
+    // The file may never have existed.
     let _ = fs::remove_file(socket.with_extension(KEYS));
 }
 
 // === impl GuestKeys ===
 
 impl GuestKeys {
-    /// Finds the keys of a secured ecosystem: `Ok(None)` where it is not secured, as far as that
-    /// can be known here.
+    /// Finds the keys of a secured ecosystem. Returns `Ok(None)` if it is not secured, as far as
+    /// this machine shows.
     ///
     /// # Errors
     ///
-    /// If it is secured, and nobody's key is here, or several are and none was chosen.
+    /// Returns an error if it is secured and no key is here, or there are several and none was
+    /// chosen.
     pub(crate) fn find(
         ecosystem: &EcosystemId,
         settings: Option<&SecuritySettings>,
@@ -115,7 +119,8 @@ impl GuestKeys {
         let told = || sockets.iter().find_map(|socket| read_told(socket));
         let default = || {
             let folder = Folder::new(credentials_folder(ecosystem));
-            // Only where nothing better is known of the ecosystem, and somebody is elsewhere.
+            // Only if no daemon runs here and the file names no folder: the daemons may run on
+            // other machines.
             (sockets.is_empty() && folder.authority().is_file()).then_some(folder)
         };
         let folder = match settings {
@@ -157,16 +162,17 @@ impl GuestKeys {
         Ok(Some(GuestKeys { folder, daemon }))
     }
 
-    /// Those of a daemon.
+    /// Returns the keys of one daemon.
     pub(crate) fn of(settings: &SecuritySettings, daemon: &DaemonId) -> GuestKeys {
         GuestKeys { folder: Folder::new(&settings.folder), daemon: daemon.clone() }
     }
 
-    /// What a guest of this role speaks and hears with, and the name it goes by.
+    /// Returns the keys with which a guest of this role seals and verifies messages, and the
+    /// guest's name.
     ///
     /// # Errors
     ///
-    /// If the key cannot be read.
+    /// Returns an error if the key cannot be read.
     pub(crate) fn security(&self, role: &str) -> Result<(DaemonId, Security), String> {
         let read = || -> Result<(Identity, Trust), CredentialError> {
             let trust = Trust::read(&self.folder)?;

@@ -1,18 +1,21 @@
-//! Who calls whom among the daemons of one machine: who comes later calls those who are here.
+//! The order in which the daemons of one machine connect: each newcomer connects to the daemons
+//! that are present.
 //!
-//! Two daemons must never call each other at once: Zenoh may answer that by closing both links.
-//! So daemons come in one at a time, through a door, and nobody calls those who come after it. A
-//! newcomer is linked as soon as it listens, whatever its name is, and also to daemons whose
-//! ecosystem file does not name it.
+//! Two daemons must never connect to each other at once: Zenoh may close both links then. So
+//! daemons enter one at a time, under a lock, and no daemon connects to those that enter later. A
+//! newcomer is linked as soon as it listens, whatever its name is, and also to daemons that do not
+//! find it in their ecosystem file.
 //!
-//! Whom it has lost, Zenoh calls again for ever. A daemon that comes back calls by itself, so those
-//! calls must not reach it: every life of a daemon is called by a path of its own, a link to the
-//! daemon's socket, which the next life takes away before it listens.
+//! Zenoh reconnects to a lost peer forever. A daemon that restarts connects by itself, so stale
+//! reconnects must not reach it. Therefore other daemons connect to each incarnation by a path of
+//! its own, a symbolic link to the daemon's socket, and the next incarnation removes that link
+//! before it listens.
 //!
-//! The folder where they meet holds for each daemon, beside its socket,
+//! The runtime folder holds for each daemon, beside its socket,
 //!
-//! - `NAME.here`, locked for as long as it lives; in it its life, and nothing once it has left;
-//! - `NAME.LIFE`, by which others call it.
+//! - `NAME.here`, the *ticket*: locked as long as the daemon runs; it holds the incarnation, and is
+//!   empty once the daemon has left in good order;
+//! - `NAME.INCARNATION`, the link by which other daemons connect to it.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read as _};
@@ -25,43 +28,43 @@ use substrate_zenoh::REST;
 
 use super::folders::{FolderError, socket_in};
 
-/// The lock through which daemons come in.
+/// The lock file that lets one daemon enter at a time.
 const DOOR: &str = "entrance.lock";
 
-/// How long the door is waited for. Who is in it reads a few small files; longer than that stays
-/// only a process that was stopped there.
+/// How long a daemon waits for the lock. Its holder reads a few small files; only a process that
+/// was stopped meanwhile holds it for longer.
 const DOOR_WITHIN: Duration = Duration::from_secs(2);
 const DOOR_PERIOD: Duration = Duration::from_millis(2);
 const _: () = assert!(DOOR_PERIOD.as_millis() < DOOR_WITHIN.as_millis());
 
-/// How often a newcomer waits because another has left while it did. A service that ends as soon as
-/// it has begun, and is started again and again, must not keep all others out.
+/// How often a newcomer waits again because another daemon has left meanwhile. A service that exits
+/// as soon as it has started, and is restarted again and again, must not keep all others out.
 const RESTS_MAX: usize = 8;
 
-/// The ending of the file that says that a daemon is here.
+/// The extension of the file that shows that a daemon is present.
 const TICKET: &str = "here";
 
-/// A life is the time of its beginning in microseconds, as far as ten hexadecimal digits hold it
-/// (twelve days): its path must find room where that of the socket does.
+/// Digits of an incarnation: its start time in microseconds, as ten hexadecimal digits, which
+/// repeat after twelve days. The path of the link must not be longer than that of the socket.
 const LIFE_DIGITS: usize = 10;
 
-/// Why a daemon cannot come in. Completes “failed to …”.
+/// The reason why a daemon cannot enter. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum EnterError {
-    /// Its socket has no place.
+    /// No path is possible for its socket.
     #[error("{0}")]
     Folder(#[from] FolderError),
-    /// A file cannot be used.
+    /// A file or folder cannot be used.
     #[error("use {}: {source}", path.display())]
     Io {
-        /// The file, or the folder.
+        /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         #[source]
         source: io::Error,
     },
-    /// Another process is this daemon.
+    /// Another running process is this daemon.
     #[error("be `{daemon}`: a daemon of this name is running here already")]
     Taken {
         /// The name.
@@ -69,35 +72,37 @@ pub(crate) enum EnterError {
     },
 }
 
-/// A daemon's life among the others; when this is dropped, they may know when it ended.
+/// A daemon's presence among the others of its machine. Dropping it records that the daemon has
+/// left.
 #[derive(Debug)]
 pub(crate) struct Stay {
-    /// Locked, until the kernel closes it.
+    /// The ticket file; the lock on it lasts until the kernel closes it.
     ticket: File,
-    /// By which path those are to call it who come later.
+    /// The path by which daemons that enter later connect to this one.
     life: PathBuf,
-    /// By which paths it is to call those who came before.
+    /// The paths by which this daemon connects to those that entered earlier.
     pub(crate) others: Vec<PathBuf>,
 }
 
-/// What a ticket says.
+/// The contents of a ticket file.
 struct Ticket {
     daemon: String,
-    /// Whether it is locked.
+    /// Whether the file is locked.
     is_here: bool,
-    /// Empty when it has left and said so.
+    /// The incarnation; empty if the daemon has left in good order.
     life: String,
-    /// Since when it says that.
+    /// Time of the last change of the file.
     since: SystemTime,
 }
 
-/// Comes in, but not before [`REST`] has passed since a daemon left. One of this name that was here
-/// and did not say when it left is taken to have left now: it died, and whoever starts it anew may
-/// be quick. When another died, nobody knows.
+/// Enters, but not before [`REST`] has passed since another daemon left. If the previous
+/// incarnation of this daemon did not record that it left, it crashed; it is taken to have left
+/// now, because the restart may have followed at once. When another daemon crashed is not known, so
+/// that is not waited for.
 ///
 /// # Errors
 ///
-/// If a daemon of this name is here, or the folder cannot be used.
+/// Returns an error if a daemon of this name is present, or if the folder cannot be used.
 pub(crate) async fn enter(folder: &Path, daemon: &DaemonId) -> Result<Stay, EnterError> {
     for _ in 0..RESTS_MAX {
         let rest = {
@@ -115,7 +120,7 @@ pub(crate) async fn enter(folder: &Path, daemon: &DaemonId) -> Result<Stay, Ente
     Stay::begin(folder, daemon)
 }
 
-/// Waits for the door. It closes again when the file is dropped.
+/// Waits for the lock. It is released when the file is dropped.
 async fn pass(folder: &Path) -> Result<File, EnterError> {
     let path = folder.join(DOOR);
     let door = open(&path)?;
@@ -130,15 +135,15 @@ async fn pass(folder: &Path) -> Result<File, EnterError> {
     };
     match tokio::time::timeout(DOOR_WITHIN, passing).await {
         Ok(passed) => passed.map_err(|source| EnterError::Io { path, source })?,
-        // Two that come in at once may call each other, and call again if that fails. To stay
-        // away for ever because another process stands still would be worse.
+        // Two daemons that enter at once may connect to each other, and retry if that fails.
+        // Staying away for ever because another process is suspended would be worse.
         Err(_) => tracing::warn!(door = %path.display(), "somebody stands in the door"),
     }
     Ok(door)
 }
 
-/// Lets a life of this name that ended unsaid have ended now, in the door. Others call it still, by
-/// a path that goes with it.
+/// Records that the previous incarnation of this daemon has left now if it crashed, and removes the
+/// link by which other daemons still try to connect to it. The caller holds the lock.
 fn bury(folder: &Path, daemon: &DaemonId) -> Result<(), EnterError> {
     let path = socket_in(folder, daemon.as_str())?.with_extension(TICKET);
     let failed = |source| EnterError::Io { path: path.clone(), source };
@@ -148,20 +153,21 @@ fn bury(folder: &Path, daemon: &DaemonId) -> Result<(), EnterError> {
         Err(error) => return Err(failed(error)),
     };
     let Some(Ticket { life, .. }) = ticket else { return Ok(()) };
-    // It may have gone all the same.
+    // The link may have been removed already.
     let _ = fs::remove_file(path.with_extension(life));
     open(&path)?.set_len(0).map_err(failed)
 }
 
-/// How long a newcomer has yet to stay away.
+/// Returns how long a newcomer has yet to wait.
 fn rest(tickets: &[Ticket], now: SystemTime) -> Duration {
     let said = tickets.iter().filter(|ticket| !ticket.is_here && ticket.life.is_empty());
-    // A clock that was put back must not keep anybody away for longer.
+    // A clock that was set back must not keep a daemon away for longer.
     let past = said.map(|ticket| now.duration_since(ticket.since).unwrap_or_default());
     past.min().map_or(Duration::ZERO, |past| REST.saturating_sub(past))
 }
 
-/// Everybody who is or was here. Only in the door: to look whether a ticket is locked, one locks it.
+/// Returns the tickets of all daemons that are or were present. The caller holds the lock, because
+/// testing whether a ticket is locked locks it for a moment.
 fn tickets(folder: &Path) -> Result<Vec<Ticket>, EnterError> {
     let failed = |source| EnterError::Io { path: folder.to_owned(), source };
     let mut tickets = Vec::new();
@@ -174,7 +180,7 @@ fn tickets(folder: &Path) -> Result<Vec<Ticket>, EnterError> {
     Ok(tickets)
 }
 
-/// The ticket in this file, if its name is a daemon's.
+/// Reads the ticket in this file; `None` if the file name is not a daemon's name.
 fn read(path: &Path) -> io::Result<Option<Ticket>> {
     let stem = path.file_stem().and_then(|stem| stem.to_str());
     let Some(daemon) = stem.filter(|stem| DaemonId::new(stem).is_ok()) else { return Ok(None) };
@@ -193,14 +199,15 @@ fn read(path: &Path) -> io::Result<Option<Ticket>> {
     Ok(Some(Ticket { daemon: daemon.to_owned(), is_here, life, since }))
 }
 
-/// Opens a file of this user's alone: whoever else could lock it could keep daemons out.
+/// Opens a file that only this user can open: another user that could lock it could keep daemons
+/// out.
 fn open(path: &Path) -> Result<File, EnterError> {
     let mut options = OpenOptions::new();
     let opened = options.read(true).write(true).create(true).mode(0o600).open(path);
     opened.map_err(|source| EnterError::Io { path: path.to_owned(), source })
 }
 
-/// A life that begins now.
+/// Returns the incarnation of a daemon that starts now.
 fn name_life(now: SystemTime) -> String {
     let micros = now.duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
     let digits = format!("{micros:0LIFE_DIGITS$x}");
@@ -214,7 +221,7 @@ fn is_life(text: &str) -> bool {
 // === impl Stay ===
 
 impl Stay {
-    /// Begins a life, in the door.
+    /// Begins an incarnation. The caller holds the lock.
     fn begin(folder: &Path, daemon: &DaemonId) -> Result<Stay, EnterError> {
         let socket = socket_in(folder, daemon.as_str())?;
         let path = socket.with_extension(TICKET);
@@ -232,7 +239,8 @@ impl Stay {
         }
         let name = name_life(SystemTime::now());
         let life = socket.with_extension(&name);
-        // First the ticket: of a life that ends here the next one finds the path, if there is any.
+        // The ticket is written first: if the process dies here, the next incarnation finds in it
+        // the path of the link to remove.
         ticket.set_len(0).map_err(failed)?;
         ticket.write_all_at(name.as_bytes(), 0).map_err(failed)?;
         let target = socket.file_name().unwrap_or_default();
@@ -245,7 +253,7 @@ impl Stay {
 
 impl Drop for Stay {
     fn drop(&mut self) {
-        // What fails here makes the next life wait as if this one had died.
+        // If this fails, the next incarnation waits as if this one had crashed.
         let _ = fs::remove_file(&self.life);
         let _ = self.ticket.set_len(0);
     }

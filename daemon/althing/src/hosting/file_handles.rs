@@ -1,13 +1,14 @@
-//! Whether the system lets this process have as many open files as a daemon needs: connections count
-//! as files, and a daemon that has none left accepts nobody and writes nothing.
+//! Checks whether the system lets this process open as many files as a daemon needs. Connections
+//! count as files, and a daemon that has reached the limit can accept no connection and write no
+//! file.
 
 use nix::sys::resource::{Resource, getrlimit, rlim_t};
 
-/// What a daemon of a building needs: some forty for itself, two for each connection of a daemon or a
-/// command, several for each plugin that is a process.
+/// Number of open files that a daemon of a building needs: about forty for itself, two for each
+/// connection of a daemon or a command, several for each plugin that is a process.
 const NEEDED: rlim_t = 512;
 
-/// Says it in the log where this process may have too few files open at a time.
+/// Logs a warning if this process may have too few files open at a time.
 pub(crate) fn warn_of_few_file_handles() {
     if let Ok((limit, most)) = getrlimit(Resource::RLIMIT_NOFILE)
         && let Some(warning) = warning(limit, most)
@@ -16,7 +17,8 @@ pub(crate) fn warn_of_few_file_handles() {
     }
 }
 
-/// What is to be said of a limit that may be raised to `most`.
+/// Returns the warning for a limit that may be raised to `most`; `None` if the limit is high
+/// enough.
 fn warning(limit: rlim_t, most: rlim_t) -> Option<String> {
     if limit >= NEEDED {
         return None;

@@ -1,4 +1,4 @@
-//! Where a daemon keeps its sockets and what it must not forget.
+//! The folders of a daemon's sockets, state and packages.
 
 use std::fs::Permissions;
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, PermissionsExt as _};
@@ -9,33 +9,33 @@ use acl::{DaemonId, EcosystemId};
 use rustix::fs::Mode;
 use rustix::process::umask;
 
-/// Longest path of a Unix socket: `sockaddr_un` holds 108 bytes with its final zero, and Zenoh
-/// keeps a lock beside it.
+/// Longest path of a Unix socket in bytes: `sockaddr_un` holds 108 with its final zero, and Zenoh
+/// creates a lock file with a longer name beside it.
 const SOCKET_PATH_BYTES_MAX: usize = 100;
 
-/// What users other than the owner may do.
+/// The permission bits of users other than the owner.
 const OTHERS: u32 = 0o077;
 
-/// Why a folder cannot be used. Completes “failed to …”.
+/// The reason why a folder cannot be used. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum FolderError {
-    /// It cannot be made or looked at.
+    /// The folder cannot be created or read.
     #[error("use the folder {}: {source}", path.display())]
     Io {
         /// The folder.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         #[source]
         source: io::Error,
     },
-    /// Others could write in it, and so put themselves in a daemon's place.
+    /// Other users could write in the folder, and so impersonate a daemon.
     #[error("use the folder {}: it must belong to you alone (mode 700)", path.display())]
     Shared {
         /// The folder.
         path: PathBuf,
     },
-    /// Its sockets would have too long a path.
+    /// The paths of sockets in the folder would be too long.
     #[error(
         "use the folder {}: the path of a socket in it is too long; set ALTHING_RUNTIME_DIR to a \
          shorter one",
@@ -47,12 +47,13 @@ pub(crate) enum FolderError {
     },
 }
 
-/// The folder in which the daemons of an ecosystem on this machine meet: `$ALTHING_RUNTIME_DIR`,
-/// or `althing` in `$XDG_RUNTIME_DIR`, or a folder of this user's in the temporary one.
+/// Returns the folder with the sockets of an ecosystem's daemons on this machine, and creates it if
+/// it is missing: in `$ALTHING_RUNTIME_DIR`, or `althing` in `$XDG_RUNTIME_DIR`, or a folder of
+/// this user in the temporary one.
 ///
 /// # Errors
 ///
-/// If it cannot be made, or others could write in it.
+/// Returns an error if it cannot be created, or if other users could write in it.
 pub(crate) fn runtime_folder(ecosystem: &EcosystemId) -> Result<PathBuf, FolderError> {
     let base = runtime_base();
     private(&base)?;
@@ -61,7 +62,7 @@ pub(crate) fn runtime_folder(ecosystem: &EcosystemId) -> Result<PathBuf, FolderE
     Ok(folder)
 }
 
-/// The ecosystems that have a folder where daemons of this machine meet.
+/// Returns the ecosystems that have a runtime folder on this machine.
 pub(crate) fn running_ecosystems() -> Vec<EcosystemId> {
     let Ok(entries) = fs::read_dir(runtime_base()) else { return Vec::new() };
     let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
@@ -81,12 +82,13 @@ fn runtime_base() -> PathBuf {
     }
 }
 
-/// The folder in which a daemon's agents keep what they must not forget: `$ALTHING_STATE_DIR`,
-/// or systemd's `$STATE_DIRECTORY`, or `althing` in `$XDG_STATE_HOME` or `~/.local/state`.
+/// Returns the folder in which a daemon's agents keep what must survive a restart, and creates it
+/// if it is missing: in `$ALTHING_STATE_DIR`, or systemd's `$STATE_DIRECTORY`, or `althing` in
+/// `$XDG_STATE_HOME` or `~/.local/state`.
 ///
 /// # Errors
 ///
-/// If it cannot be made.
+/// Returns an error if it cannot be created.
 pub(crate) fn state_folder(
     ecosystem: &EcosystemId,
     daemon: &DaemonId,
@@ -103,18 +105,18 @@ pub(crate) fn state_folder(
     Ok(folder)
 }
 
-/// Lets no other user read what this process makes from now on, whatever the umask it was started with.
+/// Sets the umask so that no other user can access files that this process creates from now on.
 pub(crate) fn keep_to_oneself() {
     let before = umask(Mode::from_raw_mode(OTHERS));
     umask(before | Mode::from_raw_mode(OTHERS));
 }
 
-/// Takes a folder and the files in it from other users: an older version, or a person, made them with
-/// another umask.
+/// Removes the access of other users to a folder and the files in it: an older version, or a
+/// person, may have created them with another umask.
 fn close(folder: &Path) -> io::Result<()> {
     let files = fs::read_dir(folder)?.filter_map(Result::ok).map(|entry| entry.path());
     for path in files.chain([folder.to_owned()]) {
-        // A link leads elsewhere, and what has gone meanwhile needs nothing.
+        // Symbolic links are skipped, and so are files that have been removed meanwhile.
         let Ok(about) = fs::symlink_metadata(&path) else { continue };
         let mode = about.mode() & 0o7777;
         if (about.is_file() || about.is_dir()) && mode & OTHERS != 0 {
@@ -127,11 +129,11 @@ fn close(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// The socket of a daemon in the folder where they meet.
+/// Returns the path of a daemon's socket in this folder.
 ///
 /// # Errors
 ///
-/// If its path would be too long for a socket.
+/// Returns an error if the path is too long for a socket.
 pub(crate) fn socket_in(folder: &Path, daemon: &str) -> Result<PathBuf, FolderError> {
     let path = folder.join(format!("{daemon}.sock"));
     if path.as_os_str().len() > SOCKET_PATH_BYTES_MAX {
@@ -140,9 +142,9 @@ pub(crate) fn socket_in(folder: &Path, daemon: &str) -> Result<PathBuf, FolderEr
     Ok(path)
 }
 
-/// The folder of this machine's packages of plugins: `$ALTHING_PLUGINS_DIR`, or what the ecosystem's
-/// file says, or `plugins` in systemd's `$STATE_DIRECTORY`, or `althing/plugins` in `$XDG_DATA_HOME` or
-/// `~/.local/share`.
+/// Returns the folder of this machine's packages: `$ALTHING_PLUGINS_DIR`, or the folder that the
+/// ecosystem file names (`said`), or `plugins` in systemd's `$STATE_DIRECTORY`, or
+/// `althing/plugins` in `$XDG_DATA_HOME` or `~/.local/share`.
 pub(crate) fn plugins_folder(said: Option<&Path>) -> PathBuf {
     let home = || variable("HOME").map(|home| home.join(".local/share"));
     variable("ALTHING_PLUGINS_DIR")
@@ -156,7 +158,7 @@ fn variable(name: &str) -> Option<PathBuf> {
     std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from)
 }
 
-/// Makes a folder that belongs to this user alone, or sees to it that it does.
+/// Creates a folder that belongs to this user alone, or checks that an existing one does.
 fn private(folder: &Path) -> Result<(), FolderError> {
     let failed = |source| FolderError::Io { path: folder.to_owned(), source };
     match fs::DirBuilder::new().mode(0o700).recursive(true).create(folder) {

@@ -1,6 +1,6 @@
-//! A daemon whose socket is deleted under it, with its folder or alone, can be reached by no command
-//! and no daemon that comes later. Zenoh does not listen anew while a session lives, so the daemon
-//! begins anew, under its process id: that makes the folder and the socket again.
+//! Restarts a daemon if its socket has been deleted, with its folder or alone. No command and no
+//! daemon that starts later could reach it. Zenoh does not listen again while a session exists, so
+//! the daemon restarts itself, under its process id, which creates the folder and the socket again.
 
 use std::fs::DirBuilder;
 use std::io::ErrorKind;
@@ -13,15 +13,15 @@ use tokio::time::sleep;
 
 use super::anew::begin_anew;
 
-/// How often it looks for its socket.
+/// How often the daemon checks its socket.
 const PERIOD: Duration = Duration::from_secs(2);
 
-/// The watch over a daemon's socket; it ends when this is dropped, before the daemon itself takes its
-/// socket away.
+/// The task that watches a daemon's socket. It ends when this is dropped, which must happen before
+/// the daemon itself removes its socket.
 #[must_use]
 pub(crate) struct SocketWatch(AbortHandle);
 
-/// Begins anew when this socket is gone.
+/// Watches this socket, and restarts the process when it is missing at two checks in a row.
 pub(crate) fn watch_socket(socket: PathBuf) -> SocketWatch {
     let watch = tokio::spawn(async move {
         let mut was_missing = false;
@@ -50,7 +50,8 @@ pub(crate) fn watch_socket(socket: PathBuf) -> SocketWatch {
     SocketWatch(watch.abort_handle())
 }
 
-/// Whether the folder of a socket is there, or can be made: what begins anew without it would end.
+/// Whether the folder of a socket exists or can be created. Without it the restarted daemon would
+/// exit at once.
 fn can_be_made(socket: &Path) -> bool {
     let folder = socket.parent().unwrap_or(socket);
     let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);

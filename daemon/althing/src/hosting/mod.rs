@@ -1,6 +1,10 @@
-//! One daemon: its end of the substrate, its agents, their life.
+//! One daemon of an ecosystem: its connection to the substrate, and the agents that it hosts.
 //!
-//! Configure ([`crate::config`]), [`Node::open`], run, [`Node::drain`].
+//! The order of use: configure ([`crate::config`]), [`Node::open`], run, [`Node::drain`].
+//!
+//! Its parts: launching and supervising agents, the simulated building, the folders and sockets of
+//! this machine, keys, and the conditions under which the process restarts itself. What agents do
+//! is left to the plugins.
 
 mod anew;
 mod building;
@@ -53,27 +57,28 @@ pub(crate) use succession::{Succession, succeed};
 use supervisor::Supervised;
 pub(crate) use unreliable::Mishaps;
 
-/// How long agents may take to give up their commitments once the daemon drains.
+/// How long the agents may take to cancel their commitments once the daemon drains.
 const DRAIN_GRACE: Duration = Duration::from_secs(3);
 
-/// How long a daemon's own agents may take to be seen by itself: a while, and longer the more they
-/// are, because each hears of each.
+/// How long a daemon may take until it sees its own agents: a base time, and an additional time per
+/// agent, because each agent is notified of each other.
 const READY_WITHIN: Duration = Duration::from_secs(10);
 const READY_PER_AGENT: Duration = Duration::from_millis(300);
 
-/// What carries a node's messages.
+/// The transport of a node's messages.
 #[derive(Clone)]
 pub(crate) enum Wire {
-    /// A wire within this process.
+    /// A network in memory, within this process.
     Memory(Network),
-    /// The same, on which some messages are lost and some come twice.
+    /// A network in memory on which a share of the messages is lost and another share is
+    /// duplicated.
     Unreliable(Network, Arc<Mishaps>),
     /// Zenoh, as configured.
     Zenoh(Box<substrate_zenoh::Config>),
 }
 
 impl Wire {
-    /// Whether others are looked for on the networks of this machine.
+    /// Whether this transport scouts for other daemons on the networks of this machine.
     pub(crate) fn scouts(&self) -> bool {
         matches!(self, Wire::Zenoh(config) if config.scouts())
     }
@@ -84,13 +89,14 @@ pub(crate) struct Node {
     switchboard: Arc<Switchboard>,
     substrate: Arc<dyn Substrate>,
     agents: Vec<Supervised>,
-    /// What agents of the ecosystem file are built with; a guest hosts none.
+    /// The shared context with which agents of the ecosystem file are built; `None` for a guest,
+    /// which hosts no agents.
     host: Option<Arc<Host>>,
     tasks: TaskTracker,
     stopping: CancellationToken,
-    /// A wire in memory lasts as long as somebody holds it.
+    /// Kept because a network in memory exists only as long as a handle to it.
     _wire: Wire,
-    /// Where the daemon really listens.
+    /// The endpoints on which the daemon listens in fact.
     pub(crate) locators: Vec<String>,
 }
 
@@ -109,10 +115,10 @@ pub(crate) enum HostError {
     UnknownPlugin {
         /// The agent.
         agent: AgentId,
-        /// What it asks for.
+        /// The plugin that its entry names.
         plugin: String,
     },
-    /// A guest joins with no part of an ecosystem file.
+    /// A guest was to host an agent, but it has no part of an ecosystem file.
     #[error("host `{agent}`: a guest hosts nobody")]
     Guest {
         /// The agent.
@@ -121,36 +127,37 @@ pub(crate) enum HostError {
     /// The daemon's agents were not seen in time.
     #[error("see its own agents within {patience:?}: {missing:?} are missing")]
     NotReady {
-        /// How long they had.
+        /// How long the agents had.
         patience: Duration,
-        /// Who is missing.
+        /// The agents that were not seen.
         missing: Vec<AgentId>,
     },
 }
 
-/// What a node is opened with.
+/// The arguments of [`Node::open`].
 pub(crate) struct Part<'a> {
     /// The ecosystem.
     pub(crate) ecosystem: &'a Ecosystem,
-    /// Which daemon of it this is.
+    /// The name of this daemon in the ecosystem.
     pub(crate) daemon: DaemonId,
     /// The agents it hosts.
     pub(crate) agents: Vec<AgentEntry>,
-    /// Which flow.
+    /// The planning flow: centralised or decentralised.
     pub(crate) mode: Mode,
     /// The simulated building, for simulated drivers.
     pub(crate) building: Option<::building::BuildingHandle>,
-    /// Where agents keep what they must not forget; without it, nothing outlives the process.
+    /// The folder in which agents keep what must survive a restart; with `None`, nothing outlives
+    /// the process.
     pub(crate) state: Option<std::path::PathBuf>,
 }
 
 impl Node {
-    /// Opens the substrate and launches the agents; returns when all of them are seen.
+    /// Opens the substrate and launches the agents; returns as soon as the daemon sees all of them.
     ///
     /// # Errors
     ///
-    /// If the substrate does not open or an agent cannot be built. An agent that fails later is
-    /// restarted.
+    /// Returns an error if the substrate does not open, an agent cannot be built, or the agents are
+    /// not seen in time. An agent that fails later is restarted.
     pub(crate) async fn open(part: Part<'_>, wire: Wire) -> Result<Node, HostError> {
         let Part { ecosystem, daemon, agents, mode, building, state } = part;
         let (name, settings) = (ecosystem.name.clone(), ecosystem.settings.clone());
@@ -173,7 +180,8 @@ impl Node {
             resources,
         });
         node.host = Some(host);
-        // What packages bring comes when it comes: a plugin that fails keeps nobody waiting.
+        // Agents of packages are launched when their package is ready, so a plugin that fails
+        // delays no other agent.
         for entry in agents.into_iter().filter(AgentEntry::is_built_in) {
             node.plug_in(entry)?;
         }
@@ -184,12 +192,12 @@ impl Node {
         Ok(node)
     }
 
-    /// Joins as a guest, with no agent of any ecosystem file: for commands. With `rights`, others
-    /// are held to them.
+    /// Joins as a guest, with no agents of an ecosystem file: used by commands. With `rights`,
+    /// messages of other daemons are checked against them.
     ///
     /// # Errors
     ///
-    /// If the substrate does not open.
+    /// Returns an error if the substrate does not open.
     pub(crate) async fn join(
         machine: Machine,
         ecosystem: EcosystemId,
@@ -214,12 +222,12 @@ impl Node {
         })
     }
 
-    /// The daemon's own end of the substrate.
+    /// The message router of this daemon.
     pub(crate) fn switchboard(&self) -> &Arc<Switchboard> {
         &self.switchboard
     }
 
-    /// Where agents that no ecosystem file names can live; a guest has no place for them.
+    /// Returns the context for launching agents that no ecosystem file names; `None` for a guest.
     pub(crate) fn landing(&self) -> Option<Landing> {
         Some(Landing {
             switchboard: Arc::clone(&self.switchboard),
@@ -230,16 +238,17 @@ impl Node {
         })
     }
 
-    /// The agents it hosts.
+    /// The names of the agents that this daemon hosts.
     pub(crate) fn agents(&self) -> impl Iterator<Item = &AgentId> {
         self.agents.iter().map(|agent| &agent.id)
     }
 
-    /// Hosts one more agent.
+    /// Launches one more agent.
     ///
     /// # Errors
     ///
-    /// If it cannot be built. An agent that fails later is restarted.
+    /// Returns an error if the agent cannot be built, or if this node is a guest. An agent that
+    /// fails later is restarted.
     pub(crate) fn plug_in(&mut self, entry: AgentEntry) -> Result<(), HostError> {
         let Some(host) = &self.host else {
             return Err(HostError::Guest { agent: entry.name });
@@ -250,7 +259,8 @@ impl Node {
         Ok(())
     }
 
-    /// Launches one agent that no ecosystem file names: a person's keyboard.
+    /// Launches one agent that no ecosystem file names, such as the keyboard of a person. It is not
+    /// restarted.
     pub(crate) fn launch(&self, id: AgentId, agent: impl agent::Agent, ontology: &str) {
         let berth = supervisor::berth(&id, &self.switchboard, ontology, &self.stopping, false);
         let life = agent::Launch::launch(Box::new(agent), berth);
@@ -261,15 +271,15 @@ impl Node {
         });
     }
 
-    /// Takes an agent out as if its process were killed: no farewell, no restart.
+    /// Ends an agent as if its process were killed: no farewell, no restart.
     pub(crate) fn unplug(&self, agent: &AgentId) {
         for supervised in self.agents.iter().filter(|supervised| supervised.id == *agent) {
             supervised.unplugged.cancel();
         }
     }
 
-    /// Lets some agents give up their commitments and leave, while the others live on. Who does not
-    /// finish in time is ended.
+    /// Lets some agents cancel their commitments and leave, while the others continue. An agent
+    /// that does not finish within [`DRAIN_GRACE`] is aborted.
     pub(crate) async fn retire(&mut self, leaving: &BTreeSet<AgentId>) {
         let is_leaving = |agent: &Supervised| leaving.contains(&agent.id);
         let (left, stay): (Vec<_>, _) =
@@ -278,7 +288,7 @@ impl Node {
         left.iter().for_each(|agent| agent.stopping.cancel());
         let deadline = tokio::time::Instant::now() + DRAIN_GRACE;
         for Supervised { id, unplugged, mut supervision, .. } in left {
-            // A supervision that broke has ended, too.
+            // A supervision that panicked has ended, too.
             if tokio::time::timeout_at(deadline, &mut supervision).await.is_err() {
                 tracing::warn!(%id, "did not finish in time; it is ended");
                 unplugged.cancel();
@@ -306,9 +316,9 @@ impl Node {
         Ok(())
     }
 
-    /// Asks every agent to give up its commitments, waits for them, and closes the substrate.
+    /// Asks every agent to cancel its commitments, waits for all of them, and closes the substrate.
     ///
-    /// Returns `false` if the grace passed first; the caller says so and exits.
+    /// Returns `false` if [`DRAIN_GRACE`] ended first; the caller reports that and exits.
     pub(crate) async fn drain(self) -> bool {
         self.stopping.cancel();
         self.tasks.close();

@@ -1,9 +1,9 @@
-//! What becomes of a process whose machine has moved to another address: a lease of DHCP that was not
-//! given again, another network that is roamed to.
+//! Restarts the process when its machine has moved to another address: its DHCP lease was not
+//! renewed, or it has roamed to another network.
 //!
-//! All its links rest on the address that is gone, and are dead. Zenoh looks for others from the
-//! addresses that were there when it was started, so nobody would be found from the new one. As others
-//! count it as gone anyway, it begins anew.
+//! All its links use the address that is gone, and are dead. Zenoh scouts from the addresses that
+//! existed when it was started, so it would find no daemon from the new one. Because other daemons
+//! count this one as gone anyway, it restarts itself.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::Ipv4Addr;
@@ -15,13 +15,14 @@ use nix::net::if_::InterfaceFlags;
 
 use super::anew::begin_anew;
 
-/// How often it looks at its addresses: others need a lease to miss it.
+/// How often the addresses are checked: other daemons need a lease to notice that this one is gone.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// The addresses of each interface that scouting can use: it calls by IPv4.
+/// The addresses of each interface that scouting can use; it uses IPv4.
 type Addresses = BTreeMap<String, BTreeSet<Ipv4Addr>>;
 
-/// Begins anew when this machine has moved.
+/// Watches the addresses on a thread of its own, and restarts this process when the machine has
+/// moved.
 pub(crate) fn watch_addresses() {
     let Some(first) = addresses() else { return };
     thread::spawn(move || {
@@ -50,8 +51,9 @@ fn addresses() -> Option<Addresses> {
     Some(all)
 }
 
-/// Where this machine is now, if an interface has kept none of its addresses and has others, or if
-/// there were none at all. One that is added is no move: bridges and tunnels come and go.
+/// Returns the new interface and address if the machine has moved: if an interface has kept none of
+/// its addresses and has others, or if there were no addresses at all before. An added interface is
+/// not a move: bridges and tunnels come and go.
 fn moved<'now>(first: &Addresses, now: &'now Addresses) -> Option<(&'now str, Ipv4Addr)> {
     let has_moved = |interface: &str, here: &BTreeSet<Ipv4Addr>| match first.get(interface) {
         Some(before) => before.is_disjoint(here),

@@ -1,4 +1,5 @@
-//! Plugins that run as processes, on this daemon: where they are, and how this program becomes one.
+//! Plugins of this daemon that run as processes: their folders, and how this program turns into one
+//! of them.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -14,17 +15,17 @@ use terminal::{exit, output};
 use super::{Node, plugins_folder};
 use crate::config::{AgentEntry, Ecosystem};
 
-/// This program, as it runs now: also where its file was replaced meanwhile.
+/// The running program, also if the file at its path has been replaced meanwhile.
 pub(crate) const ITSELF: &str = "/proc/self/exe";
 
-/// What a daemon hosts plugins with.
+/// The arguments of [`Node::host_processes`].
 pub(crate) struct Processes<'p> {
     pub(crate) ecosystem: &'p Ecosystem,
     /// The agents of the daemon's part.
     pub(crate) agents: &'p [AgentEntry],
-    /// The folder where daemons of this machine meet.
+    /// The folder with the sockets of this machine's daemons.
     pub(crate) runtime: PathBuf,
-    /// Where the daemon keeps what it must not forget.
+    /// The daemon's state folder.
     pub(crate) state: PathBuf,
     /// The simulated building's socket.
     pub(crate) building: Option<PathBuf>,
@@ -35,14 +36,14 @@ impl Node {
     ///
     /// # Errors
     ///
-    /// If a folder of the daemon's own cannot be made; for a person.
+    /// Returns an error message for the user if a folder of the daemon cannot be created.
     pub(crate) fn host_processes(&self, processes: Processes<'_>) -> Result<(), String> {
         let Processes { ecosystem, agents, runtime, state, building } = processes;
         let Some(landing) = self.landing() else { return Ok(()) };
         let Some(admissions) = landing.host.resources.get() else { return Ok(()) };
         let folder = plugins_folder(ecosystem.plugins.folder.as_deref());
         let shelf = Shelf { folder };
-        // A folder that is there is one into which something can be put.
+        // The folder is created at start, so that packages can be installed into it.
         match shelf.make() {
             Err(error @ ShelfError::Writable { .. }) => {
                 tracing::error!("failed to {error}; no plugin runs until this is mended");
@@ -77,9 +78,10 @@ impl Node {
     }
 }
 
-/// Becomes a plugin, if that is what this process was started for: `become-plugin CONFINEMENT PROGRAM
-/// ARGUMENTS`; or tries out how plugins are confined here: `become-plugin probe FOLDER`. For daemons, and
-/// not for people; returns only where it cannot, or when that was tried out.
+/// Turns this process into a plugin if it was started for that: `become-plugin CONFINEMENT PROGRAM
+/// ARGUMENTS`. With `become-plugin probe FOLDER` it tests instead which confinement works on this
+/// machine. Only daemons start it so, never users. Returns `None` if the process was started for
+/// anything else, and an exit code after the test or if the plugin's program cannot be run.
 pub(crate) fn become_plugin() -> Option<ExitCode> {
     let mut arguments = std::env::args_os().skip(1);
     if arguments.next().as_deref() != Some(LAUNCH.as_ref()) {

@@ -1,7 +1,7 @@
-//! Builds agents of an ecosystem without letting them live: what each would say of itself, and what is
-//! wrong with its entry.
+//! Builds the agents of an ecosystem without launching them, to get their action models and the
+//! mistakes in their entries.
 //!
-//! Nothing is opened and nothing written; files that only an agent's own machine has are not read.
+//! Nothing is opened or written; files that exist only on an agent's own machine are not read.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,17 +14,17 @@ use pddl::ActionModel;
 use super::{HostError, supervisor};
 use crate::config::{AgentEntry, Ecosystem};
 
-/// Where agents of an ecosystem are built that do not live.
+/// The context in which agents of an ecosystem are built without being launched.
 pub(crate) struct Stage {
     host: Arc<Host>,
 }
 
 impl Stage {
-    /// One for the agents of this ecosystem.
+    /// Creates the context for the agents of this ecosystem.
     pub(crate) fn of(ecosystem: &Ecosystem) -> Stage {
         let mut resources = Resources::default();
         resources.insert(Rehearsal);
-        // Drivers take it in hand, and nobody acts: what is in it does not matter.
+        // Drivers take a handle of it, but no agent acts: its contents do not matter.
         let building = Building::new(Layout::new(), 1.0);
         building.into_iter().for_each(|building| resources.insert(building.handle()));
         let host = Host {
@@ -38,18 +38,18 @@ impl Stage {
         Stage { host: Arc::new(host) }
     }
 
-    /// Builds an agent as `up` would.
+    /// Builds an agent as `althing up` would.
     ///
     /// # Errors
     ///
-    /// What is wrong with its entry.
+    /// Returns an error if its entry is wrong.
     pub(crate) fn build(&self, entry: &AgentEntry) -> Result<Box<dyn Launch>, HostError> {
         supervisor::rehearse(entry, &self.host)
     }
 }
 
-/// The action models of an ecosystem's agents, as far as they can be built: what each would say
-/// of itself when it comes.
+/// Returns the action models of an ecosystem's agents that are built in and can be built: what each
+/// would announce when it joins.
 pub(crate) fn models(ecosystem: &Ecosystem) -> BTreeMap<AgentId, ActionModel> {
     let stage = Stage::of(ecosystem);
     let model = |entry: &AgentEntry| {

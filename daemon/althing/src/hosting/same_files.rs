@@ -1,8 +1,9 @@
-//! Tells of daemons that have read another domain or another map than this one.
+//! Reports daemons that have read another domain or another map than this one.
 //!
-//! One ecosystem has one domain file and one map on all machines. A robot whose machine has an older
-//! map declines what the others plan, and nothing they say tells why. Each daemon therefore says what
-//! it has read, as digests, and asks each daemon that comes.
+//! All machines of an ecosystem must have the same domain file and the same map. A robot with an
+//! older map on its machine declines what other agents plan, and no message would say why. Each
+//! daemon therefore publishes digests of what it has read, and queries those of each daemon that
+//! joins.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
@@ -18,28 +19,28 @@ use tokio::sync::broadcast::error::RecvError;
 use super::Node;
 use crate::config::Ecosystem;
 
-/// How long daemons that come at once are waited for, so that all of them are asked together.
+/// How long to wait for more daemons that join at once, so that all of them are queried together.
 const SETTLING: Duration = Duration::from_secs(1);
 
-/// How long an answer is waited for.
+/// How long to wait for an answer.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
 
-/// How often a daemon is asked that does not answer: it is seen before it can.
+/// How often a daemon that does not answer is queried: it is seen before it can answer.
 const ASKED_MAX: u32 = 5;
 
-/// Of a digest, the characters that a person compares.
+/// Number of digits of a digest that are shown, so that a person can compare them.
 const DIGEST_CHARS: usize = 12;
 
-/// What a daemon has read.
+/// The files that a daemon has read.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 struct Files {
     daemon: DaemonId,
-    /// Digests of what is meant: comments and line breaks do not count.
+    /// Digests of the parsed text: comments and line breaks do not count.
     domain: String,
     map: String,
 }
 
-/// Says what this daemon has read, and tells of daemons that have read something else, from now on.
+/// Publishes the digests of this daemon, and logs daemons that have read other files, from now on.
 pub(crate) fn watch_files(node: &Node, ecosystem: &Ecosystem) {
     let switchboard = Arc::clone(node.switchboard());
     let own = Files {
@@ -53,15 +54,15 @@ pub(crate) fn watch_files(node: &Node, ecosystem: &Ecosystem) {
 
 async fn watch(switchboard: Arc<Switchboard>, own: Files) {
     let (mut directory, mut changes) = switchboard.presence_changes();
-    // How often each was asked that is here.
+    // Number of queries sent to each daemon that is present.
     let mut asked: BTreeMap<DaemonId, u32> = BTreeMap::new();
     let mut told: BTreeSet<Files> = BTreeSet::new();
     loop {
-        // Commands have read nothing that others plan by.
+        // Guests are skipped: a command has read no file by which agents plan.
         let here =
             directory.daemons().filter(|daemon| !daemon.is_guest() && **daemon != own.daemon);
         let here: BTreeSet<DaemonId> = here.cloned().collect();
-        // One that comes back may have read another file.
+        // A daemon that comes back may have read another file.
         asked.retain(|daemon, _| here.contains(daemon));
         told.retain(|known| here.contains(&known.daemon));
         let is_known = |daemon: &&DaemonId| asked.get(*daemon).is_some_and(|it| *it >= ASKED_MAX);
@@ -85,17 +86,18 @@ async fn watch(switchboard: Arc<Switchboard>, own: Files) {
     }
 }
 
-/// What these daemons have read, as far as they answer: one by its name, several all at once.
+/// Queries the files of these daemons: a single one by its name, several all at once. Returns the
+/// answers that came.
 async fn ask(switchboard: &Switchboard, newcomers: &BTreeSet<DaemonId>) -> Vec<Files> {
     let daemon = newcomers.first().filter(|_| newcomers.len() == 1).cloned();
     let ask = Ask { daemon, resource: Resource::Files, agent: None };
     let answers = switchboard.ask(ask, ANSWERED_WITHIN).await;
     let read = |answer: &bytes::Bytes| serde_json::from_slice::<Files>(answer).ok();
-    // Of others nobody asked.
+    // Answers of daemons that were not queried are dropped.
     answers.iter().filter_map(read).filter(|files| newcomers.contains(&files.daemon)).collect()
 }
 
-/// Tells what two daemons have read differently, once.
+/// Logs the differences between two daemons, once.
 fn tell(own: &Files, other: &Files, told: &mut BTreeSet<Files>) {
     told.retain(|known| known.daemon != other.daemon || known == other);
     let differences = differences(own, other);
@@ -106,7 +108,7 @@ fn tell(own: &Files, other: &Files, told: &mut BTreeSet<Files>) {
     }
 }
 
-/// What two daemons have read differently, for the operator.
+/// Returns the differences between two daemons, as messages for the operator.
 fn differences(own: &Files, other: &Files) -> Vec<String> {
     let parts = [("domain", &own.domain, &other.domain), ("map", &own.map, &other.map)];
     let differing = parts.into_iter().filter(|(_, own, other)| own != other);
@@ -150,7 +152,7 @@ mod tests {
         let mut told = BTreeSet::new();
         tell(&own, &older, &mut told);
         assert!(!told.insert(older.clone()), "it is told");
-        // Mended, and again otherwise: that is news.
+        // The file was corrected and then differs again: that is reported anew.
         tell(&own, &files("c", "rooms"), &mut told);
         assert!(told.is_empty());
     }

@@ -1,25 +1,27 @@
-//! What becomes of a process that stood still: stopped, or its machine asleep.
+//! Restarts a process that was suspended: stopped by a signal, or on a machine that was asleep.
 //!
-//! After a lease the others count it as gone, go on without it, and call it again. When it wakes it
-//! believes what was so before, to its own agents and to whoever asks first; all its links close and
-//! open at once, and what Zenoh forgets to tell then is told again only seconds later. As a process
-//! that has just begun it is seen by all and asks before it says anything; what it was at is known
-//! from disk and from the Journals, as after any death. So it begins anew, under its process id.
-//! (Without this, two of eighteen stops in `tests/faults.rs` ended in goals that nobody began.)
+//! After a lease the other daemons count it as gone, go on without it, and try to connect again.
+//! When it resumes, its state is outdated, and both its own agents and the first agents that ask
+//! would get that state. All its links close and open at once, and presence changes that Zenoh
+//! misses then arrive only seconds later. A process that has just started is seen by all, and
+//! queries the others before it announces anything; its state is read from disk and from the
+//! Journals, as after any crash. So the process restarts itself, under its process id. (Without
+//! this, two of eighteen stops in `tests/faults.rs` ended in goals that no agent pursued.)
 
 use std::thread;
 use std::time::Duration;
 
 use super::anew::begin_anew;
 
-/// How often it looks at the clock.
+/// How often the clock is checked.
 const PERIOD: Duration = Duration::from_millis(250);
 
-/// Begins anew whenever this process has stood still for as long as others may have taken it for
-/// gone: their lease counts from its last sign of life, of which there are four per lease.
+/// Restarts this process whenever it was suspended for so long that other daemons may count it as
+/// gone. Their lease starts at its last keep-alive, of which there are four per lease; so three
+/// quarters of a lease are enough.
 pub(crate) fn watch_standstill(lease: Duration) {
     let missed = lease * 3 / 4;
-    // A thread of its own: one that waits for others would take a busy runtime for a standstill.
+    // A thread of its own, because a task in a busy runtime would mistake a delay for a suspension.
     thread::spawn(move || {
         let Some(mut last) = uptime() else { return };
         loop {
@@ -35,7 +37,8 @@ pub(crate) fn watch_standstill(lease: Duration) {
     });
 }
 
-/// Time since the machine was started, asleep or not.
+/// Returns the time since the machine was started, including time asleep; `None` if `/proc/uptime`
+/// cannot be read.
 fn uptime() -> Option<Duration> {
     let text = std::fs::read_to_string("/proc/uptime").ok()?;
     let seconds: f64 = text.split_whitespace().next()?.parse().ok()?;

@@ -1,8 +1,8 @@
-//! The simulated building outlives the daemon that serves it: another daemon that uses it serves it
-//! on, with its robots where they were seen last.
+//! Take-over of the simulated building: when the daemon that serves it is gone, another daemon that
+//! uses it serves it, with its robots where they were last seen.
 //!
-//! Temperatures, locked doors and who is where are those of the ecosystem file again: only the process
-//! that is gone knew them.
+//! Temperatures, locked doors and the places of people are those of the ecosystem file again: only
+//! the process that is gone knew them.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,14 +17,14 @@ use tokio::time::sleep;
 use super::building::simulate;
 use crate::config::Ecosystem;
 
-/// How often a daemon looks whether the building is served.
+/// How often a daemon checks whether the building is served.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// What is kept of the robots: as much as a robot's entry says of its start.
+/// The plugins of robots: their places and charges are kept, because a robot's entry can set both.
 const ROBOTS: [&str; 3] = ["turtlebot", "cleaning-robot", "video-robot"];
 
-/// A daemon's readiness to serve the building on. It ends when this is dropped, and with it what it
-/// serves.
+/// A task that takes over the building when no process serves it. Dropping this ends the task and
+/// the server.
 #[must_use]
 #[derive(Debug)]
 pub(crate) struct Succession(AbortHandle);
@@ -35,14 +35,15 @@ impl Drop for Succession {
     }
 }
 
-/// Where a robot was seen last, and for how many meters it was charged.
+/// The place where a robot was last seen, and the meters that its charge allowed then.
 #[derive(Debug)]
 pub(super) struct Seen {
     place: String,
     charge: Option<f64>,
 }
 
-/// Watches a building that another process serves at this socket, and serves it on when nobody does.
+/// Watches a building that another process serves at this socket, and serves it when no process
+/// does.
 pub(crate) fn succeed(
     ecosystem: Ecosystem,
     socket: PathBuf,
@@ -65,7 +66,7 @@ pub(crate) fn succeed(
                     );
                     std::future::pending().await
                 }
-                // Another daemon was faster, or the one that serves it stands still.
+                // Another daemon was faster, or the process that serves it is suspended.
                 Ok(None) => (),
                 Err(problem) if told.as_ref() != Some(&problem) => {
                     tracing::warn!(problem, "cannot serve the simulated building on");
@@ -78,7 +79,7 @@ pub(crate) fn succeed(
     Succession(watch.abort_handle())
 }
 
-/// Notes where the robots are; whether the building is served.
+/// Records where the robots are. Returns `false` if the building is not served.
 pub(super) async fn look(
     ecosystem: &Ecosystem,
     building: &BuildingHandle,
@@ -97,11 +98,12 @@ pub(super) async fn look(
             Err(_) => (),
         }
     }
-    // Without a robot, a device that is not there is asked for.
+    // If there is no robot, the query for a device that does not exist shows whether the building
+    // answers.
     !matches!(building.place_of("").await, Err(error) if is_gone(&error))
 }
 
-/// The building and its server; nothing where it is served already.
+/// Creates the building and its server; `None` if another process serves it already.
 pub(super) async fn serve(
     ecosystem: &Ecosystem,
     seen: &BTreeMap<String, Seen>,

@@ -1,5 +1,5 @@
-//! Keeps agents alive: an agent that panics or loses its name is launched again, ever more
-//! slowly, and the others never notice more than its absence.
+//! Restarts agents that fail: an agent that panics or loses its name is launched again, after an
+//! increasing wait. Other agents notice no more than its absence.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,24 +14,24 @@ use super::HostError;
 use crate::config::AgentEntry;
 use crate::plugins;
 
-/// First wait before an agent is launched again, doubled up to the last: a panic at every start
-/// must not keep the board busy.
+/// Wait before the first restart of an agent, doubled at each further one up to the last value: an
+/// agent that panics at every start must not keep the machine busy.
 const RESTART_FIRST: Duration = Duration::from_millis(500);
 const RESTART_LAST: Duration = Duration::from_secs(30);
 
 /// An agent under supervision.
 pub(super) struct Supervised {
     pub(super) id: AgentId,
-    /// Ends it at once, for good.
+    /// Aborts the agent at once and ends its supervision.
     pub(super) unplugged: CancellationToken,
-    /// Ends it for good, once it has given up its commitments.
+    /// Asks the agent to cancel its commitments and end; ends its supervision.
     pub(super) stopping: CancellationToken,
-    /// Ends when it has.
+    /// Completes when the supervision has ended.
     pub(super) supervision: JoinHandle<()>,
 }
 
-/// Builds an agent once, so that what is wrong with its entry is said at start, and supervises
-/// its lives.
+/// Builds an agent once, so that mistakes in its entry are reported at start, and supervises all
+/// its incarnations.
 pub(super) fn begin(
     entry: AgentEntry,
     host: &Arc<Host>,
@@ -57,7 +57,7 @@ pub(super) fn begin(
     Ok(Supervised { id, unplugged, stopping, supervision })
 }
 
-/// Builds an agent of this entry that is not to live: what is wrong with the entry is said as at
+/// Builds an agent of this entry without launching it: mistakes in the entry are reported as at
 /// start.
 pub(super) fn rehearse(entry: &AgentEntry, host: &Arc<Host>) -> Result<Box<dyn Launch>, HostError> {
     let (agent, plugin) = (entry.name.clone(), entry.plugin.clone());
@@ -124,7 +124,7 @@ impl Supervision {
         berth(id, switchboard, ontology, &self.stopping, self.stands_by)
     }
 
-    /// One life; whether it was the last.
+    /// Runs one incarnation. Returns `true` if it was the last.
     async fn live(&self, agent: Box<dyn Launch>) -> bool {
         let id = &self.blueprint.id;
         let mut life = agent.launch(self.berth());
@@ -138,14 +138,14 @@ impl Supervision {
         match ended {
             Ok(Ok(())) => return true,
             Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),
-            // The panic itself is on stderr already, with its place.
+            // The panic message itself is on stderr already, with its source location.
             Err(error) => tracing::error!(%id, %error, "the agent broke"),
         }
         self.stopping.is_cancelled()
     }
 }
 
-/// A place for a new life of an agent.
+/// Creates the launch context of a new incarnation of an agent.
 pub(super) fn berth(
     id: &AgentId,
     switchboard: &Arc<Switchboard>,

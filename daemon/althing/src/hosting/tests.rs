@@ -1,4 +1,4 @@
-//! Devices of the office at work: goals through the whole house in memory, in paused time, held
+//! Devices of the office at work: goals in a whole ecosystem in memory, in paused time, checked
 //! against the building's truth.
 
 use std::time::Duration;
@@ -28,7 +28,7 @@ mod watching;
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
 const MAP: &str = include_str!("../../../../domains/smart-office/map.pddl");
 
-/// How long anything may take, on a clock that runs as fast as it can.
+/// Longest time that anything may take. The clock is paused, so it costs no real time.
 const PATIENCE: Duration = Duration::from_secs(3_600);
 
 const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
@@ -62,12 +62,13 @@ fn ecosystem(folder: &TempDir, entries: &str, mode: Mode) -> Ecosystem {
 }
 
 impl Office {
-    /// Opens the office with these entries; `{folder}` in them is a folder of the test's own.
+    /// Opens the office with these entries; `{folder}` in them stands for a folder of the test's
+    /// own.
     async fn open(entries: &[String], mode: Mode) -> Office {
         Office::open_on(Network::new(), entries, mode).await
     }
 
-    /// The same on this wire.
+    /// The same on this network.
     async fn open_on(network: Network, entries: &[String], mode: Mode) -> Office {
         let folder = tempfile::tempdir().expect("a folder");
         let mut text = String::new();
@@ -89,7 +90,7 @@ impl Office {
         };
         let node = Node::open(part, Wire::Memory(network)).await;
         let node = node.unwrap_or_else(|error| panic!("failed to {error}"));
-        // A heartbeat, so that everybody knows of everybody.
+        // Waits for a heartbeat, so that all agents know each other.
         tokio::time::sleep(ecosystem.settings.heartbeat_period * 2).await;
         Office { building, node, ecosystem, folder }
     }
@@ -102,7 +103,7 @@ impl Office {
         Person { terminal, lines: Vec::new() }
     }
 
-    /// Waits until the building's truth is such.
+    /// Waits until the building's truth meets a condition.
     async fn until(&self, what: &str, is_so: impl FnMut(&Truth) -> bool) -> Truth {
         let truth = timeout(PATIENCE, self.building.wait_for(is_so)).await;
         truth.unwrap_or_else(|_| panic!("never so: {what}; {:#?}", self.building.truth()))
@@ -115,7 +116,7 @@ impl Office {
 
 struct Person {
     terminal: Terminal,
-    /// What was heard, for those who ask why.
+    /// The messages received, for failure messages.
     lines: Vec<String>,
 }
 
@@ -125,13 +126,13 @@ impl Person {
         self.terminal.say.send(Said::Wish(wish)).await.expect("the keyboard listens");
     }
 
-    /// Asks for a goal; whether it was reached.
+    /// Requests a goal. Returns `true` if it was reached.
     async fn reaches(&mut self, goal: &str) -> bool {
         self.wish(goal, Keep::Achieve).await;
         self.hears().await
     }
 
-    /// Waits until an agent asks this person; the question's number.
+    /// Waits until an agent asks this person. Returns the question's number.
     async fn is_asked(&mut self) -> u64 {
         self.waits(|heard| match heard {
             Heard::Question(open) => Some(open.question),
@@ -153,7 +154,7 @@ impl Person {
         self.terminal.say.send(said).await.expect("the keyboard listens");
     }
 
-    /// Waits until a question is open no longer; which, and why.
+    /// Waits until a question is closed. Returns its number and the reason.
     async fn hears_closed(&mut self) -> (u64, String) {
         self.waits(|heard| match heard {
             Heard::QuestionClosed(number, why) => Some((number, why)),
@@ -162,7 +163,7 @@ impl Person {
         .await
     }
 
-    /// Waits until this is said of a goal.
+    /// Waits until a report about a goal contains these words.
     async fn hears_of(&mut self, words: &str) -> String {
         let report = |heard| match heard {
             Heard::Report(_, report) => Some(report.detail),
@@ -186,7 +187,8 @@ impl Person {
         }
     }
 
-    /// Waits for the next word that a goal holds, or that it does not and never will.
+    /// Waits for the next report that a goal holds (`true`), or that it does not and will not be
+    /// pursued further (`false`).
     async fn hears(&mut self) -> bool {
         loop {
             let heard = timeout(PATIENCE, self.terminal.hear.recv()).await;

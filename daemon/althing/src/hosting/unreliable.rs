@@ -1,8 +1,8 @@
-//! A wire on which some messages are lost and some come twice: the same ones for the same seed.
+//! A network that loses some messages and duplicates others: the same ones for the same seed.
 //!
-//! Which ones is decided by who says what to whom for the how-manyeth time, not by the order in
-//! which threads get to say it. Questions and presence are never lost: a wire that loses those is
-//! down, and that is another fault.
+//! The choice depends on the sender, the receiver, the kind of message and its count on that route,
+//! not on the order in which threads send. Queries and presence are never lost: a network that
+//! loses those is down, which is a different fault.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,10 +12,11 @@ use acl::{AgentId, Performative};
 use bytes::Bytes;
 use substrate::{Address, SendError, Subject, Substrate, Through};
 
-/// What happens to messages, and has happened so far.
+/// The probabilities of faults, and counters of those that have occurred.
 #[derive(Debug, Default)]
 pub(crate) struct Mishaps {
-    /// Which share is lost, and which comes twice.
+    /// The share of messages that are lost, and of the others the share that is duplicated; both
+    /// from 0 to 1.
     pub(crate) lose: f64,
     pub(crate) duplicate: f64,
     pub(crate) seed: u64,
@@ -25,7 +26,7 @@ pub(crate) struct Mishaps {
     pub(crate) all: AtomicU64,
 }
 
-/// What happens to one message.
+/// The fault that is injected into one message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mishap {
     None,
@@ -33,7 +34,7 @@ enum Mishap {
     Doubled,
 }
 
-/// The reliable wire, made unreliable.
+/// Wraps a reliable substrate in an unreliable one.
 pub(super) fn wire(reliable: Arc<dyn Substrate>, mishaps: Arc<Mishaps>) -> Arc<dyn Substrate> {
     Arc::new(Unreliable { reliable, mishaps })
 }
@@ -46,12 +47,12 @@ struct Unreliable {
 // === impl Mishaps ===
 
 impl Mishaps {
-    /// Such shares, of such a seed.
+    /// Creates the faults with these shares, drawn from `seed`.
     pub(crate) fn new(lose: f64, duplicate: f64, seed: u64) -> Mishaps {
         Mishaps { lose, duplicate, seed, ..Mishaps::default() }
     }
 
-    /// What happens to the next message on this route.
+    /// Draws the fault of the next message on this route, and counts it.
     fn next(&self, route: String) -> Mishap {
         self.all.fetch_add(1, Ordering::Relaxed);
         let number = {
@@ -73,8 +74,8 @@ impl Mishaps {
     }
 }
 
-/// A number that depends on all three and looks like none of them: FNV-1a, then SplitMix64's
-/// finish.
+/// Returns a pseudo-random number that depends on all three arguments: FNV-1a, then the finaliser
+/// of SplitMix64.
 fn draw(seed: u64, route: &str, number: u64) -> u64 {
     let bytes = route.bytes().chain(number.to_le_bytes()).chain(seed.to_le_bytes());
     let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
@@ -85,7 +86,7 @@ fn draw(seed: u64, route: &str, number: u64) -> u64 {
     mixed ^ (mixed >> 31)
 }
 
-/// From 0 to 1, without 1.
+/// Maps a number to the range from 0 (inclusive) to 1 (exclusive).
 fn share_of(number: u64) -> f64 {
     (number >> 11) as f64 / (1_u64 << 53) as f64
 }

@@ -1,5 +1,5 @@
-//! What is wrong with an interface, held against both ecosystems: pointing at the text, before
-//! anything is opened.
+//! Checks the interfaces of an ecosystem file against both ecosystems, before anything is opened.
+//! Mistakes point into the text.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,11 +20,11 @@ pub(crate) struct Other {
     pub(crate) ecosystem: Ecosystem,
 }
 
-/// Reads the other ecosystem's file.
+/// Reads the other ecosystem's file and checks the interface against it.
 ///
 /// # Errors
 ///
-/// What is wrong with it; or with the rules, held against it.
+/// Returns the mistakes of that file or, if it has none, those of the interface's rules.
 pub(crate) fn load(
     ecosystem: &Ecosystem,
     index: usize,
@@ -42,7 +42,7 @@ pub(crate) fn load(
     Ok(Other { ecosystem: other })
 }
 
-/// What is wrong with the interfaces of an ecosystem.
+/// Returns the mistakes in all interfaces of an ecosystem.
 pub(crate) fn check(ecosystem: &Ecosystem, known_plugins: &[KnownPlugin]) -> Report {
     let mut report = Report::default();
     for index in 0..ecosystem.interfaces.len() {
@@ -69,7 +69,7 @@ fn read(
         say(ecosystem, &format!("interface.{index}.ecosystem"), found, report);
         return None;
     }
-    // What the command line and the environment say is about our own ecosystem.
+    // The command line and the environment concern only this ecosystem.
     let variables = crate::config::Variables::new();
     match Ecosystem::load_with(file, &variables, &Overrides::default(), known_plugins) {
         Ok(other) => Some(other),
@@ -80,7 +80,7 @@ fn read(
     }
 }
 
-/// Says something about the value at a path.
+/// Reports a finding about the value at a path.
 fn say(ecosystem: &Ecosystem, path: &str, mut found: Diagnostic, report: &mut Report) {
     match ecosystem.places.find(path) {
         Some((source, place, is_it)) => {
@@ -91,7 +91,7 @@ fn say(ecosystem: &Ecosystem, path: &str, mut found: Diagnostic, report: &mut Re
     }
 }
 
-/// Where one interface is looked over.
+/// The check of one interface.
 struct Desk<'d> {
     ecosystem: &'d Ecosystem,
     index: usize,
@@ -131,7 +131,8 @@ impl Desk<'_> {
         }
     }
 
-    /// Whether the other's file, if it names agents at all, names this one.
+    /// Warns if a rule imports an agent that the other ecosystem's file does not name, unless that
+    /// file names no agents at all.
     fn is_known(&mut self, path: &str, rule: &RuleEntry, models: &Models) {
         let Some(agent) = rule.agent.as_ref().filter(|agent| !models.contains_key(*agent)) else {
             return;
@@ -145,7 +146,7 @@ impl Desk<'_> {
         self.say(&format!("{path}.agent"), found);
     }
 
-    /// Whether each side has the words that stand for each other.
+    /// Warns about words of the vocabulary that do not exist in the ecosystem that lends them.
     fn words(&mut self, other: &Ecosystem, our_models: &Models, their_models: &Models) {
         let entry = self.entry().clone();
         let ours = Vocabulary::of(&self.ecosystem.domain, &self.ecosystem.problem, our_models);
@@ -160,7 +161,8 @@ impl Desk<'_> {
         for (table, sort, words, ours, theirs) in sorts {
             for (our, their) in words {
                 let (is_ours, is_theirs) = (ours.contains(our), theirs.contains(their));
-                // What is borrowed brings its words along; where it comes from, they must be.
+                // A borrowed agent brings its words along, so they need to exist only in the
+                // ecosystem that it comes from.
                 let (lends, is_there, word, known) = match (imports, exports) {
                     (true, true) => ("either ecosystem", is_ours || is_theirs, their, theirs),
                     (true, false) => ("the other ecosystem", is_theirs, their, theirs),
@@ -177,7 +179,8 @@ impl Desk<'_> {
         }
     }
 
-    /// What of a rule cannot be let through, as far as its agent's model is known.
+    /// Reports the parts of a rule that cannot pass, as far as the action model of its agent is
+    /// known.
     fn rule(
         &mut self,
         path: &str,
@@ -217,7 +220,7 @@ impl Desk<'_> {
         }
     }
 
-    /// A word that is its agent's own secret never passes, and who writes it is told.
+    /// Reports words of the vocabulary that are private to the agent of a rule: they never pass.
     fn secrets(
         &mut self,
         passage: &Passage,
@@ -228,7 +231,7 @@ impl Desk<'_> {
     ) {
         let files = (&*far.domain, &*far.problem);
         let translator = Translator::of_model(words, passage, files, model);
-        // What the map keeps to itself, it does whoever is exported.
+        // Objects that are private in the map are excluded here: `map_secrets` reports them.
         let of_all = Translator::of_ontology(words, files);
         let tables = [
             ("predicates", &words.predicates),
@@ -252,7 +255,8 @@ impl Desk<'_> {
         }
     }
 
-    /// What a map keeps to itself never passes either, whichever way.
+    /// Reports objects of the vocabulary that are private in a map: they never pass, in either
+    /// direction.
     fn map_secrets(&mut self, other: &Ecosystem) {
         let ours = self.ecosystem;
         for (our, their) in &self.entry().objects.clone() {
@@ -269,7 +273,7 @@ impl Desk<'_> {
         }
     }
 
-    /// Goals can only be made of words that pass.
+    /// Reports predicates of a rule's goals that are not in the vocabulary.
     fn goals(&mut self, path: &str, rule: &RuleEntry) {
         let known = self.entry().predicates.clone();
         for goal in rule.goals.iter().filter(|goal| !known.contains_key(*goal)) {
@@ -283,7 +287,7 @@ impl Desk<'_> {
 
 type Models = BTreeMap<AgentId, ActionModel>;
 
-/// The words of one side.
+/// The words that one ecosystem knows.
 struct Vocabulary {
     types: Vec<String>,
     predicates: Vec<String>,

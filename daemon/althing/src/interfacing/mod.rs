@@ -1,5 +1,5 @@
-//! Interfacing nodes as ecosystem files mean them: what is wrong with an interface is said before
-//! anything is opened. What they do is in the crate of this name.
+//! Interfaces between ecosystems, as ecosystem files define them: checks an interface before
+//! anything is opened. What an interface does is in the crate `interfacing`.
 
 mod check;
 #[cfg(test)]
@@ -15,7 +15,7 @@ pub(crate) use check::{Other, check, load};
 use crate::config::Ecosystem;
 
 impl Ecosystem {
-    /// This ecosystem, where agents of an interface live in it.
+    /// Returns the endpoint of this ecosystem in which the proxy agents of an interface run.
     pub(crate) fn shore(&self, landing: Landing) -> Shore {
         let (domain, problem) = (Arc::clone(&self.domain), Arc::clone(&self.problem));
         Shore { name: self.name.clone(), domain, problem, landing }

@@ -1,5 +1,5 @@
-//! The firm and the house of `ecosystems/`, each on a wire of its own in memory, in paused time:
-//! held against the building's truth, and against every byte on both wires.
+//! The ecosystems `firm` and `house` of `ecosystems/`, each on a network of its own in memory, in
+//! paused time: checked against the building's truth, and against every byte on both networks.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -21,10 +21,10 @@ use crate::config::{Ecosystem, Overrides, Variables};
 use crate::hosting::{Node, Part, Wire, simulate};
 use crate::plugins;
 
-/// How long anything may take, on a clock that runs as fast as it can.
+/// Longest time that anything may take. The clock is paused, so it costs no real time.
 const PATIENCE: Duration = Duration::from_secs(3_600);
 
-/// What must never be said in the house: the firm's things, words and people.
+/// Objects, words and people of the firm that must never appear on the house's network.
 const SECRETS_OF_FIRM: &[&str] = &[
     "red-room",
     "blue-room",
@@ -49,7 +49,7 @@ const SECRETS_OF_FIRM: &[&str] = &[
     "caretaker-desk",
 ];
 
-/// What must never be said in the firm.
+/// The same of the house, on the firm's network.
 const SECRETS_OF_HOUSE: &[&str] = &[
     "bin-free",
     "bin-emptied-at",
@@ -65,7 +65,7 @@ const SECRETS_OF_HOUSE: &[&str] = &[
     "tenant",
 ];
 
-/// One wire, and all that was said on it.
+/// One network, and all messages that it carried.
 struct Tapped {
     network: Network,
     said: Arc<Mutex<Vec<String>>>,
@@ -97,7 +97,7 @@ impl Tapped {
     }
 }
 
-/// Both ecosystems in a folder, as shipped but for some changes.
+/// The files of both ecosystems in a folder: as shipped, with some changes.
 struct Files(TempDir);
 
 impl Files {
@@ -129,14 +129,14 @@ impl Files {
     }
 }
 
-/// The firm and the house at work.
+/// The firm and the house, both running.
 struct Street {
     building: Building,
     house: Node,
     firm: Node,
     house_wire: Tapped,
     firm_wire: Tapped,
-    /// Ends of other wires, by whoever joined both.
+    /// The nodes of the interfaces in the other ecosystem.
     abroad: Vec<Node>,
     interfaces: Vec<Interface>,
     firm_ecosystem: Ecosystem,
@@ -192,7 +192,7 @@ impl Street {
                 abroad.push(away);
             }
         }
-        // A heartbeat, so that everybody knows of everybody.
+        // Waits for heartbeats, so that all agents know each other.
         tokio::time::sleep(firm_ecosystem.settings.heartbeat_period * 3).await;
         Street {
             building,
@@ -255,7 +255,7 @@ async fn wish(terminal: &Terminal, ecosystem: &Ecosystem, goal: &str) {
     .await;
 }
 
-/// Waits for the end of what was asked for; how it ended, and all that was said.
+/// Waits until the request ends. Returns whether it succeeded, and all reports.
 async fn hear_end(terminal: &mut Terminal) -> (bool, Vec<String>) {
     let mut lines = Vec::new();
     loop {
@@ -294,7 +294,7 @@ async fn the_house_sweeps_and_never_learns_why() {
     }
 }
 
-/// What is an action here is an action there: one token each, and no id of one in the other.
+/// One action is one action on the other side too; the two ecosystems share no identifiers.
 #[tokio::test(start_paused = true)]
 async fn ids_and_conversations_stay_where_they_are() {
     let street = Street::open(Mode::Decentralized, as_shipped).await;
@@ -308,14 +308,15 @@ async fn ids_and_conversations_stay_where_they_are() {
             ["id", "conversation_id", "reply_with"]
                 .map(|field| message[field].as_str().map(str::to_owned))
         };
-        // A conversation that is named as its sender is that of its heartbeats.
+        // Conversations of heartbeats are named after their sender; they are excluded, because
+        // their names have no dot.
         let lines = lines.iter().filter_map(message).filter_map(read).flat_map(of).flatten();
         lines.filter(|id| id.contains('.')).collect()
     };
     let (of_house, of_firm) = (ids(street.house_wire.lines()), ids(street.firm_wire.lines()));
     assert!(of_house.len() > 10 && of_firm.len() > 10);
     let shared: Vec<_> = of_house.intersection(&of_firm).collect();
-    // Both have reasoning agents of the same names, whose lives are their own.
+    // Both ecosystems have reasoning agents of the same names, with incarnations of their own.
     assert_eq!(shared, Vec::<&String>::new());
     street.close().await;
 }
@@ -361,7 +362,8 @@ async fn what_is_given_up_here_is_given_up_there() {
     street.close().await;
 }
 
-/// The house takes its own robot back, lent to the firm: it would be lent to itself for ever.
+/// The house imports its own robot, which it lends to the firm: without a check this would never
+/// end.
 #[tokio::test(start_paused = true)]
 async fn what_would_come_back_is_stopped() {
     let street = Street::open(Mode::Decentralized, |name, text| match name {
@@ -404,7 +406,7 @@ fn goal_for_desk(goal: &str) -> Said {
     })
 }
 
-/// The next answer of a desk that is the last one to its goal.
+/// Returns the final answer of a goal gateway to its goal.
 async fn desk_answers(clerk: &mut Terminal) -> Result<Outcome, Refusal> {
     loop {
         let heard = timeout(PATIENCE, clerk.hear.recv()).await.expect("in time").expect("lives");
@@ -475,7 +477,7 @@ async fn a_flood_is_stopped_and_told_why() {
     street.close().await;
 }
 
-/// The same loan, written down by the lender.
+/// The same loan, written as an export in the lender's file.
 #[tokio::test(start_paused = true)]
 async fn the_house_may_lend_as_the_firm_may_borrow() {
     let street = Street::open(Mode::Centralized, |name, text| match name {

@@ -1,4 +1,4 @@
-//! What Tab offers: verbs, and the goals, actions, objects and agents that are there now.
+//! Completion by Tab: verbs, and the goals, actions, objects and agents that exist now.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,29 +6,30 @@ use acl::content::Snapshot;
 
 use super::verbs;
 
-/// What a condition can begin with besides a predicate.
+/// The words with which a condition can begin, besides predicates.
 const CONNECTIVES: [&str; 6] = ["and", "exists", "forall", "imply", "not", "or"];
 
-/// The words there are.
+/// The words that can be completed.
 #[derive(Debug, Default)]
 pub(super) struct Vocabulary {
-    /// Goals with a name.
+    /// The names of goals in the ecosystem file.
     goals: Vec<String>,
-    /// What facts begin with.
+    /// The predicates of facts.
     predicates: Vec<String>,
     functions: Vec<String>,
-    /// Who offers each action.
+    /// The agents that offer each action.
     actions: BTreeMap<String, BTreeSet<String>>,
     objects: Vec<String>,
     agents: Vec<String>,
-    /// Numbers of requests that have not ended.
+    /// The numbers of requests that have not ended.
     pub(super) requests: Vec<String>,
-    /// Numbers of open questions.
+    /// The numbers of open questions.
     pub(super) questions: Vec<String>,
 }
 
 impl Vocabulary {
-    /// Takes the words of the domain as it is now; without one, the former words remain.
+    /// Replaces the words by those of the current domain. Without a snapshot, the words of the
+    /// domain remain.
     pub(super) fn renew(
         &mut self,
         snapshot: Option<&Snapshot>,
@@ -39,7 +40,7 @@ impl Vocabulary {
         let Some(snapshot) = snapshot else { return };
         if let Some(domain) = pddl::parse_domain(&snapshot.domain).value {
             let named = domain.predicates.iter().map(|predicate| predicate.name.to_string());
-            // What has two hyphens in its name is made by the Domain Maintainer, for planners.
+            // Names with two hyphens are made by the Domain Maintainer, for planners.
             self.predicates = named.filter(|name| !name.contains("--")).collect();
             self.functions =
                 domain.functions.iter().map(|function| function.name.to_string()).collect();
@@ -58,21 +59,22 @@ impl Vocabulary {
         }
     }
 
-    /// Where the word before the cursor begins, and what it may become.
+    /// Returns the offset at which the word before the cursor begins, and its possible completions.
     pub(super) fn complete(&self, before: &str) -> (usize, Vec<String>) {
         let is_border = |character: char| character.is_whitespace() || character == '(';
         let start = before.rfind(is_border).map_or(0, |border| border + 1);
         let (context, word) = before.split_at(start);
         let mut fitting: Vec<String> =
             self.candidates(context).into_iter().filter(|known| known.starts_with(word)).collect();
-        // The editor shows them as they are.
+        // The editor prints the words without escaping them, so words with special characters are
+        // left out.
         fitting.retain(|known| terminal::visible::is_plain(known));
         fitting.sort();
         fitting.dedup();
         (start, fitting)
     }
 
-    /// Everything that may follow `context`.
+    /// Returns all words that may follow `context`.
     fn candidates(&self, context: &str) -> Vec<String> {
         let line = context.trim_start();
         let verb = if line.starts_with('(') {
@@ -91,7 +93,7 @@ impl Vocabulary {
         }
     }
 
-    /// Outside any parentheses.
+    /// Returns the words that may follow outside parentheses.
     fn after(&self, verb: &str) -> Vec<String> {
         let own = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect();
         match verb {
@@ -116,12 +118,13 @@ impl Vocabulary {
         }
     }
 
-    /// Within parentheses, of which `inside` is what stands in the innermost pair so far.
+    /// Returns the words that may follow within parentheses; `inside` is the contents of the
+    /// innermost pair so far.
     fn within(&self, verb: &str, inside: &str) -> Vec<String> {
         let mut words = inside.split_whitespace();
         match (verb, words.next()) {
             ("act", None) => self.actions.keys().cloned().collect(),
-            // The first argument of an action is who acts.
+            // The first argument of an action is the agent that acts.
             ("act", Some(action)) if words.next().is_none() => {
                 self.actions.get(action).into_iter().flatten().cloned().collect()
             }
@@ -135,7 +138,7 @@ impl Vocabulary {
     }
 }
 
-/// What stands behind the last parenthesis that is open.
+/// Returns the text after the last parenthesis that is open; `None` if all are closed.
 fn innermost(text: &str) -> Option<&str> {
     let mut open = Vec::new();
     for (at, character) in text.char_indices() {

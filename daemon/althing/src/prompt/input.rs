@@ -1,5 +1,5 @@
-//! Lines: of a person at a terminal, edited, completed and remembered; or of a script, as they
-//! come. On a thread of its own, because nothing can wake a read.
+//! Reads lines: at a terminal with editing, completion and history; otherwise as they are. Reading
+//! runs on a thread of its own, because a read cannot be interrupted.
 
 use std::borrow::Cow;
 use std::io::{BufRead as _, IsTerminal as _};
@@ -23,35 +23,36 @@ use tokio::sync::mpsc as channel;
 use super::completion::Vocabulary;
 use crate::hosting;
 
-/// What stands before the line.
+/// The text before the line.
 const PROMPT: &str = "althing> ";
 
-/// Lines remembered from one time to the next.
+/// Lines of the history that are kept for later sessions.
 const HISTORY_LINES_MAX: usize = 1_000;
 
-/// How long what is still to be printed may take when the prompt closes.
+/// How long pending output may take when the prompt closes.
 const PRINTED_WITHIN: Duration = Duration::from_millis(500);
 
-/// What came of reading.
+/// The result of reading a line.
 pub(super) enum Typed {
     Line(String),
-    /// Ctrl-C: the line is given up.
+    /// Ctrl-C: the line is discarded.
     Interrupted,
     End,
 }
 
-/// Where lines come from.
+/// The source of lines.
 pub(super) struct Input {
     pub(super) is_terminal: bool,
     typed: channel::Receiver<Typed>,
     next: mpsc::Sender<()>,
     printing: Option<JoinHandle<()>>,
-    /// How the terminal was: a read that a signal cuts short leaves it raw.
+    /// The terminal's settings before the prompt: a read that is interrupted by a signal leaves it
+    /// in raw mode.
     before: Option<Termios>,
 }
 
 impl Input {
-    /// Opens the standard input. Nothing is read before [`Input::next`].
+    /// Opens standard input. Nothing is read before [`Input::next`].
     pub(super) fn open(words: &Arc<RwLock<Vocabulary>>, ecosystem: &EcosystemId) -> Input {
         let is_terminal = std::io::stdin().is_terminal() && std::io::stdout().is_terminal();
         let (tell, typed) = channel::channel(1);
@@ -76,23 +77,23 @@ impl Input {
         Input { is_terminal, typed, next, printing, before }
     }
 
-    /// Lets the next line be read.
+    /// Allows the next line to be read.
     pub(super) fn next(&self) {
-        // A reader that has ended has said so.
+        // A reader that has ended has reported that already.
         let _ = self.next.send(());
     }
 
-    /// The next line, once it is let be read.
+    /// Returns the next line, once it may be read.
     pub(super) async fn typed(&mut self) -> Typed {
         self.typed.recv().await.unwrap_or(Typed::End)
     }
 
-    /// Prints what is still to be printed and leaves the terminal as it was.
+    /// Prints pending output and restores the terminal's settings.
     pub(super) async fn close(self) {
         output::above(None);
         if let Some(printing) = self.printing {
             let printed = tokio::task::spawn_blocking(move || printing.join());
-            // What a terminal does not take in time is lost, and the terminal with it.
+            // Output that the terminal does not accept in time is lost.
             let _ = tokio::time::timeout(PRINTED_WITHIN, printed).await;
         }
         if let Some(before) = self.before {
@@ -105,7 +106,8 @@ fn read_lines(wanted: &mpsc::Receiver<()>, tell: &channel::Sender<Typed>) {
     let mut lines = std::io::stdin().lock().split(b'\n');
     while wanted.recv().is_ok() {
         let typed = match lines.next() {
-            // What is no UTF-8 is no verb either, and is answered as such; the next line is read.
+            // A line that is not UTF-8 is not a verb either, and is rejected as such; the next line
+            // is read.
             Some(Ok(line)) => {
                 let line = String::from_utf8_lossy(&line);
                 Typed::Line(line.trim_end_matches('\r').to_owned())
@@ -127,7 +129,7 @@ type LineEditor = Editor<Assistant, FileHistory>;
 
 fn editor(words: &Arc<RwLock<Vocabulary>>) -> rustyline::Result<LineEditor> {
     let config = Config::builder()
-        // By hand: not everything is to be remembered.
+        // Lines are added explicitly, because some must not be kept.
         .auto_add_history(false)
         .max_history_size(HISTORY_LINES_MAX)?
         .history_ignore_space(true)
@@ -145,14 +147,14 @@ fn edit_lines(
     tell: &channel::Sender<Typed>,
 ) {
     if let Some(history) = &history {
-        // The first time there is none.
+        // The file does not exist before the first line.
         let _ = editor.load_history(history);
     }
     while wanted.recv().is_ok() {
         let typed = match editor.readline(PROMPT) {
             Ok(line) => {
                 if is_remembered(&line) && editor.add_history_entry(line.as_str()).is_ok() {
-                    // Line by line: a signal may end this process at any time.
+                    // Written after each line, because a signal may end this process at any time.
                     if let Some(history) = &history {
                         let _ = editor.append_history(history);
                     }
@@ -169,21 +171,21 @@ fn edit_lines(
     }
 }
 
-/// Whether a line goes into the history, which is a file: an answer may be a secret.
+/// Whether a line is added to the history, which is a file: an answer may be a secret.
 fn is_remembered(line: &str) -> bool {
     let verb = line.split_whitespace().next().unwrap_or_default();
     verb.trim_matches(['"', '\'']) != "answer"
 }
 
-/// Where lines are remembered: with what this machine keeps of the ecosystem.
+/// Returns the history file, in this machine's state folder of the ecosystem.
 fn history(ecosystem: &EcosystemId) -> Option<PathBuf> {
     let folder = DaemonId::new("prompt").ok()?;
     let folder = hosting::state_folder(ecosystem, &folder).ok()?;
     Some(folder.join("history"))
 }
 
-/// From now on everything is printed above the line that is edited. On a thread of its own: the
-/// editor takes one text at a time, and only while it reads.
+/// Prints all further output above the line that is edited. A thread of its own passes it on: the
+/// editor accepts one text at a time, and only while it reads.
 fn print_above(editor: &mut LineEditor) -> Option<JoinHandle<()>> {
     let mut printer = editor.create_external_printer().ok()?;
     let (print, printed) = mpsc::channel::<String>();
@@ -197,7 +199,7 @@ fn print_above(editor: &mut LineEditor) -> Option<JoinHandle<()>> {
     }))
 }
 
-/// Helps whoever edits a line.
+/// The helper of the line editor: completion and colours.
 struct Assistant {
     words: Arc<RwLock<Vocabulary>>,
 }

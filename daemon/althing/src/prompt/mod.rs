@@ -1,11 +1,11 @@
-//! The prompt: a person at a terminal of the ecosystem, with the verbs of the command line.
+//! The prompt: an interactive session in an ecosystem, with the verbs of the command line.
 //!
-//! - [`input`] reads lines: of a terminal with history, completion and editing; of anything else
-//!   one after the other, each when what the one before asked for is done.
-//! - [`verbs`] makes words of a line, [`completion`] completes it from what is there now.
-//! - [`requests`] numbers what was asked for, so that a person can speak of it.
+//! - [`input`] reads lines: at a terminal with history, completion and editing; otherwise each line
+//!   after the request of the previous one has ended.
+//! - [`verbs`] parses a line, [`completion`] completes it.
+//! - [`requests`] numbers the requests, so that the user can refer to them.
 //!
-//! What is heard is printed above the line that is being edited.
+//! Messages are printed above the line that is being edited.
 
 mod completion;
 mod input;
@@ -36,23 +36,24 @@ use terminal::styled::Styled;
 use terminal::{exit, output};
 use verbs::Verb;
 
-/// How long the words of the domain may take before the first line is read without them.
+/// How long to wait for the words of the domain before the first line is read without them.
 const WORDS_WITHIN: Duration = Duration::from_secs(2);
 
-/// How long after somebody has come or gone the words are read anew: a model comes after its agent.
+/// Delay between a presence change and reading the words again, because an agent's action model
+/// arrives after the agent.
 const SETTLING: Duration = Duration::from_millis(300);
 
-/// Who sits at the prompt, and where.
+/// A user at the prompt, and the ecosystem.
 pub(crate) struct Guest {
     pub(crate) view: View,
-    /// What agents call this keyboard.
+    /// The name of this keyboard.
     pub(crate) id: AgentId,
     pub(crate) terminal: Terminal,
     pub(crate) json: bool,
 }
 
-/// Reads and does line after line until the input ends, `quit` is said, or `end` comes. Of a script,
-/// whether all that was asked for went well.
+/// Reads and carries out lines until the input ends, the user types `quit`, or `end` completes.
+/// Returns `false` if a request of a script failed, always `true` at a terminal.
 pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
     let Guest { view, id, terminal, json } = guest;
     let Terminal { say, mut hear } = terminal;
@@ -60,7 +61,7 @@ pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
     let mut input = Input::open(&words, &view.name);
     let refresher = Refresher::start(&view, &words);
     if input.is_terminal {
-        // Only a person completes.
+        // Only a terminal has completion.
         refresher.first().await;
     }
     let mut prompt =
@@ -83,7 +84,8 @@ pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
             },
             typed = input.typed(), if !is_idle && !has_ended => match typed {
                 Typed::Line(line) => {
-                    // A script's first wish must find who is here; to leave it needs nobody.
+                    // The first request of a script needs the agents to be known; `quit` needs
+                    // nothing.
                     if !input.is_terminal && line.trim() != "quit" {
                         refresher.first().await;
                     }
@@ -98,7 +100,7 @@ pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
                 Typed::End => has_ended = true,
             },
         }
-        // A person goes on at once; a script when what it asked for is done.
+        // At a terminal the next line is read at once; in a script when the request has ended.
         let may_go_on = input.is_terminal || prompt.requests.are_settled();
         if may_go_on && has_ended {
             break;
@@ -109,11 +111,11 @@ pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
     }
     let is_terminal = input.is_terminal;
     input.close().await;
-    // Whoever sits there has seen what failed, and has gone on.
+    // A user at the terminal has seen the failures.
     is_terminal || prompt.requests.went_well()
 }
 
-/// What follows a line.
+/// The next action after a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Next {
     GoOn,
@@ -161,7 +163,7 @@ impl Prompt {
         let _ = output::print_styled(&text, exit::DONE);
     }
 
-    /// Numbers that can be completed.
+    /// Updates the numbers that can be completed.
     fn note_words(&self, heard: &Heard) {
         let mut words = self.words.write().unwrap_or_else(PoisonError::into_inner);
         words.requests = self.requests.numbers();
@@ -227,7 +229,7 @@ impl Prompt {
         Next::GoOn
     }
 
-    /// The same, with the conversation behind the number that a person says.
+    /// Replaces the number that the user typed by its conversation.
     fn meant(&self, said: Said) -> Said {
         match said {
             Said::Cancel(id) => Said::Cancel(self.requests.find(id.as_str()).unwrap_or(id)),
@@ -290,14 +292,15 @@ impl Prompt {
     }
 }
 
-/// Keeps the words that are completed those of the domain as it is.
+/// Keeps the words for completion up to date.
 struct Refresher {
     wake: mpsc::Sender<()>,
     is_read: watch_channel::Receiver<bool>,
 }
 
 impl Refresher {
-    /// Reads the words, and goes on reading them.
+    /// Reads the words, and reads them again after each presence change and each call of
+    /// [`Refresher::again`].
     fn start(view: &View, words: &Arc<RwLock<Vocabulary>>) -> Refresher {
         let (wake, mut woken) = mpsc::channel::<()>(1);
         let (read, is_read) = watch_channel::channel(false);
@@ -305,7 +308,7 @@ impl Refresher {
         let (_, mut changes) = view.switchboard.presence_changes();
         tokio::spawn(async move {
             read_words(&view, &words).await;
-            // Nobody waits any more where the prompt has gone.
+            // The receiver is gone if the prompt has ended.
             let _ = read.send(true);
             loop {
                 tokio::select! {
@@ -319,14 +322,14 @@ impl Refresher {
         Refresher { wake, is_read }
     }
 
-    /// Waits until the words were read once, for a while.
+    /// Waits until the words have been read once, up to [`WORDS_WITHIN`].
     async fn first(&self) {
         let mut is_read = self.is_read.clone();
         let _ = tokio::time::timeout(WORDS_WITHIN, is_read.wait_for(|is_read| *is_read)).await;
     }
 
     fn again(&self) {
-        // One call that waits serves them all.
+        // One pending wake-up is enough for several calls.
         let _ = self.wake.try_send(());
     }
 }

@@ -1,4 +1,4 @@
-//! What was asked for at a prompt: numbered for a person, and followed to its last word.
+//! The requests of a prompt: numbered for the user, and followed to their final reports.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -6,7 +6,7 @@ use acl::ConversationId;
 use acl::content::{Outcome, Report};
 use keyboard::{Heard, Said};
 
-/// What a request is, as far as its end depends on it.
+/// The kind of a request, as far as its end depends on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Goal,
@@ -17,10 +17,10 @@ enum Kind {
 struct Request {
     number: usize,
     kind: Kind,
-    /// Last words that are still to come: a goal that is given up has two, its own and the
-    /// answer to whoever gave it up.
+    /// Number of final messages that are still to come: a cancelled goal has two, its own and the
+    /// answer to the cancellation.
     last_words: usize,
-    /// Whether a script may go on: it has ended, or it is a goal that holds.
+    /// Whether a script may continue: the request has ended, or its goal holds.
     is_settled: bool,
     is_given_up: bool,
 }
@@ -29,14 +29,14 @@ struct Request {
 #[derive(Debug, Default)]
 pub(super) struct Requests {
     count: usize,
-    /// Said, and not yet known by a conversation.
+    /// Requests that have been sent, but have no conversation yet.
     said: VecDeque<Kind>,
     known: BTreeMap<ConversationId, Request>,
     has_failed: bool,
 }
 
 impl Requests {
-    /// Notes what is about to be said.
+    /// Records a request that is about to be sent.
     pub(super) fn say(&mut self, said: &Said) {
         match said {
             Said::Cancel(conversation) => self.give_up(conversation),
@@ -51,7 +51,7 @@ impl Requests {
         if let Some(request) = self.known.get_mut(conversation) {
             request.is_given_up = true;
             request.is_settled = false;
-            // An action's own last word answers the one who gives it up too.
+            // For an action that has not ended, its own final report also answers the cancellation.
             request.last_words +=
                 usize::from(request.kind == Kind::Goal || request.last_words == 0);
             return;
@@ -66,7 +66,7 @@ impl Requests {
         Request { number, kind, last_words: 1, is_settled: false, is_given_up: false }
     }
 
-    /// Notes what was heard; the number of the request it is about.
+    /// Records a message. Returns the number of the request that it belongs to.
     pub(super) fn hear(&mut self, heard: &Heard) -> Option<usize> {
         let conversation = heard.conversation()?;
         if matches!(heard, Heard::Asked(_)) && !self.known.contains_key(conversation) {
@@ -87,30 +87,30 @@ impl Requests {
         Some(request.number)
     }
 
-    /// The conversation of a number.
+    /// Returns the conversation of a request's number.
     pub(super) fn find(&self, number: &str) -> Option<ConversationId> {
         let number: usize = number.parse().ok()?;
         let found = self.known.iter().find(|(_, request)| request.number == number);
         found.map(|(conversation, _)| conversation.clone())
     }
 
-    /// The numbers of what has not ended.
+    /// Returns the numbers of the requests that have not ended.
     pub(super) fn numbers(&self) -> Vec<String> {
         let open = self.known.values().filter(|request| request.last_words > 0);
         open.map(|request| request.number.to_string()).collect()
     }
 
-    /// Whether a script may go on: what it asked for has ended, or is a goal that holds.
+    /// Whether a script may continue: all requests have ended, or their goals hold.
     pub(super) fn are_settled(&self) -> bool {
         self.said.is_empty() && self.known.values().all(|request| request.is_settled)
     }
 
-    /// Notes that a line could not be done.
+    /// Records that a line could not be carried out.
     pub(super) fn fail(&mut self) {
         self.has_failed = true;
     }
 
-    /// Whether nothing failed.
+    /// Whether nothing has failed.
     pub(super) fn went_well(&self) -> bool {
         !self.has_failed
     }
@@ -139,7 +139,7 @@ mod tests {
         })
     }
 
-    /// Requests of which one, a goal, was asked for.
+    /// Creates the requests of a prompt after one goal.
     fn one_goal() -> Requests {
         let mut requests = Requests::default();
         requests.say(&wish());

@@ -1,12 +1,12 @@
-//! A line at the prompt as a verb with its words: those of the command line, with the same
-//! arguments. A line that begins with `(` is a goal.
+//! Parses a line at the prompt: the verbs of the command line, with the same arguments. A line that
+//! begins with `(` is a goal.
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::{ActionArgs, FactArgs, ModeArg, ReplyArgs, WatchWords, WhoseArgs, WishArgs};
 
-/// What `help` prints.
+/// The text that `help` prints.
 const HELP: &str = "\
 Ask    (GOAL)  goal GOAL|NAME [--maintain] [--priority N]
        act (ACTION)            one action: (move turtlebot-1 corridor office1)
@@ -26,7 +26,7 @@ struct Line {
     verb: Verb,
 }
 
-/// What can be typed.
+/// The verbs of the prompt.
 #[derive(Debug, Subcommand)]
 pub(super) enum Verb {
     /// Ask for a goal, or give one up
@@ -69,15 +69,15 @@ pub(super) enum Verb {
     Quit,
 }
 
-/// The verbs' names.
+/// Returns the names of all verbs.
 pub(super) fn names() -> Vec<String> {
     Line::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect()
 }
 
-/// What can be typed, or one verb's arguments.
+/// Returns the list of verbs, or the help of one verb.
 pub(super) fn help(verb: Option<&str>) -> String {
     let mut line = Line::command();
-    // Until then, a verb knows nothing of the width of the whole.
+    // Subcommands inherit the width of the output only when the command is built.
     line.build();
     match verb.and_then(|verb| line.find_subcommand_mut(verb)) {
         Some(verb) => verb.render_help().to_string(),
@@ -85,11 +85,11 @@ pub(super) fn help(verb: Option<&str>) -> String {
     }
 }
 
-/// Reads a line; nothing where nothing is said.
+/// Parses a line; `Ok(None)` for an empty line or a comment.
 ///
 /// # Errors
 ///
-/// If there is no such verb, or its words do not fit; for a person.
+/// Returns an error message for the user if there is no such verb, or if its arguments are wrong.
 pub(super) fn read(line: &str) -> Result<Option<Verb>, String> {
     let mut words = words(line);
     if words.first().is_none_or(|first| first.starts_with('#')) {
@@ -103,7 +103,7 @@ pub(super) fn read(line: &str) -> Result<Option<Verb>, String> {
     read.map(|line| Some(line.verb)).map_err(|error| problem(&error, &verb))
 }
 
-/// What is wrong with a line, without what clap says of a whole command line.
+/// Explains a mistake in a line, without clap's remarks about whole command lines.
 fn problem(error: &clap::Error, verb: &str) -> String {
     if error.kind() == ErrorKind::InvalidSubcommand {
         let names = names();
@@ -118,7 +118,7 @@ fn problem(error: &clap::Error, verb: &str) -> String {
     format!("{said}\n`help {verb}` says how it is written")
 }
 
-/// Words are parted by blanks, but not within parentheses, nor within quotes.
+/// Splits a line into words at white space, except within parentheses or quotes.
 fn words(line: &str) -> Vec<String> {
     let mut words = Vec::new();
     let mut rest = line.trim_start();
@@ -143,7 +143,7 @@ fn words(line: &str) -> Vec<String> {
     words
 }
 
-/// The length of the expression at the start of `text`; all of it, where it is not closed.
+/// Returns the length of the expression at the start of `text`; all of it if it is not closed.
 fn expression(text: &str) -> usize {
     let mut depth = 0_usize;
     for (at, character) in text.char_indices() {

@@ -1,5 +1,5 @@
-//! Names of daemons that are probably slips of others: a daemon comes to be by being named, so a slip
-//! makes a machine that nobody has.
+//! Warns about names of daemons that are probably misspelled: naming a daemon creates it, so a
+//! misspelling creates a machine that does not exist.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,11 +8,12 @@ use pddl::{Diagnostic, Span};
 
 use super::Desk;
 
-/// Names shorter than this differ by a letter for good reasons: `a` and `b`, `pi1` and `pi2`.
+/// Shortest name that is checked: shorter names often differ by one letter, as `a` and `b`, `pi1`
+/// and `pi2`.
 const LETTERS_MIN: usize = 5;
 
 impl Desk<'_> {
-    /// Daemons that are named once and resemble one that is named more often.
+    /// Warns about daemons that are named once and resemble one that is named more often.
     pub(super) fn daemons(&mut self) {
         let named = self.named_daemons();
         let listed: BTreeSet<&str> = self.listed_daemons();
@@ -27,11 +28,12 @@ impl Desk<'_> {
             }
             let known = named.keys().map(String::as_str).chain(listed.iter().copied());
             let mut others = known.filter(|other| other != name);
-            // Of a name that has siblings, somebody meant each.
+            // A name with siblings is intended.
             if others.clone().any(|other| are_siblings(name, other)) {
                 continue;
             }
-            // Of two that are named once, that one is right which is called after a place.
+            // Of two names that occur once, the one with the name of a place in it is taken as
+            // right.
             let is_right = |other: &str| {
                 is_sure(other) || self.names_a_place(other) && !self.names_a_place(name)
             };
@@ -49,7 +51,7 @@ impl Desk<'_> {
         }
     }
 
-    /// Whether a word in the name of a daemon is the name of a place.
+    /// Whether the name of a daemon is the name of a place, or begins with one and a hyphen.
     fn names_a_place(&self, daemon: &str) -> bool {
         let mut objects = self.ecosystem.problem.objects.iter();
         objects.any(|declaration| {
@@ -58,7 +60,7 @@ impl Desk<'_> {
         })
     }
 
-    /// Daemons, and where each is named.
+    /// Returns the names of daemons, each with the paths where it is named.
     fn named_daemons(&self) -> BTreeMap<String, Vec<String>> {
         let mut named: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for entry in &self.ecosystem.agents {
@@ -76,7 +78,7 @@ impl Desk<'_> {
         named
     }
 
-    /// Daemons that the file lists as such.
+    /// Returns the daemons that the file lists under `[ecosystem]`.
     fn listed_daemons(&self) -> BTreeSet<&str> {
         let is_listed = |daemon: &&DaemonId| {
             let places = self.ecosystem.places.under("ecosystem.daemons");
@@ -86,14 +88,14 @@ impl Desk<'_> {
     }
 }
 
-/// Whether one name is the other with a letter too many, too few or wrong, or two in each other's
-/// place.
+/// Whether two names differ by one letter that is added, missing or wrong, or by two letters that
+/// are swapped.
 fn is_slip(one: &str, other: &str) -> bool {
     strsim::damerau_levenshtein(one, other) == 1
 }
 
-/// Whether two names differ only in what tells siblings apart: numbers, and single letters between
-/// hyphens (`room-101-pi` and `room-102-pi`, `lab-a` and `lab-b`).
+/// Whether two names differ only in numbers, or in single letters between hyphens (`room-101-pi`
+/// and `room-102-pi`, `lab-a` and `lab-b`).
 fn are_siblings(one: &str, other: &str) -> bool {
     let stem = |name: &str| -> Vec<String> {
         let words = name.split(['-', '_']);

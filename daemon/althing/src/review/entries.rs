@@ -1,4 +1,4 @@
-//! The entries of agents, as their plugins read them: each agent is built, and let go.
+//! Checks the entries of agents by building each agent, without launching it.
 
 use std::collections::BTreeSet;
 
@@ -11,15 +11,15 @@ use super::{Desk, Scope};
 use crate::config::{AgentEntry, Ecosystem};
 use crate::hosting::{HostError, Stage};
 
-/// Mistakes that are told of one entry: after so many it is to be written anew.
+/// Most mistakes of one entry that are reported; an entry with more should be written anew.
 const MISTAKES_MAX: usize = 8;
 
 impl Desk<'_> {
-    /// All mistakes in the entries of agents.
+    /// Reports all mistakes in the entries of agents.
     pub(super) fn entries(&mut self, scope: Scope<'_>) {
         let ecosystem = self.ecosystem;
         let stage = Stage::of(ecosystem);
-        // What a package brings, only the machine knows that has the package.
+        // Entries of packages are skipped: only the machine with the package can check them.
         for entry in ecosystem.agents.iter().filter(|entry| entry.is_built_in()) {
             let severity = match scope {
                 Scope::Daemon(daemon)
@@ -33,10 +33,10 @@ impl Desk<'_> {
         }
     }
 
-    /// Builds an agent of the entry, and of the entry without each mistake that is found.
+    /// Builds an agent from the entry, then from the entry without each mistake that is found.
     fn entry(&mut self, entry: &AgentEntry, stage: &Stage, severity: Severity) {
         let mut tried = entry.clone();
-        // Keys whose values were taken out: they are not missing.
+        // Keys that were removed because of wrong values: they do not count as missing.
         let mut taken = BTreeSet::new();
         for _ in 0..MISTAKES_MAX {
             let Err(error) = stage.build(&tried) else { return };
@@ -53,7 +53,7 @@ impl Desk<'_> {
                 continue;
             }
             let is_consequence = match &kind {
-                // It stands beside `config`, which is said.
+                // The key stands beside `config` and not in it, which is reported.
                 Mistake::MissingKey(key) => taken.contains(key) || self.is_beside(entry, key),
                 Mistake::Other => !taken.is_empty(),
                 Mistake::UnknownKey(..) | Mistake::Kind => false,
@@ -71,8 +71,8 @@ impl Desk<'_> {
         }
     }
 
-    /// The key that was written in place of a missing one: the plugin does not know it, and it
-    /// resembles the other or is another word for it.
+    /// Returns the key that was written instead of a missing one: the plugin does not know it, and
+    /// it resembles the missing key or is a synonym of it.
     fn misspelt(
         &self,
         entry: &AgentEntry,
@@ -122,14 +122,14 @@ impl Desk<'_> {
         self.say_of_entry(entry, &whole, found, &kind);
     }
 
-    /// Whether a key stands in the entry, and not in its `config`.
+    /// Whether a key stands in the entry, but not in its `config`.
     fn is_beside(&self, entry: &AgentEntry, key: &str) -> bool {
         let path = format!("{}.{key}", entry.path);
         self.ecosystem.places.find(&path).is_some_and(|(_, _, is_it)| is_it)
     }
 
-    /// An unknown key is wrong itself; elsewhere it is the value. What is wrong at a place already is
-    /// not said in other words.
+    /// Reports a mistake at the key if it is unknown or missing, otherwise at the value. A place
+    /// with a mistake that is already reported gets no second message.
     fn say_of_entry(&mut self, entry: &AgentEntry, path: &str, found: Diagnostic, kind: &Mistake) {
         let config = format!("{}.config", entry.path);
         let path = if path.is_empty() { config } else { format!("{config}.{path}") };
@@ -145,7 +145,8 @@ impl Desk<'_> {
     }
 }
 
-/// Mends a mistake as it was probably meant, or takes it out, so that the others are found too.
+/// Corrects a mistake as it was probably meant, or removes it, so that the others are found too.
+/// Returns `false` if that is impossible.
 fn goes_on(
     entry: &mut AgentEntry,
     path: &[String],
@@ -192,7 +193,7 @@ fn goes_on(
     true
 }
 
-/// Gives a key of a table in an entry's `config` another name.
+/// Renames a key of a table in an entry's `config`.
 fn rename(entry: &mut AgentEntry, path: &[String], from: &str, to: &str) {
     let mut config = Value::clone(&entry.config);
     let table = path.iter().try_fold(&mut config, |table, key| table.get_mut(key));
@@ -204,7 +205,7 @@ fn rename(entry: &mut AgentEntry, path: &[String], from: &str, to: &str) {
     entry.config = config.into();
 }
 
-/// What the plugin says.
+/// Returns the plugin's error message.
 fn said(error: &HostError) -> String {
     match error {
         HostError::Build(BuildError::Config { source, .. }) => source.to_string(),
@@ -213,8 +214,8 @@ fn said(error: &HostError) -> String {
     }
 }
 
-/// The key of an entry's `config` that a mistake is about: the one without which there is no
-/// mistake, or another. Empty where something is missing.
+/// Returns the path in an entry's `config` that causes a mistake: without it there is no mistake,
+/// or another one. Empty if a key is missing.
 fn culprit(entry: &AgentEntry, stage: &Stage, error: &HostError) -> Vec<String> {
     let built = |config: Value| {
         let entry = AgentEntry { config: config.into(), ..entry.clone() };
@@ -231,7 +232,7 @@ fn culprit(entry: &AgentEntry, stage: &Stage, error: &HostError) -> Vec<String> 
             built(config)
         };
         let is_right = |key: &&String| outcome(key).is_ok();
-        // What is needed is missed when it is taken away, which does not blame it.
+        // Removing a required key yields another error, but does not make that key the cause.
         let is_other = |key: &&String| {
             outcome(key).is_err_and(|now| {
                 now != told && (is_shape || !now.contains(&format!("missing field `{key}`")))
@@ -250,14 +251,15 @@ fn at<'v>(value: &'v Value, path: &[String]) -> Option<&'v Value> {
     path.iter().try_fold(value, |value, key| value.get(key))
 }
 
-/// Takes out what stands at this path.
+/// Removes the value at this path and returns it.
 fn take(value: &mut Value, path: &[String]) -> Option<Value> {
     let (last, tables) = path.split_last()?;
     let within = tables.iter().try_fold(value, |value, key| value.get_mut(key.as_str()))?;
     within.as_object_mut()?.remove(last.as_str())
 }
 
-/// What could stand at a key of a `config`, as TOML: with names of this ecosystem where there are.
+/// Returns an example for a key of a `config`, as TOML, with names of this ecosystem where
+/// possible.
 fn example(key: &str, ecosystem: &Ecosystem) -> Option<String> {
     let quote = |name: &str| format!("\"{name}\"");
     let place = || place(ecosystem, "location").unwrap_or_else(|| "hall".to_owned());
@@ -285,13 +287,13 @@ fn example(key: &str, ecosystem: &Ecosystem) -> Option<String> {
     })
 }
 
-/// A text of [`example`] as a value.
+/// Parses a text of [`example`].
 fn parsed(text: &str) -> Option<Value> {
     let table: toml::Table = format!("value = {text}").parse().ok()?;
     serde_json::to_value(table.get("value")?).ok()
 }
 
-/// The first object of the map that is of a type.
+/// Returns the first object of the map that has a type.
 fn place(ecosystem: &Ecosystem, sort: &str) -> Option<String> {
     let types = Types::of(&ecosystem.domain);
     let mut objects = ecosystem.problem.objects.iter().map(|declaration| &declaration.object);

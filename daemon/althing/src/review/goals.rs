@@ -1,5 +1,5 @@
-//! The goals of a file: their words are held against the ontology, the map, and what the agents of the
-//! file bring (media, presets, predicates of their own).
+//! Checks the named goals of a file against the ontology, the map, and the action models of the
+//! file's agents (media, presets, predicates of their own).
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::config::moved_goal;
 use crate::hosting;
 
 impl Desk<'_> {
-    /// Unknown words and wrong arguments in goals with a name.
+    /// Reports unknown words and wrong arguments in named goals.
     pub(super) fn goals(&mut self) {
         if self.ecosystem.goals.is_empty() {
             return;
@@ -22,7 +22,7 @@ impl Desk<'_> {
             widened(&self.ecosystem.domain, &self.ecosystem.problem, models.values());
         let agents = self.agents(&models);
         for (name, wish) in &self.ecosystem.goals {
-            // What is no condition is said already.
+            // A text that is not a condition is reported already.
             let Some(condition) = pddl::parse_condition(&wish.goal).value else { continue };
             let is_agent = |found: &Diagnostic| {
                 let word = wish.goal.get(found.span.range()).unwrap_or("");
@@ -49,7 +49,8 @@ impl Desk<'_> {
         }
     }
 
-    /// Agents of the file, also those that interfaces borrow or packages bring.
+    /// Returns the agents without a known action model: those of interfaces and packages, and those
+    /// that cannot be built.
     fn agents(&self, models: &BTreeMap<AgentId, ActionModel>) -> BTreeSet<String> {
         let own = self.ecosystem.agents.iter().map(|entry| entry.name.to_string());
         let rules = self.ecosystem.interfaces.iter().flat_map(|interface| &interface.imports);
@@ -57,8 +58,9 @@ impl Desk<'_> {
         own.chain(borrowed).filter(|name| !models.keys().any(|id| id.as_str() == name)).collect()
     }
 
-    /// A word that nothing here has and nothing resembles may be that of an agent which comes later.
-    /// Where entries could not be understood, it may be theirs.
+    /// Lowers an unknown word that resembles nothing to a warning: it may belong to an agent that
+    /// joins later. Returns `None` if some entries could not be understood, because it may be
+    /// theirs.
     fn softened(&self, mut found: Diagnostic) -> Option<Diagnostic> {
         if found.message.starts_with("unknown ") && found.help.is_none() {
             found.severity = Severity::Warning;
@@ -71,7 +73,7 @@ impl Desk<'_> {
     }
 }
 
-/// Ontology and map with what the models add to them.
+/// Returns ontology and map with the additions of the action models.
 fn widened<'m>(
     ontology: &Arc<Domain>,
     map: &Arc<Problem>,

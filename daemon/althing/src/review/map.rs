@@ -1,8 +1,9 @@
-//! The map: ways that lead one way only, ways without a length, and places that no robot reaches.
+//! Checks the map: one-way connections, connections without a length, and places that no robot can
+//! reach.
 //!
-//! Ways are the facts `connected`, lengths the values of `distance`: the words by which robots move. An
-//! author who means a way in one direction, or a place without a way, says so in a comment in its line
-//! (`; one way`, `; no way`), and nothing is said of it.
+//! Connections are the facts `connected`, lengths the values of `distance`: the words by which
+//! robots move. An author that intends a one-way connection, or a place without any, writes a
+//! comment in its line (`; one way`, `; no way`), and gets no warning.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,24 +11,24 @@ use pddl::{Diagnostic, InitElement, Name, Span, Term, Types};
 
 use super::Desk;
 
-/// The predicate of a way.
+/// The predicate of a connection.
 const WAY: &str = "connected";
-/// The function of its length.
+/// The function of a connection's length.
 const LENGTH: &str = "distance";
 
-/// The comment that says that a way leads in one direction only, or that no way leads to a place.
+/// The comments for an intended one-way connection, and for a place that cannot be reached.
 const ONE_WAY: &[&str] = &["one way", "one-way"];
 const NO_WAY: &[&str] = &["no way", "one way", "one-way"];
 
-/// Ways and their lengths, as the map gives them.
+/// The connections of the map and their lengths.
 struct Ways<'m> {
-    /// From where to where, in the order of the map, each once.
+    /// Start and end of each connection, in the order of the map, without duplicates.
     ways: Vec<(&'m Name, &'m Name, Span)>,
     lengths: BTreeMap<(&'m str, &'m str), (f64, Span)>,
 }
 
 impl Desk<'_> {
-    /// What is probably not meant in the map.
+    /// Warns about probable mistakes in the map.
     pub(super) fn map(&mut self) {
         let ways = Ways::of(&self.ecosystem.problem.init);
         self.impossible_lengths(&ways);
@@ -63,8 +64,9 @@ impl Desk<'_> {
         }
     }
 
-    /// Ways of which the way back is not given. Who passes an airlock comes back by other ways that
-    /// lead in one direction, so such a round is meant.
+    /// Warns about connections without a way back. Some one-way connections form a round, as
+    /// through an airlock: if the way back leads over other one-way connections, the round is
+    /// intended.
     fn one_way(&mut self, ways: &Ways<'_>) {
         let given: BTreeSet<_> = ways.pairs().collect();
         let has_back = |(from, to): &(&str, &str)| given.contains(&(*to, *from));
@@ -82,7 +84,7 @@ impl Desk<'_> {
         };
         let alone: Vec<_> = ways.ways.iter().filter(is_alone).collect();
         let Some((first_from, first_to, first)) = alone.first().copied() else { return };
-        // A map that never gives the way back means something else by it, or all of it is wrong.
+        // If most connections have no way back, one warning for all of them is enough.
         if alone.len() > 2 && alone.len() * 2 > ways.ways.len() {
             let (few, all) = (alone.len(), ways.ways.len());
             let message =
@@ -111,7 +113,7 @@ impl Desk<'_> {
         }
     }
 
-    /// Ways on which no robot can move: it needs to know how far it is.
+    /// Warns about connections without a length: a robot needs the distance to move.
     fn without_length(&mut self, ways: &Ways<'_>) {
         if !self.knows_lengths() {
             return;
@@ -137,7 +139,8 @@ impl Desk<'_> {
         }
     }
 
-    /// Places to which no way leads from where a robot starts; without robots, places without any way.
+    /// Warns about places that cannot be reached from the start of a robot or, without robots,
+    /// places without any connection.
     fn unreachable(&mut self, ways: &Ways<'_>) {
         let (poses, starts) = (self.poses(), self.starts());
         let mut next: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
@@ -146,7 +149,7 @@ impl Desk<'_> {
         };
         for (from, to, span) in &ways.ways {
             lead(from.as_str(), to.as_str());
-            // Of a way whose way back is missing, that is said already.
+            // A missing way back is reported already, so it counts as there.
             if !self.is_commented(*span, ONE_WAY) {
                 lead(to.as_str(), from.as_str());
             }
@@ -179,7 +182,7 @@ impl Desk<'_> {
         }
     }
 
-    /// The places of the map: what ways can join.
+    /// Returns the places of the map: the objects that connections can join.
     fn places(&self) -> Vec<(Name, Span)> {
         let types = Types::of(&self.ecosystem.domain);
         let predicates = &self.ecosystem.domain.predicates;
@@ -197,13 +200,13 @@ impl Desk<'_> {
             .collect()
     }
 
-    /// Where robots of the file start.
+    /// Returns the places where robots of the file start.
     fn starts(&self) -> Vec<String> {
         let start = |value: &serde_json::Value| Some(value.get("start")?.as_str()?.to_lowercase());
         self.ecosystem.agents.iter().filter_map(|entry| start(&entry.config)).collect()
     }
 
-    /// The spots that robots add, each with the place beside it.
+    /// Returns the poses that robots add, each with the place near it.
     fn poses(&self) -> Vec<(String, String)> {
         let mut all = Vec::new();
         for entry in &self.ecosystem.agents {
@@ -216,7 +219,7 @@ impl Desk<'_> {
         all
     }
 
-    /// Whether a comment in the line of a place says one of these words.
+    /// Whether a comment in the line of `span` contains one of these words.
     fn is_commented(&self, span: Span, words: &[&str]) -> bool {
         let text = &self.ecosystem.texts.map.text;
         let rest = text.get(span.start as usize..).unwrap_or_default();
@@ -256,7 +259,7 @@ impl<'m> Ways<'m> {
     }
 }
 
-/// Where one comes from each place.
+/// Returns the direct neighbours of each place.
 fn graph<'n>(
     ways: impl Iterator<Item = (&'n str, &'n str)>,
 ) -> BTreeMap<&'n str, BTreeSet<&'n str>> {
@@ -267,7 +270,7 @@ fn graph<'n>(
     next
 }
 
-/// All that can be reached from some places, themselves included.
+/// Returns all places that can be reached from some places, including these.
 fn reached<'n>(
     next: &BTreeMap<&'n str, BTreeSet<&'n str>>,
     starts: impl Iterator<Item = &'n str>,

@@ -1,15 +1,16 @@
-//! What is wrong with an ecosystem beyond the shape of its file: what `check` says, and `up` before it
-//! starts.
+//! Checks of an ecosystem beyond the form of its file: for `althing check`, and for `althing up`
+//! before it starts.
 //!
-//! - [`entries`]: the entries of agents, as their plugins read them, in the words of their author.
-//! - [`map`]: ways, lengths, and places that no robot reaches.
-//! - [`goals`]: the words of goals, held against the ontology, the map and what the agents bring.
-//! - [`roles`]: whether somebody takes goals, plans and carries out.
+//! - [`entries`]: the entries of agents, as their plugins read them.
+//! - [`map`]: connections, lengths, and places that no robot can reach.
+//! - [`goals`]: the words of goals, checked against the ontology, the map and the agents' action
+//!   models.
+//! - [`roles`]: whether there are agents that take goals, plan, and carry plans out.
 //! - [`rooms`]: agents in a place where they can do nothing.
-//! - [`network`]: the table that is handed to Zenoh.
-//! - [`daemons`]: names of daemons that are probably slips of others.
+//! - [`network`]: the table for Zenoh.
+//! - [`daemons`]: names of daemons that are probably misspelled.
 //!
-//! Each says what it finds where it was written, with what would be right.
+//! Each check reports mistakes at their place in the text, with a correction.
 
 mod daemons;
 
@@ -37,22 +38,22 @@ use terminal::report::{Finding, Report, Source};
 use crate::config::{self, Ecosystem, Reading};
 use crate::hosting;
 
-/// How much of an ecosystem is reviewed.
+/// The part of an ecosystem that is reviewed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Scope<'s> {
-    /// All of it: `check`.
+    /// All of it, for `althing check`.
     Everything,
-    /// What a daemon needs to start. A mistake in an entry of another daemon is only a warning: one
-    /// machine must not keep the others from working.
+    /// The part that a daemon needs to start. A mistake in an entry of another daemon is only a
+    /// warning, because one machine must not keep the others from working.
     Daemon(&'s DaemonId),
 }
 
-/// All that is wrong with what was read, the mistakes of the reading included.
+/// Returns all mistakes in what was read, including those of the reading itself.
 pub(crate) fn review(reading: &Reading, scope: Scope<'_>) -> Report {
     let mut report = reading.report.clone();
     if let Some(ecosystem) = &reading.ecosystem {
         if !reading.is_whole {
-            // What seems to be missing may stand where nothing could be read.
+            // Things that seem to be missing may be in the part that could not be parsed.
             return only_certain(&report, ecosystem);
         }
         let is_complete = !reading.report.has_errors();
@@ -64,8 +65,8 @@ pub(crate) fn review(reading: &Reading, scope: Scope<'_>) -> Report {
     report
 }
 
-/// Where `is_complete` is false, some entries could not be understood, and what is missing may be
-/// theirs.
+/// Checks an ecosystem. If `is_complete` is false, some entries could not be understood, and things
+/// that seem to be missing may be theirs.
 fn of_ecosystem(
     ecosystem: &Ecosystem,
     scope: Scope<'_>,
@@ -92,7 +93,7 @@ fn of_ecosystem(
     desk.report
 }
 
-/// Where errors are.
+/// Returns the places of the errors in a report.
 fn places(report: &Report) -> BTreeSet<(String, u32)> {
     let errors = report.findings().iter().filter(|finding| finding.diagnostic.is_error());
     let place = |Finding { source, diagnostic }: &Finding| {
@@ -101,7 +102,8 @@ fn places(report: &Report) -> BTreeSet<(String, u32)> {
     errors.filter_map(place).collect()
 }
 
-/// Of a file that is not all TOML: what does not follow from the part that could not be read.
+/// For a file that is not entirely TOML: returns the mistakes that do not follow from the part that
+/// could not be parsed.
 fn only_certain(report: &Report, ecosystem: &Ecosystem) -> Report {
     let file = &ecosystem.texts.file;
     let syntax = |finding: &&Finding| config::is_syntax_error(&finding.diagnostic);
@@ -126,27 +128,28 @@ fn only_certain(report: &Report, ecosystem: &Ecosystem) -> Report {
     certain
 }
 
-/// Whether no header of a table stands between two places.
+/// Whether there is no header of a table between two places.
 fn in_one_entry(text: &str, from: u32, to: u32) -> bool {
     let between = text.get(from as usize..to as usize).unwrap_or_default();
     !between.lines().skip(1).any(|line| line.trim_start().starts_with('['))
 }
 
-/// Where a thing was written that is found wrong.
+/// The place of a mistake.
 #[derive(Clone, Debug)]
 pub(crate) enum At {
-    /// A place of the map.
+    /// A span of the map.
     Map(Span),
-    /// A key of the ecosystem file, such as `agent.3.config.start`, or what is nearest around it.
+    /// The path of a key in the ecosystem file, such as `agent.3.config.start`; if nothing is
+    /// there, the nearest thing around it.
     Key(String),
 }
 
-/// What the parts of the review share.
+/// The data that all checks share.
 struct Desk<'e> {
     ecosystem: &'e Ecosystem,
     /// Whether all entries could be understood.
     is_complete: bool,
-    /// Where the reading has found errors.
+    /// The places of errors from the reading.
     said: BTreeSet<(String, u32)>,
     report: Report,
 }
@@ -154,7 +157,7 @@ struct Desk<'e> {
 // === impl Desk ===
 
 impl Desk<'_> {
-    /// Says something about a place.
+    /// Reports a finding at a place.
     fn say_at(&mut self, at: &At, mut found: Diagnostic) {
         match at {
             At::Map(span) => {
@@ -165,8 +168,8 @@ impl Desk<'_> {
         }
     }
 
-    /// Says something about the value at a path of the ecosystem file; about what is nearest around
-    /// it where nothing stands there.
+    /// Reports a finding about the value at a path of the ecosystem file or, if nothing is there,
+    /// about the nearest thing around it.
     fn say_of(&mut self, path: &str, mut found: Diagnostic) {
         match self.ecosystem.places.find(path) {
             Some((source, place, is_it)) => {
@@ -177,7 +180,7 @@ impl Desk<'_> {
         }
     }
 
-    /// Says something about the key at a path.
+    /// Reports a finding about the key at a path.
     fn say_of_key(&mut self, path: &str, mut found: Diagnostic) {
         match self.ecosystem.places.find(path) {
             Some((source, place, _)) => {
@@ -188,13 +191,13 @@ impl Desk<'_> {
         }
     }
 
-    /// Says something about the file as a whole.
+    /// Reports a finding about the file as a whole.
     fn say_of_file(&mut self, found: Diagnostic) {
         let file: Arc<Source> = Arc::clone(&self.ecosystem.texts.file);
         self.report.add(&file, [found]);
     }
 
-    /// Says something about the place of the map that it names.
+    /// Reports a finding at its own span in the map.
     fn say_of_map(&mut self, found: Diagnostic) {
         let map: Arc<Source> = Arc::clone(&self.ecosystem.texts.map);
         self.report.add(&map, [found]);

@@ -1,11 +1,11 @@
-//! The `[zenoh]` table: endpoints that nobody could call, settings that Zenoh does not have.
+//! Checks the `[zenoh]` table: endpoints that cannot be reached, settings that Zenoh does not have.
 
 use pddl::{Diagnostic, Span};
 
 use super::Desk;
 
 impl Desk<'_> {
-    /// What is wrong in the table.
+    /// Reports the mistakes in the table.
     pub(super) fn network(&mut self) {
         let ecosystem = self.ecosystem;
         let is_secured = ecosystem.security.is_some();

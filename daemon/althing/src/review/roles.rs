@@ -1,4 +1,4 @@
-//! The roles of the reasoning engine: without one of them no goal is ever reached.
+//! Checks the roles of the reasoning agents: without one of them no goal is ever reached.
 
 use agent::Mode;
 use pddl::{Diagnostic, Span};
@@ -6,22 +6,23 @@ use pddl::{Diagnostic, Span};
 use super::Desk;
 use crate::config::AgentEntry;
 
-/// The plugin of a role, what is missing without it, and whether people and agents look for it by the
-/// plugin's name.
+/// The plugin of each role, the consequence if it is missing, and whether the agent must have the
+/// plugin's name, because others address it by that name.
 const ROLES: &[(&str, &str, bool)] = &[
     ("domain-maintainer", "nobody knows who is here and what is true", true),
     ("plan-requester", "nobody takes goals", true),
     ("plan-executor", "nobody carries plans out", true),
 ];
 
-/// The role that only the centralized mode needs.
+/// The role that only the centralised flow needs.
 const CENTRAL: (&str, &str, bool) =
     ("planning-agent", "nobody plans in the mode \"centralized\"", false);
 
 impl Desk<'_> {
-    /// Roles that no agent has, or has under a name that nobody looks for.
+    /// Warns about roles that no agent has, or that an agent has under a name by which it is not
+    /// found.
     pub(super) fn roles(&mut self) {
-        // A file without agents is one that somebody is about to write.
+        // A file without agents is still being written.
         if self.ecosystem.agents.is_empty() || !self.is_complete {
             return;
         }
@@ -49,7 +50,7 @@ impl Desk<'_> {
 
     fn missing_role(&mut self, plugin: &str, lack: &str) {
         let message = format!("{lack}: the file has no agent with plugin = \"{plugin}\"");
-        // Where another of them is, this one belongs too.
+        // The help suggests the daemon that hosts another reasoning agent.
         let roles = || ROLES.iter().chain([&CENTRAL]).map(|(plugin, ..)| *plugin);
         let beside = self.ecosystem.agents.iter().find(|entry| {
             entry.is_built_in()

@@ -1,4 +1,4 @@
-//! Agents that stand where they can do nothing: a sensor of rooms in a corridor.
+//! Checks the locations of agents: a sensor for rooms cannot work in a corridor.
 
 use pddl::{Diagnostic, Name, Span, TypeExpr, Types};
 
@@ -6,10 +6,11 @@ use super::Desk;
 use crate::hosting;
 
 impl Desk<'_> {
-    /// Locations of agents that no predicate of theirs admits.
+    /// Warns about locations that no predicate of the agent admits.
     ///
-    /// By which predicate an agent says where it is, only it knows. Those that the ontology has for a
-    /// thing of its type and a place are looked at, and one of them must admit the place.
+    /// The predicate by which an agent states its place is known only to the agent. Therefore all
+    /// predicates of the ontology between an object of its type and a place are examined, and one
+    /// of them must admit the location.
     pub(super) fn rooms(&mut self) {
         let (ontology, map) = (&self.ecosystem.domain, &self.ecosystem.problem);
         let types = Types::of(ontology);
@@ -38,7 +39,7 @@ impl Desk<'_> {
                 continue;
             };
             let places = ontology.predicates.iter().filter_map(|each| match &each.parameters[..] {
-                // A place, and nothing else could be meant: not what carries it.
+                // The second parameter must be a place, not for example a carrier.
                 [who, place_of] if !who.ty.alternatives.is_empty() => {
                     let is_place = place_of.ty.alternatives.iter().any(|ty| is_a(&place.ty, ty))
                         || admits(&place.ty, &place_of.ty);

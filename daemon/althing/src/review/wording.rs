@@ -1,19 +1,20 @@
-//! What a plugin says of its `config`, in the words of the author of the file.
+//! Explains a plugin's errors about its `config` in the terms of the ecosystem file.
 //!
-//! Plugins read their `config` by serde, which speaks of Rust: “invalid type: string "0.3", expected
-//! f64”. Here that becomes “`speed` must be a number, and is the text "0.3"”, and what to write.
+//! Plugins read their `config` by serde, which reports mistakes in Rust's terms: “invalid type:
+//! string "0.3", expected f64”. Such a message becomes “`speed` must be a number, and is the text
+//! "0.3"”, with a correction.
 
 use pddl::nearest;
 use serde_json::Value;
 use terminal::form;
 
-/// Of many keys, as many as are listed.
+/// Most keys that are listed.
 const LISTED_MAX: usize = 6;
 
-/// How many letters of a name are enough to know it by.
+/// Shortest beginning of a name that identifies it.
 const PREFIX_MIN: usize = 4;
 
-/// What people call a key that has another name.
+/// Other words that users write for a key.
 const SYNONYMS: &[(&str, &[&str])] = &[
     ("location", &["room", "place", "where", "position", "in", "at"]),
     ("start", &["location", "room", "place", "where", "position", "at", "home"]),
@@ -26,11 +27,11 @@ const SYNONYMS: &[(&str, &[&str])] = &[
     ("device", &["path", "file"]),
 ];
 
-/// Keys of durations.
+/// Keys with durations as values.
 const DURATIONS: &[&str] =
     &["valid-for", "every", "debounce", "time-out", "patience", "motion-for", "offline-after"];
 
-/// A mistake in a `config`.
+/// A mistake in a `config`, with its message and a correction.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Worded {
     pub(super) kind: Mistake,
@@ -38,21 +39,21 @@ pub(super) struct Worded {
     pub(super) help: Option<String>,
 }
 
-/// What is wrong.
+/// The kind of a mistake.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Mistake {
-    /// No such key; the one that was probably meant.
+    /// An unknown key, and the key that was probably meant.
     UnknownKey(String, Option<String>),
-    /// A key that is needed.
+    /// A required key is missing.
     MissingKey(String),
-    /// A value of another kind.
+    /// A value of another type.
     Kind,
-    /// Whatever else the plugin says.
+    /// Any other message of the plugin.
     Other,
 }
 
-/// Words what a plugin says of the key at `path` (`presets.door`; empty for the whole `config`), whose
-/// value is `value`. `example` is what could stand at a key.
+/// Explains a plugin's message about the key at `path` (`presets.door`; empty for the whole
+/// `config`) with the value `value`. `example` returns an example for a key.
 pub(super) fn worded(
     said: &str,
     path: &str,
@@ -96,7 +97,7 @@ fn owned(words: &[&str]) -> Vec<String> {
 
 fn unknown_key(key: &str, known: &[String], path: &str) -> Worded {
     let meant = meant(key, known);
-    // The path may end with the key itself, or with the table that it stands in.
+    // The path ends either with the key itself, or with the table that contains it.
     let whole = if ends_with(path, key) { path.to_owned() } else { join(path, key) };
     let help = match (&meant, known.len()) {
         (Some(meant), _) => format!("did you mean `{meant}`?"),
@@ -110,7 +111,7 @@ fn unknown_key(key: &str, known: &[String], path: &str) -> Worded {
     }
 }
 
-/// A key of the entry that was written in its `config`.
+/// Returns help for a key of the entry that was written in its `config`.
 fn beside(key: &str) -> Option<String> {
     let of_entry = ["name", "plugin", "package", "daemon", "driver", "actions"];
     of_entry.contains(&key).then(|| {
@@ -184,7 +185,7 @@ fn of_no_form(path: &str, example: impl Fn(&str) -> Option<String>) -> Worded {
     }
 }
 
-/// The key and the text of a duration that cannot be read.
+/// Returns the key and the text of a duration that cannot be parsed.
 fn duration_error(said: &str, path: &str, value: Option<&Value>) -> Option<(String, String)> {
     let told = [
         "expected number at ",
@@ -199,13 +200,14 @@ fn duration_error(said: &str, path: &str, value: Option<&Value>) -> Option<(Stri
     Some((path.to_owned(), text.to_owned()))
 }
 
-/// The known word that was probably meant.
+/// Returns the known word that was probably meant.
 pub(super) fn meant(word: &str, known: &[String]) -> Option<String> {
     let is_known = |key: &&str| known.iter().any(|known| known == key);
     if let Some(near) = nearest(word, known.iter().map(String::as_str)) {
         return Some(near.to_owned());
     }
-    // `valid_for` and `validFor` are `valid-for`.
+    // Differences in case, hyphens and underscores are ignored: `valid_for` and `validFor` mean
+    // `valid-for`.
     let plain = |word: &str| word.replace(['-', '_'], "").to_lowercase();
     if let Some(same) = known.iter().find(|known| plain(known) == plain(word)) {
         return Some(same.clone());
@@ -250,7 +252,7 @@ fn ends_with(path: &str, key: &str) -> bool {
     path.rsplit('.').next() == Some(key)
 }
 
-/// Whether what serde describes is this very value, and not something within it.
+/// Whether serde's description refers to this value itself, and not to something within it.
 fn is_of(got: &str, value: &Value) -> bool {
     match value {
         Value::String(_) => got.starts_with("string "),
@@ -262,7 +264,7 @@ fn is_of(got: &str, value: &Value) -> bool {
     }
 }
 
-/// What to write in place of a value of another kind.
+/// Returns what to write instead of a value of another type.
 fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
     let is_whole = wanted.len() <= 5 && wanted.starts_with(['u', 'i']);
     match (wanted, value) {
@@ -293,7 +295,7 @@ fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
         },
         ("a sequence", Value::String(text)) => {
             let words: Vec<_> = match key {
-                // Programs run without a shell.
+                // These are commands, which are run without a shell.
                 "command" | "run" | "on" | "off" | "state" => text.split_whitespace().collect(),
                 _ => vec![text.as_str()],
             };
@@ -304,7 +306,7 @@ fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
     }
 }
 
-/// A number that was written as a text, with its unit or without.
+/// Returns help for a number that was written as a text, with or without a unit.
 fn numeric(key: &str, text: &str, whole: bool) -> Option<String> {
     let plain = text.trim().replace(',', ".");
     let end = plain.find(|c: char| !c.is_ascii_digit() && !".-+".contains(c));

@@ -2,8 +2,8 @@
 //! entering to be validated. The system dispatches the TurtleBot to the location so that the
 //! person can log in through the on-board screen.”
 //!
-//! Four people come. Nobody but the camera asks for a goal. The question comes to two keyboards:
-//! both answer at once, or wrongly at first, or not at all, or wrongly only.
+//! Four people come. Only the camera requests a goal. The question is sent to two keyboards: both
+//! answer at once, or wrongly at first, or not at all, or only wrongly.
 
 use ::building::{Access, Admission, Device, Manner, Visit};
 use acl::content::{Inform, OpenQuestion, Outcome, Report};
@@ -15,14 +15,14 @@ use super::setting::Setting;
 use super::stage::Ear;
 use super::{Event, Played, Script};
 
-/// What a person who may come in answers.
+/// The answer of a person that may enter.
 const PIN: &str = "2718";
-/// What others answer.
+/// The wrong answer.
 const WRONG: &str = "0000";
 
-/// How long a person counts as validated: short, so that the next who comes is asked for.
+/// How long a person counts as validated: short, so that the next visitor is validated anew.
 const VALID_FOR: &str = "2s";
-/// How long an answer is waited for.
+/// How long the robot waits for an answer.
 const PATIENCE: &str = "3s";
 
 fn setting(access: &Access) -> Setting {
@@ -68,15 +68,15 @@ struct Play<'t> {
     ear: Ear,
     access: &'t Access,
     admissions: Vec<Admission>,
-    /// Since somebody came: whether the robot said that somebody is validated, and no longer.
+    /// The changes of the robot's fact that a person is validated, since the visitor came.
     validity: Vec<bool>,
 }
 
-/// What happens next at the entry.
+/// The next event at the entry.
 enum Next {
     AskedUser(OpenQuestion),
     AskedDesk(OpenQuestion),
-    /// The camera heard what became of its goal.
+    /// The final report about the camera's goal.
     Ended(Report),
     Other,
 }
@@ -84,7 +84,7 @@ enum Next {
 impl Play<'_> {
     async fn acts(&mut self, setting: &Setting) -> Result<(), String> {
         self.performance.await_agents(setting).await?;
-        // Until the camera has looked once, nothing can move before it.
+        // Until the camera has looked once, it cannot detect movement.
         let camera = self.access.camera();
         self.until_informs(camera, |inform| facts(inform).contains("(looks-at ")).await?;
         let robot = self.access.robot();
@@ -92,13 +92,14 @@ impl Play<'_> {
             let admission = self.visit(visit).await?;
             self.admissions.push(admission);
             match visit.manner {
-                // Until it does not count any more, the next who comes would not be asked for.
+                // While the validation counts, the camera would not request one for the next
+                // visitor.
                 manner if manner.is_valid() => {
                     while self.validity != [true, false] {
                         self.hear().await?;
                     }
                 }
-                // Nobody is asked again for a while.
+                // After an unanswered question the robot asks no further one for a while.
                 Manner::NobodyAnswers => {
                     let offers = |inform: &Inform| matches!(inform, Inform::Model(of) if of.model.contains("validate-person"));
                     self.until_informs(robot, offers).await?;
@@ -183,7 +184,7 @@ impl Play<'_> {
         hear(&mut self.ear, &mut self.validity, self.access.robot()).await
     }
 
-    /// Listens until an agent says this about itself.
+    /// Waits until an agent sends an `inform` that meets a condition.
     async fn until_informs(
         &mut self,
         agent: &str,
@@ -199,8 +200,8 @@ impl Play<'_> {
     }
 }
 
-/// The next message on the wire; notes whether the robot says that somebody is validated, where
-/// that changes.
+/// Returns the next message on the network. Records in `validity` when the robot's fact that a
+/// person is validated changes.
 async fn hear(ear: &mut Ear, validity: &mut Vec<bool>, robot: &str) -> Result<Message, String> {
     let message = ear.heard.recv().await.ok_or("nobody is heard any more")?;
     if message.sender.as_str() == robot
@@ -214,14 +215,14 @@ async fn hear(ear: &mut Ear, validity: &mut Vec<bool>, robot: &str) -> Result<Me
     Ok(message)
 }
 
-/// What an agent says in a heartbeat, for ever or for a while.
+/// Returns the facts in a heartbeat, lasting and temporary ones.
 fn facts(inform: &Inform) -> String {
     let Inform::Heartbeat(beat) = inform else { return String::new() };
     let passing: Vec<_> = beat.known_for.keys().map(String::as_str).collect();
     format!("{} {}", beat.facts, passing.join(" "))
 }
 
-/// The last word that the camera is told about its goal.
+/// Returns the final report about the camera's goal.
 fn last_word(message: &Message, camera: &str) -> Option<Report> {
     let to_camera = message.receiver.first().is_some_and(|to| to.as_str() == camera);
     let is_report = message.performative == Performative::Confirm;

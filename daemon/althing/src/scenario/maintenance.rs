@@ -2,8 +2,8 @@
 //! replans accordingly. This again shows how the system responds not only to evolving capabilities
 //! but also to changing environment and (maintenance) goals.”
 //!
-//! A temperature counts as known for a while only, so keeping the goal is work without end. Two
-//! robots share it by cost and map; a sensor that is plugged in takes a room off them.
+//! A temperature counts as known only for a while, so keeping the goal never ends. Two robots share
+//! the work by cost and map; a sensor that is plugged in relieves them of a room.
 
 use ::building::{Device, Event as Occurred, Maintenance, Truth};
 use acl::content::Keep;
@@ -12,7 +12,7 @@ use super::performance::{Performance, until_curtain};
 use super::setting::{GOAL, Setting};
 use super::{Event, Played, Script};
 
-/// How long a temperature counts as known. Robots need a fifth of it to go round.
+/// How long a temperature counts as known. Robots need a fifth of it to visit all rooms.
 const KNOWN_FOR: &str = "3s";
 
 fn setting(scenario: &Maintenance) -> Setting {
@@ -89,7 +89,8 @@ async fn acts(
     performance.until_told(|told| told.len() == all && told.iter().all(is_true)).await
 }
 
-/// Who measured a room since, and when.
+/// Returns the measurements of a room since an occurrence, each with its sequence number and its
+/// sensor.
 fn readings<'a>(truth: &'a Truth, room: &str, since: u64) -> Vec<(u64, &'a str)> {
     let measured = truth.occurrences().filter(|occurrence| occurrence.sequence >= since);
     let by = measured.filter_map(|occurrence| match &occurrence.event {
@@ -101,7 +102,7 @@ fn readings<'a>(truth: &'a Truth, room: &str, since: u64) -> Vec<(u64, &'a str)>
     by.collect()
 }
 
-/// Whether a robot has measured a room since.
+/// Whether a robot has measured a room since an occurrence.
 fn by_robot(truth: &Truth, room: &str, since: u64) -> bool {
     let is_mounted =
         |sensor: &str| matches!(truth.layout().device(sensor), Some(Device::MountedSensor { .. }));

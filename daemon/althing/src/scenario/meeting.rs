@@ -10,7 +10,7 @@ use super::performance::{Performance, until_curtain};
 use super::setting::Setting;
 use super::{Event, Played, Script};
 
-/// The name of what is shown, in plans.
+/// The name of the medium that is shown, in plans.
 const MEDIUM: &str = "slides";
 
 fn setting(meeting: &Meeting) -> Setting {

@@ -1,7 +1,7 @@
-//! A play on its stage: what every scenario does.
+//! A scenario that is being played: the steps that all scenarios share.
 //!
-//! - Says what happens, with times; hears what the user is told.
-//! - Waits for the building's truth, never for a while.
+//! - Reports events, with their times, and receives the user's messages.
+//! - Waits for conditions of the building's truth, never for fixed times.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -19,22 +19,22 @@ use super::stage::{self, Set};
 use super::usher::Usher;
 use super::{Event, Script};
 
-/// How long a whole scenario may take. A building of seven rooms takes seconds.
+/// Longest time of a whole scenario. A building of seven rooms takes seconds.
 const PLAYED_WITHIN: Duration = Duration::from_secs(60);
 
-/// A play under way.
+/// A scenario that is being played.
 pub(super) struct Performance<'t> {
     pub(super) set: Set,
     pub(super) building: Building,
     /// The user's keyboard.
     pub(super) user: Terminal,
-    /// What the user was told last of each room, in °C.
+    /// The temperature of each room that the user was told last, in °C.
     pub(super) told: BTreeMap<String, f64>,
     began: Instant,
     tell: &'t mut dyn FnMut(Event),
 }
 
-/// Lets a play go on until the curtain falls. The error is for a person.
+/// Runs a scenario until it ends, up to [`PLAYED_WITHIN`]. The error is a message for the user.
 pub(super) async fn until_curtain(
     play: impl Future<Output = Result<(), String>>,
 ) -> Result<(), String> {
@@ -45,7 +45,7 @@ pub(super) async fn until_curtain(
 }
 
 impl<'t> Performance<'t> {
-    /// Sets the stage. The error is for a person.
+    /// Launches the agents. The error is a message for the user.
     pub(super) async fn open(
         setting: &Setting,
         script: &Script,
@@ -57,24 +57,24 @@ impl<'t> Performance<'t> {
         Ok(Performance { set, building, user, told: BTreeMap::new(), began, tell })
     }
 
-    /// Says what happens.
+    /// Reports an event.
     pub(super) fn say(&mut self, text: impl Into<String>) {
         (self.tell)(Event { at: self.began.elapsed(), text: text.into() });
     }
 
-    /// Another person at a keyboard.
+    /// Launches the keyboard of another person.
     pub(super) fn seat(&self, name: &str) -> Result<Terminal, String> {
         seat(&self.set, name)
     }
 
-    /// Whether the agents live in several processes.
+    /// Whether the agents run in several processes.
     pub(super) fn is_in_processes(&self) -> bool {
         !self.set.processes.is_empty()
     }
 
     // === the agents ===
 
-    /// Waits until every device that is there at first can be planned with.
+    /// Waits until every initial device is in the composite domain.
     pub(super) async fn await_agents(&mut self, setting: &Setting) -> Result<(), String> {
         let expected = setting.devices_at_first();
         let count = expected.len();
@@ -92,7 +92,7 @@ impl<'t> Performance<'t> {
         Ok(())
     }
 
-    /// Kills what hosts an agent.
+    /// Kills an agent, or the process that hosts it.
     pub(super) async fn kill(&mut self, agent: &str) -> Result<(), String> {
         self.set.kill(&name(agent)?).await?;
         let how = if self.is_in_processes() { "was killed (SIGKILL)" } else { "is gone" };
@@ -100,7 +100,7 @@ impl<'t> Performance<'t> {
         Ok(())
     }
 
-    /// Plugs in an agent that was not there at first.
+    /// Launches an agent that was not there initially.
     pub(super) async fn plug_in(&mut self, agent: &str) -> Result<(), String> {
         self.say(format!("＋ {agent} is plugged in"));
         self.set.plug_in(&name(agent)?).await
@@ -108,7 +108,7 @@ impl<'t> Performance<'t> {
 
     // === the user ===
 
-    /// The user asks for a goal.
+    /// Requests a goal for the user.
     pub(super) async fn ask(&mut self, goal: &str, keep: Keep) -> Result<(), String> {
         let goal = goal.to_owned();
         let kept = if keep == Keep::Maintain { ", to be kept" } else { "" };
@@ -118,13 +118,13 @@ impl<'t> Performance<'t> {
         said.map_err(|_| "the user's keyboard has ended".to_owned())
     }
 
-    /// Listens until the goal is said to hold.
+    /// Receives reports until the goal holds.
     pub(super) async fn until_it_holds(&mut self) -> Result<(), String> {
         while !self.hear_next().await? {}
         Ok(())
     }
 
-    /// Listens until what the user was told is such.
+    /// Receives reports until the temperatures that the user was told meet a condition.
     pub(super) async fn until_told(
         &mut self,
         is_so: impl Fn(&BTreeMap<String, f64>) -> bool,
@@ -135,7 +135,7 @@ impl<'t> Performance<'t> {
         Ok(())
     }
 
-    /// Listens until the building's truth is such.
+    /// Receives reports until the building's truth meets a condition.
     pub(super) async fn until(&mut self, is_so: impl FnMut(&Truth) -> bool) -> Result<(), String> {
         let building = self.building.clone();
         let wait = building.wait_for(is_so);
@@ -155,7 +155,7 @@ impl<'t> Performance<'t> {
         self.hear(heard)
     }
 
-    /// Whether the goal is said to hold now.
+    /// Handles a message. Returns `true` if it reports that the goal holds.
     fn hear(&mut self, heard: Option<Heard>) -> Result<bool, String> {
         match heard.ok_or("the user's keyboard has ended")? {
             Heard::Asked(_)
@@ -200,7 +200,7 @@ fn name(text: &str) -> Result<AgentId, String> {
     AgentId::new(text).map_err(|error| error.to_string())
 }
 
-/// A person at a keyboard of this name.
+/// Launches a person's keyboard of this name.
 fn seat(set: &Set, person: &str) -> Result<Terminal, String> {
     let (keyboard, terminal) = Keyboard::with_terminal();
     set.node.launch(name(person)?, keyboard, set.ecosystem.domain.name.as_str());

@@ -1,5 +1,5 @@
-//! The setting of a scenario: which building, which agents on which machines, which goals; written
-//! as the files that a person would write.
+//! The setting of a scenario: the building, the agents on their machines, and the goals; written as
+//! the files that a user would write.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -11,64 +11,64 @@ use ::building::{Device, Layout};
 /// The office's ontology serves every building of the scenarios.
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
 
-/// How much faster than real time the building lives: a walk of 4 m takes 130 ms.
+/// Factor on all durations in the building: a way of 4 m takes 130 ms.
 pub(crate) const TIME_SCALE: f64 = 0.01;
 
 /// The name of the goal in the files.
 pub(crate) const GOAL: &str = "temperatures";
 
-/// The daemon that hosts the reasoning engine.
+/// The daemon that hosts the reasoning agents.
 pub(crate) const REASONING: &str = "reasoning";
 
-/// What a scenario is set in.
+/// The building and the agents of a scenario.
 pub(crate) struct Setting {
     /// The ecosystem's name.
     name: &'static str,
-    /// The building as it is at first.
+    /// The building in its initial state.
     pub(crate) at_first: Layout,
-    /// The building with everything that will be in it.
+    /// The building with all devices, including those that are added later.
     layout: Layout,
-    /// What is written into the `config` of a device's agent beside where it is.
+    /// Returns further keys for the `config` of a device's agent, besides its place.
     more: Box<dyn Fn(&Device) -> String>,
     replanning: bool,
 }
 
 impl Setting {
-    /// A building in which nothing is added later, and no agent is told more than where it is.
+    /// Creates a setting in which no device is added later, and entries contain only places.
     pub(crate) fn new(name: &'static str, layout: &Layout) -> Setting {
         let more = Box::new(|_: &Device| String::new());
         let (at_first, layout) = (layout.clone(), layout.clone());
         Setting { name, at_first, layout, more, replanning: true }
     }
 
-    /// What is in the building at first; the rest is plugged in later.
+    /// Sets the initial building; the other devices are plugged in later.
     pub(super) fn at_first(self, at_first: Layout) -> Setting {
         Setting { at_first, ..self }
     }
 
-    /// What is written into the `config` of each device's agent beside where it is.
+    /// Sets further keys for the `config` of each device's agent, besides its place.
     pub(super) fn more(self, more: impl Fn(&Device) -> String + 'static) -> Setting {
         Setting { more: Box::new(more), ..self }
     }
 
-    /// Off only to show that the check can fail.
+    /// Sets whether plans are repaired; `false` only in tests, to show that the check can fail.
     pub(super) fn replanning(self, replanning: bool) -> Setting {
         Setting { replanning, ..self }
     }
 
-    /// The devices that have an agent at first.
+    /// Returns the initial devices that have an agent.
     pub(crate) fn devices_at_first(&self) -> BTreeSet<String> {
         let has_agent = |device: &&Device| !matches!(device, Device::MountedScreen { .. });
         let devices = self.at_first.devices().iter().filter(has_agent);
         devices.map(|device| device.name().to_owned()).collect()
     }
 
-    /// Whether the agent of this name comes later.
+    /// Whether the agent of this name is launched later.
     pub(super) fn comes_later(&self, agent: &str) -> bool {
         self.layout.device(agent).is_some() && self.at_first.device(agent).is_none()
     }
 
-    /// Writes the files into `folder`; yields the ecosystem file.
+    /// Writes the files into `folder`. Returns the path of the ecosystem file.
     pub(super) fn write(&self, folder: &Path, socket: Option<&Path>) -> io::Result<PathBuf> {
         fs::write(folder.join("domain.pddl"), ONTOLOGY)?;
         fs::write(folder.join("map.pddl"), self.layout.map_pddl("smart-office"))?;
@@ -117,7 +117,7 @@ impl Setting {
     }
 }
 
-/// The plugin of a device's agent, and where it says that it is; `None` if it has no agent.
+/// Returns the plugin of a device's agent and the key of its place; `None` if it has no agent.
 fn plugin_of(device: &Device, layout: &Layout) -> Option<(&'static str, String)> {
     let at = |location: &String| format!("location = \"{location}\"");
     match device {
@@ -150,7 +150,7 @@ fn daemon_of(room: &str) -> String {
     format!("{room}-pi")
 }
 
-/// The machine that hosts a device: a place's board, or the laptop on a robot.
+/// Returns the machine that hosts a device: the board of a place, or the laptop of a robot.
 fn daemon_of_device(device: &Device, layout: &Layout) -> String {
     match device {
         Device::FixedSensor { location, .. }

@@ -1,4 +1,4 @@
-//! The stage of a scenario: a building, and its agents on a wire, in this process or in several.
+//! Launches a scenario: a building, and its agents in this process or in several.
 
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -19,13 +19,13 @@ use crate::config::{self, AgentEntry, Ecosystem, Overrides, Variables};
 use crate::hosting::{self, Node, Part, Wire};
 use crate::plugins;
 
-/// How long a process may take to be ready. Below a fifth of a second on an idle machine.
+/// How long a process may take until it is ready. On an idle machine it takes less than 0.2 s.
 const READY_WITHIN: Duration = Duration::from_secs(30);
 
-/// Where the agents of a scenario live.
+/// The place where the agents of a scenario run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stage {
-    /// In this process, on a wire in memory.
+    /// In this process, on a network in memory.
     Memory,
     /// In this process, on Zenoh.
     Zenoh,
@@ -33,30 +33,30 @@ pub(crate) enum Stage {
     Processes,
 }
 
-/// A stage that is set: everything on it ends when it is dropped.
+/// A scenario with its launched agents; dropping it ends all of them.
 pub(crate) struct Set {
     pub(crate) building: Building,
     pub(crate) ecosystem: Ecosystem,
-    /// The node in this process: all agents, or the user's keyboard alone.
+    /// The node in this process: all agents, or only the user's keyboard.
     pub(crate) node: Node,
     pub(crate) processes: Vec<(String, Child)>,
-    /// What a process is started with.
+    /// How a process is started.
     program: Program,
     wire: Wire,
     _server: Option<Server>,
     _folder: TempDir,
 }
 
-/// What is heard on the wire while it is held.
+/// A receiver of all messages on the network; it stops receiving when this is dropped.
 pub(crate) struct Ear {
     pub(crate) heard: mpsc::Receiver<Message>,
     _tap: Option<substrate_zenoh::Tap>,
 }
 
-/// Messages that wait to be looked at: more than a small building says in a minute.
+/// Most messages that wait to be read: more than a small building sends in a minute.
 const HEARD_MAX: usize = 16_384;
 
-/// Sets the stage. The error is for a person.
+/// Launches the agents. The error is a message for the user.
 pub(crate) async fn set(setting: &Setting, stage: Stage, mode: Mode) -> Result<Set, String> {
     let folder = tempfile::Builder::new()
         .prefix("althing-")
@@ -67,7 +67,7 @@ pub(crate) async fn set(setting: &Setting, stage: Stage, mode: Mode) -> Result<S
         .write(folder.path(), socket.as_deref())
         .map_err(|error| format!("failed to write the scenario's files: {error}"))?;
     let overrides = Overrides::default().mode(Some(mode));
-    // A seed is the same building everywhere, whatever the environment says.
+    // The environment is ignored, so that a seed yields the same building everywhere.
     let ecosystem = Ecosystem::load_with(&file, &Variables::new(), &overrides, &plugins::known())
         .map_err(|error| format!("the scenario's own files are wrong: {error:?}"))?;
     let building = Building::new(setting.at_first.clone(), ecosystem.building.time_scale)
@@ -98,7 +98,7 @@ pub(crate) async fn set(setting: &Setting, stage: Stage, mode: Mode) -> Result<S
     })
 }
 
-/// The daemons that are there at first: not those whose every agent comes later.
+/// Returns the initial daemons: all except those that host only agents that are launched later.
 fn daemons(ecosystem: &Ecosystem, at_first: &[AgentEntry]) -> Vec<DaemonId> {
     let hosts = |entries: &[AgentEntry], daemon: &DaemonId| {
         entries.iter().any(|entry| entry.daemons.contains(daemon))
@@ -108,7 +108,7 @@ fn daemons(ecosystem: &Ecosystem, at_first: &[AgentEntry]) -> Vec<DaemonId> {
     ecosystem.daemons.iter().filter(is_there).cloned().collect()
 }
 
-/// What carries the messages of the node in this process.
+/// Returns the transport of the node in this process.
 fn wire(ecosystem: &Ecosystem, stage: Stage, folder: &Path) -> Result<Wire, String> {
     let daemon = node_name(stage)?;
     let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
@@ -142,13 +142,13 @@ async fn open_node(
     Node::open(part, wire).await.map_err(|error| format!("failed to {error}"))
 }
 
-/// The endpoint of a daemon's socket.
+/// Returns the endpoint of a daemon's socket.
 fn socket_endpoint(folder: &Path, daemon: &str) -> Result<String, String> {
     let path = hosting::socket_in(folder, daemon).map_err(|error| format!("failed to {error}"))?;
     Ok(format!("unixsock-stream/{}", path.display()))
 }
 
-/// How an `althing up` of the scenario is started.
+/// How `althing up` is started for the scenario.
 struct Program {
     path: PathBuf,
     file: PathBuf,
@@ -193,7 +193,8 @@ impl Program {
             .args(["--daemon", daemon.as_str(), "--mode", mode, "--until-stdin-ends"])
             .env("ALTHING_RUNTIME_DIR", &self.folder)
             .env("ALTHING_STATE_DIR", self.folder.join("state"))
-            // Held open as long as we live: however we end, the daemons end too.
+            // The pipe stays open as long as this process runs: however it ends, the daemons end
+            // too.
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .kill_on_drop(true)
@@ -202,8 +203,8 @@ impl Program {
     }
 }
 
-/// Reads until the daemon says that it is ready. What it says later is read and thrown away, so
-/// that it never waits for us.
+/// Reads the output until the daemon reports that it is ready. Later output is read and discarded,
+/// so that the daemon never blocks on it.
 async fn until_ready(child: &mut Child) -> Result<(), String> {
     let stdout = child.stdout.take().ok_or("has no output")?;
     let mut lines = BufReader::new(stdout).lines();
@@ -218,8 +219,7 @@ async fn until_ready(child: &mut Child) -> Result<(), String> {
 }
 
 impl Set {
-    /// Kills what hosts an agent: the agent in this process, or the process of its machine, by
-    /// SIGKILL.
+    /// Kills an agent: the agent itself in this process, or the process of its machine by SIGKILL.
     pub(crate) async fn kill(&mut self, agent: &AgentId) -> Result<(), String> {
         if self.processes.is_empty() {
             self.node.unplug(agent);
@@ -231,8 +231,8 @@ impl Set {
         child.kill().await.map_err(|error| format!("failed to kill the process: {error}"))
     }
 
-    /// Plugs in an agent that was not there at first: in this process, or with the process of its
-    /// machine.
+    /// Launches an agent that was not there initially: in this process, or by starting the process
+    /// of its machine.
     pub(crate) async fn plug_in(&mut self, agent: &AgentId) -> Result<(), String> {
         let entry = self.entry(agent)?.clone();
         if self.processes.is_empty() {
@@ -252,10 +252,10 @@ impl Set {
         entry.ok_or_else(|| format!("the scenario has no `{agent}`"))
     }
 
-    /// Listens to everything that is said, as a stranger would.
+    /// Subscribes to all messages on the network, as a foreign tool would.
     pub(crate) async fn listen(&self) -> Result<Ear, String> {
         let (tell, heard) = mpsc::channel(HEARD_MAX);
-        // What nobody looks at in time is lost, as it would be for any stranger.
+        // Messages that are not read in time are lost, as for any foreign tool.
         let hear = move |payload: &Bytes| {
             if let Ok(message) = acl::decode(payload) {
                 let _ = tell.try_send(message);
@@ -277,11 +277,11 @@ impl Set {
         Ok(Ear { heard, _tap: Some(tap) })
     }
 
-    /// Ends everything on the stage.
+    /// Ends all agents and processes.
     pub(crate) async fn strike(mut self) {
         self.node.drain().await;
         for (_, child) in &mut self.processes {
-            // Ours, by its handle; it may have been killed before.
+            // These are child processes, ended by their handles; some may have been killed before.
             let _ = child.start_kill();
             let _ = child.wait().await;
         }

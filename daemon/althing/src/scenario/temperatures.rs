@@ -22,7 +22,7 @@ pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result
     if let Some(guests) = script.guests {
         guests(&performance.set.node);
     }
-    // Which occurrence in the building's log is the death of the sensor, once it is.
+    // The occurrence in the building's log at which the sensor died, once it has.
     let mut death = None;
     let acts = acts(&mut performance, &setting, &scenario, script.kills, &mut death);
     let ended = until_curtain(acts).await;

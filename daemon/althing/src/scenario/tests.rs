@@ -21,7 +21,7 @@ fn script(seed: u64, mode: Mode, stage: Stage) -> Script {
     Script::new(Scenario::Temperatures, seed, mode, stage)
 }
 
-/// Plays one script; what the truth has against it.
+/// Plays one script. Returns the requirements that the truth does not meet, and the output.
 async fn problems(script: &Script) -> Vec<String> {
     let mut lines = Vec::new();
     let played = play(script, |event| lines.push(format!("{:?} {}", event.at, event.text)));
@@ -29,7 +29,7 @@ async fn problems(script: &Script) -> Vec<String> {
     if problems.is_empty() { problems } else { [problems, lines].concat() }
 }
 
-/// Holds these seeds against the truth.
+/// Checks that these seeds meet all requirements.
 async fn check(seeds: std::ops::Range<u64>, mode: Mode, stage: Stage) {
     for seed in seeds {
         let problems = problems(&script(seed, mode, stage)).await;
@@ -37,7 +37,7 @@ async fn check(seeds: std::ops::Range<u64>, mode: Mode, stage: Stage) {
     }
 }
 
-// In memory, time is paused: waiting for a lease costs nothing, and happens alike on every run.
+// In memory, time is paused: waiting for a lease costs no real time, and every run is the same.
 
 #[tokio::test(start_paused = true)]
 async fn a_hundred_buildings_in_memory_centralized() {
@@ -59,7 +59,8 @@ async fn ten_buildings_on_zenoh_decentralized() {
     check(0..10, Mode::Decentralized, Stage::Zenoh).await;
 }
 
-/// A plan that needs the dead is repaired after the grace, and does not wait for its answer.
+/// A plan that needs a dead agent is repaired after the grace, without waiting for an answer of
+/// that agent.
 #[tokio::test(start_paused = true)]
 async fn nobody_waits_for_the_dead() {
     let seed = (0..).find(|seed| Layout::seeded(*seed).dies == Dies::BeforeReport);
@@ -76,8 +77,8 @@ async fn nobody_waits_for_the_dead() {
     }
 }
 
-/// The check is worth something: without replanning the dead sensor's room is measured by nobody,
-/// and the building says so.
+/// The check can fail: without replanning no sensor measures the dead sensor's room, and the truth
+/// shows that.
 #[tokio::test(start_paused = true)]
 async fn without_replanning_no_building_holds() {
     for seed in 0..10 {
@@ -90,7 +91,7 @@ async fn without_replanning_no_building_holds() {
     }
 }
 
-/// The other scenarios, in as many buildings as a minute has room for.
+/// The other scenarios, in as many buildings as fit into a minute.
 async fn check_all(scenario: Scenario, seeds: std::ops::Range<u64>, stage: Stage) {
     for seed in seeds {
         for mode in MODES {
@@ -115,7 +116,7 @@ async fn a_meeting_goes_on_in_thirty_buildings() {
     check_all(Scenario::Meeting, 0..30, Stage::Memory).await;
 }
 
-/// The check is worth something: nobody plans anew, and the building says so.
+/// The check can fail: no plan is repaired, and the truth shows that.
 #[tokio::test(start_paused = true)]
 async fn without_replanning_no_temperature_is_kept_known() {
     for seed in 0..5 {
@@ -127,7 +128,7 @@ async fn without_replanning_no_temperature_is_kept_known() {
     }
 }
 
-/// A sensor that hangs while its agent lives: the agent notices, says that it failed, and offers
+/// A sensor hangs while its agent runs: the agent notices, reports that it failed, and offers
 /// nothing for a while.
 #[tokio::test(start_paused = true)]
 async fn a_sensor_that_hangs_is_replaced() {
@@ -141,7 +142,7 @@ async fn a_sensor_that_hangs_is_replaced() {
     }
 }
 
-/// A guest says that it could measure office1, cheaper than the robot. It lies.
+/// A guest announces that it can measure office1 at less cost than the robot, which is not true.
 async fn check_guest(guests: fn(&Node)) {
     for mode in MODES {
         let script = Script { guests: Some(guests), ..script(0, mode, Stage::Memory) };

@@ -1,4 +1,4 @@
-//! The usher: says when all who are expected can be planned with.
+//! A helper agent that reports when all expected agents are in the composite domain.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,7 @@ use acl::content::{Inform, Snapshot};
 use agent::{Agent, Ask, Callbacks, Context, Presence, Resource, Work};
 use tokio::sync::oneshot;
 
-/// Stands at the door.
+/// Waits for the expected agents.
 pub(super) struct Usher {
     expected: BTreeSet<String>,
     seen: Option<oneshot::Sender<()>>,
@@ -29,7 +29,7 @@ impl Agent for Usher {
 }
 
 impl Usher {
-    /// Waits for these; `seen` hears when all are there.
+    /// Creates an agent that waits for `expected`; `seen` is notified when all are there.
     pub(super) fn new(expected: BTreeSet<String>, seen: oneshot::Sender<()>) -> Usher {
         Usher { expected, seen: Some(seen), asking: None }
     }
@@ -40,7 +40,7 @@ impl Usher {
         }
     }
 
-    /// Asks who can be planned with.
+    /// Queries the composite domain for the agents that can be planned with.
     fn look(&mut self, ctx: &mut Context<Self>) {
         if self.seen.is_none() {
             return;
@@ -56,11 +56,11 @@ impl Usher {
                 answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
             let Some(snapshot) = snapshot else { return };
             let is_here = |name: &String| snapshot.offers.contains_key(name.as_str());
-            // A sensor mounted on a robot can act once its robot is there too.
+            // The domain contains a sensor on a robot only when its robot is there too.
             if usher.expected.iter().all(is_here)
                 && let Some(seen) = usher.seen.take()
             {
-                // The play may be over.
+                // The receiver is gone if the scenario has ended.
                 let _ = seen.send(());
             }
         }));

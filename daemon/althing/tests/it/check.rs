@@ -1,4 +1,4 @@
-//! `althing check` on PDDL: kinds of files, domains found beside them, mistakes.
+//! `althing check` on PDDL: kinds of files, domains that are found beside them, mistakes.
 
 use expect_test::expect;
 

@@ -1,4 +1,4 @@
-//! `althing check` on ecosystem files: every kind of mistake, in its line, all at once.
+//! `althing check` on ecosystem files: every kind of mistake, at its line, all at once.
 
 use expect_test::{Expect, expect};
 
@@ -49,7 +49,7 @@ fn house(ecosystem: &str) -> Sandbox {
     Sandbox::new(&[("house.pddl", HOUSE), ("map.pddl", MAP), ("house.toml", ecosystem)])
 }
 
-/// What is said of the ecosystem after one text in it is replaced.
+/// Checks the output for the ecosystem after one text in it is replaced.
 #[track_caller]
 fn check(from: &str, to: &str, expected: Expect) {
     assert!(ECOSYSTEM.contains(from), "{from}");
@@ -67,7 +67,8 @@ fn a_file_without_mistakes_is_told_in_a_line() {
     );
 }
 
-/// What the defaults have too is missed in the file, where it can be written.
+/// A table that is missing is reported in the file, where it can be written, although the defaults
+/// have it.
 #[test]
 fn a_table_that_is_missing_is_missed_in_the_file() {
     house("[goals]\n").check("check house.toml", 33).shows(
@@ -459,7 +460,8 @@ fn a_mistake_in_the_map_is_shown_in_the_map() {
     let sandbox = house(ECOSYSTEM);
     sandbox.write("map.pddl", MAP.replace("(warm hall)", "(worm hall)").as_bytes());
     let run = sandbox.check("check house.toml map.pddl house.pddl", 33);
-    // Once, though the map is reached on two ways.
+    // The mistake is reported once, although the map is checked both by itself and with the
+    // ecosystem.
     assert_eq!(run.stderr.matches("map.pddl:4:11").count(), 1, "{}", run.stderr);
 }
 
@@ -470,7 +472,7 @@ fn the_house_s_own_ecosystem_is_right() {
     assert_eq!(run.code, 0, "{}", run.stderr);
 }
 
-// === what only the plugins know ===
+//  mistakes that only plugins can find ===
 
 #[test]
 fn a_key_that_the_plugin_does_not_know() {
@@ -531,7 +533,7 @@ fn a_key_that_the_plugin_needs() {
     );
 }
 
-/// The robot's own machine has the file with the PIN; this one need not.
+/// The file with the PIN exists only on the robot's own machine, not on the one that checks.
 #[test]
 fn a_mistake_within_a_table_of_a_config() {
     let robot = |login: &str| {

@@ -1,5 +1,5 @@
-//! `althing plan --engine …`: what a user sees of engines that are missing, that work, and that are
-//! told to stop.
+//! `althing plan --engine …`: the output for engines that are missing, that work, and that are
+//! stopped.
 
 #[path = "../../../../tests/support/left_out.rs"]
 mod left_out;
@@ -35,7 +35,8 @@ fn a_missing_engine_is_told_how_to_get_it() {
     sandbox.check("plan domain.pddl evening.pddl", 0);
 }
 
-/// With what the tests' own environment has of engines; `None`, and told, where it has none.
+/// A sandbox with the engines of the tests' own environment; `None`, with a note, if there are
+/// none.
 fn with_fast_downward() -> Option<Sandbox> {
     let path = std::env::var("PATH").unwrap_or_default();
     let sandbox = Sandbox::lamp().with_variable("PATH", &path);

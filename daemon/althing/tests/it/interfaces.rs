@@ -1,5 +1,5 @@
-//! `althing check` on interfaces: what would let a secret out, or lend what cannot be done, is said
-//! where it is written.
+//! `althing check` on interfaces: a rule that would reveal something private, or lend an action
+//! that cannot work, is reported at its place.
 
 use expect_test::expect;
 
@@ -11,7 +11,7 @@ macro_rules! shipped {
     };
 }
 
-/// The firm and the house as shipped, the firm's file changed.
+/// The firm and the house as shipped, with a change in the firm's file.
 fn firm(from: &str, to: &str) -> Sandbox {
     let (path, text) = shipped!("ecosystems/firm.toml");
     assert!(text.contains(from), "{from}");

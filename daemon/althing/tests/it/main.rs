@@ -1,6 +1,6 @@
 //! The built binary, run as a user runs it: arguments and files in, exit code and text out.
 //!
-//! One test binary, so that it links once.
+//! All tests are in one binary, so that it is linked once.
 
 mod sandbox;
 

@@ -1,5 +1,5 @@
-//! Mistakes of a caretaker in the files of a school: each is told once, at its place, with what to
-//! write instead, and nothing beside it.
+//! Mistakes of a user in the files of a school: each is reported once, at its place, with a
+//! correction, and nothing else is reported.
 
 use serde_json::Value;
 
@@ -104,7 +104,7 @@ fn sandbox(school: &[u8], map: &[u8]) -> Sandbox {
     sandbox
 }
 
-/// What is said of the files: severity, file and line, and message with help.
+/// Returns the reports on the files: severity, file and line, and message with help.
 fn told(school: &str, map: &str) -> Vec<(String, String, String)> {
     let run = sandbox(school.as_bytes(), map.as_bytes()).run("check files/school.toml --json");
     let json = run.json();
@@ -121,7 +121,7 @@ fn told(school: &str, map: &str) -> Vec<(String, String, String)> {
     told
 }
 
-/// One mistake in the ecosystem file, which is told once.
+/// Checks that one mistake in the ecosystem file is reported once.
 #[track_caller]
 fn file(from: &str, to: &str, severity: &str, line: usize, words: &[&str]) {
     assert!(SCHOOL.contains(from), "{from}");
@@ -134,7 +134,7 @@ fn file(from: &str, to: &str, severity: &str, line: usize, words: &[&str]) {
     );
 }
 
-/// One mistake in the map, which is told once.
+/// Checks that one mistake in the map is reported once.
 #[track_caller]
 fn map(from: &str, to: &str, severity: &str, line: usize, words: &[&str]) {
     assert!(MAP.contains(from), "{from}");
@@ -163,7 +163,7 @@ const WARNING: &str = "warning";
 #[test]
 fn a_right_school_is_called_right() {
     assert_eq!(told(SCHOOL, MAP), []);
-    // Indented, with tabs, from another system.
+    // The same with indentation, tabs, and encodings of other systems.
     let indented = SCHOOL.replace("\nname", "\n\t  name").replace(" = ", "\t=  ");
     assert_eq!(told(&indented, MAP), []);
     let windows = format!("\u{feff}{}", SCHOOL.replace('\n', "\r\n"));
@@ -207,7 +207,7 @@ fn what_an_author_says_he_means_is_not_doubted() {
     assert_eq!(told(SCHOOL, &meant), []);
     let closed = MAP.replace("entrance - room", "entrance\n    boiler ; no way in\n    - room");
     assert_eq!(told(SCHOOL, &closed), []);
-    // An airlock is passed in a round, and one comes back.
+    // An airlock is passed in a round of one-way connections, so the way back exists.
     let airlock = MAP.replace("passage yard -", "passage yard lock-in lock-out -").replace(
         "    (= (total-cost) 0)\n",
         "    (= (total-cost) 0)
@@ -216,7 +216,7 @@ fn what_an_author_says_he_means_is_not_doubted() {
     (connected lock-out yard) (= (distance lock-out yard) 2)\n",
     );
     assert_eq!(told(SCHOOL, &airlock), []);
-    // Without robots, nobody has to reach anything.
+    // Without robots, places need not be reachable.
     let robots = SCHOOL.find("[[agent]]\nname = \"rover\"").expect("robots");
     let goals = SCHOOL.find("[goals]").expect("goals");
     let still = format!("{}{}", &SCHOOL[..robots], &SCHOOL[goals..]);
@@ -234,7 +234,7 @@ fn roles_of_the_reasoning() {
             format!("[[agent]]\nname = \"{role}\"\nplugin = \"{role}\"\ndaemon = \"office-pc\"");
         file(&entry, "", WARNING, 1, &[&missing, &cure]);
     }
-    // Where each actuator plans, nobody plans for all.
+    // In the decentralised flow no Planning Agent is needed.
     let entry = "[[agent]]\nname = \"planning-agent\"\nplugin = \"planning-agent\"\ndaemon = \"office-pc\"\n";
     let decentralized = SCHOOL.replace(entry, "").replace("\"centralized\"", "\"decentralized\"");
     assert_eq!(told(&decentralized, MAP), []);
@@ -322,7 +322,7 @@ fn names() {
     let twice = SCHOOL.replacen("daemon = \"rover-laptop\"\n", "daemon = \"rover-labtop\"\n", 1);
     let twice = format!("{twice}\n[[agent]]\nname = \"k\"\nplugin = \"keyboard\"\n{daemon}\n");
     check(&twice, MAP, WARNING, "files/school.toml:54", &words);
-    // One of two is called after a place.
+    // Of two similar names, the one with the name of a place in it is taken as right.
     file(
         "daemon = \"entrance-pi\"",
         "daemon = \"entrence-pi\"",
@@ -344,7 +344,7 @@ fn goals_know_what_agents_of_the_file_bring() {
     file(lunch, "(lit entrance)", WARNING, 65, &["unknown predicate `lit`", "the goal waits"]);
     let preset = SCHOOL.replace(lunch, "(looks-at camera-door door)");
     assert_eq!(told(&preset, MAP), []);
-    // Of an entry that cannot be read, nobody knows what it brings.
+    // The objects of an entry that cannot be read are unknown.
     let media = "media = { menu = \"Today: soup\" }";
     file(media, "media = [\"menu\"]", ERROR, 49, &["`media` must be a table", "media = {"]);
 }
@@ -421,18 +421,18 @@ fn the_network() {
 fn files_that_are_not_there() {
     let sandbox = sandbox(SCHOOL.as_bytes(), MAP.as_bytes());
     let run = sandbox.check("check files/scool.toml", 33);
-    // Wrapped where the line ends.
+    // The output is wrapped at the width of a line.
     let said = run.stderr.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(said.contains("did you mean `files/school.toml`?"), "{said}");
     let run = sandbox.check("check files", 33);
     assert!(run.stderr.contains("it is a folder; name a file in it"), "{}", run.stderr);
-    // Whatever its ending, it is told by what stands in it.
+    // A file is recognised by its contents, whatever its extension.
     sandbox.write("school.txt", SCHOOL.replace("../words", "words").as_bytes());
     let run = sandbox.check("check school.txt", 0);
     assert!(run.stdout.contains("ecosystem village-school"), "{}", run.stdout);
 }
 
-/// What `check` says, `up` says before it starts anything.
+/// `althing up` reports the same mistakes as `althing check`, before it starts anything.
 #[test]
 fn up_refuses_what_check_refuses() {
     let wrong = SCHOOL.replace("speed = 0.3", "speed = \"0.3\"");

@@ -49,7 +49,7 @@ fn costs_are_those_of_the_metric() {
     assert!(run.stdout.ends_with("; cost = 7 (general cost)\n"), "{}", run.stdout);
 }
 
-/// A problem that ends with this code.
+/// Checks that a problem ends with this exit code and status.
 #[track_caller]
 fn check_problem(domain: &str, problem: &str, code: i32, status: &str) {
     let sandbox = Sandbox::new(&[("domain.pddl", domain), ("evening.pddl", problem)]);
@@ -70,7 +70,7 @@ fn what_excludes_itself_is_proven_before_search() {
     check_problem(LAMP, &both, 10, "unsolvable");
 }
 
-/// Any two of three lamps can be lit.
+/// The problem: any two of three lamps can be lit, but not all three.
 #[test]
 fn what_no_two_exclude_is_proven_by_search() {
     let domain = "(define (domain lamps) (:requirements :strips :typing) (:types lamp bulb)
@@ -201,7 +201,7 @@ fn a_file_that_is_not_utf_8_is_read() {
     sandbox.check(TASK, 0);
 }
 
-/// Options that are not built are refused by name, whatever the files.
+/// Checks that an unsupported option is refused by its name, before the files are read.
 #[track_caller]
 fn check_refused(option: &str) {
     let run = Sandbox::lamp().check(&format!("{TASK} {option}"), 34);

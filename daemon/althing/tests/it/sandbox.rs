@@ -1,4 +1,5 @@
-//! A folder of files, and the binary run in it with no environment but what a test gives.
+//! A folder of files in which the binary runs, with no environment variables except those of a
+//! test.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -7,7 +8,7 @@ use expect_test::Expect;
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A domain without mistakes, for tests to use or to spoil.
+/// A domain without mistakes, for tests to use or to change.
 pub(crate) const LAMP: &str = "\
 (define (domain lamp)
   (:requirements :strips :typing)
@@ -27,7 +28,7 @@ pub(crate) const LAMP: &str = "\
     :effect (on ?l)))
 ";
 
-/// A problem of it with a plan of two steps.
+/// A problem of that domain, with a plan of two steps.
 pub(crate) const EVENING: &str = "\
 (define (problem evening)
   (:domain lamp)
@@ -36,16 +37,16 @@ pub(crate) const EVENING: &str = "\
   (:goal (on desk-lamp)))
 ";
 
-/// The plan.
+/// The plan of that problem.
 pub(crate) const PLAN: &str = "(go hall study)\n(switch desk-lamp study)\n";
 
-/// A folder that is gone after the test.
+/// A folder that is removed after the test.
 pub(crate) struct Sandbox {
     folder: TempDir,
     variables: Vec<(String, String)>,
 }
 
-/// How a run ended.
+/// The result of a run.
 pub(crate) struct Run {
     pub(crate) code: i32,
     pub(crate) stdout: String,
@@ -62,7 +63,7 @@ impl Sandbox {
         sandbox
     }
 
-    /// The lamp, with its problem and its plan.
+    /// A sandbox with the domain, its problem and its plan.
     pub(crate) fn lamp() -> Sandbox {
         Sandbox::new(&[("domain.pddl", LAMP), ("evening.pddl", EVENING), ("plan.txt", PLAN)])
     }
@@ -95,7 +96,7 @@ impl Sandbox {
         Run { code: status.code().expect("no signal"), stdout: text(stdout), stderr: text(stderr) }
     }
 
-    /// Runs and compares the exit code.
+    /// Runs `althing` and compares the exit code.
     #[track_caller]
     pub(crate) fn check(&self, arguments: &str, code: i32) -> Run {
         let run = self.run(arguments);
@@ -105,7 +106,7 @@ impl Sandbox {
 }
 
 impl Run {
-    /// Compares both streams; what depends on the clock is hidden.
+    /// Compares both streams; text that depends on the clock is hidden.
     #[track_caller]
     pub(crate) fn shows(self, stdout: Expect, stderr: Expect) -> Run {
         stdout.assert_eq(&self.stdout);
@@ -113,7 +114,7 @@ impl Run {
         self
     }
 
-    /// Stdout as the one JSON object that it is.
+    /// Parses stdout, which is one JSON object.
     #[track_caller]
     pub(crate) fn json(&self) -> Value {
         assert_eq!(self.stdout.lines().count(), 1, "{}", self.stdout);

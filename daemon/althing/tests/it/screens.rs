@@ -1,4 +1,5 @@
-//! What a stranger sees: the first screen, the help, wrong command lines.
+//! The screens of a first contact: the first screen, the help, the messages about wrong command
+//! lines.
 
 use crate::sandbox::Sandbox;
 

@@ -1,4 +1,5 @@
-//! `althing validate`: the verdict, the cost on the last line, the step and the condition that fail.
+//! `althing validate`: the verdict, the cost in the last line, the step and the condition that
+//! fail.
 
 use expect_test::{Expect, expect};
 

@@ -1,4 +1,4 @@
-//! `althing check --tree`: every PDDL file of a folder is read, and what becomes of them is counted.
+//! `althing check --tree`: reads every PDDL file of a folder, and counts the results.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -13,7 +13,7 @@ use terminal::{exit, output, visible};
 
 use crate::cli::CheckArgs;
 
-/// The kinds of files, as the table lists them.
+/// The kinds of files, in the order of the table.
 const KINDS: [(&str, &str); 4] = [
     ("domain", "domains"),
     ("problem", "problems"),
@@ -21,7 +21,7 @@ const KINDS: [(&str, &str); 4] = [
     ("unknown", "other files"),
 ];
 
-/// Reads the tree, and shows the counts and what is refused.
+/// Reads the tree, and prints the counts and the files that are refused.
 pub(super) fn run(args: &CheckArgs, folder: &Path, deadline: &Deadline) -> ExitCode {
     let tree = match pddl_tree::read(folder, &mut |_| ()) {
         Ok(tree) => tree,
@@ -42,7 +42,7 @@ pub(super) fn run(args: &CheckArgs, folder: &Path, deadline: &Deadline) -> ExitC
     })
 }
 
-/// The table, then what is refused, then what is not planned with, by reason.
+/// Formats the table, then the files that are refused, then unsupported features by reason.
 fn people(tree: &Tree, warnings: bool) -> String {
     let mut text = format!(
         "{:<15}{:>8}{:>8}{:>8}{:>13}{:>11}{:>9}\n",
@@ -101,7 +101,7 @@ fn reasons(text: &mut String, title: &str, reasons: BTreeMap<String, usize>) {
     }
 }
 
-/// By feature: how many files have it.
+/// Counts the files per unsupported feature.
 fn unsupported(tree: &Tree) -> BTreeMap<String, usize> {
     let features = tree.files.iter().filter_map(|file| match &file.outcome {
         Outcome::Unsupported(feature) => Some(general(feature)),
@@ -110,7 +110,7 @@ fn unsupported(tree: &Tree) -> BTreeMap<String, usize> {
     counted(features)
 }
 
-/// By oddity: how many files have it.
+/// Counts the files per warning.
 fn odd(tree: &Tree) -> BTreeMap<String, usize> {
     let read = tree.files.iter().filter(|file| file.outcome == Outcome::Read);
     counted(read.flat_map(|file| {
@@ -129,7 +129,7 @@ fn counted(all: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
     counts
 }
 
-/// A message without the names of one file, which stand between backquotes; those of PDDL stay.
+/// Replaces names of one file in a message, which stand between backquotes; keywords of PDDL stay.
 fn general(message: &str) -> String {
     let mut parts = message.split('`');
     let mut general = parts.next().unwrap_or_default().to_owned();
@@ -171,7 +171,7 @@ fn json_counts(counts: Counts) -> Value {
     })
 }
 
-/// What is to be said of a file; nothing of one that is read without a word.
+/// Describes a file; `None` if it was read without warnings.
 fn json_file(file: &ReadFile) -> Option<Value> {
     let (outcome, why) = match &file.outcome {
         Outcome::Read if file.warnings.is_empty() => return None,

@@ -1,5 +1,5 @@
-//! What a plugin asks for beyond the least, and a person's answer: on a terminal by yes or no, in a
-//! script by `--allow`.
+//! The consent of a person to the rights that a plugin requests beyond the default ones: on a
+//! terminal by yes or no, in a script by `--allow`.
 
 use std::io::{self, BufRead as _, IsTerminal as _};
 use std::process::ExitCode;
@@ -11,7 +11,7 @@ use terminal::{exit, output};
 use crate::cli::plugin::PluginAllowArgs;
 use crate::commands::wrong;
 
-/// Allows an installed package what it asks for.
+/// Grants an installed package the rights that it requests.
 pub(super) fn run(args: &PluginAllowArgs) -> ExitCode {
     let (json, name) = (args.print.json, &args.name);
     let failed = |problem: String| wrong(&format!("failed to {problem}"), json);
@@ -46,8 +46,8 @@ pub(super) fn run(args: &PluginAllowArgs) -> ExitCode {
     }
 }
 
-/// What of `beyond` is allowed: all of it, or nothing is done and the exit code says so. `command` is
-/// what a script writes before `--allow`.
+/// Returns the rights that are granted: all of `beyond`, or an exit code if the user does not
+/// consent. `command` is the command that a script completes by `--allow`.
 pub(super) fn consent(
     name: &str,
     beyond: &[Right],
@@ -86,7 +86,7 @@ pub(super) fn consent(
     Err(exit::with(exit::NOT_ALLOWED))
 }
 
-/// Asks a person at the terminal; anything but a yes is a no.
+/// Asks a person at the terminal. Any answer but yes counts as no.
 fn asked(question: &str) -> bool {
     output::note(question);
     let mut answer = String::new();

@@ -1,5 +1,5 @@
-//! `althing plugin check`: reads a package's files, then starts its program within its confinement, as a
-//! daemon would, and says whether its agents came.
+//! `althing plugin check`: reads a package's files, then starts its program within its confinement,
+//! as a daemon would, and reports whether its agents have joined.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -18,11 +18,11 @@ use crate::commands::{in_runtime, wrong};
 use crate::config::{self, Ecosystem};
 use crate::hosting::ITSELF;
 
-/// What was found of packages so far.
+/// The results of the packages that have been checked so far.
 #[derive(Default)]
 struct Desk {
     report: Report,
-    /// A line for each package that is right.
+    /// A line for each package that is correct.
     text: String,
     json: Vec<Value>,
 }
@@ -40,7 +40,8 @@ async fn check(args: &PluginCheckArgs) -> ExitCode {
     };
     let mut desk = Desk::default();
     for folder in &args.packages {
-        // A folder is called by its name wherever one stands, and a plugin sees it by its whole path.
+        // Messages name a package by its folder, and a plugin sees the absolute path, so the path
+        // is resolved.
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.clone());
         match Package::open(&folder) {
             Ok(package) if args.files_only => desk.right(&package, None),
@@ -63,7 +64,8 @@ async fn check(args: &PluginCheckArgs) -> ExitCode {
     output::print(desk.text, exit::DONE)
 }
 
-/// The ecosystem whose words a package is told, if there is one.
+/// Returns the ecosystem in which packages are tried; `None` if there is no file, or if only files
+/// are checked.
 fn ecosystem(args: &PluginCheckArgs) -> Result<Option<Ecosystem>, String> {
     if args.files_only {
         return Ok(None);
@@ -98,7 +100,7 @@ impl Desk {
         }
     }
 
-    /// Nothing runs with rights that nobody has allowed.
+    /// A plugin is not started with rights that no person has granted.
     fn not_started(&mut self, package: &Package, beyond: &[Right]) {
         let words: Vec<_> = beyond.iter().map(|right| format!(" --allow {right}")).collect();
         let (name, version) = (&package.manifest.name, &package.manifest.version);
@@ -140,8 +142,8 @@ impl Desk {
     }
 }
 
-/// Words for a package where there is no ecosystem file: the domain that its model names, with
-/// nothing in it.
+/// Returns a context for a package if there is no ecosystem file: the domain that its action model
+/// names, without contents.
 fn without_ecosystem(package: &Package) -> Host {
     let named = package.manifest.agents.first().and_then(|agent| {
         let (_, model) = package.model(&agent.name, &agent.config).ok()??;

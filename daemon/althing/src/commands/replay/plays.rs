@@ -1,5 +1,5 @@
-//! From a recording to what is to be said again: what agents outside the ecosystem opened, and how
-//! it ended then.
+//! Extracts from a recording what is to be replayed: the exchanges that agents outside the
+//! ecosystem opened, and how each ended in the recording.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -11,51 +11,52 @@ use keyboard::{Draft, Said, Wish};
 use crate::commands::watch::record::{Recorded, Recording};
 use crate::config::Ecosystem;
 
-/// How long answers to a message are waited for that names no time.
+/// How long to wait for answers to a message that gives no time.
 const PATIENCE: std::time::Duration = std::time::Duration::from_secs(60);
 
-/// All that is to be said again.
+/// All exchanges that are to be replayed.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Plays {
     pub(super) plays: Vec<Play>,
-    /// Messages from outside that cannot be said again: answers of people, which are not
-    /// recorded, and whatever opens nothing.
+    /// Number of messages from outside that cannot be replayed: answers of people, which are not
+    /// recorded, and messages that open no exchange.
     pub(super) left_out: usize,
 }
 
-/// One thing that was asked for.
+/// One exchange to replay.
 #[derive(Clone, Debug)]
 pub(super) struct Play {
     pub(super) who: AgentId,
-    /// When, counted from the first of them.
+    /// Time of its opening in milliseconds, counted from the first exchange.
     pub(super) after_ms: u64,
     pub(super) conversation: ConversationId,
     pub(super) words: Words,
-    /// How it ended then.
+    /// How it ended in the recording.
     pub(super) end: End,
-    /// Which of those before it had ended then: who asked may have waited for them.
+    /// The indices of earlier exchanges that had ended before this one was opened: its initiator
+    /// may have waited for them.
     pub(super) after: Vec<usize>,
 }
 
-/// What is said.
+/// The message that opens the exchange.
 #[derive(Clone, Debug)]
 pub(super) enum Words {
     Said(Said),
-    /// Give up what was asked for in this conversation of the recording, in these words.
+    /// Cancels the exchange of this conversation of the recording, by this draft.
     GiveUp(ConversationId, Draft),
 }
 
-/// How something ended.
+/// How an exchange ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum End {
-    /// It was done, or held.
+    /// The request was carried out, or the goal held.
     Done,
     Failed,
     Cancelled,
     Refused,
-    /// Nobody took it.
+    /// No agent took the request.
     Unanswered,
-    /// It went on when the recording ended.
+    /// The exchange was still running when the recording ended.
     Open,
 }
 
@@ -74,7 +75,8 @@ impl Plays {
             if let Some(Words::GiveUp(conversation, draft)) = &words
                 && !plays.plays.iter().any(|play| play.conversation == *conversation)
             {
-                // It was asked for before the recording began, and is nothing that goes on here.
+                // The goal was requested before the recording began, so it is not replayed, and the
+                // message is sent as it is.
                 words = Some(Words::Said(Said::Send(draft.clone())));
             }
             let Some(words) = words else {
@@ -100,7 +102,7 @@ impl Plays {
     }
 }
 
-/// What is to be said again of a message; `None` where it cannot be.
+/// Returns the message that replays this one; `None` if it cannot be replayed.
 fn words_of(message: &Message) -> Option<Words> {
     if message.performative == Performative::Cancel {
         let conversation = message.conversation_id.clone();
@@ -118,7 +120,7 @@ fn words_of(message: &Message) -> Option<Words> {
         Ok(Request::Execute(execute)) => Said::Act(action_of(&execute)?),
         Ok(Request::ChangeState(change)) => Said::Set(change),
         Ok(Request::SetMode(mode)) => Said::Mode(mode.mode),
-        // What was answered is not recorded: it may be a secret.
+        // Answers of people are not recorded: they may be secrets.
         Ok(Request::AnswerQuestion(_)) => return None,
         _ => Said::Send(draft_of(message)?),
     };
@@ -136,7 +138,7 @@ fn draft_of(message: &Message) -> Option<Draft> {
     })
 }
 
-/// The one action that a person asked for, under the name that its agent knows.
+/// Returns the one action that a person requested, under the name that its agent uses.
 fn action_of(execute: &Execute) -> Option<String> {
     let plan = pddl::parse_plan(&execute.plan).into_result().ok()?;
     let [step] = &plan.steps[..] else { return None };
@@ -147,7 +149,7 @@ fn action_of(execute: &Execute) -> Option<String> {
     Some(step.to_string())
 }
 
-/// How what a message opened ended in the recording, and when.
+/// Returns how the exchange that a message opened ended in the recording, and at what time.
 fn end_of(opening: &Message, messages: &[Recorded]) -> (End, Option<u64>) {
     let answers = messages.iter().filter(|Recorded { message, .. }| {
         message.in_reply_to == opening.reply_with && message.sender != opening.sender
@@ -170,7 +172,8 @@ fn end_of(opening: &Message, messages: &[Recorded]) -> (End, Option<u64>) {
 }
 
 impl End {
-    /// Whether it is no worse now than it was then: who had no end then may have any.
+    /// Whether `now` is no worse than the recorded end: an exchange without an end in the recording
+    /// may end in any way.
     pub(super) fn is_as_good_as(self, now: End) -> bool {
         self == End::Open || self == now
     }

@@ -1,8 +1,9 @@
-//! SIGHUP: the ecosystem file is read anew, and what is in it now counts.
+//! SIGHUP: reads the ecosystem file again and applies its changes.
 //!
-//! Agents that are built in come, go and begin anew; named goals are read by each command anew. All
-//! else, such as the map, is fixed when a daemon starts: a change of it is named, and the daemon gives
-//! up its commitments and begins anew under its process id. A file with a mistake changes nothing.
+//! Agents that are built in are added, removed and restarted; named goals are read by each command
+//! anyway. Everything else, such as the map, is fixed when a daemon starts: a change of it is
+//! reported, and the daemon cancels its commitments and restarts itself under its process id. A
+//! file with a mistake changes nothing.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -17,7 +18,7 @@ use super::{Place, read};
 use crate::config::{AgentEntry, Ecosystem, Overrides};
 use crate::hosting::{self, Node};
 
-/// The file as it is meant now, and how it is read again.
+/// The current configuration, and how to read it again.
 pub(super) struct Reload {
     pub(super) file: PathBuf,
     pub(super) overrides: Overrides,
@@ -27,22 +28,22 @@ pub(super) struct Reload {
     pub(super) goals: Vec<String>,
     pub(super) ecosystem: Arc<Ecosystem>,
     pub(super) place: Place,
-    /// The simulated building, where this process has it.
+    /// The simulated building; `None` if another process has it, or none is needed.
     pub(super) building: Option<Building>,
-    /// SIGHUP, where it is listened for.
+    /// The stream of SIGHUP; `None` if the daemon does not listen for it.
     pub(super) hangups: Option<Signal>,
     /// Whether the daemon was started in a terminal.
     pub(super) had_terminal: bool,
 }
 
-/// What a daemon does after SIGHUP.
+/// The reaction of a daemon to SIGHUP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Next {
     GoesOn,
     BeginsAnew,
 }
 
-/// What differs between the agents of two readings of a file.
+/// The differences between the agents of two readings of a file.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Difference {
     come: BTreeSet<AgentId>,
@@ -50,13 +51,13 @@ struct Difference {
     changed: BTreeSet<AgentId>,
 }
 
-/// Listens for SIGHUP; nothing comes where the kernel refuses that.
+/// Listens for SIGHUP; `None` if the kernel refuses that.
 pub(super) fn listen() -> Option<Signal> {
     let listening = signal(SignalKind::hangup());
     listening.inspect_err(|error| tracing::warn!(%error, "failed to listen for SIGHUP")).ok()
 }
 
-/// Waits for SIGHUP.
+/// Waits for SIGHUP; for ever if the daemon does not listen for it.
 pub(super) async fn asked_for(hangups: &mut Option<Signal>) {
     let hangup = match hangups {
         Some(hangups) => hangups.recv().await,
@@ -68,11 +69,11 @@ pub(super) async fn asked_for(hangups: &mut Option<Signal>) {
 }
 
 impl Reload {
-    /// Reads the file and changes what can be changed; says what it did, and for what the daemon has to
-    /// begin anew.
+    /// Reads the file and applies the changes that are possible. Reports what it did, or why the
+    /// daemon has to restart itself.
     pub(super) async fn again(&mut self, node: &mut Node) -> Next {
         let file = self.file.display().to_string();
-        // What is wrong is shown with its place.
+        // Mistakes are shown by `read`, with their places.
         let Ok((ecosystem, place)) = read(&self.file, &self.overrides, self.asked.as_deref())
         else {
             output::note(&format!("SIGHUP: {file} has mistakes; nothing is changed"));
@@ -140,7 +141,7 @@ fn built_in(agents: &[AgentEntry]) -> Vec<&AgentEntry> {
     agents.iter().filter(|entry| entry.is_built_in()).collect()
 }
 
-/// Whether two entries mean the same agent, wherever they stand in the file.
+/// Whether two entries define the same agent, regardless of their position in the file.
 fn is_same(one: &AgentEntry, other: &AgentEntry) -> bool {
     let AgentEntry { path: _, name, plugin, package, daemons, driver, config } = one;
     (name, plugin, package) == (&other.name, &other.plugin, &other.package)
@@ -178,7 +179,7 @@ impl Difference {
     }
 }
 
-/// The named goals that are new, gone or otherwise.
+/// Returns the named goals that are new, removed or changed.
 fn changed_goals(old: &Ecosystem, new: &Ecosystem) -> Vec<String> {
     let names: BTreeSet<&String> = old.goals.keys().chain(new.goals.keys()).collect();
     let meaning = |of: &Ecosystem, name: &str| of.goals.get(name).map(|wish| format!("{wish:?}"));
@@ -190,7 +191,7 @@ fn changed_goals(old: &Ecosystem, new: &Ecosystem) -> Vec<String> {
     said.collect()
 }
 
-/// What differs of that which is read at start only, in the words of the file.
+/// Returns the changed parts that are read only at start, named as in the file.
 fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
     fn debug(value: &impl std::fmt::Debug) -> String {
         format!("{value:?}")
@@ -205,7 +206,7 @@ fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
     let wish = |of: &Ecosystem, goal: &String| debug(&of.wish(goal).ok());
     let goals: Vec<_> =
         asked.iter().filter(|goal| wish(old, goal) != wish(new, goal)).cloned().collect();
-    // They follow from who has which agent, and hold where daemons have keys.
+    // Rights follow from the agents of each daemon, and are enforced only in a secured ecosystem.
     let is_secured = new.security.is_some();
     let parts = [
         ("the ecosystem's name", old.name != new.name),

@@ -1,9 +1,9 @@
-//! `althing watch --record`: what an ecosystem says, a line of JSON each, for `althing replay` and
-//! for whoever wants to know later.
+//! `althing watch --record`: records the messages of an ecosystem, one line of JSON each, for
+//! `althing replay` and for later inspection.
 //!
-//! A recording is a text of lines. The first says what it is a recording of ([`Header`]), each
-//! other one message ([`Recorded`]), without what people answered. It is written as it is heard: a
-//! recording that was cut off anywhere is whole up to its last line.
+//! A recording is a text of lines. The first is a [`Header`], each other one a message
+//! ([`Recorded`]), without the answers of people. It is written while messages arrive: a recording
+//! that was cut off anywhere is complete up to its last whole line.
 
 use std::fs::{File, OpenOptions, Permissions};
 use std::io::{self, BufRead as _, BufReader, BufWriter, Write as _};
@@ -26,42 +26,44 @@ use crate::commands::brief;
 use crate::commands::client::{self, Target};
 use crate::interruption;
 
-/// The version of the lines written here.
+/// The version of the format.
 const VERSION: u32 = 1;
 
-/// A line that is longer is none: a message is at most 4 MiB, and JSON in JSON a little more.
+/// Longest line in bytes that is read: a message has at most 4 MiB, and JSON within JSON is a
+/// little longer.
 const LINE_BYTES_MAX: usize = 16 << 20;
 
-/// The first line.
+/// The first line of a recording.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Header {
-    /// The version of the lines.
+    /// The version of the format.
     pub(crate) recording: u32,
-    /// Of which ecosystem.
+    /// The recorded ecosystem.
     pub(crate) ecosystem: EcosystemId,
 }
 
-/// One message.
+/// One message of a recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Recorded {
-    /// When it was heard, in milliseconds since the recording began.
+    /// Time of receipt, in milliseconds since the recording began.
     pub(crate) at_ms: u64,
-    /// How it was addressed: its key expression.
+    /// The key expression to which it was sent.
     pub(crate) key: String,
-    /// What was said.
+    /// The message, without the answers of people.
     pub(crate) message: Message,
 }
 
-/// A recording that was read.
+/// A recording that was read from a file.
 #[derive(Clone, Debug)]
 pub(crate) struct Recording {
     pub(crate) header: Header,
     pub(crate) messages: Vec<Recorded>,
-    /// Lines that are no messages, such as the last of one that was cut off.
+    /// Number of lines that are not messages, such as the last line of a recording that was cut
+    /// off.
     pub(crate) unread: usize,
 }
 
-/// Why a recording cannot be read. Completes “failed to …”.
+/// The reason why a recording cannot be read. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum RecordingError {
     /// The file cannot be read.
@@ -69,17 +71,17 @@ pub(crate) enum RecordingError {
     Io {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         #[source]
         source: io::Error,
     },
-    /// It is no recording.
+    /// The file is not a recording.
     #[error("read `{}`: its first line is not that of a recording; `althing watch --record` makes one", path.display())]
     NoRecording {
         /// The file.
         path: PathBuf,
     },
-    /// It is a newer one.
+    /// The recording has another version.
     #[error("read `{}`: it is of version {version}, and only {VERSION} is known here", path.display())]
     Version {
         /// The file.
@@ -89,22 +91,22 @@ pub(crate) enum RecordingError {
     },
 }
 
-/// How a message was addressed, and what it says.
+/// The key expression and the content of a message.
 type Heard = (String, Bytes);
 
-/// Writes a recording, up to a size.
+/// Writes a recording up to a size.
 struct Recorder {
     file: BufWriter<File>,
     began: Instant,
     left: u64,
     written: u64,
-    /// Messages that could not be read.
+    /// Number of messages that could not be decoded.
     unread: u64,
-    /// Messages that came faster than they were written.
+    /// Number of messages that arrived faster than they were written.
     missed: Arc<AtomicU64>,
 }
 
-/// Records until Ctrl-C, or until the file is as large as it may be.
+/// Records until Ctrl-C, or until the file has reached its maximum size.
 pub(super) fn run(
     target: &Target,
     conversation: Option<String>,
@@ -175,8 +177,8 @@ async fn record(
     Ok(())
 }
 
-/// Makes a file that its owner alone reads, whatever the umask: people's words are in it. One that is
-/// there is emptied, and closed to others.
+/// Creates a file that only its owner can read, whatever the umask: it contains the words of
+/// people. An existing file is emptied, and closed to other users.
 fn private_file(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     let file = options.write(true).create(true).truncate(true).mode(0o600).open(path)?;
@@ -187,8 +189,8 @@ fn private_file(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Keeps a message until it is written. A full queue loses a line of a recording, which is counted, and
-/// nothing else.
+/// Queues a message until it is written. If the queue is full, the message is missing in the
+/// recording; it is counted in `missed`.
 fn keep(waiting: &mpsc::Sender<Heard>, missed: &AtomicU64, heard: Heard) {
     if let Err(TrySendError::Full(_)) = waiting.try_send(heard) {
         missed.fetch_add(1, Ordering::Relaxed);
@@ -208,7 +210,7 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Writes a message; `false` if there is no room for it.
+    /// Writes a message. Returns `false` if there is no room for it.
     fn take(&mut self, key: String, message: &Message) -> io::Result<bool> {
         let at_ms = u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX);
         let is_written = self.line(&Recorded { at_ms, key, message: discreet(message) })?;
@@ -232,7 +234,7 @@ impl Recorder {
         output::note(&format!("{written} messages in {time}, in {}{left_out}", file.display()));
     }
 
-    /// What is not in the recording, in words.
+    /// Describes what is missing in the recording.
     fn left_out(&self) -> String {
         let missed = self.missed.load(Ordering::Relaxed);
         let counts = [(self.unread, "could not be read"), (missed, "came too fast to be written")];
@@ -248,7 +250,7 @@ impl Recording {
     ///
     /// # Errors
     ///
-    /// If the file cannot be read, or is none.
+    /// Returns an error if the file cannot be read or is not a recording.
     pub(crate) fn read(path: &Path) -> Result<Recording, RecordingError> {
         let failed = |source| RecordingError::Io { path: path.to_owned(), source };
         let mut lines = BufReader::new(File::open(path).map_err(failed)?).lines();
@@ -261,7 +263,7 @@ impl Recording {
         }
         let mut recording = Recording { header, messages: Vec::new(), unread: 0 };
         for line in lines {
-            // What cannot be read as text is no line of ours.
+            // A line that is not text was not written by a recorder.
             let read = line.ok().filter(|line| line.len() <= LINE_BYTES_MAX);
             match read.and_then(|line| serde_json::from_str::<Recorded>(&line).ok()) {
                 Some(recorded) => recording.messages.push(recorded),
@@ -272,7 +274,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// How long it lasts.
+    /// Returns the time of the last message.
     pub(crate) fn lasts(&self) -> Duration {
         Duration::from_millis(self.messages.last().map_or(0, |last| last.at_ms))
     }

@@ -1,4 +1,5 @@
-//! The agents of an ecosystem: their names, their plugins, and what their entries refer to.
+//! The agents of an ecosystem: checks their names, their plugins, and the references in their
+//! entries.
 
 use std::collections::BTreeSet;
 
@@ -13,8 +14,8 @@ use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::RawAgent;
 use crate::config::reader;
 
-/// Where the `config` of an agent names a place of the map, whatever its plugin; `*` stands for every
-/// key of a table or every element of a list.
+/// The keys of an agent's `config` that name a place of the map, for every plugin; `*` stands for
+/// every key of a table or every element of a list.
 const PLACES: &[&str] = &[
     "location",
     "start",
@@ -25,13 +26,13 @@ const PLACES: &[&str] = &[
     "patrol.places.*",
     "rooms.*",
 ];
-/// Keys of `config` that mean the same for every plugin: the name of another agent.
+/// The keys of `config` that name another agent, for every plugin.
 const CARRIERS: &[&str] = &["mounted-on"];
 
 // === impl Meaning ===
 
 impl Meaning<'_> {
-    /// All agents that are right; what is wrong with the others is reported.
+    /// Returns all agents with correct entries; mistakes in the others are reported.
     pub(super) fn agents(&mut self, raw: Vec<RawAgent>, files: Option<&Files>) -> Vec<AgentEntry> {
         let names: Vec<Option<String>> = raw.iter().map(|agent| agent.name.clone()).collect();
         let given = raw.iter().any(|agent| !agent.daemon.is_empty());
@@ -50,7 +51,7 @@ impl Meaning<'_> {
     }
 
     fn agent(&mut self, path: &str, raw: RawAgent, files: Option<&Files>) -> Option<AgentEntry> {
-        // What it may offer is for `rights`.
+        // The actions that it may offer are left to `rights`.
         let RawAgent { name, plugin, package, daemon, driver, config, actions: _ } = raw;
         let name = self.agent_name(path, name, files);
         if let Some(package) = package {
@@ -82,7 +83,8 @@ impl Meaning<'_> {
         Some(AgentEntry { path, name: name?, plugin, package, daemons, driver, config })
     }
 
-    /// The name of a package: whether it is there, only the machine knows that hosts it.
+    /// Checks the name of a package. Whether the package exists is known only on the machine that
+    /// hosts the agent.
     fn package(&mut self, path: &str, package: String) -> Option<String> {
         match AgentId::new(&package) {
             Ok(_) => Some(package),
@@ -93,7 +95,8 @@ impl Meaning<'_> {
         }
     }
 
-    /// Of what a package brings there is one.
+    /// Reports an error if an agent from a package is assigned to several daemons: such agents
+    /// cannot stand by.
     fn one_host(&mut self, path: &str, hosts: &[DaemonId]) {
         if hosts.len() > 1 {
             self.about_value(&format!("{path}.daemon"), |span| {
@@ -103,7 +106,7 @@ impl Meaning<'_> {
         }
     }
 
-    /// The daemons that host an agent.
+    /// Returns the daemons that host an agent; `None` with a report if a name is invalid.
     fn hosts(
         &mut self,
         path: &str,
@@ -197,7 +200,7 @@ impl Meaning<'_> {
         None
     }
 
-    /// Whether the plugin has this driver; if not, that is said.
+    /// Whether the plugin has this driver; if not, that is reported.
     fn driver(&mut self, path: &str, plugin: &str, drivers: &[&str], driver: &str) -> bool {
         if drivers.contains(&driver) {
             return true;
@@ -214,7 +217,7 @@ impl Meaning<'_> {
         false
     }
 
-    /// What in an entry's `config` names a place or another agent.
+    /// Checks the values in an entry's `config` that name a place or another agent.
     fn references(
         &mut self,
         path: &str,
@@ -245,7 +248,7 @@ impl Meaning<'_> {
         }
     }
 
-    /// Some agents are given to daemons and this one is not: probably forgotten.
+    /// Warns about an agent that is assigned to no daemon while others are: probably forgotten.
     fn homeless(&mut self, path: &str, name: Option<&str>) {
         let agent = name.map_or("an agent".to_owned(), |name| format!("agent `{name}`"));
         let message = format!("{agent} is given to no daemon");
@@ -254,13 +257,13 @@ impl Meaning<'_> {
     }
 }
 
-/// The spots that an entry adds to the places of the map.
+/// Returns the poses that an entry adds to the places of the map.
 fn poses(agent: &RawAgent) -> impl Iterator<Item = &String> {
     let poses = agent.config.get("poses").and_then(Value::as_object);
     poses.into_iter().flat_map(|poses| poses.keys())
 }
 
-/// The texts that stand where a pattern points, each with its own path.
+/// Returns the texts at a pattern, each with its own path.
 fn texts_at<'v>(value: &'v Value, pattern: &str) -> Vec<(String, &'v str)> {
     let mut found = vec![(String::new(), value)];
     for step in pattern.split('.') {

@@ -9,13 +9,13 @@ use terminal::report::{Source, similar_name};
 
 use super::Meaning;
 
-/// Of a map with hundreds of objects, as many as are listed.
+/// Most objects of a map that are listed in a message.
 const OBJECTS_LISTED_MAX: usize = 12;
 
-/// How many folders above the one of the file are looked into for a path that was meant.
+/// How many levels above the file's folder are searched for the path that was probably meant.
 const FOLDERS_ABOVE_MAX: usize = 3;
 
-/// Both files, as far as they can be read.
+/// Ontology and map, as far as they can be read.
 pub(super) struct Files {
     pub(super) domain: Domain,
     pub(super) problem: Problem,
@@ -23,14 +23,14 @@ pub(super) struct Files {
     pub(super) map_source: Arc<Source>,
     /// The lines of the map that could not be read.
     damaged: String,
-    /// Whether both are free of errors, so that what is checked against them means something.
+    /// Whether both are free of errors; otherwise checks against them prove nothing.
     pub(super) are_sound: bool,
 }
 
 // === impl Meaning ===
 
 impl Meaning<'_> {
-    /// Reads both; their own mistakes are reported in their own texts.
+    /// Reads both files; mistakes in them are reported in their own texts.
     pub(super) fn files(
         &mut self,
         domain: Option<String>,
@@ -62,7 +62,8 @@ impl Meaning<'_> {
         self.report.count(pddl::Severity::Error)
     }
 
-    /// The text of a file that the ecosystem file names relative to itself.
+    /// Reads a file that the ecosystem file names relative to itself; `None` with a report if that
+    /// fails.
     fn named_file(
         &mut self,
         key: &str,
@@ -92,7 +93,7 @@ impl Meaning<'_> {
 }
 
 impl Meaning<'_> {
-    /// The text, unless it is plainly one of another kind: domain and map are easily exchanged.
+    /// Returns the text unless it is clearly of another kind: domain and map are easily exchanged.
     fn of_kind(&mut self, key: &str, written: &str, source: Arc<Source>) -> Option<Arc<Source>> {
         let is = match pddl::parse_document(&source.text).value {
             Some(Document::Domain(_)) => ("domain", "a domain (types, predicates, functions)"),
@@ -117,7 +118,8 @@ impl Meaning<'_> {
 // === impl Files ===
 
 impl Files {
-    /// What is wrong with the name of a place that is to be on the map, and what would be right.
+    /// Returns message and help about a name that should be on the map and is not; `None` if it is,
+    /// or may be.
     pub(super) fn unknown_object(&self, name: &str) -> Option<(String, String)> {
         if self.objects().any(|object| object == name) || self.is_damaged(name) {
             return None;
@@ -133,7 +135,7 @@ impl Files {
         Some((format!("there is no `{name}` on the map"), help))
     }
 
-    /// Whether it is a word in a part of the map that could not be read.
+    /// Whether a name occurs in a part of the map that could not be read.
     fn is_damaged(&self, name: &str) -> bool {
         pddl_files::has_word(&self.damaged, name)
     }
@@ -143,7 +145,7 @@ impl Files {
         self.objects().any(|object| object.eq_ignore_ascii_case(name))
     }
 
-    /// As many names as a person reads.
+    /// Lists up to [`OBJECTS_LISTED_MAX`] objects of the map.
     fn some_objects(&self) -> String {
         let mut names: Vec<String> =
             self.objects().take(OBJECTS_LISTED_MAX).map(str::to_owned).collect();
@@ -160,7 +162,7 @@ impl Files {
     }
 }
 
-/// The path without `x/..`, for people to read.
+/// Removes `x/..` from a path, for display.
 fn shortened(path: &Path) -> PathBuf {
     let mut short = PathBuf::new();
     for component in path.components() {
@@ -175,8 +177,8 @@ fn shortened(path: &Path) -> PathBuf {
     short
 }
 
-/// The path, relative to a folder, that was likely meant: from a folder above, within a folder that was
-/// named, or of a file with a similar name.
+/// Returns the path, relative to a folder, that was probably meant: in a folder above, within the
+/// folder that was named, or a file with a similar name.
 fn path_meant(folder: &Path, written: &str) -> Option<String> {
     let path = folder.join(written);
     if path.is_dir() {
@@ -198,7 +200,7 @@ fn path_meant(folder: &Path, written: &str) -> Option<String> {
     Some(parent.map_or(near.clone(), |parent| format!("{}/{near}", parent.display())))
 }
 
-/// The names in a folder, in order: folders list their files in any.
+/// Returns the names in a folder, sorted, because their order is otherwise arbitrary.
 fn file_names(folder: &Path) -> Vec<String> {
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let entries = std::fs::read_dir(here).into_iter().flatten().flatten();

@@ -1,5 +1,5 @@
-//! Named goals: PDDL inside TOML, with mistakes shown at their very place. Whether the words of a goal
-//! are known is asked later (`review`), when it is known what the agents bring.
+//! Named goals: PDDL inside TOML, with mistakes at their place in the text. Whether the words of a
+//! goal are known is checked later (`review`), when the agents' action models are known.
 
 use std::collections::BTreeMap;
 
@@ -36,7 +36,7 @@ impl Meaning<'_> {
     }
 }
 
-/// Moves a place of a goal's text to where that text stands in the file.
+/// Moves a diagnostic from the text of a goal to the place of that text in the file.
 pub(crate) fn moved(
     mut found: Diagnostic,
     source: &Source,
@@ -58,8 +58,8 @@ pub(crate) fn moved(
     found
 }
 
-/// Where in a TOML string as written its content begins; `None` where escapes make the two differ.
-/// What stands in the environment has no quotes.
+/// Returns the offset at which the content of a TOML string begins; `None` if escapes make content
+/// and text differ. A value from the environment has no quotes.
 fn content_start(written: &str, content: &str) -> Option<usize> {
     ["\"\"\"\n", "\"\"\"\r\n", "'''\n", "'''\r\n", "\"\"\"", "'''", "\"", "'", ""]
         .iter()

@@ -1,4 +1,5 @@
-//! Where an ecosystem meets others: names, references, dictionaries that can be read both ways.
+//! Interfaces to other ecosystems: checks names, references, and that each vocabulary is
+//! reversible.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,14 +13,14 @@ use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::{RawInterface, RawRule};
 use crate::config::{InterfaceEntry, RuleEntry};
 
-/// Messages a second that pass where nothing is said: a robot that drives says two or three, and
-/// ten robots are a lot to lend.
+/// Default for the messages per second that may pass: a robot that drives needs two or three, and
+/// ten robots are many for one loan.
 const RATE: f64 = 20.0;
 
 // === impl Meaning ===
 
 impl Meaning<'_> {
-    /// All interfaces that are right; what is wrong with the others is reported.
+    /// Returns all interfaces that are correct; mistakes in the others are reported.
     pub(super) fn interfaces(
         &mut self,
         raw: Vec<RawInterface>,
@@ -91,7 +92,8 @@ impl Meaning<'_> {
         })
     }
 
-    /// A word that two of ours stand for could not be taken back.
+    /// Reports words of the other ecosystem that stand for two of ours: they could not be
+    /// translated back.
     fn both_ways(&mut self, path: &str, words: &BTreeMap<String, String>) {
         let mut first: BTreeMap<String, &str> = BTreeMap::new();
         for (ours, theirs) in words {
@@ -167,7 +169,7 @@ impl Meaning<'_> {
         AgentId::new(name?).map_err(|err| self.invalid_name(path, &err)).ok()
     }
 
-    /// What comes from there must not meet a name of ours.
+    /// Reports a name for an imported agent that this ecosystem uses already.
     fn is_free(
         &mut self,
         path: &str,
@@ -197,14 +199,14 @@ impl Meaning<'_> {
     }
 }
 
-/// Whose agents a rule is about.
+/// The ecosystem in which the agents of a rule run.
 #[derive(Clone, Copy)]
 enum Side {
     Ours,
     Theirs,
 }
 
-/// PDDL compares without case.
+/// Converts words to lower case, because PDDL ignores case.
 fn lowered(words: BTreeMap<String, String>) -> BTreeMap<String, String> {
     words.into_iter().map(|(ours, theirs)| (ours.to_lowercase(), theirs.to_lowercase())).collect()
 }

@@ -1,4 +1,4 @@
-//! Whether the ecosystem is secured, and who may do what in it.
+//! Security settings of the ecosystem, and the rights of its agents and daemons.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -13,18 +13,18 @@ use crate::config::ecosystem::{AgentEntry, SecuritySettings};
 use crate::config::find;
 use crate::config::raw::{RawAgent, RawRights, RawSecurity};
 
-/// Stands for everyone.
+/// Stands for all daemons or agents.
 const ALL: &str = "*";
-/// Stands for all that the file does not name.
+/// Stands for all agents that the file does not name.
 const GUESTS: &str = "guests";
 
-/// The plugins whose agents are the ecosystem's reasoning: what others may ask for, they carry out.
+/// The plugins of the reasoning agents: they carry out the requests of other agents.
 const REASONING: &[&str] =
     &["domain-maintainer", "journal", "plan-executor", "plan-requester", "planning-agent"];
 
 const DAY: Duration = Duration::from_secs(24 * 3_600);
 
-/// The actions that agents may offer, by name, where their entries limit them.
+/// Returns the actions that agents may offer, by agent name, for entries that limit them.
 pub(super) fn limited_actions(agents: &[RawAgent]) -> BTreeMap<String, BTreeSet<String>> {
     let lower = |actions: &Vec<String>| actions.iter().map(|each| each.to_lowercase()).collect();
     let limited = agents.iter().filter_map(|RawAgent { name, actions, .. }| {
@@ -36,7 +36,7 @@ pub(super) fn limited_actions(agents: &[RawAgent]) -> BTreeMap<String, BTreeSet<
 // === impl Meaning ===
 
 impl Meaning<'_> {
-    /// How the ecosystem is secured: only where its file says so.
+    /// Returns the security settings; `None` unless the ecosystem's file has `[security]`.
     pub(super) fn security(
         &mut self,
         raw: RawSecurity,
@@ -55,7 +55,7 @@ impl Meaning<'_> {
         })
     }
 
-    /// Who may do what.
+    /// Returns the rights of agents and daemons.
     pub(super) fn rights(
         &mut self,
         raw: &RawRights,
@@ -78,7 +78,7 @@ impl Meaning<'_> {
         }
     }
 
-    /// Rights that nobody enforces are probably not meant.
+    /// Warns about rights in an ecosystem that is not secured: they are not enforced.
     fn toothless(&mut self, agents: usize) {
         if self.is_in_file("security") {
             return;
@@ -136,7 +136,7 @@ impl Meaning<'_> {
         self.about_value(path, |span| Diagnostic::error(span, message).with_help(help));
     }
 
-    /// Whether the ecosystem's file says something here.
+    /// Whether the ecosystem's file sets this path.
     fn is_in_file(&self, path: &str) -> bool {
         self.layers.get(1).is_some_and(|file| file.places.contains_key(path))
     }

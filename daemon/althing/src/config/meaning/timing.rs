@@ -1,4 +1,4 @@
-//! Times and bounds: no impossible pairs.
+//! Times and bounds: checks that they fit together.
 
 use std::time::Duration;
 
@@ -15,14 +15,14 @@ type Rule<'t> = (&'t str, Duration, &'t str, Duration, bool, &'t str);
 // === impl Meaning ===
 
 impl Meaning<'_> {
-    /// The settings that agents live by.
+    /// Returns the times and bounds for all agents, and reports wrong ones.
     pub(super) fn settings(&mut self, timing: &RawTiming, limits: &RawLimits) -> Settings {
         let settings = settings(timing, limits);
         let errors_before = self.report.findings().len();
         for rule in rules(&settings) {
             self.rule(rule);
         }
-        // Whatever `agent` finds impossible beyond these rules.
+        // Settings that `agent` rejects beyond these rules.
         if self.report.findings().len() == errors_before
             && let Some(problem) = settings.problem()
         {
@@ -35,7 +35,7 @@ impl Meaning<'_> {
         if long > short || equal && long == short {
             return;
         }
-        // Blame what somebody wrote, not a default that he may not know of.
+        // Reports the value that the user has written, not a default that the user may not know.
         let path = |key: &str| format!("timing.{key}");
         let is_default = |key: &str| {
             self.place(&path(key)).is_none_or(|(source, _)| source.name == DEFAULTS_NAME)
@@ -49,7 +49,7 @@ impl Meaning<'_> {
 }
 
 fn settings(timing: &RawTiming, limits: &RawLimits) -> Settings {
-    // No `..`: a new key must be understood here.
+    // No `..`, so that a new key cannot be overlooked here.
     let RawTiming {
         heartbeat_period,
         heartbeat_lease,

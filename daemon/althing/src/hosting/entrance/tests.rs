@@ -1,4 +1,4 @@
-//! Daemons that come, leave and die in a folder of their own.
+//! Daemons that enter, leave and crash in a folder of the test's own.
 
 use std::collections::BTreeSet;
 use std::os::unix::fs::PermissionsExt as _;
@@ -21,8 +21,8 @@ async fn come(folder: &TempDir, name: &str) -> Stay {
     enter(folder.path(), &daemon(name)).await.expect("the folder is ours")
 }
 
-/// Lets a daemon end as the kernel lets it end: nothing is said, the lock is gone. Yields by which
-/// path it was called.
+/// Ends a daemon as a crash does: its ticket and its link stay, the lock is released. Returns the
+/// link.
 fn kill(folder: &TempDir, name: &str, stay: Stay) -> PathBuf {
     let ticket = folder.path().join(name).with_extension(TICKET);
     let (said, target) = (fs::read(&ticket).expect("it lived"), stay.life.clone());
@@ -32,7 +32,7 @@ fn kill(folder: &TempDir, name: &str, stay: Stay) -> PathBuf {
     target
 }
 
-/// Whom a daemon calls, by name.
+/// Returns the names of the daemons to which a daemon connects.
 fn called(stay: &Stay) -> Vec<&str> {
     let names = stay.others.iter().filter_map(|path| path.file_stem()?.to_str());
     names.collect()
@@ -85,7 +85,8 @@ async fn nobody_comes_just_after_another_has_left() {
     let first = come(&folder, "first").await;
     assert_eq!(began.elapsed(), Duration::ZERO, "nobody was here");
     drop(first);
-    // Just now, however busy this machine is.
+    // The time of leaving is in the future, so that the test does not depend on how busy this
+    // machine is.
     leaves_at(&folder, "first", SystemTime::now() + REST);
     let other = come(&folder, "other").await;
     assert!(began.elapsed() >= REST, "came after {:?}", began.elapsed());
@@ -123,7 +124,7 @@ async fn who_leaves_while_one_waits_is_waited_for_too() {
 async fn who_leaves_again_and_again_keeps_nobody_out() {
     let folder = folder();
     drop(come(&folder, "first").await);
-    // It leaves whenever somebody looks.
+    // The ticket shows at every check that the daemon has just left.
     leaves_at(&folder, "first", SystemTime::now() + 100 * REST);
     let began = Instant::now();
     come(&folder, "second").await;

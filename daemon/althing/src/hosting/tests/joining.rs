@@ -1,5 +1,5 @@
-//! Somebody who could do better joins while a plan runs: a much cheaper plan is adopted and the
-//! old commitments are given up; a little cheaper is not worth what is under way.
+//! An agent that could do better joins while a plan runs: a much cheaper plan is adopted and the
+//! old commitments are cancelled; a slightly cheaper one does not replace the plan under way.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ fn robot() -> [String; 2] {
     ]
 }
 
-/// A thermometer in office2 that asks so much for a reading.
+/// A thermometer in office2 that reports the temperature at this cost.
 fn thermometer(cost: f64) -> Script {
     let plan = "(report-temperature guest office2)\n".to_owned();
     Script {
@@ -34,12 +34,12 @@ fn thermometer(cost: f64) -> Script {
     }
 }
 
-/// Lets the robot set out for office2; what its plan costs.
+/// Waits until the robot is on its way to office2. Returns the cost of its plan.
 async fn set_out(office: &Office, person: &mut Person) -> f64 {
     person.wish("(known-temperature office2)", Keep::Achieve).await;
     let plan = person.hears_of("a plan of").await;
     let (_, cost) = plan.rsplit_once(' ').expect("its cost");
-    // It is on its way, and nowhere yet.
+    // It has departed, and not arrived anywhere yet.
     tokio::time::sleep(Duration::from_secs(2)).await;
     assert!(!office.building.truth().any(|event| matches!(event, Event::Moved { .. })));
     cost.parse().expect("a number")
@@ -57,7 +57,7 @@ async fn a_much_cheaper_plan_is_adopted_and_the_robot_is_free() {
         let why = "planning anew: with `guest` there is a much cheaper plan";
         assert!(told.contains(why), "{mode:?}: {told}");
         assert_eq!(guest.asked(), ["report-temperature"], "{mode:?}");
-        // The robot was called back: it measured nothing, and takes what comes next.
+        // The robot was called back: it has measured nothing, and takes the next goal.
         assert!(person.reaches("(at turtlebot-1 office1)").await, "{mode:?}: {:#?}", person.lines);
         let truth = office.building.truth();
         let in_vain = |event: &Event| matches!(event, Event::Moved { to, .. } if to == "office2");

@@ -1,4 +1,4 @@
-//! What bad input gets: each ends with a clear reason to whoever asked, in bounded time.
+//! Wrong input: each case ends with a clear reason for the sender, in bounded time.
 
 use std::time::Duration;
 
@@ -20,7 +20,7 @@ use crate::hosting::supervisor;
 
 const DONE_AT_ONCE: Conduct = Conduct::Confirms(Duration::ZERO);
 
-/// Blesses rooms, which nobody else does.
+/// An agent that blesses rooms, which no other agent can.
 fn blesser(name: &str, cost: f64, conduct: Conduct) -> Script {
     Script {
         model: format!(
@@ -40,7 +40,7 @@ fn offer(conjunct: &str, plan: &str, cost: f64) -> (String, String, f64) {
     (conjunct.to_owned(), format!("{plan}\n"), cost)
 }
 
-/// Asks for a goal that cannot be reached; the last word, and how long it took.
+/// Requests a goal that cannot be reached. Returns the last report, and how long it took.
 async fn last_word(person: &mut Person, goal: &str) -> (String, Duration) {
     let begun = Instant::now();
     assert!(!person.reaches(goal).await, "{:#?}", person.lines);
@@ -53,7 +53,7 @@ async fn read<T: serde::de::DeserializeOwned>(office: &Office, of: &str, what: R
     serde_json::from_slice(answers.first().expect("an answer")).expect("it is one")
 }
 
-// === who advertises what it does not do ===
+//  agents that advertise actions that they do not perform ===
 
 #[tokio::test(start_paused = true)]
 async fn who_refuses_what_it_advertises_is_named_and_asked_no_more() {
@@ -68,7 +68,7 @@ async fn who_refuses_what_it_advertises_is_named_and_asked_no_more() {
         assert!(why.contains(reason), "{mode:?}: {why}");
         assert!(took < Duration::from_secs(5), "{mode:?}: {took:?}");
         assert_eq!(liar.asked(), ["bless"], "{mode:?}");
-        // Another way is taken, and the liar is asked once for each goal.
+        // Another agent's action is used, and the liar is asked once for each goal.
         let honest = blesser("honest", 7.0, DONE_AT_ONCE);
         let honest = Stranger::enter(&office, "honest", honest).await;
         assert!(person.reaches("(blessed office1)").await, "{mode:?}: {:#?}", person.lines);
@@ -87,7 +87,7 @@ async fn who_agrees_and_falls_silent_is_tried_three_times_and_named() {
         let (why, took) = last_word(&mut person, "(blessed office1)").await;
         assert!(why.contains("`silent` did not answer in time"), "{mode:?}: {why}");
         assert_eq!(silent.asked().len(), 3, "{mode:?}");
-        // Three times its method's time, and thirty seconds between them.
+        // Three times the method's timeout, with thirty seconds between the attempts.
         assert!(took < Duration::from_secs(120), "{mode:?}: {took:?}");
         office.close().await;
     }
@@ -110,7 +110,7 @@ async fn a_full_mailbox_is_told_and_tried_again() {
     }
 }
 
-/// Asks for as many goals as it is told, all at one instant, and counts what it hears.
+/// An agent that requests a number of goals, all at one instant, and forwards the answers.
 struct Flood {
     asks: usize,
     heard: mpsc::UnboundedSender<String>,
@@ -175,7 +175,7 @@ async fn what_overflows_a_mailbox_is_refused_at_once_and_the_rest_is_served() {
 
 // === a model that changes under a running plan ===
 
-/// Needs candles before it blesses, which takes five seconds to find.
+/// An agent that needs candles before it blesses; fetching them takes five seconds.
 fn careful(more: &str, before: &str) -> Script {
     let conduct = Conduct::Confirms(Duration::from_secs(5));
     let plan = "(fetch guest)\n(bless guest office1)";
@@ -272,7 +272,7 @@ async fn who_withdraws_an_action_under_a_running_plan_is_named() {
 
 // === an actuator that confirms what is not true ===
 
-/// Confirms that it moved, and says where it still is.
+/// An agent that confirms that it moved, and reports facts that contradict it.
 fn stuck(name: &str, cost: f64) -> Script {
     Script {
         model: format!(
@@ -306,7 +306,7 @@ async fn who_confirms_what_its_own_word_denies_is_not_believed_for_long() {
         assert!(why.contains(reason), "{mode:?}: {why}");
         assert_eq!(stuck.asked().len(), 3, "{mode:?}: tried again, and not for ever");
         assert!(took < Duration::from_secs(60), "{mode:?}: {took:?}");
-        // What is to be kept is tried ever more rarely, and every time the user is told.
+        // A kept goal is retried ever more rarely, and the user gets a report each time.
         person.lines.clear();
         person.wish("(parked stuck office1)", Keep::Maintain).await;
         let ten_minutes = tokio::time::sleep(Duration::from_secs(600));
@@ -316,7 +316,7 @@ async fn who_confirms_what_its_own_word_denies_is_not_believed_for_long() {
         }
         assert!((5..=12).contains(&stuck.asked().len()), "{mode:?}: {:?}", stuck.asked());
         assert!(person.lines.iter().any(|line| line.contains(reason)), "{:#?}", person.lines);
-        // It was stuck and is not: what it confirms is so.
+        // The agent is no longer stuck: what it confirms is true.
         stuck.script(|script| script.facts = "(parked stuck office1)".to_owned());
         assert!(person.hears().await, "{mode:?}: {:#?}", person.lines);
         office.close().await;
@@ -344,13 +344,13 @@ async fn a_plan_that_rests_on_a_false_confirmation_ends_there() {
         person.hears_of("a plan of 2 steps").await;
         let begun = Instant::now();
         person.hears_of("`stuck` confirmed it, yet says `(parked stuck office2)`").await;
-        // Five seconds for the first step, and a heartbeat: the second is not waited for.
+        // Five seconds for the first step, and a heartbeat: the second step is not waited for.
         assert!(begun.elapsed() < Duration::from_secs(8), "{mode:?}: {:?}", begun.elapsed());
         assert_eq!(stuck.asked(), ["park", "serve"], "{mode:?}");
         assert!(!person.hears().await, "{mode:?}: {:#?}", person.lines);
         let asked = stuck.asked();
-        // The Domain Maintainer may hear of the deed after the word against it, and go by it until
-        // the next: then the second step is asked for once more.
+        // The Domain Maintainer may receive the confirmation after the heartbeat that contradicts
+        // it, and believe it until the next heartbeat: then the second step is requested once more.
         let parked = asked.iter().filter(|action| *action == "park").count();
         assert!(parked == 3 && asked.len() <= 9, "{mode:?}: {asked:?} {:#?}", person.lines);
         office.close().await;
@@ -386,7 +386,7 @@ async fn two_who_report_different_numbers_do_not_take_turns() {
     office.close().await;
 }
 
-// === a question that nobody answers ===
+//  a question without an answer ===
 
 #[tokio::test(start_paused = true)]
 async fn a_question_that_nobody_answers_ends_with_that_reason() {
@@ -401,7 +401,7 @@ async fn a_question_that_nobody_answers_ends_with_that_reason() {
     }
 }
 
-// === goals that are true already, and that never will be ===
+//  goals that are true already, and goals that never will be ===
 
 #[tokio::test(start_paused = true)]
 async fn a_goal_that_is_true_already_costs_nobody_anything() {
@@ -443,7 +443,7 @@ async fn a_goal_that_can_never_be_true_names_the_conjunct() {
     }
 }
 
-// === who is restarted and asks anew ===
+//  a user agent that is restarted and requests its goal again ===
 
 #[tokio::test(start_paused = true)]
 async fn a_later_life_of_an_asker_keeps_its_goal_once() {
@@ -451,7 +451,8 @@ async fn a_later_life_of_an_asker_keeps_its_goal_once() {
         let config = "{ start = \"office2\" }";
         let robots = ["turtlebot-1", "turtlebot-2"].map(|name| entry(name, "turtlebot", config));
         let office = Office::open(&robots, mode).await;
-        // A life that hears that it holds, and one that ends while the robot is on its way.
+        // Incarnations that receive the report that the goal holds, and one that ends while the
+        // robot is on its way.
         for (robot, patience) in [(1, 60), (1, 60), (2, 0), (2, 60)] {
             let stopping = CancellationToken::new();
             let (keyboard, terminal) = Keyboard::with_terminal();

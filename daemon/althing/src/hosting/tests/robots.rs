@@ -4,7 +4,7 @@ use ::building::Event;
 
 use super::{MODES, Mode, Office, entry};
 
-/// A robot that comes 10 m far, from the corridor to a room of 4 m and back and no further.
+/// A robot with a range of 10 m: from the corridor to a room at 4 m and back, and no further.
 fn robot(more: &str) -> [String; 1] {
     let config = format!(
         "{{ start = \"corridor\", dock = \"corridor\", battery = {{ range = 10.0{more} }}, \
@@ -28,7 +28,7 @@ async fn a_plan_drives_past_the_dock_where_the_battery_does_not_last() {
         assert!(truth.any(recharged), "6 m are further than 5 m last");
         assert_eq!(truth.charge("turtlebot-1"), Some(4.0), "{mode:?}");
         assert_eq!(truth.place_of("turtlebot-1"), Some("office2"));
-        // Back are 6 m, and the dock is there.
+        // The way back is 6 m, and the dock is there.
         assert!(!person.reaches("(at turtlebot-1 corridor)").await, "{:#?}", person.lines);
         office.close().await;
     }
@@ -40,7 +40,7 @@ async fn with_an_empty_battery_it_offers_no_move_until_it_is_charged() {
     let mut person = office.person("user");
     assert!(person.reaches("(at turtlebot-1 office1)").await, "{:#?}", person.lines);
     office.building.set_charge("turtlebot-1", 0.0).expect("it has a battery");
-    // It learns at its next move that the battery is empty, and then does not offer any.
+    // The robot finds out at its next move that the battery is empty, and then offers no move.
     assert!(!person.reaches("(at turtlebot-1 corridor)").await, "{:#?}", person.lines);
     let before = office.building.truth();
     assert!(!person.reaches("(at turtlebot-1 corridor)").await, "{:#?}", person.lines);
@@ -84,7 +84,7 @@ async fn it_goes_home_by_itself_before_its_battery_is_empty() {
                       battery = { range = 20.0, charge = 8.5 } }";
         let office = Office::open(&[entry("turtlebot-1", "turtlebot", config)], mode).await;
         let mut person = office.person("user");
-        // 4 m there leave 4.5 m, less than a quarter of its range, and enough for the way back.
+        // 4 m of way leave 4.5 m: less than a quarter of its range, and enough for the way back.
         assert!(person.reaches("(at turtlebot-1 office1)").await, "{:#?}", person.lines);
         let truth =
             office.until("it charges, and nobody asked for it", |truth| truth.any(recharged));
@@ -95,7 +95,7 @@ async fn it_goes_home_by_itself_before_its_battery_is_empty() {
     }
 }
 
-/// A robot that looks at the corridor every minute, and carries a thermometer.
+/// A robot that visits the corridor every minute, and carries a thermometer.
 fn patrol() -> [String; 2] {
     let config = "{ start = \"office2\", patrol = { places = [\"corridor\"], every = \"1m\" } }";
     [
@@ -104,7 +104,7 @@ fn patrol() -> [String; 2] {
     ]
 }
 
-/// How often the robot came to the corridor.
+/// Returns how often the robot has arrived in the corridor.
 fn came(truth: &::building::Truth) -> usize {
     let is_there = |event: &Event| matches!(event, Event::Moved { to, .. } if to == "corridor");
     truth.occurrences().filter(|occurrence| is_there(&occurrence.event)).count()
@@ -131,7 +131,7 @@ async fn a_patrol_under_way_gives_way() {
         office.until("it sets out by itself", |truth| came(truth) == 1).await;
         let mut person = office.person("user");
         assert!(person.reaches("(at turtlebot-1 conf-room)").await, "{:#?}", person.lines);
-        // It has to go back to the corridor, and is on its way.
+        // The robot must return to the corridor, and is on its way.
         let departed = |truth: &::building::Truth| {
             let departs =
                 |event: &Event| matches!(event, Event::Departed { to, .. } if to == "corridor");

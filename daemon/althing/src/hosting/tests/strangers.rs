@@ -1,4 +1,4 @@
-//! Agents of a test's own, who do what the test tells them, whatever they say they do.
+//! Test agents that behave as the test sets, whatever their action model declares.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -13,38 +13,38 @@ use capability::model_digest;
 
 use super::Office;
 
-/// What a stranger does when it is asked to act.
+/// The behaviour of a test agent when it is asked to act.
 #[derive(Clone, Copy)]
 pub(super) enum Conduct {
     /// Refuses.
     Refuses(Reason),
-    /// Refuses so many times, and then does it.
+    /// Refuses this many times, and then confirms.
     RefusesAtFirst(usize, Reason),
-    /// Agrees, and is not heard of again.
+    /// Agrees, and sends nothing more.
     FallsSilent,
-    /// Confirms after this time; whether it did anything is another matter.
+    /// Confirms after this time, whether or not it has done anything.
     Confirms(Duration),
 }
 
-/// What a stranger says, and does.
+/// The declarations and the behaviour of a test agent.
 pub(super) struct Script {
-    /// Its actions and what else stands in its model, without the head.
+    /// The body of its action model, without the head.
     pub(super) model: String,
-    /// What its heartbeats say.
+    /// The facts in its heartbeats.
     pub(super) facts: String,
     pub(super) conduct: Conduct,
-    /// What it proposes, each for one conjunct: the conjunct, the plan, the cost.
+    /// Its proposals, each for one conjunct: the conjunct, the plan, the cost.
     pub(super) offers: Vec<(String, String, f64)>,
     /// The actions it was asked for.
     pub(super) asked: Vec<String>,
 }
 
-/// A test's hold on a stranger.
+/// Handle of a test agent.
 #[derive(Clone)]
 pub(super) struct Stranger(Arc<Mutex<Script>>);
 
 impl Stranger {
-    /// Lets a stranger in and waits until everybody knows of it.
+    /// Launches a test agent and waits until all agents know it.
     pub(super) async fn enter(office: &Office, name: &str, script: Script) -> Stranger {
         let stranger = Stranger(Arc::new(Mutex::new(script)));
         let id = AgentId::new(name).expect("a name");
@@ -54,7 +54,7 @@ impl Stranger {
         stranger
     }
 
-    /// Looks at its script, or changes it.
+    /// Reads or changes its script.
     pub(super) fn script<T>(&self, look: impl FnOnce(&mut Script) -> T) -> T {
         look(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }

@@ -1,5 +1,6 @@
-//! No special machine: reasoning agents on two daemons, of which one acts; it is killed in the middle
-//! of a plan, or all are, and every accepted goal goes on, with nothing done twice.
+//! No single point of failure: reasoning agents run on two daemons, and one of them is the leader.
+//! It is killed in the middle of a plan, or all are, and every accepted goal continues, with
+//! nothing done twice.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -11,7 +12,7 @@ use substrate::Ask;
 
 use super::*;
 
-/// Who reasons, and who keeps.
+/// The plugins of the reasoning agents.
 const REASONING: [&str; 4] =
     ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
 
@@ -26,17 +27,18 @@ struct City {
 }
 
 impl City {
-    /// `alpha` and `beta` reason, `gamma` has a robot that carries a thermometer, and a person.
+    /// `alpha` and `beta` host the reasoning agents; `gamma` has a robot that carries a
+    /// thermometer, and a person.
     async fn open(mode: Mode) -> City {
         City::with(&REASONING, mode).await
     }
 
-    /// The same, and nobody writes anything down.
+    /// The same, without Journals.
     async fn without_journals(mode: Mode) -> City {
         City::kept(&REASONING, &[], mode).await
     }
 
-    /// These reason on `alpha` and `beta`, the others on `gamma`.
+    /// The agents in `on_both` run on `alpha` and `beta`, the others on `gamma`.
     async fn with(on_both: &[&str], mode: Mode) -> City {
         City::kept(on_both, &["alpha", "beta"], mode).await
     }
@@ -94,7 +96,7 @@ impl City {
             .insert(name.to_owned(), node.unwrap_or_else(|error| panic!("failed to {error}")));
     }
 
-    /// As a SIGKILL of its process.
+    /// Ends a daemon as a SIGKILL of its process does.
     async fn kill(&mut self, name: &str) {
         self.network.kill(&DaemonId::new(name).expect("a name"));
         let node = self.nodes.remove(name).expect("it runs");
@@ -103,7 +105,7 @@ impl City {
         node.drain().await;
     }
 
-    /// As a SIGTERM.
+    /// Ends a daemon as a SIGTERM does.
     async fn stop(&mut self, name: &str) {
         let node = self.nodes.remove(name).expect("it runs");
         assert!(node.drain().await, "all that it did is given up");
@@ -116,7 +118,7 @@ impl City {
         Person { terminal, lines: Vec::new() }
     }
 
-    /// Which daemon's agent of this name acts.
+    /// Returns the daemon that hosts the leader of this name.
     fn acting(&self, agent: &str) -> String {
         let id = AgentId::new(agent).expect("a name");
         let found = self.nodes["gamma"].switchboard().find(&id);
@@ -173,7 +175,7 @@ async fn the_death_of_all_who_reason_leaves_the_plan_going_on() {
         assert_eq!(moves.last().map(String::as_str), Some("office2"), "{mode:?}: {told}");
         assert_eq!(told.matches("a plan of").count(), 1, "{mode:?}: {told}");
 
-        // Who comes back stands by.
+        // The daemon that comes back is a standby.
         city.start("alpha").await;
         assert!(person.reaches("(known-temperature office1)").await, "{:#?}", person.lines);
         assert_eq!(city.acting("plan-requester"), "beta", "{mode:?}");
@@ -255,7 +257,7 @@ async fn who_stands_by_has_heard_what_requests_changed() {
     while city.acting("domain-maintainer") != "beta" {
         tokio::time::sleep(Duration::from_millis(100)).await;
     }
-    // It looks around before it acts.
+    // A new leader queries the others before it acts.
     tokio::time::sleep(Duration::from_secs(1)).await;
     let agent = AgentId::new("domain-maintainer").ok();
     let ask = Ask { daemon: None, resource: Resource::State, agent };

@@ -1,4 +1,4 @@
-//! The camera: what it takes, what it sees by itself, and scenario 3 of the paper.
+//! The camera: its pictures, its observations, and scenario 3 of the paper.
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -23,7 +23,7 @@ fn camera(more: &str) -> String {
     entry("camera-1", "ptz-camera", &config)
 }
 
-/// A robot at whose screen people log in.
+/// A robot with a screen at which people log in.
 fn robot(login: &str) -> String {
     let config = format!("{{ start = \"office2\", login = {{ {login} }} }}");
     entry("turtlebot-1", "turtlebot", &config)
@@ -74,7 +74,7 @@ async fn what_moves_is_known_by_itself_and_only_while_it_moves() {
 
 // === scenario 3 ===
 
-/// A person at a keyboard: answers each question with the next of these.
+/// A person at a keyboard that answers each question with the next of these answers.
 struct Visitor {
     answers: VecDeque<&'static str>,
 }
@@ -125,7 +125,7 @@ async fn who_enters_is_seen_and_validated_at_the_robot() {
     }
 }
 
-/// Asks for validation with these answers of two people; whether it was reached.
+/// Requests validation while two people give these answers. Returns `true` if it was reached.
 async fn validates(login: &str, first: &[&'static str], second: &[&'static str]) -> bool {
     let office = Office::open(&[robot(login)], Mode::Decentralized).await;
     visit(&office, "terminal-1", first);
@@ -160,7 +160,7 @@ async fn a_question_that_somebody_has_answered_is_closed_elsewhere() {
     let (closed, why) = there.hears_closed().await;
     assert_eq!((closed, &*why), (question, "withdrawn: answered at `here`"));
     assert!(asker.hears().await, "{:#?}", asker.lines);
-    // Whoever looks for questions finds none, and whoever answers it is told so.
+    // A query for open questions returns none, and an answer to a closed question is refused.
     let ask = Ask { daemon: None, resource: Resource::Questions, agent: None };
     let answers = office.node.switchboard().ask(ask, PATIENCE).await;
     let open = answers
@@ -176,8 +176,8 @@ async fn a_question_that_somebody_has_answered_is_closed_elsewhere() {
     office.close().await;
 }
 
-/// A stranger's tool on the wire of an ecosystem without keys hears every message, also that by which
-/// a person answers a question of another keyboard.
+/// A foreign tool on the network of an ecosystem without keys receives every message, also the one
+/// by which a person answers a question of another keyboard.
 #[tokio::test(start_paused = true)]
 async fn a_pin_is_nowhere_in_what_is_overheard() {
     const PIN: &str = "31415";

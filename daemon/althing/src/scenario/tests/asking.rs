@@ -1,4 +1,4 @@
-//! A person's questions to an office of the tests, and the answers.
+//! Requests to an office of the tests, and their answers.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use tokio::sync::mpsc;
 use crate::scenario::stage::{self, Set, Stage};
 use crate::scenario::temperatures;
 
-/// Asks once, and tells what is answered until the last word.
+/// Sends one request, and forwards the answers up to the final one.
 struct Asker {
     to: &'static str,
     protocol: Protocol,
@@ -41,7 +41,7 @@ impl Agent for Asker {
     }
 }
 
-/// Whether an answer is the last, and what it says.
+/// Returns whether an answer is the final one, and its text.
 fn words(message: &Message) -> (bool, String) {
     if message.performative == Performative::Confirm {
         let report: Report = message.content_as().expect("a report");
@@ -51,12 +51,12 @@ fn words(message: &Message) -> (bool, String) {
     (true, format!("{}: {}", message.performative, refusal.detail))
 }
 
-/// What the Domain Maintainer answers to `who`.
+/// Sends a request for `who` to the Domain Maintainer. Returns its answer.
 pub(super) async fn change(set: &Set, who: &str, request: Request) -> String {
     ask(set, who, "domain-maintainer", Protocol::StateChange, request).await.remove(0)
 }
 
-/// What `to` answers to `who`, until the last word.
+/// Sends a request for `who` to the agent `to`. Returns all answers up to the final one.
 pub(super) async fn ask(
     set: &Set,
     who: &str,
@@ -76,7 +76,7 @@ pub(super) async fn ask(
             break;
         }
     }
-    // What follows from it is announced.
+    // Waits until the consequences have been announced.
     tokio::time::sleep(Duration::from_millis(500)).await;
     told
 }

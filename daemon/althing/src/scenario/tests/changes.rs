@@ -1,5 +1,5 @@
-//! What anyone may change by request while the house lives: what the Domain Maintainer answers,
-//! what it shows, and that it reaches the actuators' own maintainers.
+//! Changes by request in a running ecosystem: the Domain Maintainer's answers, its state, and that
+//! changes reach the actuators' own maintainers.
 
 use std::time::Duration;
 
@@ -50,13 +50,13 @@ async fn what_is_changed_by_request_reaches_those_who_plan_alone() {
         assert!(known.problem.contains("(* 2 (total-cost))"));
         assert!(known.offers.keys().all(|agent| agent.as_str() != sensor));
     }
-    // What is known for a while is over for all.
+    // A temporary fact has expired in all maintainers.
     tokio::time::sleep(Duration::from_secs(20)).await;
     let local: Snapshot = read(&set, &sensor, Resource::Domain).await;
     assert!(!local.problem.contains("(known-humidity office2)"));
 }
 
-/// Passes on what the Domain Maintainer announces of requests.
+/// Forwards the Domain Maintainer's announcements of requests.
 struct Listener(mpsc::UnboundedSender<EpochChange>);
 
 impl Agent for Listener {
@@ -95,7 +95,7 @@ async fn what_is_new_is_told_alone_and_all_of_it_a_moment_later() {
         if who == "ann" {
             continue;
         }
-        // Once for all that came within a second.
+        // Announced once for all changes within a second.
         let all = announced.recv().await.and_then(|change| change.requested).expect("all");
         let expected = if who == "bob" { vec![one, two] } else { vec![two] };
         assert_eq!(facts(all.facts), expected);

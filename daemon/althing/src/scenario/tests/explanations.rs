@@ -1,4 +1,4 @@
-//! What people are told where there is no plan, in the whole house.
+//! Explanations for users if there is no plan, in a whole ecosystem.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use crate::scenario::stage::Set;
 const REASONING: &[&str] =
     &["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
 
-/// The last word on the temperature of `room`.
+/// Requests a goal. Returns the final report.
 async fn wish(set: &Set, who: &str, goal: &str) -> String {
     let achieve = Achieve::new(goal, Keep::Achieve, 0);
     let request = Request::Achieve(achieve);
@@ -34,13 +34,14 @@ async fn who_is_here_and_cannot_then_who_would_have_to_come() {
         let (set, sensor) = office(mode).await;
         let goal = "(forall (?r - room) (known-temperature ?r))";
         unplug(&set, |agent| !REASONING.contains(&agent));
-        // They are masked at once, and removed after a while.
+        // The agents' actions are masked at once, and removed after a while.
         tokio::time::sleep(Duration::from_millis(200)).await;
         let told = wish(&set, "ann", goal).await;
         let silent = format!("`{sensor}` does not offer `report-temperature` now");
         assert!(told.starts_with("failed: no agent can `report-temperature` at "), "{told}");
         assert!(told.contains(&silent), "{mode:?}: {told}");
-        // With the agents go their objects and schemas; what they could do is remembered.
+        // Objects and schemas are removed with the agents; the actions that they offered are still
+        // known.
         tokio::time::sleep(Duration::from_secs(600)).await;
         let told = wish(&set, "bob", goal).await;
         assert!(told.starts_with("failed: no agent can `report-temperature` at "), "{told}");

@@ -13,13 +13,13 @@ use super::MODES;
 use crate::scenario::stage::{self, Set, Stage};
 use crate::scenario::temperatures;
 
-/// Longer than anything here takes in the building's time.
+/// Longer than any goal here takes, in the building's time.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// How often the devices are asked for: they come within milliseconds.
+/// Most attempts to wait for the devices: they arrive within milliseconds.
 const ARRIVALS_MAX: usize = 50;
 
-/// The office, and one keyboard per user: what each hears is of their goal alone.
+/// The office, and one keyboard per user, so that each receives only the reports of its own goal.
 struct Office {
     set: Set,
     users: Vec<User>,
@@ -41,7 +41,7 @@ impl Office {
             .await
             .expect("the stage");
         let mut office = Office { set, users: Vec::new() };
-        // A goal that asks for every room is done once all devices are here.
+        // A goal about every room is reached once all devices are there.
         let all = "(forall (?r - room) (known-temperature ?r))";
         for _ in 0..ARRIVALS_MAX {
             let user = office.ask(all, Keep::Achieve, 0).await;
@@ -52,7 +52,7 @@ impl Office {
         panic!("the devices never came: {:#?}", office.users.last().map(|user| &user.heard));
     }
 
-    /// A new user asks for a goal.
+    /// Requests a goal for a new user. Returns the user's index.
     async fn ask(&mut self, goal: &str, keep: Keep, priority: i32) -> usize {
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(&format!("user-{}", self.users.len())).expect("a name");
@@ -63,7 +63,7 @@ impl Office {
         self.users.len() - 1
     }
 
-    /// What a user hears next.
+    /// Returns the next report that a user receives.
     async fn hears(&mut self, user: usize) -> (Outcome, String) {
         let User { terminal, goal, heard } = &mut self.users[user];
         loop {
@@ -84,12 +84,12 @@ impl Office {
         }
     }
 
-    /// Listens until a user hears of this.
+    /// Waits until a user receives a report with these words.
     async fn until(&mut self, user: usize, words: &str) {
         while !self.hears(user).await.1.contains(words) {}
     }
 
-    /// Listens until a goal holds or has ended.
+    /// Waits until a goal holds or has ended.
     async fn end_of(&mut self, user: usize) -> Outcome {
         loop {
             let (outcome, _) = self.hears(user).await;
@@ -99,7 +99,7 @@ impl Office {
         }
     }
 
-    /// Where the robot truly is.
+    /// Returns the true place of the robot.
     fn robot(&self) -> String {
         self.place_of("turtlebot-1")
     }

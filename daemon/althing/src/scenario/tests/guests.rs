@@ -1,4 +1,4 @@
-//! Agents whom no building knows, and who do not do what they say.
+//! Agents that are not part of the building, and that do not do what they announce.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use capability::model_digest;
 
 use crate::hosting::Node;
 
-/// What a guest does when it is asked to act.
+/// The behaviour of a guest when it is asked to act.
 #[derive(Clone, Copy, PartialEq)]
 enum Conduct {
     Refuses,
@@ -49,7 +49,7 @@ fn enter(node: &Node, conduct: Conduct) {
     node.launch(id, Guest { conduct, beats: 0 }, "smart-office");
 }
 
-/// Says that it measures office1.
+/// An agent that announces that it can measure office1.
 struct Guest {
     conduct: Conduct,
     beats: u64,

@@ -1,5 +1,5 @@
-//! A lab with a sensor of every quantity: what a user is told is what is so; who moves is seen at
-//! once; a sensor that failed comes back.
+//! A lab with a sensor of every quantity: reported values are true, motion is seen at once, and a
+//! sensor that failed recovers.
 
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ const ONTOLOGY: &str = include_str!("../../../../../domains/smart-office/domain.
 const MAP: &str = "(define (problem lab) (:domain smart-office) (:objects lab den - room)
     (:init (= (total-cost) 0)) (:goal (and)) (:metric minimize (total-cost)))";
 
-/// Longer than a sensor that failed rests, and what failed is avoided.
+/// Longer than a failed sensor rests, and longer than its action is avoided.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 struct Lab {
@@ -75,7 +75,7 @@ async fn open(mode: Mode) -> Lab {
     let node = Node::open(part, Wire::Memory(Network::new())).await.expect("a node");
     let (keyboard, terminal) = Keyboard::with_terminal();
     node.launch(AgentId::new("user").expect("a name"), keyboard, "smart-office");
-    // Everybody's model is heard.
+    // Waits until all action models have been received.
     tokio::time::sleep(Duration::from_secs(2)).await;
     Lab { building, node, terminal, _folder: folder }
 }
@@ -86,7 +86,7 @@ impl Lab {
         self.terminal.say.send(Said::Wish(wish)).await.expect("a keyboard");
     }
 
-    /// Listens until the goal is reached or holds; what was observed meanwhile.
+    /// Receives reports until the goal is reached or holds. Returns the observations up to then.
     async fn until_it_holds(&mut self) -> Result<String, String> {
         let mut observed = String::new();
         loop {
@@ -116,9 +116,9 @@ async fn every_quantity_that_is_asked_for_is_told_as_it_is() {
         for quantity in Quantity::all() {
             let name = quantity.name();
             let truly = match quantity {
-                // What the ecosystem file says.
+                // The value in the ecosystem file.
                 Quantity::Co2 => 777.0,
-                // Known before it is asked for, if it is yes.
+                // A true value of these would be announced before the request.
                 Quantity::Motion | Quantity::Reflection | Quantity::Contact => 0.0,
                 _ => 12.5,
             };
@@ -146,7 +146,7 @@ async fn who_moves_is_seen_within_a_heartbeat_and_nobody_asked() {
     for mode in MODES {
         let mut lab = open(mode).await;
         lab.wish("(motion lab)", Keep::Maintain).await;
-        // Just after a heartbeat, so that only an announcement of its own is fast enough.
+        // Shortly after a heartbeat, so that only an immediate announcement is fast enough.
         tokio::time::sleep(Duration::from_millis(3_050)).await;
         lab.building.set("den", Quantity::Motion, 1.0).expect("a possible value");
         let begun = Instant::now();
