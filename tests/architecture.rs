@@ -1,12 +1,13 @@
-//! Executes ARCHITECTURE.md: what the map promises as an absence is looked for here.
+//! Tests that the code keeps the promises of ARCHITECTURE.md. Each promise is an absence, which is
+//! searched for here.
 //!
-//! - `layers`: which crate may know which, asked of `cargo metadata`.
-//! - `purity`: what the pure crates and the production source do not contain.
-//! - `length`: no function past 70 lines that is not known already.
-//! - `source`: reads Rust just well enough for the above, and is tested itself.
+//! - `layers`: which crate may depend on which, according to `cargo metadata`.
+//! - `purity`: what the pure crates and the production source must not contain.
+//! - `length`: no function longer than 70 lines, except for known ones.
+//! - `source`: a minimal reader of Rust source for the above, with its own tests.
 //!
-//! Adding a crate to the workspace needs a line in `layers::LAYERS`; adding an exception needs a
-//! reason, and an exception that nothing needs any more fails as well.
+//! A new crate of the workspace needs a line in `layers::LAYERS`. A new exception needs a reason; an
+//! exception that is no longer needed fails as well.
 
 #[path = "architecture/layers.rs"]
 mod layers;
@@ -19,7 +20,7 @@ mod source;
 
 use std::path::PathBuf;
 
-/// The workspace's folder.
+/// Returns the workspace's folder.
 fn root() -> PathBuf {
     let tests = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     tests.parent().expect("invariant: `tests` is a folder of the workspace").to_owned()

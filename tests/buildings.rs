@@ -1,5 +1,5 @@
-//! The buildings of `ecosystems/` beside the office: each comes up from its files alone, and what
-//! its goals promise comes to pass.
+//! The buildings of `ecosystems/` other than the office: each starts from its files alone and reaches
+//! its goals.
 
 mod support;
 
@@ -11,7 +11,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// A building whose files have no mistake.
+/// Returns an office for a building, after checking that its files have no mistake.
 fn building(name: &str) -> Office {
     let path = |path: String| root().join(path);
     let file = path(format!("ecosystems/{name}.toml"));
@@ -24,16 +24,16 @@ fn building(name: &str) -> Office {
     building
 }
 
-/// All of a building on one machine, when its devices can be planned with.
+/// Starts a whole building on one machine, and waits until its devices can be planned with.
 fn up(name: &str, mode: &str, devices: usize) -> Office {
     let mut building = building(name);
-    // By no name of the file: a machine that is alone hosts everything.
+    // Without a daemon name of the file: a machine that is alone hosts everything.
     building.up_alone(&["--mode", mode]);
     building.await_devices(devices);
     building
 }
 
-/// The goal is reached; what was said on the way.
+/// Reaches a goal; returns the output.
 fn reach(building: &Office, goal: &str) -> String {
     let (code, said) = building.ask(&["goal", goal]);
     assert_eq!(code, Some(0), "{goal}: {said}");
@@ -41,7 +41,7 @@ fn reach(building: &Office, goal: &str) -> String {
     said
 }
 
-/// What the ecosystem knows, as JSON.
+/// Returns the known state as JSON.
 fn known(building: &Office) -> String {
     building.ask_json(&["state"]).to_string()
 }
@@ -77,7 +77,7 @@ fn robots_of_the_ward_ride_the_lift() {
     }
 }
 
-/// One house of the campus and the machine that reasons: the rest of it is not there yet.
+/// One house of the campus and the reasoning machine: the other houses are not started yet.
 #[test]
 fn a_house_of_the_campus_is_measured_by_its_own() {
     for mode in ["centralized", "decentralized"] {
@@ -88,13 +88,13 @@ fn a_house_of_the_campus_is_measured_by_its_own() {
     }
 }
 
-/// All of it, in one process.
+/// The whole campus in one process.
 #[test]
 fn a_campus_of_a_hundred_devices_plans_together() {
     for mode in ["centralized", "decentralized"] {
         let campus = up("campus", mode, 100);
         house_a_is_measured(&campus);
-        // The rest of it, in one goal that spans all houses.
+        // The remaining rooms in one goal that spans all houses.
         let all = reach(&campus, "temperatures");
         for house in ["b", "c", "d", "e"] {
             let of_house = |line: &&str| line.contains(&format!(" °C at {house}-"));

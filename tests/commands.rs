@@ -1,4 +1,4 @@
-//! The commands that talk to a running ecosystem, and what wrong wishes get.
+//! The commands that talk to a running ecosystem, and the answers to invalid requests.
 
 mod support;
 
@@ -38,7 +38,7 @@ fn an_office_of_four_machines() {
     let snapshot = office.ask_json(&["domain"]);
     assert!(snapshot["offers"]["turtlebot-1"]["move"].is_object(), "{snapshot}");
 
-    // Wrong wishes: a clear answer each, and the office goes on.
+    // Invalid requests: each gets a clear answer, and the office goes on.
     let (code, unknown) = ask(&office, &["goal", "(known-temprature office1)"]);
     assert_eq!(code, Some(1), "{unknown}");
     assert!(unknown.contains("known-temperature"), "the likely name: {unknown}");
@@ -136,7 +136,7 @@ fn a_question_is_answered_or_ends_at_its_deadline() {
     };
     let (code, none) = ask(&office, &["answer"]);
     assert_eq!((code, none.as_str()), (Some(0), "no agent asks anybody\n"));
-    // Not shorter: beside others' work the question may have to be said twice.
+    // Not shorter: on a busy machine the question may have to be sent twice.
     let (code, refused) = ask(&office, &["send", &question(2_000)]);
     assert_eq!(code, Some(1), "{refused}");
     assert!(refused.contains("nobody is at a terminal of `keyboard`"), "{refused}");
@@ -161,7 +161,7 @@ fn a_question_is_answered_or_ends_at_its_deadline() {
     assert!(asking.wait().is_ok_and(|status| status.success()));
 }
 
-/// A command under way, its lines read as they come.
+/// Starts a command and returns its lines as they come.
 fn begin(office: &Office, arguments: &[&str]) -> (Child, std::sync::mpsc::Receiver<String>) {
     let file = file();
     let mut command = office.command(&[arguments, &["--ecosystem", &file]].concat());

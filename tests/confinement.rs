@@ -1,10 +1,9 @@
 //! Attacks of a confined plugin on a real daemon: on its sockets, on the owner's files, on other
-//! processes, on what the kernel counts. Each way to confine is tried by itself: a kernel that has all
-//! of them, one without namespaces, one without Landlock, and the calls that the shipped unit lets
-//! through.
+//! processes, on kernel limits. Each way to confine is tested alone: with a kernel that has all of
+//! them, without namespaces, without Landlock, and with the system calls that the shipped unit allows.
 //!
-//! What the kernel of this machine lacks is left out, loudly; the same attacks succeed without a
-//! confinement, or they would prove nothing.
+//! Tests that need a missing feature of this kernel are skipped with a report. Without a confinement
+//! the same attacks must succeed, otherwise they would prove nothing.
 
 mod support;
 
@@ -28,14 +27,14 @@ const ATTACKS: &str = include_str!("confinement/attacks.py");
 const FILTERED: &str = include_str!("confinement/filtered.py");
 const KEY: &str = "nobody else's";
 
-/// What a plugin with `network` may do as well.
+/// Attacks that succeed for a plugin with the `network` right.
 const ONLINE: [&str; 4] = [
     "connects-over-tcp",
     "opens-a-socket-of-udp",
     "opens-a-socket-of-tcp",
     "opens-a-socket-of-netlink",
 ];
-/// What a plugin may do in any case.
+/// Actions that succeed for every plugin.
 const RIGHTS: [&str; 6] = [
     "writes-at-home",
     "reads-its-package",
@@ -45,7 +44,7 @@ const RIGHTS: [&str; 6] = [
     "pairs-sockets",
 ];
 
-/// Whom the attacks are aimed at.
+/// Targets of the attacks.
 struct Targets {
     process: Decoy,
     named: UnixListener,
@@ -57,7 +56,7 @@ struct Targets {
     before: String,
 }
 
-/// A process of this test, ended with it.
+/// A process of this test that ends with it.
 struct Decoy(Child);
 
 impl Drop for Decoy {
@@ -87,7 +86,7 @@ impl Targets {
         Targets { process, named, name, _datagram: datagram, shared, tcp, key, before }
     }
 
-    /// Says where they are, beside the attacks.
+    /// Writes the targets and the attacks into the package.
     fn describe(&self, folder: &Path, sockets: &[PathBuf]) {
         let outside = self.key.parent().expect("a folder");
         let inside = folder.join("inside");
@@ -102,7 +101,7 @@ impl Targets {
         fs::write(folder.join("attacks.py"), ATTACKS).expect("a file");
     }
 
-    /// Looks at the truth: nothing was changed, and nobody came.
+    /// Checks that no target was changed and no socket was connected to.
     fn are_as_they_were(&mut self, inside: &Path, is_online: bool) {
         for file in [&self.key, &inside.to_owned()] {
             assert_eq!(fs::read_to_string(file).expect("it is there"), KEY, "{}", file.display());
@@ -119,7 +118,7 @@ impl Targets {
     }
 }
 
-/// The limits of a process and where it may run, as the kernel says.
+/// Returns the limits of a process and its allowed processors, as the kernel reports them.
 fn limits(decoy: &Decoy) -> String {
     let read = |file: &str| fs::read_to_string(format!("/proc/{}/{file}", decoy.0.id()));
     let status = read("status").expect("it lives");
@@ -137,7 +136,7 @@ fn has_python() -> bool {
     is_there
 }
 
-/// The sockets on which daemons are met.
+/// Returns the sockets of all daemons.
 fn sockets_of_daemons(folder: &Path) -> Vec<PathBuf> {
     let mut sockets = Vec::new();
     for entry in fs::read_dir(folder).expect("a folder").flatten() {
@@ -152,7 +151,7 @@ fn sockets_of_daemons(folder: &Path) -> Vec<PathBuf> {
     sockets
 }
 
-/// An office in which `command` makes the command of the daemon: from a program and its arguments.
+/// Starts an office; `command` makes the daemon's command from a program and its arguments.
 fn office(more: &str, command: impl FnOnce(&Office, &[&str]) -> Command) -> Office {
     let office = Office::new();
     let file = office.write("lab.toml", &(lab("decentralized") + more));
@@ -170,7 +169,7 @@ fn plainly(office: &Office, daemon: &[&str]) -> Command {
     command
 }
 
-/// All daemons of this office say where they stand; what the one says of itself.
+/// Returns the answer of the office's daemon to `plugin list`.
 fn list(office: &Office) -> Value {
     office.ask_json(&["plugin", "list"])["daemons"][0].clone()
 }
@@ -186,8 +185,8 @@ fn await_listed(office: &Office, is_so: impl Fn(&Value) -> bool) -> Value {
     }
 }
 
-/// Waits until a plugin, or its host about it, has said something; all of its log then. What stands in a
-/// log stays there; the reason of a state is gone with the next.
+/// Waits until the log of a plugin contains a text; returns the whole log. The log is used because the
+/// reason of a state disappears with the next state.
 fn await_logged(office: &Office, name: &str, text: &str) -> String {
     let deadline = Instant::now() + PATIENCE;
     loop {
@@ -199,7 +198,7 @@ fn await_logged(office: &Office, name: &str, text: &str) -> String {
     }
 }
 
-/// The package that attacks, outside of the folder of plugins.
+/// Builds the attacking package, outside the folder of plugins.
 fn package(office: &Office, targets: &Targets, network: bool) -> PathBuf {
     let folder = office.folder().join("made").join("attacker");
     fs::create_dir_all(&folder).expect("a folder");
@@ -214,7 +213,7 @@ fn package(office: &Office, targets: &Targets, network: bool) -> PathBuf {
     folder
 }
 
-/// Puts the attacker in, waits until it has tried all, and looks at what it could do.
+/// Installs the attacker, waits until it has tried everything, and checks which attacks succeeded.
 fn attack(office: &Office, network: bool) {
     let mut targets = Targets::new(office.folder());
     let folder = package(office, &targets, network);
@@ -232,12 +231,12 @@ fn attack(office: &Office, network: bool) {
     let may = RIGHTS.into_iter().chain(ONLINE.into_iter().filter(|_| network)).collect();
     assert_eq!(succeeded, may, "{said}");
     targets.are_as_they_were(&inside, network);
-    // The daemon is as well as before.
+    // The daemon still works.
     let (code, said) = office.ask(&["agents"]);
     assert!(code == Some(0) && said.contains("plan-executor"), "{said}");
 }
 
-/// Puts a package in, and allows what it asks to read.
+/// Installs a package and allows the reading that it asks for.
 fn add(office: &Office, package: &str, allowed: &[&str]) {
     let read = format!("read={}", office.folder().join("shared").display());
     let add = [&["plugin", "add", package, "--allow", &read], allowed].concat();
@@ -252,13 +251,13 @@ fn attack_both_ways(command: impl Fn(&Office, &[&str]) -> Command) {
     }
 }
 
-/// The calls that a filter answers with an error, by their names.
+/// Returns the system calls that a filter answers with an error, by number.
 fn errors(calls: &[(&str, i32)]) -> Vec<(i32, i32)> {
     let number = |name: &str| Sysno::from_str(name).ok().map(|call| call.id());
     calls.iter().filter_map(|(name, error)| Some((number(name)?, *error))).collect()
 }
 
-/// How the kernel calls this machine in filters (`AUDIT_ARCH_…`).
+/// Returns the kernel's identifier of this machine in filters (`AUDIT_ARCH_…`).
 fn machine() -> Option<u32> {
     BTreeMap::from([("x86_64", 0xc000_003e), ("aarch64", 0xc000_00b7)])
         .get(std::env::consts::ARCH)
@@ -370,12 +369,12 @@ fn a_plugin_reaches_nothing_where_there_is_no_landlock() {
     attack_both_ways(|office, daemon| filtered(office, &rules, daemon));
 }
 
-/// `ENOSYS`: the kernel has no such call.
+/// Returns `ENOSYS`: the kernel has no such call.
 fn no_call() -> i32 {
     rustix::io::Errno::NOSYS.raw_os_error()
 }
 
-/// The calls that the shipped unit lets through, as this machine's systemd understands it.
+/// Returns the calls that the shipped unit allows, as this machine's systemd expands them.
 fn calls_of_the_unit() -> Option<BTreeSet<i32>> {
     let output = Command::new("systemd-analyze").arg("syscall-filter").output().ok()?;
     let text = String::from_utf8(output.stdout).ok().filter(|_| output.status.success())?;
@@ -405,7 +404,7 @@ fn calls_of_the_unit() -> Option<BTreeSet<i32>> {
             }
         }
     }
-    // Of what systemd itself needs to begin a program, nothing can be forbidden.
+    // The calls that systemd itself needs to start a program cannot be forbidden.
     allowed.extend(expanded(&groups, "@default").iter().map(|call| (*call).to_owned()));
     Some(
         allowed
@@ -455,7 +454,7 @@ fn where_confinement_is_required_and_lacks_something_no_plugin_runs() {
         return;
     }
     let Some(machine) = machine() else { return left_out("this machine is of an unknown kind") };
-    // Neither namespaces nor Landlock.
+    // Neither namespaces nor Landlock are available.
     let denied = rustix::io::Errno::PERM.raw_os_error();
     let calls = [
         ("unshare", denied),
@@ -481,7 +480,7 @@ fn where_confinement_is_required_and_lacks_something_no_plugin_runs() {
     assert!(said.contains("not confined"), "{said}");
     assert!(said.contains("not enforced on `daemon`, of a plugin: it can read"), "{said}");
     drop(required);
-    // Where it is not required, it runs, and what is not enforced is said.
+    // If confinement is not required, the plugin runs, and the missing parts are reported.
     let available = office("", |office, daemon| filtered(office, &rules, daemon));
     made(&available);
     let said = await_logged(&available, "attacker", "all was tried");
@@ -491,11 +490,11 @@ fn where_confinement_is_required_and_lacks_something_no_plugin_runs() {
     assert!(lacks.contains("it can read, change and remove all files of this user"), "{listed}");
 }
 
-/// A control group that was given away, with all in it; removed at the end.
+/// A delegated control group with its subgroups; removed at the end.
 struct Delegated(PathBuf);
 
 impl Delegated {
-    /// Makes one, as a service manager does; why not, where that cannot be.
+    /// Creates one, as a service manager does. Returns the reason if that is not possible.
     fn new() -> Result<Delegated, String> {
         let root = Path::new("/sys/fs/cgroup");
         let known = fs::read_to_string(root.join("cgroup.controllers")).unwrap_or_default();
@@ -530,7 +529,7 @@ fn memory_without_a_name_counts_in_a_control_group() {
     use std::io::Write as _;
     let group = match Delegated::new() {
         Ok(group) => group,
-        // No package brings what the machine's kernel has mounted otherwise, so CI does not demand it.
+        // No package can change how the kernel's control groups are mounted, so CI does not require it.
         Err(why) => {
             let _ = writeln!(std::io::stderr(), "\nNOT TESTED: limits of control groups: {why}\n");
             return;

@@ -1,18 +1,19 @@
 //! Faults on real processes and real wires: processes killed and stopped, cables pulled, networks
-//! in pieces, disks full, stores torn in the middle of a write.
+//! partitioned, disks filled, files of stores torn in the middle of a write.
 //!
-//! In each round somebody asks for a robot to be elsewhere, and a fault strikes. The goal must end:
-//! achieved, and then the robot is there by the building's own truth, or with a reason. The robot
-//! never sets off more often than its ledger has commands, and its ledger has none twice, and none of
-//! an older plan after one of a newer. At the end all daemons die and return, and every Journal
-//! still has every goal that was accepted, and how it ended.
+//! In each round a person requests that a robot be at another place, and a fault strikes. The goal must
+//! end: achieved, and then the robot is there in the building's own truth, or with a reason. The robot
+//! never sets off more often than its ledger has commands. The ledger has no command twice, and none of
+//! an older plan after one of a newer plan. At the end all daemons die and return, and every Journal
+//! still has every accepted goal and its end.
 //!
 //! ```text
 //! ALTHING_FAULTS=200 cargo test --workspace --test faults -- --nocapture
 //! ```
 //!
-//! plays that many rounds of all kinds and prints a table; without the number it is one round of
-//! each, every other in the other flow. `ALTHING_FAULTS_OF=pieces` plays only kinds with that word.
+//! plays that many rounds of all kinds and prints a table. Without the number it plays one round of
+//! each kind, alternating between the two flows. `ALTHING_FAULTS_OF=pieces` plays only the kinds with
+//! that word.
 
 mod support;
 #[path = "support/testbed.rs"]
@@ -28,17 +29,17 @@ use testbed::{Asked, Ending, ISLAND, MACHINES, NOWHERE, ROBOT, Testbed};
 
 type Played = Result<Ending, String>;
 
-/// A kind of fault, and how it is played in the round of this number.
+/// A kind of fault, with the function that plays it in the round of a given number.
 struct Kind {
     what: &'static str,
     play: fn(&mut Testbed, usize) -> Played,
 }
 
-/// Rounds with one set of daemons: then the Journals are held against what was accepted, of which
-/// they remember 128.
+/// Number of rounds with one set of daemons. After them the Journals are compared with the accepted
+/// goals; they keep the ends of 128 goals.
 const ROUNDS_PER_TESTBED: usize = 50;
 
-/// What a small disk gives to a file at a time.
+/// Unit in which a small disk gives space to a file, in bytes.
 const PAGE_BYTES: u64 = 4_096;
 
 const KINDS: &[Kind] = &[
@@ -85,8 +86,8 @@ fn faults_on_real_processes_are_survived() {
     assert!(table.failures.is_empty(), "{:#?}", table.failures);
 }
 
-/// Which rounds are played in one testbed each, and by which flow. Where no number is asked for it is one
-/// of each kind: both flows are played in the time of one.
+/// Returns the rounds to play in each testbed, and the flow of each. Without a number every kind is
+/// played once, half of them in each flow, so that both flows take the time of one.
 fn campaigns(asked: Option<usize>) -> VecDeque<(&'static str, Vec<usize>)> {
     let modes = ["decentralized", "centralized"];
     let rounds: Vec<usize> = (0..asked.unwrap_or(KINDS.len())).collect();
@@ -102,7 +103,7 @@ fn campaigns(asked: Option<usize>) -> VecDeque<(&'static str, Vec<usize>)> {
     }
 }
 
-/// Plays these rounds, or fewer, if one fails; those that are left.
+/// Plays these rounds, up to the first that fails; returns those that are left.
 fn campaign<'r>(
     mut bed: Testbed,
     mode: &str,
@@ -136,7 +137,7 @@ fn campaign<'r>(
     &[]
 }
 
-/// Plays one round. What holds in each is checked here.
+/// Plays one round and checks what must hold in each.
 fn play(bed: &mut Testbed, kind: &Kind, round: usize) -> Played {
     bed.whole()?;
     let (mark, commands) = (bed.mark(), bed.commands());
@@ -169,7 +170,7 @@ fn kill(bed: &mut Testbed, n: usize, agent: &str) -> Played {
     Ok(ending)
 }
 
-/// Nobody can stand in for the robot, so what was asked of it waits for its return.
+/// No other agent can replace the robot, so the goal waits for its return.
 fn kill_actuator(bed: &mut Testbed, n: usize) -> Played {
     let mut asked = bed.under_way(n)?;
     bed.site.office.kill("robot");
@@ -187,10 +188,10 @@ fn kill_who_stands_by(bed: &mut Testbed, n: usize) -> Played {
     Ok(ending)
 }
 
-/// All but the desk, where somebody waits to be told.
+/// Kills all machines but the desk, where a person waits for the outcome.
 fn kill_all(bed: &mut Testbed, n: usize) -> Played {
     let mut asked = bed.under_way(n)?;
-    // What was never accepted may be lost.
+    // A goal that was not accepted may be lost.
     asked.until("accepted; kept by")?;
     let hosts = &MACHINES[..5];
     hosts.iter().for_each(|host| bed.site.office.kill(host));
@@ -198,7 +199,7 @@ fn kill_all(bed: &mut Testbed, n: usize) -> Played {
     bed.ended(asked)
 }
 
-/// Somebody else goes on; then it wakes, and is not who acts any more.
+/// Stops the leader; a standby takes over. When the former leader continues, it is a standby.
 fn stop(bed: &mut Testbed, n: usize, agent: &str) -> Played {
     let asked = bed.under_way(n)?;
     let host = bed.present.acting(agent);
@@ -239,8 +240,8 @@ fn cut_actuator(bed: &mut Testbed, n: usize) -> Played {
     bed.ended(asked)
 }
 
-/// One who takes goals and one who carries them out are on the other side: those who act, or those
-/// who stand by. The goal is achieved before the network is whole again.
+/// Partitions the network: one planning and one executing machine are on the other side, either the
+/// leaders or the standbys. The goal is achieved before the heal.
 fn pursue(bed: &mut Testbed, n: usize) -> Played {
     let asked = bed.under_way(n)?;
     let away = [other_side(bed, "plan-requester", n / 2), other_side(bed, "plan-executor", n)];
@@ -251,8 +252,8 @@ fn pursue(bed: &mut Testbed, n: usize) -> Played {
     gone.and(ending)
 }
 
-/// Two of the three Journals are on the other side, and so nothing moves until the network is whole
-/// again.
+/// Partitions the network with two of the three Journals on the other side, so that the goal waits
+/// until the heal.
 fn wait(bed: &mut Testbed, n: usize) -> Played {
     let away = [other_side(bed, "plan-requester", n), "gamma".to_owned()];
     away.iter().for_each(|host| bed.site.replug(host, LAN, ISLAND));
@@ -269,7 +270,7 @@ fn wait(bed: &mut Testbed, n: usize) -> Played {
     bed.ended(asked)
 }
 
-/// In even rounds the host that acts, in odd rounds the other.
+/// Returns the leader's machine in even rounds, the other machine in odd rounds.
 fn other_side(bed: &Testbed, agent: &str, n: usize) -> String {
     let acting = bed.present.acting(agent);
     let hosts = if agent == "plan-requester" { ["alpha", "beta"] } else { ["gamma", "delta"] };
@@ -279,7 +280,8 @@ fn other_side(bed: &Testbed, agent: &str, n: usize) -> String {
 
 // === disks ===
 
-/// The goal is kept by the others, who say so; with room again, the next is kept by all.
+/// The goal is kept by the other Journals and the report says so. When there is room again, all keep
+/// the next goal.
 fn fill_journal(bed: &mut Testbed, n: usize) -> Played {
     fill(bed, "alpha");
     let mut asked = bed.ask(n, &[]);
@@ -293,9 +295,9 @@ fn fill_journal(bed: &mut Testbed, n: usize) -> Played {
     Ok(ending)
 }
 
-/// What an actuator cannot write down it does not do. It does when there is room again.
+/// An actuator does not act if it cannot write its ledger. It acts when there is room again.
 fn fill_actuator(bed: &mut Testbed, n: usize) -> Played {
-    // What is left of the ledger's last page would have room for a few commands: empty lines.
+    // Empty lines fill the ledger's last page, which would have room for a few commands.
     let ledger = bed.kept("robot", &format!("{ROBOT}.tokens"));
     let padded = OpenOptions::new().append(true).create(true).open(ledger).and_then(|mut file| {
         let used = file.metadata()?.len() % PAGE_BYTES;
@@ -318,7 +320,7 @@ fn fill_actuator(bed: &mut Testbed, n: usize) -> Played {
 fn fill(bed: &Testbed, machine: &str) {
     let fill = bed.kept(machine, "fill");
     let mut file = std::fs::File::create(fill).expect("there is room yet");
-    // Until there is none: first in large pieces, then in small ones.
+    // Until the disk is full: first in large pieces, then in small ones.
     for length in [65_536, 512, 1] {
         while file.write_all(&vec![0; length]).is_ok() {}
     }
@@ -328,21 +330,21 @@ fn make_room(bed: &Testbed, machine: &str) {
     std::fs::remove_file(bed.kept(machine, "fill")).expect("it is there");
 }
 
-/// What a Journal's file is like when its process comes back.
+/// How a Journal's file is damaged while its process is dead.
 enum Torn {
     CutOff,
-    /// In the middle.
+    /// Overwritten in the middle.
     Overwritten,
 }
 
-/// Its file is torn while the process is dead.
+/// Damages the file of a Journal while its process is dead.
 fn tear_journal(bed: &mut Testbed, n: usize, torn: Torn) -> Played {
     let asked = bed.under_way(n)?;
     bed.site.office.kill("alpha");
     let path = bed.kept("alpha", "journal-alpha.redb");
     let mut file = OpenOptions::new().write(true).open(&path).map_err(|error| error.to_string())?;
     let length = file.metadata().map_err(|error| error.to_string())?.len();
-    // Somewhere else each time.
+    // At another place in each round.
     let at = length / 16 * (1 + n as u64 * 7 % 14);
     let torn = match torn {
         Torn::CutOff => file.set_len(at),
@@ -356,7 +358,7 @@ fn tear_journal(bed: &mut Testbed, n: usize, torn: Torn) -> Played {
     achieved(bed, asked)
 }
 
-/// Half a line is all that was written of a token when the process died.
+/// Leaves half a line in the ledger, as if the process had died in the middle of a write.
 fn tear_ledger(bed: &mut Testbed, n: usize) -> Played {
     let mut asked = bed.under_way(n)?;
     bed.site.office.kill("robot");
@@ -371,13 +373,13 @@ fn tear_ledger(bed: &mut Testbed, n: usize) -> Played {
 
 // === judging ===
 
-/// Where nothing hit the robot, nothing less will do.
+/// Requires that the goal is achieved, because no fault hit the robot.
 fn achieved(bed: &mut Testbed, asked: Asked) -> Played {
     let ending = bed.ended(asked)?;
     if ending.is_achieved { Ok(ending) } else { Err(format!("not achieved: {:#?}", ending.said)) }
 }
 
-/// What became of the rounds, by kind.
+/// Results of the rounds, by kind.
 #[derive(Default)]
 struct Table {
     rows: Vec<Row>,

@@ -1,8 +1,8 @@
-//! Daemons on machines of their own find each other: on one network by scouting, across several by
-//! where they are told to connect, through each other and through a router that is none of theirs;
-//! whatever dies, returns or moves. Two ecosystems on one network never meet.
+//! Daemons on several machines find each other: on one network by scouting, across networks by
+//! configured connections, through each other and through a plain router, and after crashes, restarts
+//! and changes of address. Two ecosystems on one network stay separate.
 //!
-//! The machines are network namespaces, so what is said crosses real wires.
+//! The machines are network namespaces, so messages cross real wires.
 
 mod support;
 
@@ -16,10 +16,10 @@ const BOARDS: [&str; 3] = ["reasoning", "turtlebot-laptop", "office2-pi"];
 const AGENTS: [&str; 3] = ["plan-requester", "turtlebot-1", "thermometer-office2"];
 
 const SCOUTING: &str = "scouting = true";
-/// Nobody is looked for: who is not called is not met.
+/// No scouting: daemons meet only by configured connections.
 const CALLING: &str = "scouting = false\nlisten.endpoints = [\"tls/0.0.0.0:7447\"]";
 
-/// Asks for a goal on a machine, and waits until it is reached.
+/// Requests a goal on a machine and waits until it is reached.
 #[track_caller]
 fn reaches(site: &Site, machine: &str, goal: &str) {
     let (code, said) = site.ask(machine, &["goal", goal]);
@@ -37,8 +37,8 @@ fn daemons_of_one_network_find_each_other() {
     reaches(&site, "office2-pi", "(known-temperature office1)");
 }
 
-/// `office2-pi` and `reasoning` are on networks of their own, and know no more than `corridor-pi`,
-/// which is on both.
+/// `office2-pi` and `reasoning` are on different networks and can reach only `corridor-pi`, which is on
+/// both.
 #[test]
 fn the_ends_of_a_line_meet_through_its_middle() {
     let names = ["reasoning", "corridor-pi", "office2-pi"];
@@ -46,13 +46,13 @@ fn the_ends_of_a_line_meet_through_its_middle() {
     two_networks(&mut site, "corridor-pi");
     site.up("reasoning", &["--connect", "tls/10.0.1.1:7447"]);
     site.up("office2-pi", &["--connect", "tls/10.0.2.1:7447"]);
-    // Who calls somebody that is not there yet goes on calling.
+    // A daemon goes on trying to connect to one that has not started yet.
     site.up("corridor-pi", &[]);
     site.await_all(&names, &["plan-requester", "camera-1", "thermometer-office2"]);
     reaches(&site, "reasoning", "(known-temperature office2)");
 }
 
-/// The same with a router in the middle that knows nothing of Althing.
+/// The same with a plain Zenoh router in the middle.
 #[test]
 fn a_plain_router_in_the_middle() {
     let names = ["reasoning", "standing-router", "office2-pi"];
@@ -65,7 +65,7 @@ fn a_plain_router_in_the_middle() {
     reaches(&site, "office2-pi", "(known-temperature office2)");
 }
 
-/// Three know the hub and nobody else, but can reach each other.
+/// Three daemons are configured with the hub only, but can reach each other.
 #[test]
 fn the_death_of_a_hub_is_survived_and_its_return_noticed() {
     let names = [&BOARDS[..], &["corridor-pi"]].concat();
@@ -73,7 +73,7 @@ fn the_death_of_a_hub_is_survived_and_its_return_noticed() {
     let Some(mut site) = Site::on_lan(secured(&smart_office(&told), &names), &names) else {
         return;
     };
-    // The robot's laptop comes first: it lends the others the simulated building.
+    // The robot's laptop starts first: it serves the simulated building to the others.
     let call = ["--connect", "tls/10.0.0.4:7447"];
     site.up("turtlebot-laptop", &call);
     site.up("corridor-pi", &[]);
@@ -134,7 +134,7 @@ fn who_was_cut_off_is_found_again() {
     reaches(&site, "reasoning", "(known-temperature office2)");
 }
 
-/// A process is stopped for longer than the lease, as by a laptop's lid, and goes on.
+/// A process is stopped for longer than the lease, as by closing a laptop's lid, and continued.
 #[test]
 fn who_stood_still_is_seen_by_all_again() {
     let office = secured(&smart_office(SCOUTING), &BOARDS);
@@ -150,8 +150,8 @@ fn who_stood_still_is_seen_by_all_again() {
     reaches(&site, "reasoning", "(known-temperature office2)");
 }
 
-/// Two ecosystems with the same daemons and agents, and even the same authority, hang on one
-/// router: each finds the daemons of its own, and never the other's.
+/// Two ecosystems with the same daemons and agents, and even the same authority, use one router: each
+/// finds its own daemons, and never the other's.
 #[test]
 fn two_ecosystems_on_one_wire_do_not_merge() {
     let names = ["reasoning", "turtlebot-laptop", "office2-pi", "standing-router"];
@@ -160,8 +160,8 @@ fn two_ecosystems_on_one_wire_do_not_merge() {
     let other = other_office(&site, "smart-office", "other-office");
     let _router = router(&site, "standing-router");
     let call = ["--connect", "tls/10.0.0.4:7447"];
-    // Of the one there are the reasoning and the robot, of the other the thermometer. Both hang
-    // on the router before the robot comes, which is found through it.
+    // The reasoning and the robot are in one ecosystem, the thermometer in the other. Both are
+    // connected to the router before the robot starts, which is found through it.
     site.up("reasoning", &call);
     site.up_from(&other, "office2-pi", &call);
     site.up("turtlebot-laptop", &call);
@@ -173,9 +173,9 @@ fn two_ecosystems_on_one_wire_do_not_merge() {
     assert_eq!(seen, ["thermometer-office2"]);
 }
 
-/// Two ecosystems scout on one network, with the same daemons, agents and authority: they do not
-/// even hear each other. With the same name they hear each other, and with authorities of their own
-/// do not speak.
+/// Two ecosystems scout on one network, with the same daemons, agents and authority: they do not even
+/// connect. A third ecosystem with the same name but its own authority connects, and its messages are
+/// rejected.
 #[test]
 fn two_ecosystems_that_scout_on_one_network_do_not_merge() {
     let names = ["reasoning", "turtlebot-laptop", "office2-pi"];
@@ -189,7 +189,7 @@ fn two_ecosystems_that_scout_on_one_network_do_not_merge() {
     let mut stranger = site.program("stranger", env!("CARGO_BIN_EXE_althing"));
     stranger.arg("up").arg(&namesake.file).args(["--daemon", "conf-room-pi"]);
     site.office.begin_as("conf-room-pi", stranger);
-    // These find each other while those call, and answer.
+    // The daemons of this ecosystem find each other while the others also scout and answer.
     site.up("reasoning", &[]);
     site.up("turtlebot-laptop", &[]);
     site.await_all(&["reasoning", "turtlebot-laptop"], &["plan-requester", "turtlebot-1"]);
@@ -201,9 +201,9 @@ fn two_ecosystems_that_scout_on_one_network_do_not_merge() {
     assert_eq!(site.seen_in(&other, "office2-pi"), ["thermometer-office2"]);
 }
 
-// === what the tests share ===
+// === shared by the tests ===
 
-/// `reasoning` on one network, `office2-pi` on another, and this one on both, as their number 1.
+/// Puts `reasoning` on one network, `office2-pi` on another, and `middle` on both with number 1.
 fn two_networks(site: &mut Site, middle: &str) {
     for machine in ["reasoning", "office2-pi", middle] {
         site.machine(machine);
@@ -215,7 +215,7 @@ fn two_networks(site: &mut Site, middle: &str) {
     }
 }
 
-/// The same ecosystem under another name.
+/// Returns a file of the same ecosystem under another name.
 fn other_office(site: &Site, name: &str, other: &str) -> PathBuf {
     let text = std::fs::read_to_string(&site.office.file).expect("ours");
     let named = format!("name = \"{name}\"");
@@ -223,7 +223,7 @@ fn other_office(site: &Site, name: &str, other: &str) -> PathBuf {
     site.office.write("other.toml", &text.replace(&named, &format!("name = \"{other}\"")))
 }
 
-/// A router that is no daemon, with a certificate of the ecosystem, until it is dropped.
+/// A router that is no daemon, with a certificate of the ecosystem; stopped on drop.
 struct Router(Child);
 
 impl Drop for Router {

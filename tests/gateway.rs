@@ -1,4 +1,4 @@
-//! Devices of a real MQTT broker that appear as agents by themselves: as Zigbee2MQTT, ESPHome (Home
+//! Devices of a real MQTT broker that appear as discovered agents: as Zigbee2MQTT, ESPHome (Home
 //! Assistant's discovery) and Tasmota describe them.
 
 mod support;
@@ -12,7 +12,7 @@ use support::{Office, lab};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A daemon with a gateway to this broker.
+/// Starts a daemon with a gateway to this broker.
 fn office(mode: &str, broker: &Broker, config: &str) -> Office {
     let office = Office::new();
     let gateway = format!(
@@ -76,13 +76,13 @@ fn devices_appear_are_planned_with_go_and_come_back() {
         };
         all();
         office.await_devices(3);
-        // What it says is known at once, without anybody asking.
+        // A published value is known at once, without a query.
         office.await_fact("(= (temperature office1) 21.5)", true);
         let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
         assert_eq!(code, Some(0), "{mode}: {said}");
         broker.say("zigbee2mqtt/office2 pir", r#"{"occupancy":true}"#);
         office.await_fact("(motion office2)", true);
-        // Of a door it is said whether its contact is closed.
+        // For a door the contact state is announced.
         broker.retain("zigbee2mqtt/conf-room door", r#"{"contact":true}"#);
         office.await_fact("(closed conf-room)", true);
         broker.retain("zigbee2mqtt/conf-room door", r#"{"contact":false}"#);
@@ -135,7 +135,7 @@ fn lamps_relays_and_locks_are_switched_and_believed_by_what_they_say() {
     let Some(broker) = Broker::start() else { return };
     let broker = Arc::new(broker);
     let told = Arc::new(Mutex::new(Vec::new()));
-    // A lamp as ESPHome has it, a relay as Tasmota, a lock that jams.
+    // A lamp as ESPHome describes it, a relay as Tasmota does, and a lock that jams.
     let (speaker, heard) = (Arc::clone(&broker), Arc::clone(&told));
     let _lamp = broker.device("kitchen/light/lamp/command", move |command| {
         heard.lock().expect("nobody panics").push(format!("lamp {command}"));
@@ -168,7 +168,7 @@ fn lamps_relays_and_locks_are_switched_and_believed_by_what_they_say() {
     );
     broker.retain("door/state", "UNLOCKED");
     let rooms = "rooms = { \"Heater\" = \"office2\", \"front door\" = \"corridor\" }";
-    // A corridor is no room, so the door's lock can be asked for nothing.
+    // A corridor is no room, so the door's lock offers no action.
     let office = office("decentralized", &broker, rooms);
     office.await_devices(3);
     let (code, said) = office.ask(&["goal", "(and (lit office1) (powered office2))"]);
@@ -180,14 +180,14 @@ fn lamps_relays_and_locks_are_switched_and_believed_by_what_they_say() {
     for expected in ["lamp {\"state\":\"ON\"}", "lamp {\"state\":\"OFF\"}", "relay ON"] {
         assert!(told.iter().any(|told| told == expected), "{expected}: {told:?}");
     }
-    // Somebody switches it by hand.
+    // A person switches the relay by hand.
     broker.retain("stat/tasmota_D1/POWER", "OFF");
     office.await_fact("(powered office2)", false);
     let (code, said) = office.ask(&["act", "(lock-door front-door office1)"]);
     assert_eq!(code, Some(1), "it stands elsewhere: {said}");
 }
 
-/// A lamp of Zigbee2MQTT that says nothing of itself until it is told to do something.
+/// A lamp of Zigbee2MQTT that reports no state until it is commanded.
 fn silent_lamp(name: &str, id: &str) -> Value {
     json!({ "friendly_name": name, "ieee_address": id, "definition": { "exposes": [
         { "type": "light", "features": [{ "type": "binary", "name": "state", "property": "state",
@@ -213,7 +213,7 @@ fn a_lamp_that_was_not_heard_of_is_neither_on_nor_off_and_a_room_has_several() {
         office.await_devices(2);
         office.await_fact("(unknown (lit office1))", true);
         office.await_fact("(unknown (lamp-on office1-a))", true);
-        // Nobody knows, so both are told.
+        // The state is unknown, so both lamps are commanded.
         let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
         assert_eq!(code, Some(0), "{mode}: {said}");
         assert!(!said.contains("it holds already"), "{mode}: {said}");
@@ -222,7 +222,7 @@ fn a_lamp_that_was_not_heard_of_is_neither_on_nor_off_and_a_room_has_several() {
             let off = format!(r#"{name} {{"state":"OFF"}}"#);
             assert!(heard.contains(&off), "{mode}: {off}: {heard:?}");
         }
-        // Of two lamps one is lit: the room is, and is dark when that one is off.
+        // If one of two lamps is lit, the room is lit; the room is dark when that lamp is off.
         broker.say("zigbee2mqtt/office1 b", r#"{"state":"ON"}"#);
         office.await_fact("(lit office1)", true);
         let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
@@ -230,7 +230,7 @@ fn a_lamp_that_was_not_heard_of_is_neither_on_nor_off_and_a_room_has_several() {
         let heard = std::mem::take(&mut *told.lock().expect("nobody panics"));
         assert_eq!(heard, [r#"office1 b {"state":"OFF"}"#], "{mode}: {said}");
         office.await_fact("(lit office1)", false);
-        // One that is offline may be on; what cannot be asked of it is said so.
+        // The state of an offline lamp is unknown, and the report says that it cannot be commanded.
         broker.retain("zigbee2mqtt/office1 b/availability", r#"{"state":"offline"}"#);
         office.await_fact("(unknown (lit office1))", true);
         let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
@@ -255,7 +255,7 @@ fn what_cannot_be_used_says_why_and_harms_nobody() {
             "uniq_id":"t","dev":{"ids":"t","name":"broken","sa":"office2"}}"#,
     );
     broker.retain("t/state", r#"{"temperature": 20}"#);
-    // Zigbee2MQTT tells Home Assistant the same: that is no other device.
+    // Zigbee2MQTT announces the same device to Home Assistant: it must not appear twice.
     broker.retain(
         "homeassistant/sensor/0x3/temperature/config",
         r#"{"dev_cla":"temperature","unit_of_meas":"°C","stat_t":"zigbee2mqtt/office1/good",
@@ -281,7 +281,7 @@ fn what_cannot_be_used_says_why_and_harms_nobody() {
     let broken = await_discovered(&office, "broken", |one| one["joined"] == false);
     let problem = broken["problem"].to_string();
     assert!(problem.contains("the template `{{ value_json. }}`"), "{problem}");
-    // It changes its mind about its units, and is understood anew.
+    // The device changes its unit, and its values are converted by the new one.
     broker.retain("zigbee2mqtt/office1/good", r#"{"temperature":68}"#);
     office.await_fact("(= (temperature office1) 68)", true);
     tell(&broker, &[thermometer("office1/good", "0x3", "°F")]);
@@ -319,14 +319,14 @@ fn where_the_file_says_so_a_person_is_asked_once() {
         assert_eq!(asked["problem"], "a person is being asked: althing keyboard");
     }
     office.answer("`office1-one` (zigbee, office1)", "office9-one");
-    // It is asked again, with what was wrong.
+    // The question is asked again, with the mistake.
     office.answer("`office9-one` is none of them", "office1-two, office2-three");
     office.await_devices(2);
     let denied = await_discovered(&office, "office1-one", |one| one["problem"] != Value::Null);
     assert_eq!(denied["joined"], false);
     assert_eq!(denied["problem"], "a person has said no; the file may name it");
 
-    // Who has said so is not asked again after a restart.
+    // The answer is stored: the question is not asked again after a restart.
     office.kill("daemon");
     office.up(&["daemon"], &[]);
     office.await_devices(2);
@@ -348,7 +348,7 @@ fn hundreds_of_devices_are_here_within_seconds_in_a_few_epochs() {
     assert!(after - before <= 40, "{} epochs for one burst", after - before);
 }
 
-/// What is said to topics, in the order that it comes.
+/// Messages published to topics, in order of arrival.
 #[derive(Clone, Default)]
 struct Told(Arc<Mutex<Vec<String>>>);
 
@@ -373,7 +373,7 @@ impl Told {
     }
 }
 
-/// An entity of Home Assistant's discovery in office1, of a device of this name.
+/// Returns an entity of Home Assistant's discovery in office1, of a device of this name.
 fn entity(name: &str, more: Value) -> String {
     let device = json!({ "ids": [name], "name": name, "sa": "Office 1" });
     let mut entity = json!({ "uniq_id": name, "dev": device });
@@ -396,7 +396,7 @@ fn values_are_what_the_device_knows() {
         }
         broker.retain("homeassistant/sensor/n/t/config", &entity("n1", config));
     };
-    // A message without the key, with null, or with a word: the first keeps what is known.
+    // A message without the key, with null, or with a word: the first keeps the known value.
     temperature(json!({ "val_tpl": "{{ value_json.temp | float | round(1) }}" }));
     office.await_devices(1);
     broker.say("lab/n", r#"{"temp":21.5}"#);
@@ -407,7 +407,7 @@ fn values_are_what_the_device_knows() {
     broker.say("lab/n", r#"{"temp":21.75}"#);
     fact("(= (temperature office1) 21.8)", true);
     fact("(= (temperature office1) 0)", false);
-    // By a template that lets nothing through, null is the device's word that it does not know.
+    // A template without filters passes the raw value; null then means that the device does not know.
     temperature(json!({ "val_tpl": "{{ value_json.temp }}" }));
     broker.say("lab/n", r#"{"temp":22.5}"#);
     fact("(= (temperature office1) 22.5)", true);
@@ -419,7 +419,7 @@ fn values_are_what_the_device_knows() {
         broker.say("lab/n", r#"{"temp":22.5}"#);
         fact("(= (temperature office1) 22.5)", true);
     }
-    // What is not said again expires.
+    // A value that is not repeated expires.
     temperature(json!({ "exp_aft": 10 }));
     broker.say("lab/n", "23.5");
     fact("(= (temperature office1) 23.5)", true);
@@ -488,7 +488,7 @@ fn an_entity_is_away_by_itself_and_a_bad_description_takes_nothing_away() {
     broker.retain("lab/t", "22.5");
     office.await_fact("(= (temperature office1) 22.5)", true);
 
-    // One bad topic keeps no other away, also after the broker was away.
+    // One invalid topic does not block the others, also after the broker was away.
     let bad = json!({ "dev_cla": "temperature", "stat_t": "lab/#/bad" });
     broker.retain("homeassistant/sensor/bad/t/config", &entity("bad1", bad.clone()));
     let told = await_discovered(&office, "bad1", |one| one["joined"] == false);
@@ -524,7 +524,7 @@ fn a_device_is_told_what_it_said_that_it_takes() {
     let (code, said) = office.ask(&["goal", "(powered office1)"]);
     assert_eq!(code, Some(0), "{said}");
     told.await_text(r#"lab/plug/set {"power":"on"}"#);
-    // Nothing says that the lamp is on, so that the goal is not reached.
+    // The lamp never reports that it is on, so the goal is not reached.
     let (_, said) = office.ask(&["act", "(turn-on-lamp lamp1 office1)"]);
     told.await_text("lab/lamp/set on,255");
     assert!(said.contains("hear from `lab/lamp` that it has done so"), "{said}");
@@ -532,7 +532,7 @@ fn a_device_is_told_what_it_said_that_it_takes() {
     assert!(all.iter().all(|told| !told.ends_with(" ON") && !told.contains("door")), "{all:?}");
 }
 
-/// A plug that never says what it is: what it was told counts, until the broker was away.
+/// A plug that never reports its state: the last command counts, until the broker was away.
 #[test]
 fn what_says_nothing_of_itself_is_not_known_once_the_broker_was_away() {
     let Some(mut broker) = Broker::start() else { return };
@@ -555,7 +555,7 @@ fn what_says_nothing_of_itself_is_not_known_once_the_broker_was_away() {
     describe(&broker);
     told.0.lock().expect("nobody panics").clear();
     let _listening = told.listens(&broker, "lab/plug/set");
-    // Somebody may have switched it by hand meanwhile: the goal does not hold already.
+    // A person may have switched it by hand meanwhile, so the goal must not hold already.
     office.await_fact("(unknown (powered office1))", true);
     let (code, said) = office.ask(&["goal", "(powered office1)"]);
     assert_eq!(code, Some(0), "{said}");
@@ -563,7 +563,7 @@ fn what_says_nothing_of_itself_is_not_known_once_the_broker_was_away() {
     told.await_text("lab/plug/set ON");
 }
 
-/// Two windows that one device tells of: the room is closed when both are.
+/// Two windows of one device: the room is closed when both are.
 #[test]
 fn several_contacts_of_one_device_speak_for_the_room_together() {
     let Some(broker) = Broker::start() else { return };
@@ -580,7 +580,7 @@ fn several_contacts_of_one_device_speak_for_the_room_together() {
     office.await_fact("(closed office1)", true);
     broker.retain("lab/right", "ON");
     office.await_fact("(closed office1)", false);
-    // The other one says again that it is closed, which changes nothing.
+    // The other window repeats that it is closed, which changes nothing.
     broker.retain("lab/left", "OFF");
     let (code, said) = office.ask(&["goal", "(known-contact office1)"]);
     assert_eq!(code, Some(0), "{said}");
@@ -631,7 +631,7 @@ fn states_are_asked_for_and_devices_are_told_to_describe_themselves() {
     broker.say("stat/box/STATUS10", status);
     office.await_fact("(= (temperature office2) 21.5)", true);
 
-    // What a switch said before the broker was away is not known any more: it is asked again.
+    // The state that a switch reported before the broker was away is unknown: it is queried again.
     broker.kill();
     office.await_fact("(powered office1)", false);
     told.0.lock().expect("nobody panics").clear();
@@ -672,7 +672,7 @@ fn who_is_who_and_where() {
     assert_eq!(nowhere["problem"], "nobody says in which room it stands");
     tell(&broker, &[]);
 
-    // Two of one name, one known by its connections only, one in an area that is no room.
+    // Two devices of one name, one identified by its connections only, one in an area that is no room.
     let sensor = |device: Value, class: &str, topic: &str| {
         json!({ "uniq_id": topic, "dev_cla": class, "stat_t": topic, "dev": device }).to_string()
     };
@@ -681,7 +681,7 @@ fn who_is_who_and_where() {
         broker.retain(&format!("homeassistant/sensor/{object}/config"), &text);
     };
     publish("a1", sensor(two("ble-aa01", "Office 1"), "temperature", "x/1"));
-    // The first keeps its name when another comes that is called so.
+    // The first keeps its name when another with the same name appears.
     await_discovered(&office, "thermometer", |one| one["joined"] == true);
     publish("a2", sensor(two("ble-aa02", "Office 2"), "temperature", "x/2"));
     let mac = json!([["mac", "02:00:00:00:00:11"]]);

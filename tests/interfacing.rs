@@ -1,6 +1,6 @@
-//! A firm borrows the house's robot, over two Zenoh meshes and real processes: the room is truly
-//! swept, the house hears nothing of what the firm calls its rooms or what they are for, and a
-//! robot whose process is killed is gone from the firm too.
+//! A firm borrows the robot of a house, over two Zenoh meshes and real processes: the room is really
+//! swept, the house receives none of the firm's names or reasons, and when the robot's process is
+//! killed, its proxy agent leaves the firm too.
 
 mod support;
 
@@ -13,7 +13,7 @@ use substrate_zenoh::{Config, Mode, Tap};
 use support::{Office, PATIENCE, stderr, stdout};
 use tokio::sync::mpsc;
 
-/// What the firm never says to the house: its things, its words, its agents.
+/// Names of the firm that must never reach the house: its things, its vocabulary, its agents.
 const SECRETS: &[&str] = &[
     "red-room",
     "blue-room",
@@ -41,7 +41,7 @@ fn ecosystem(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../ecosystems/{name}.toml"))
 }
 
-/// The house of its map, with a truth that only this test sees.
+/// The building that matches the house's map, with a truth that only this test sees.
 fn house() -> Building {
     let mut layout = Layout::new();
     for room in ["room-217", "room-218", "room-219", "boiler-room"] {
@@ -64,7 +64,7 @@ fn house() -> Building {
     Building::new(layout, 0.02).expect("fifty times as fast")
 }
 
-/// Hears all that an ecosystem says on the house's mesh.
+/// Receives all messages of an ecosystem on the house's mesh.
 async fn tap(office: &Office, name: &str, of: &str) -> (Tap, mpsc::UnboundedReceiver<String>) {
     let (tell, heard) = mpsc::unbounded_channel();
     let ecosystem = EcosystemId::new(of).expect("a name");
@@ -84,7 +84,7 @@ fn firm(office: &Office, arguments: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), format!("{}{}", stdout(&output), stderr(&output)))
 }
 
-/// Waits until the firm sees the robot, or does not.
+/// Waits until the firm sees the robot, or no longer sees it.
 fn await_cleaner(office: &Office, is_there: bool) {
     let deadline = Instant::now() + PATIENCE;
     loop {
@@ -102,7 +102,7 @@ async fn the_firm_borrows_the_robot_and_the_house_never_learns_why() {
     let house = house();
     let socket = office.runtime_folder().parent().expect("a folder").join("building.sock");
     let _server = building::serve(house.handle(), &socket).await.expect("served");
-    // The tenant joins by a wire of its own; the two never share one.
+    // The tenant has a network of its own; the two ecosystems never share one.
     let mut office = tokio::task::spawn_blocking(move || {
         office.up(&["sweeper-laptop", "caretaker"], &[]);
         office.await_devices(1);
@@ -127,7 +127,7 @@ async fn the_firm_borrows_the_robot_and_the_house_never_learns_why() {
     let truth = house.truth();
     assert_eq!((truth.swept_count("room-217"), truth.swept_count("room-218")), (1, 0));
     let mut lines = Vec::new();
-    // Until a heartbeat after it all: what was on its way has come.
+    // Until a heartbeat after everything else: all earlier messages have arrived by then.
     loop {
         let line = tokio::time::timeout(PATIENCE, heard.recv()).await.expect("heartbeats come");
         let line = line.expect("the tap lives");

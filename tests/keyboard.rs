@@ -1,4 +1,4 @@
-//! The prompt as a person meets it: in a terminal of 80 × 24, driven in a terminal multiplexer.
+//! The prompt as a person uses it: in a terminal of 80 × 24, driven by a terminal multiplexer.
 
 mod support;
 
@@ -15,11 +15,11 @@ use support::{Office, PATIENCE, office, stdout};
 struct Terminal<'o> {
     office: &'o Office,
     socket: PathBuf,
-    /// Wakes whoever waits for the screen to change.
+    /// Signals that the screen has changed.
     changed: mpsc::Receiver<()>,
 }
 
-/// Whether there is a multiplexer. Without one these tests prove nothing, and say so.
+/// Whether there is a multiplexer. Without one these tests are skipped with a report.
 fn has_tmux() -> bool {
     let found = Command::new("tmux").arg("-V").output().is_ok();
     if !found {
@@ -29,8 +29,8 @@ fn has_tmux() -> bool {
 }
 
 impl<'o> Terminal<'o> {
-    /// Runs `althing` in a terminal; when it ends, the terminal says how, and whether it echoes
-    /// what is typed as it did before.
+    /// Runs `althing` in a terminal. When it ends, the terminal shows its exit code, and whether typed
+    /// text is echoed as before.
     fn open(office: &'o Office, arguments: &str) -> Terminal<'o> {
         let socket = office.write("tmux.conf", "set -g default-terminal screen-256color\n");
         let (config, socket) = (socket.clone(), socket.with_extension("sock"));
@@ -77,12 +77,12 @@ impl<'o> Terminal<'o> {
         self.press("Enter");
     }
 
-    /// What a person sees.
+    /// Returns the text on the screen.
     fn screen(&self) -> String {
         stdout(&self.tmux(&["capture-pane", "-p"]))
     }
 
-    /// Waits until a person sees something that fits; looks whenever the screen has changed.
+    /// Waits until the screen satisfies `fits`; checks it after every change.
     fn await_screen(&self, what: &str, fits: impl Fn(&str) -> bool) -> String {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -100,7 +100,7 @@ impl<'o> Terminal<'o> {
         self.await_screen(text, |screen| screen.contains(text))
     }
 
-    /// Waits until the line that is edited is this one.
+    /// Waits until the edited line equals `line`.
     fn await_line(&self, line: &str) -> String {
         let line = format!("althing> {line}");
         let is_last = |screen: &str| screen.trim_end().lines().last() == Some(line.trim_end());
@@ -130,7 +130,7 @@ fn a_person_at_a_prompt() {
     terminal.await_text("You are `alice` in `smart-office`");
     terminal.await_line("");
 
-    // An action, whose words are those of who is here now.
+    // An action; its completions come from the agents that are present.
     terminal.type_text("act (mo");
     terminal.press("Tab");
     terminal.await_line("act (move");
@@ -140,7 +140,7 @@ fn a_person_at_a_prompt() {
     terminal.enter(" corridor office1)");
     terminal.await_text("[1] done");
 
-    // A question comes while a line is being typed, and leaves it as it is.
+    // A question arrives while a line is being typed, and does not change the line.
     terminal.type_text("(known-temperature of");
     terminal.await_line("(known-temperature of");
     let question = r#"{"receiver": "alice", "performative": "query-ref",
@@ -158,7 +158,7 @@ fn a_person_at_a_prompt() {
     assert!(answer.status.success(), "{answer:?}");
     assert!(stdout(&answer).contains("inform   alice: yes, do"), "{answer:?}");
 
-    // A line that begins with a parenthesis is a goal; what was typed is remembered.
+    // A line that begins with a parenthesis is a goal. Typed lines are kept in the history.
     terminal.enter("(known-temperature office1)");
     terminal.await_text("20.5 °C at office1");
     terminal.await_text("[3] done");
@@ -166,7 +166,7 @@ fn a_person_at_a_prompt() {
     terminal.await_line("(known-temperature office1)");
     terminal.press("C-u");
 
-    // A slip is answered, and Ctrl-C only gives up the line.
+    // A mistake is answered, and Ctrl-C only discards the line.
     terminal.enter("agnets");
     terminal.await_text("agents");
     terminal.type_text("half a li");
@@ -176,7 +176,7 @@ fn a_person_at_a_prompt() {
 
     terminal.press("C-d");
     let end = terminal.await_text("ended with");
-    // A slip at a prompt was answered there, and is no failure of the command.
+    // A mistake at the prompt was answered there, and does not change the exit code.
     assert!(end.contains("ended with 0,  echo"), "{end}");
 }
 

@@ -1,5 +1,6 @@
-//! What is known, with real daemons: nobody's word but its own counts for what an agent answers for, a
-//! number is measured before it is judged, and what only a dead daemon knew is unknown.
+//! Known and unknown facts, with real daemons: only an agent's own claim counts for the facts it
+//! answers for, a number is measured before it is judged, and the facts of a dead daemon become
+//! unknown.
 
 mod support;
 
@@ -7,7 +8,7 @@ use std::fs;
 
 use support::{Office, lab};
 
-/// A lamp by two programs: the file `FOLDER/NAME` is what it is.
+/// Returns the entry of a lamp that runs two programs; its state is in the file `FOLDER/NAME`.
 fn lamp(name: &str, daemon: &str) -> String {
     let program = |word: &str| format!(r#"["/bin/sh", "-c", "echo {word} > FOLDER/{name}"]"#);
     format!(
@@ -31,7 +32,7 @@ every = "100ms"
     )
 }
 
-/// The lab, whose reasoning is on a machine of its own.
+/// Returns the lab, with the reasoning agents on a machine of their own.
 fn reasoning_apart(mode: &str) -> String {
     let reasoning = ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
     reasoning.iter().fold(lab(mode), |text, plugin| {
@@ -63,7 +64,7 @@ fn a_room_of_which_a_dead_daemon_had_a_lamp_is_neither_lit_nor_dark() {
         };
         assert_eq!((is("lamp-a"), is("lamp-b")), ("off".to_owned(), "off".to_owned()), "{mode}");
 
-        // The wall's lamp burns, and its daemon dies.
+        // The wall's lamp is on, and its daemon dies.
         office.write("lamp-b", "on\n");
         office.await_fact("(lamp-on lamp-b)", true);
         office.kill("wall-pi");
@@ -72,12 +73,12 @@ fn a_room_of_which_a_dead_daemon_had_a_lamp_is_neither_lit_nor_dark() {
         assert_eq!(code, Some(1), "{mode}: the lamp burns: {said}");
         assert!(said.contains("nobody knows whether"), "{mode}: {said}");
         assert_eq!(is("lamp-b"), "on", "{mode}");
-        // Somebody looks, and says so.
+        // A person checks the room and reports it.
         let (code, said) = office.ask(&["set", "--retract", "(unknown (lit office1))"]);
         assert_eq!(code, Some(0), "{mode}: {said}");
         let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
         assert_eq!(code, Some(0), "{mode}: {said}");
-        // It returns, and knows better.
+        // The daemon returns and reports the real state.
         office.up(&["wall-pi"], &[]);
         office.await_fact("(lit office1)", true);
         let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
@@ -86,8 +87,8 @@ fn a_room_of_which_a_dead_daemon_had_a_lamp_is_neither_lit_nor_dark() {
     }
 }
 
-/// Nothing derives the light of a room whose only lamp has left; what the lamp last said of it is not
-/// known any more, and so neither is that the room is dark.
+/// No axiom derives the light of a room if its only lamp has left. The lamp's last claim is unknown
+/// then, and so is whether the room is dark.
 #[test]
 fn a_room_whose_only_lamp_has_left_is_neither_lit_nor_dark() {
     for mode in ["decentralized", "centralized"] {
@@ -157,7 +158,7 @@ fn a_number_is_measured_before_it_is_judged() {
         let (code, said) = office.ask(&["goal", "(>= (temperature office1) 19)"]);
         assert_eq!(code, Some(0), "{mode}: {said}");
         assert!(said.contains("a plan of 1 step") && said.contains("19.5 °C"), "{mode}: {said}");
-        // Neither it nor its opposite holds by what nobody knows.
+        // Neither the condition nor its negation holds on unknown values.
         office.await_fact("(= (temperature office1) 19.5)", false);
         let (code, said) = office.ask(&["goal", "(not (>= (temperature office1) 21))"]);
         assert_eq!(code, Some(0), "{mode}: {said}");

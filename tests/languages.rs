@@ -1,5 +1,5 @@
-//! An agent in another language: the Python thermometer of `plugins/python`, a process of its own
-//! that knows nothing but the protocol.
+//! An agent in another language: the Python thermometer of `plugins/python`, a process of its own that
+//! uses nothing but the protocol.
 
 mod support;
 
@@ -30,7 +30,7 @@ impl Thermometer {
         Thermometer(child)
     }
 
-    /// By SIGKILL.
+    /// Kills it by SIGKILL.
     fn die(&mut self) {
         self.0.kill().expect("our own child");
         self.0.wait().expect("our own child");
@@ -44,7 +44,7 @@ impl Drop for Thermometer {
     }
 }
 
-/// Holds lines of `althing watch --json` against the published schema; prints the performatives.
+/// Validates lines of `althing watch --json` against the published schema; prints the performatives.
 const HELD_AGAINST_SCHEMA: &str = r#"
 import json, sys
 import jsonschema
@@ -130,14 +130,14 @@ fn what_is_said_in_both_flows_is_what_the_published_schema_says() {
     }
 }
 
-/// A command whose words go into a file; ended with the test.
+/// A command with its output in a file; ended with the test.
 struct Listening {
     child: Child,
     file: std::path::PathBuf,
 }
 
 impl Listening {
-    /// Begins, and waits until it listens.
+    /// Starts it and waits until it receives messages.
     fn start(command: &mut Command, file: &Path) -> Listening {
         let words = std::fs::File::create(file).expect("a file");
         let mut child = command.stdout(words).stderr(Stdio::piped()).spawn().expect("it is ours");
@@ -148,7 +148,7 @@ impl Listening {
         Listening { child, file: file.to_owned() }
     }
 
-    /// Waits until it has said this.
+    /// Waits until its output contains these words.
     fn until(&mut self, words: &str) {
         let deadline = std::time::Instant::now() + std::time::Duration::from_secs(30);
         while !std::fs::read_to_string(&self.file).expect("a file").contains(words) {

@@ -1,5 +1,5 @@
-//! More than an ecosystem can do at once: what is refused is refused at once and with the reason, and
-//! of what was accepted every end is told and kept.
+//! Overload: what is refused is refused at once with a reason, and the end of every accepted goal is
+//! reported and kept.
 
 mod support;
 
@@ -12,20 +12,20 @@ use substrate::Resource;
 use support::Office;
 use support::asker::{Asker, Heard};
 
-/// Goals that one asker asks for at once: more than are pursued at a time, and more than a mailbox
-/// holds.
+/// Number of goals requested at once: more than are pursued at a time, and more than a mailbox holds.
 const GOALS: usize = 400;
 
-/// Goals that have ended and are remembered by the Journals (docs/reliability.md).
+/// Number of ended goals that the Journals keep (docs/reliability.md).
 const ENDS_KEPT: usize = 128;
 
-/// Commands that people begin at once: several times as many as join at a time.
+/// Number of commands started at once: several times as many as may join at a time.
 const COMMANDS: usize = 12;
 
-/// How long a busy machine may take for all of it.
+/// Time limit of all of it on a busy machine.
 const BUSY: Duration = Duration::from_secs(120);
 
-/// The office with a Journal on each of three machines, and the log of who reasons in a file.
+/// Starts the office with a Journal on each of three machines, and the log of the reasoning daemon in a
+/// file.
 fn office() -> Office {
     let office = Office::new();
     let text = std::fs::read_to_string(Office::file()).expect("it is there");
@@ -53,13 +53,13 @@ fn office() -> Office {
     office
 }
 
-/// The lines of the log of who reasons.
+/// Returns the lines of the reasoning daemon's log.
 fn log(office: &Office) -> Vec<String> {
     let text = std::fs::read_to_string(office.folder().join("log")).expect("a file");
     text.lines().map(str::to_owned).collect()
 }
 
-/// Goals that can be reached, and one in eight that cannot be read.
+/// Returns goals that can be reached, and one in eight that names an unknown object.
 fn goals(count: usize) -> impl Iterator<Item = String> {
     (0..count).map(|number| match number % 8 {
         0 => "(at turtlebot-1 office1)".to_owned(),
@@ -105,8 +105,8 @@ async fn of_hundreds_of_goals_at_once_every_end_is_told_and_kept() {
         .collect();
     assert!(unkept.is_empty(), "{unkept:?}");
 
-    // A Journal has the last ends, and forgets the older ones: none of them is thought to go on. The
-    // asker may know it sooner.
+    // A Journal keeps the last ends and drops older ones, and must not keep any of these goals as
+    // running. The requester may have its answer earlier.
     let ended = heard.values().filter(|heard| heard.ended.is_some()).count();
     assert!(ended >= 32, "hardly any was accepted: {reasons:?}");
     let kept = tokio::time::timeout(BUSY, async {
@@ -121,7 +121,8 @@ async fn of_hundreds_of_goals_at_once_every_end_is_told_and_kept() {
     kept.await.expect("all ends are on disk");
 }
 
-/// How many of the asker's goals the Journals believe to go on, and of how many they have the end.
+/// Returns how many of the requester's goals the Journals have as running, and of how many they have
+/// the end.
 async fn records(asker: &Asker) -> (usize, usize) {
     let journals = asker.question(Resource::Journal).await;
     assert!(!journals.is_empty(), "no Journal answers");

@@ -1,4 +1,4 @@
-//! Daemons of one machine find each other: whoever comes, in whatever order, under whatever name.
+//! Daemons of one machine find each other, in any order and under any name.
 
 mod support;
 
@@ -14,11 +14,11 @@ use tokio::sync::mpsc;
 const DAEMONS: [&str; 5] =
     ["reasoning", "turtlebot-laptop", "office2-pi", "conf-room-pi", "corridor-pi"];
 
-/// One agent of each.
+/// One agent of each daemon.
 const AGENTS: [&str; 5] =
     ["plan-executor", "turtlebot-1", "thermometer-office2", "co2-conf-room", "camera-1"];
 
-/// What can be seen from one daemon: who comes and goes, as its router is told.
+/// Client of one daemon that receives presence as its router reports it.
 struct Lookout {
     daemon: &'static str,
     heard: mpsc::UnboundedReceiver<Presence>,
@@ -31,7 +31,7 @@ impl Inbound for Ear {
     fn deliver(&self, _: Delivery) {}
     fn question(&self, _: Question) {}
     fn presence(&self, presence: Presence) {
-        // Nobody listens any more when a test is over.
+        // When a test is over, the receiver is gone.
         let _ = self.0.send(presence);
     }
 }
@@ -48,12 +48,12 @@ impl Lookout {
         Lookout { daemon, heard, _session: session }
     }
 
-    /// Waits until all of these have been seen to come.
+    /// Waits until all of these agents have joined.
     async fn sees(&mut self, agents: &[&str]) {
         self.waits(agents, |presence| matches!(presence, Presence::Joined(_))).await;
     }
 
-    /// Waits until all of these have been seen to go.
+    /// Waits until all of these agents have left.
     async fn misses(&mut self, agents: &[&str]) {
         self.waits(agents, |presence| matches!(presence, Presence::Left(_))).await;
     }
@@ -87,7 +87,7 @@ async fn a_daemon_that_is_killed_and_started_again_at_once() {
     office.up(&DAEMONS, &[]);
     let mut other = Lookout::at(&office, "reasoning").await;
     other.sees(&AGENTS).await;
-    // Names that sort before and after that of the others.
+    // Names that sort before and after those of the others.
     for (daemon, agent) in [("conf-room-pi", "co2-conf-room"), ("turtlebot-laptop", "turtlebot-1")]
     {
         for _ in 0..2 {

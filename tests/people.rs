@@ -1,5 +1,5 @@
-//! What people at a terminal met: readers that go away, goals that are left, ports that are taken, text
-//! that a terminal would obey.
+//! Problems that people met at a terminal: readers that close their pipe, goals that are left, ports
+//! that are taken, text with terminal control sequences.
 
 mod support;
 
@@ -30,7 +30,7 @@ impl Drop for Ends {
 }
 
 impl Ends {
-    /// Waits for its end; how long that may take, and what it ended with.
+    /// Waits up to `limit` for its end; returns its exit code.
     #[track_caller]
     fn within(&mut self, limit: Duration) -> Option<i32> {
         let deadline = Instant::now() + limit;
@@ -44,9 +44,9 @@ impl Ends {
     }
 }
 
-// === readers that go away ===
+// === readers that close their pipe ===
 
-/// Runs a command whose reader goes away after so many lines.
+/// Runs a command with a reader that closes its pipe after `lines` lines.
 fn head(office: &Office, arguments: &[&str], lines: usize) -> Ends {
     let mut command = office.command(&[arguments, &["--ecosystem", &file()]].concat());
     command.stdout(Stdio::piped()).stderr(Stdio::null());
@@ -76,7 +76,7 @@ fn who_prints_ends_when_nobody_reads_any_more() {
         let mut ended = head(&office, arguments, 0);
         assert_eq!(ended.within(PATIENCE), Some(0), "{arguments:?}");
     }
-    // Nothing is said any more by which it would find out, and it ends all the same.
+    // No more output comes that would show the closed pipe, and the command ends all the same.
     let mut ended = head(&office, &["watch", "--conversation", "nobody-s"], 1);
     assert_eq!(ended.within(PATIENCE), Some(0));
 }
@@ -129,7 +129,7 @@ fn who_leaves_a_goal_hears_how_to_follow_it_and_how_to_give_it_up() {
     ] {
         assert!(told.contains(&command), "{command}: {told}");
     }
-    // As it was told.
+    // Cancels by the command that was printed.
     let (code, cancelled) = ask(&office, &["goal", "--cancel", &id]);
     assert_eq!(code, Some(0), "{cancelled}");
 }
@@ -149,7 +149,7 @@ fn a_script_for_the_prompt_is_done_at_once() {
         let output = child.wait_with_output().expect("our child");
         (output.status.code(), began.elapsed(), stdout(&output) + &stderr(&output))
     };
-    // The first of a few: the machine may be busy with other tests.
+    // The fastest of a few runs: the machine may be busy with other tests.
     let quickest = (0..5).map(|_| run(b"quit\n")).min_by_key(|(_, took, _)| *took).expect("runs");
     assert_eq!(quickest.0, Some(0), "{}", quickest.2);
     assert!(quickest.1 < Duration::from_millis(1_500), "{:?}", quickest.1);
@@ -162,7 +162,7 @@ fn a_script_for_the_prompt_is_done_at_once() {
 
 // === a terminal ===
 
-/// A terminal of the test's own, in which a command runs.
+/// A terminal of this test, in which a command runs.
 struct Terminal {
     child: Ends,
     controller: File,
@@ -185,18 +185,18 @@ impl Terminal {
         self.controller.write_all(text.as_bytes()).expect("it is open");
     }
 
-    /// All that it was sent until the command has ended.
+    /// Returns everything sent to the terminal until the command has ended.
     fn until_end(mut self) -> (Option<i32>, String) {
         let mut all = Vec::new();
         let mut bytes = [0; 4_096];
-        // Once nobody has the other side open, a read fails.
+        // A read fails once no process has the other side open.
         while let Ok(count @ 1..) = self.controller.read(&mut bytes) {
             all.extend_from_slice(&bytes[..count]);
         }
         (self.child.within(PATIENCE), String::from_utf8(all).expect("text"))
     }
 
-    /// All that it was sent until that is a part of it.
+    /// Returns everything sent to the terminal until it contains `text`.
     fn until(&mut self, text: &str) -> String {
         let mut all = Vec::new();
         let mut bytes = [0; 4_096];
@@ -217,16 +217,16 @@ impl Terminal {
     }
 }
 
-/// What a stranger would like a terminal to do: a title, a cleared screen by two ways, a line that goes
-/// back, text that runs the other way.
+/// Control sequences that an attacker would send to a terminal: a title, a cleared screen in two ways,
+/// a line that moves back, text in reverse direction.
 const HOSTILE: &str =
     "PIN \u{1b}]0;owned\u{7}\u{1b}[35m\u{9b}2J\r\u{202e}evil\u{2066}\u{7f}\u{200b}x";
 
-/// Of what a terminal was sent, whatever it would obey beyond ends of lines and our colors.
+/// Returns the control characters sent to a terminal, other than line ends and our colors.
 #[track_caller]
 fn obeyed(sent: &str) -> Vec<char> {
     let sent = sent.replace("\r\n", "\n");
-    // A color of ours, and none that we never use.
+    // Only our own colors are expected.
     let mut parts = sent.split("\u{1b}[");
     let mut rest = parts.next().unwrap_or_default().to_owned();
     for part in parts {
@@ -256,7 +256,7 @@ fn a_terminal_is_sent_nothing_that_a_stranger_made_up() {
     let file = file();
     let command =
         |arguments: &[&str]| office.command(&[arguments, &["--ecosystem", &file]].concat());
-    // A listener, and a person at a prompt whose name agents know.
+    // A listener, and a person at a prompt with a name that agents know.
     let mut watching = Terminal::open(command(&["watch"]));
     watching.until("listening to");
     let mut sitting = Terminal::open(command(&["keyboard", "--name", "door"]));
@@ -314,7 +314,7 @@ fn a_terminal_is_sent_nothing_that_a_stranger_made_up() {
     }
 }
 
-/// Mistakes are shown with the line they are in.
+/// Mistakes are shown with their lines.
 #[test]
 fn neither_do_files_reach_a_terminal_raw() {
     let office = Office::new();
@@ -330,7 +330,7 @@ fn neither_do_files_reach_a_terminal_raw() {
     }
 }
 
-/// The log of a daemon in a terminal says what agents say.
+/// The log of a daemon in a terminal contains text from agents.
 #[test]
 fn nor_does_a_log() {
     let office = Office::new();
@@ -349,7 +349,7 @@ fn nor_does_a_log() {
     assert!(!said.contains("\u{1b}]") && !said.contains('\u{9b}'), "{said:?}");
 }
 
-// === a file that is read anew ===
+// === a file that is reloaded ===
 
 const THERMOMETER: &str = "[[agent]]\nname = \"NAME\"\nplugin = \"temperature-sensor\"\n\
      driver = \"simulated\"\nconfig = { location = \"ROOM\" }\n\n";
@@ -358,7 +358,7 @@ fn thermometer(name: &str, room: &str) -> String {
     THERMOMETER.replace("NAME", name).replace("ROOM", room)
 }
 
-/// An ecosystem of the office's words and of a map of the test's own.
+/// Returns an ecosystem with the office's ontology and a map of this test.
 fn lab_with(office: &Office, agents: &str) -> String {
     let source = Office::file().canonicalize().expect("it is there");
     let map = source.ancestors().nth(2).expect("a folder").join("domains/smart-office/map.pddl");
@@ -388,7 +388,7 @@ fn a_file_is_read_anew_and_a_room_is_added_while_a_daemon_runs() {
         assert!(Command::new("kill").args(["-HUP", &pid]).status().expect("kill").success());
     };
 
-    // One agent has left, one is new, and a goal is another.
+    // One agent has left, one is new, and a goal has changed.
     let goals = "[goals]\nwarm = \"(known-temperature office2)\"\n\n";
     office.write(
         "lab.toml",
@@ -404,16 +404,16 @@ fn a_file_is_read_anew_and_a_room_is_added_while_a_daemon_runs() {
     let (code, said) = office.ask(&["goal", "warm"]);
     assert_eq!(code, Some(0), "the new one measures: {said}");
 
-    // A mistake changes nothing.
+    // A file with a mistake changes nothing.
     office.write("lab.toml", "[ecosystem\n");
     hangup();
     await_note(&notes, "nothing is changed");
-    // Commands read the file, too.
+    // Commands read the file too.
     office.write("lab.toml", &first);
     let agents = office.ask(&["agents"]).1;
     assert!(agents.contains("thermometer-b"), "{agents}");
 
-    // The map has a room more, with a thermometer.
+    // The map has another room, with a thermometer.
     let map = office.folder().join("map.pddl");
     let text = std::fs::read_to_string(&map).expect("it is there");
     let more = text.replacen("(:objects", "(:objects attic - room", 1);
@@ -428,7 +428,7 @@ fn a_file_is_read_anew_and_a_room_is_added_while_a_daemon_runs() {
     assert!(child.0.try_wait().expect("it is ours").is_none(), "it is the same process");
 }
 
-/// The lines of a stream, as they come.
+/// Returns the lines of a stream, as they come.
 fn notes(stream: impl std::io::Read + Send + 'static) -> mpsc::Receiver<String> {
     let (tell, told) = mpsc::channel();
     std::thread::spawn(move || {
@@ -441,7 +441,7 @@ fn notes(stream: impl std::io::Read + Send + 'static) -> mpsc::Receiver<String> 
     told
 }
 
-/// All lines up to the one that contains `text`.
+/// Returns all lines up to the one that contains `text`.
 #[track_caller]
 fn await_note(notes: &mpsc::Receiver<String>, text: &str) -> String {
     let mut all = String::new();
@@ -494,12 +494,12 @@ fn machines_with_different_maps_tell_of_each_other() {
     assert_eq!(digests(&at_a), digests(&at_b), "{at_b}");
 }
 
-// === a daemon that stands still ===
+// === a daemon that is stopped ===
 
 #[test]
 fn a_stopped_bystander_keeps_no_command_waiting() {
     let mut office = Office::new();
-    // The bystander is the first by its name, and so the first that commands would join by.
+    // Commands try daemons in order of their names, and this one is the first.
     office.up(&["reasoning", "conf-room-pi"], &[]);
     office.signal("conf-room-pi", "STOP");
     let began = Instant::now();
@@ -512,7 +512,8 @@ fn a_stopped_bystander_keeps_no_command_waiting() {
     assert!(took < Duration::from_secs(9), "Zenoh alone waits ten seconds: {took:?}");
 }
 
-/// Stops the daemon that a goal's command hears by when its plan is told; asserts that all is told once.
+/// Stops the daemon through which a goal's command is connected, when its plan is reported. Checks that
+/// every report is printed exactly once.
 #[track_caller]
 fn misses_no_line(time_scale: &str) {
     let mut office = Office::new();
@@ -550,8 +551,8 @@ fn a_goal_that_ends_while_its_command_hears_nothing_misses_no_line() {
     misses_no_line("0.05");
 }
 
-/// A command that keeps up a goal which holds and is on the disk of its Journal: with what it prints, and
-/// its notes.
+/// Starts a command with a maintained goal that holds and is on the disk of its Journal. Returns it
+/// with its output and its notes.
 fn kept_goal(office: &Office) -> (Ends, mpsc::Receiver<String>, mpsc::Receiver<String>) {
     let goal = ["goal", "(known-temperature office2)", "--maintain", "--ecosystem", &file()];
     let mut command = office.command(&goal);
@@ -586,7 +587,7 @@ fn who_waits_for_a_goal_hears_that_no_daemon_is_reached() {
     await_note(&notes, "a daemon of the ecosystem is reached again");
 }
 
-// === files that are nobody else's ===
+// === access rights of files ===
 
 #[test]
 fn what_a_daemon_and_a_recording_keep_is_closed_to_others_whatever_the_umask() {
@@ -603,7 +604,8 @@ fn what_a_daemon_and_a_recording_keep_is_closed_to_others_whatever_the_umask() {
     let mut files = 0;
     while let Some(path) = open.pop() {
         let about = std::fs::symlink_metadata(&path).expect("it is there");
-        // Only the folder of an ecosystem's daemon is ours; a test made those above.
+        // Only the folder of the ecosystem's daemon is created by Althing; the test created those
+        // above.
         assert_eq!(about.mode() & 0o077, 0, "{}", path.display());
         if about.is_dir() {
             let entries = std::fs::read_dir(&path).expect("a folder");
@@ -634,7 +636,7 @@ fn what_a_daemon_and_a_recording_keep_is_closed_to_others_whatever_the_umask() {
 
 // === ports ===
 
-/// A daemon that listens at a port of this machine, as its environment says.
+/// Starts a daemon that listens at a port of this machine, as its environment says.
 fn up_at(office: &Office, name: &str, listen: &str, connect: &str) -> Child {
     let mut command = office.command(&["up", &file(), "--daemon", name]);
     command.env("ALTHING_ZENOH__LISTEN__ENDPOINTS", listen);
@@ -656,7 +658,7 @@ fn a_port_that_is_taken_is_said_to_be_taken_and_by_whom() {
     assert!(said.contains("ALTHING_ZENOH__LISTEN__ENDPOINTS="), "the cure: {said}");
 }
 
-/// One file for all machines names each of them.
+/// One file for all machines lists the addresses of all, including its own.
 #[test]
 fn a_daemon_that_is_told_to_call_itself_does_not() {
     let office = Office::new();
@@ -673,7 +675,7 @@ fn a_daemon_that_is_told_to_call_itself_does_not() {
     let said = lines(&mut child);
     let ready = said.recv_timeout(PATIENCE).expect("it says that it is ready");
     assert!(ready.contains("is ready"), "{ready}");
-    // It is asked something, so that whatever a call to itself would have said is said.
+    // The query gives a connection to itself the time to be logged.
     let (code, agents) = ask(&office, &["agents"]);
     assert_eq!(code, Some(0), "{agents}");
     let pid = child.id().to_string();
@@ -688,13 +690,13 @@ fn a_daemon_that_is_told_to_call_itself_does_not() {
 #[test]
 fn the_building_outlives_the_daemon_that_serves_it() {
     let mut office = Office::new();
-    // The first one serves it.
+    // The first daemon serves the building.
     office.up(&["office2-pi", "reasoning", "turtlebot-laptop"], &[]);
     office.await_devices(3);
     let (code, said) = office.ask(&["goal", "(at turtlebot-1 office1)"]);
     assert_eq!(code, Some(0), "{said}");
     office.kill("office2-pi");
-    // It stands where it was, and drives on from there.
+    // The robot stands where it was, and drives on from there.
     let (code, said) = office.ask(&["goal", "(at turtlebot-1 office2)"]);
     assert_eq!(code, Some(0), "{said}");
     office.await_fact("(at turtlebot-1 office2)", true);

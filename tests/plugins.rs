@@ -1,5 +1,5 @@
-//! Plugins that run as processes, of a real daemon: put in, planned with, killed, upgraded, taken out;
-//! and those that misbehave.
+//! Plugin packages on a real daemon: installed, planned with, killed, upgraded, removed; and packages
+//! that misbehave.
 
 mod support;
 
@@ -15,7 +15,7 @@ use support::{Office, lab};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Puts the thermometer in Python in under another name, and changed.
+/// Installs the Python thermometer under another name, with changes.
 fn put(office: &Office, name: &str, change: &dyn Fn(&Path)) {
     let made = office.folder().join("made").join(name);
     copy(&thermometer(), &made);
@@ -25,7 +25,7 @@ fn put(office: &Office, name: &str, change: &dyn Fn(&Path)) {
     fs::rename(&made, office.plugins_folder().join(name)).expect("the same file system");
 }
 
-/// A daemon of the lab that hosts whatever is put into its folder of plugins.
+/// Starts a daemon of the lab that hosts every package in its folder of plugins.
 fn office(mode: &str, more: &str) -> Office {
     let office = Office::new();
     let file = office.write("lab.toml", &(lab(mode) + more));
@@ -40,7 +40,7 @@ fn status(office: &Office, name: &str) -> Value {
     plugins.into_iter().find(|plugin| plugin["name"] == name).unwrap_or(Value::Null)
 }
 
-/// Waits until a plugin is as it should be; its status then.
+/// Waits until the status of a plugin satisfies `is_so`; returns it.
 fn await_status(office: &Office, name: &str, is_so: impl Fn(&Value) -> bool) -> Value {
     let deadline = Instant::now() + PATIENCE;
     loop {
@@ -56,7 +56,7 @@ fn await_state(office: &Office, name: &str, state: &str) -> Value {
     await_status(office, name, |status| status["state"] == state)
 }
 
-/// The processes whose command line or environment has this in it, by their numbers.
+/// Returns the processes with this text in their command line or environment, by number.
 fn processes_with(marker: &str) -> Vec<String> {
     let entries = fs::read_dir("/proc").expect("Linux").flatten();
     let of_it = |pid: &String| {
@@ -69,9 +69,9 @@ fn processes_with(marker: &str) -> Vec<String> {
     pids.filter(|pid| *pid != std::process::id().to_string()).filter(of_it).collect()
 }
 
-/// Waits until no process of the plugins of this office is left.
+/// Waits until no process of this office's plugins is left.
 fn await_none_left(office: &Office) {
-    // Its home, in the environment of all that it has started.
+    // The plugins' home folder is in the environment of all processes that they start.
     let marker = office.folder().join("state/lab/daemon/plugins").display().to_string();
     let deadline = Instant::now() + PATIENCE;
     while !processes_with(&marker).is_empty() {
@@ -190,7 +190,7 @@ fn agents_of_the_file_come_with_their_config_and_what_appears_is_listed() {
         assert_eq!(code, Some(0), "{said}");
         assert!(said.contains(celsius.trim_end_matches(" °C")), "{said}");
     }
-    // Its own agent stays away where the file names others, and all came at the first start.
+    // Its own agent is not started if the file names others; all of them joined at the first start.
     let status = status(&named, "thermometer");
     assert_eq!(status["agents"].as_array().map(Vec::len), Some(2), "{status}");
     assert_eq!(status["restarts"], 0, "{status}");
@@ -270,12 +270,12 @@ fn an_upgrade_takes_over_and_one_that_does_not_work_is_taken_back() {
     assert!(said.contains("`version` is missing"), "{said}");
 }
 
-/// A package whose program is a shell's.
+/// Installs a package with a shell script as its program.
 fn script(office: &Office, name: &str, text: &str, more: &str) {
     script_of(office, "sh", name, text, more);
 }
 
-/// The same of a shell by another name.
+/// The same with a shell of another name.
 fn script_of(office: &Office, shell: &str, name: &str, script: &str, more: &str) {
     let folder = office.folder().join("made").join(name);
     fs::create_dir_all(&folder).expect("a folder");
@@ -287,8 +287,8 @@ fn script_of(office: &Office, shell: &str, name: &str, script: &str, more: &str)
     fs::rename(&folder, office.plugins_folder().join(name)).expect("the same file system");
 }
 
-/// A program as version managers leave it on a path: a script that asks the manager, hidden elsewhere,
-/// and becomes what that says.
+/// Returns a program as version managers install it: a script that asks the manager, in a hidden
+/// folder, and runs the program that it names.
 fn shim(office: &Office, name: &str, real: &str) -> PathBuf {
     let root = office.folder().join("manager");
     let (shims, libexec) = (root.join("shims"), root.join("libexec"));
@@ -366,7 +366,7 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
     let forks = "for i in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17; do sleep 600 & done; wait";
     let disk = "[permissions]\ndisk = \"1MiB\"\n";
     let hoards = "for i in 1 2 3; do head -c 900000 /dev/zero > $HOME/$i; done; echo kept >&2; exec sleep 600";
-    // Of some, which is said depends on what the kernel has.
+    // The text of some cases depends on features of the kernel.
     let cases = [
         ("exits", "echo it is broken >&2; exit 3", "", "exit code 3: it is broken"),
         ("garbage", "while :; do head -c 4096 /dev/urandom; done", "", "was not here within 2s"),
@@ -389,7 +389,7 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
             is_it && status["restarts"].as_u64() >= Some(1)
         });
     }
-    // It is given up in the end, and a person can begin it anew.
+    // The host gives the plugin up in the end, and a person can enable it again.
     await_state(&office, "exits", "given-up");
     let (code, said) = office.ask(&["plugin", "enable", "exits"]);
     assert_eq!(code, Some(0), "{said}");
@@ -401,7 +401,7 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
     await_none_left(&office);
     let (code, said) = office.ask(&["plugin", "logs", "exits", "-n", "5"]);
     assert!(code == Some(0) && said.contains("it is broken"), "{said}");
-    // The rest of the building was undisturbed.
+    // The rest of the building was not disturbed.
     let (code, said) = office.ask(&["agents"]);
     assert!(code == Some(0) && said.contains("plan-executor"), "{said}");
 }
@@ -409,7 +409,7 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
 #[test]
 fn time_that_children_have_spent_counts() {
     let office = office("decentralized", "");
-    // Each child computes for a moment and is gone before anything looks at it.
+    // Each child computes for a moment and is gone before any check sees it.
     let burns = "while :; do (i=0; while [ $i -lt 20000 ]; do i=$((i+1)); done); done";
     script(&office, "burns", burns, "[permissions]\ncpu = 0.02\n");
     let manifest = office.plugins_folder().join("burns/plugin.toml");
@@ -424,7 +424,7 @@ fn time_that_children_have_spent_counts() {
 fn rights_are_allowed_by_a_person_before_a_plugin_runs() {
     let office = office("decentralized", "");
     let asks = "[permissions]\nnetwork = true\nmemory = \"160MiB\"\n";
-    // Copied by hand, nobody was asked: it waits.
+    // A package that was copied by hand waits, because no person has allowed its rights.
     script(&office, "copied", "exit 3", asks);
     let status = await_state(&office, "copied", "not-allowed");
     let reason = status["reason"].as_str().unwrap_or_default();
@@ -445,7 +445,7 @@ fn rights_are_allowed_by_a_person_before_a_plugin_runs() {
     await_status(&office, "copied", |status| {
         status["reason"].as_str().is_some_and(|why| why.contains("exit code 3"))
     });
-    // Another version that asks for no more is not asked about; one that asks for more is.
+    // A new version with the same rights is not asked about; one with more rights is.
     let add = |text: &str, more: &[&str]| {
         let made = office.folder().join("made/copied");
         let _ = fs::remove_dir_all(&made);
@@ -581,7 +581,7 @@ fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
         let has_agent = status["agents"].as_array().is_some_and(|agents| !agents.is_empty());
         assert_eq!(has_agent, state == "running", "{status}");
     }
-    // A model that conflicts is taken without what conflicts, and says so.
+    // The conflicting part of a model is left out, and this is reported.
     put("conflicts", &|made| {
         replace(
             &made.join("model.pddl"),
@@ -599,11 +599,11 @@ fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
         assert!(Instant::now() < deadline, "{}", office.ask(&["agents"]).1);
     }
     fs::remove_dir_all(office.plugins_folder().join("conflicts")).expect("it was put in");
-    // What is said of the world and cannot be read is not believed; the rest of it is planned with.
+    // Facts that cannot be parsed are not believed; the others are planned with.
     office.await_devices(1);
     let (code, said) = office.ask(&["plugin", "list"]);
     assert_eq!(code, Some(0), "{said}");
-    // Reasons are folded to the terminal's width, of which a test has none.
+    // Reasons are folded to the terminal's width; a test has no terminal.
     let table = said.lines().take_while(|line| !line.is_empty());
     let mut rows = table.filter(|line| !line.starts_with(' '));
     assert!(rows.all(|row| row.chars().count() <= 80), "{said}");

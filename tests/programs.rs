@@ -1,5 +1,5 @@
-//! An actuator that is any program, of a real daemon: planned with, run, and done without when it fails.
-//! What it has done is in the files that it writes.
+//! An actuator that runs any program, on a real daemon: planned with, run, and replaced when it fails.
+//! The evidence is in the files that the program writes.
 
 mod support;
 
@@ -7,7 +7,7 @@ use std::fs;
 
 use support::{Office, lab};
 
-/// A kettle by two programs; `FOLDER` is the test's, and so is how it brews.
+/// A kettle with two programs; the test sets `FOLDER` and the program that brews.
 const KETTLE: &str = r#"
 [[agent]]
 name = "kettle-1"
@@ -60,7 +60,7 @@ fn any_program_is_planned_with_and_done_without_when_it_fails() {
     }
 }
 
-/// It has poured the water away, or it has not: nobody says that the kettle is full still.
+/// The kettle may have poured the water away or not, so its being full is unknown.
 #[test]
 fn of_what_hung_nobody_knows_whether_it_was_done() {
     let office = Office::new();

@@ -1,12 +1,12 @@
-//! The paper's first two scenarios with sensors that are real and plugins that are processes; a robot
-//! takes over whatever goes down.
+//! The paper's first two scenarios with real sensors and plugins that are processes. A robot replaces
+//! every sensor that fails.
 //!
-//! - By the building's truth: a thermometer that speaks to a real broker, one of Python, and one that is
-//!   put in later.
-//! - In a real kernel, Debian's `user-mode-linux`, in which the whole ecosystem runs: its own
-//!   thermometer, by a plugin that is a process; the broker's; and one of Python, put in later. What the
-//!   robot measures is the simulated building's truth, and no device says the same: the number that a
-//!   room is known by says who has measured it.
+//! - With the building's truth: a thermometer on a real broker, one in Python, and one that is
+//!   installed later.
+//! - In a real kernel, Debian's `user-mode-linux`, in which the whole ecosystem runs: the kernel's own
+//!   thermometer, read by a plugin process; the broker's; and one in Python, installed later. The robot
+//!   measures the simulated building, and no device reports the same number: the known number of a room
+//!   shows which device has measured it.
 
 #[path = "support/kernel.rs"]
 mod kernel;
@@ -25,13 +25,13 @@ use support::left_out::left_out;
 use support::packages::{self, copy, has_python, replace, sensor_process, thermometer};
 use support::{Office, PATIENCE, lab, lines};
 
-/// What a kernel needs beside itself.
+/// Memory of the kernel, in megabytes.
 const MEGABYTES: u32 = 1_024;
 
-/// The broker inside, whose kernel has no other network.
+/// The broker inside; the kernel has no network to the outside.
 const BROKER: &str = "/usr/sbin/mosquitto";
 
-/// The agents, and the building's truth.
+/// The agents and the building.
 const CAST: &str = r#"
 [goals]
 temperatures = "(forall (?r - room) (known-temperature ?r))"
@@ -73,7 +73,7 @@ fn sensors_of_a_real_kernel_go_down_and_the_robot_takes_over() {
         let file = lab(mode) + &CAST.replace("DEVICE", THERMOMETER);
         let file = office.write("lab.toml", &file);
         sensors(&office.plugins_folder(), "");
-        // Moved into the folder of plugins by the caretaker inside.
+        // The caretaker inside moves the package into the folder of plugins.
         copy(&thermometer(), &office.folder().join("later/thermometer"));
         let manifest = office.folder().join("later/thermometer/plugin.toml");
         let config = "{ location = \"office1\", celsius = 19.25 }";
@@ -92,7 +92,7 @@ fn sensors_of_a_real_kernel_go_down_and_the_robot_takes_over() {
     }
 }
 
-/// Waits until one of these has measured a room since then, by the building's truth.
+/// Waits until this sensor has measured a room since a position of the building's log.
 async fn until_read(building: &Building, sensor: &str, room: &str, since: u64) {
     let is_it = |truth: &Truth| {
         let mut since = truth.occurrences().filter(|occurrence| occurrence.sequence >= since);
@@ -105,7 +105,7 @@ async fn until_read(building: &Building, sensor: &str, room: &str, since: u64) {
     assert!(waited.is_ok(), "`{sensor}` has not measured {room}");
 }
 
-/// The robot's part of the file, and where the simulated building is.
+/// Returns the robot's part of the file, and the socket of the simulated building.
 fn robot(layout: &Layout, socket: &Path) -> String {
     let mut text = String::new();
     for device in layout.devices() {
@@ -173,17 +173,17 @@ async fn what_goes_down_is_taken_over_by_the_building_s_truth() {
         let told = lines(&mut asking);
         let next = || told.recv_timeout(PATIENCE).expect("it holds in time");
         while !next().contains("the goal holds") {}
-        // Scenario 1: the sensor of office2 goes down, and the robot goes there instead.
+        // Scenario 1: the sensor of office2 fails, and the robot goes there instead.
         let truth = building.truth();
         assert!(truth.was_read("office1") && !truth.was_read(heard) && !truth.was_read(python));
         let since = truth.next_sequence();
         broker.retain(online, "offline");
         until_read(&building, &ir, heard, since).await;
-        // Scenario 2: that of the conference room goes down too.
+        // Scenario 2: the sensor of the conference room fails too.
         let since = building.truth().next_sequence();
         assert_eq!(office.ask(&["plugin", "disable", "thermometer"]).0, Some(0));
         until_read(&building, &ir, python, since).await;
-        // A new one is put in, and takes the room off the robot.
+        // A new sensor is installed, and the robot is no longer needed for the room.
         let new = Device::FixedSensor { name: "new-1".to_owned(), location: heard.to_owned() };
         building.add_device(new).expect("a new name");
         sensors(
@@ -204,7 +204,7 @@ fn has_broker() -> bool {
     false
 }
 
-/// The plugin `sensor` as a package, which may read what the kernel says of its devices.
+/// Makes a package of the plugin `sensor`, which may read the kernel's devices.
 fn sensors(folder: &Path, agents: &str) {
     let package = folder.join(".sensors");
     fs::create_dir_all(&package).expect("a folder");
@@ -218,18 +218,18 @@ fn sensors(folder: &Path, agents: &str) {
          [permissions]\nread = [\"/sys\"]\n{agents}"
     );
     fs::write(package.join("plugin.toml"), text).expect("a file");
-    // What `althing plugin allow sensors` notes.
+    // As `althing plugin allow sensors` writes it.
     fs::write(folder.join(".sensors.rights"), "read=/sys\n").expect("a file");
     fs::rename(&package, folder.join("sensors")).expect("the same file system");
 }
 
-/// What the kernel has printed, where the test fails.
+/// Returns what the kernel has printed, to diagnose a failure.
 fn printed(office: &Office) -> String {
     let printed = fs::read(office.folder().join("out")).unwrap_or_default();
     String::from_utf8_lossy(&printed).into_owned()
 }
 
-/// What the kernel runs as its first process.
+/// Returns the script that the kernel runs as its first process.
 fn inside(office: &Office, file: &Path) -> String {
     let (althing, file) = (env!("CARGO_BIN_EXE_althing"), file.display());
     let path = packages::path().into_string().expect("a path in UTF-8");

@@ -1,6 +1,6 @@
-//! A day of the office is recorded, from real processes over Zenoh, and played into a fresh office:
-//! it comes to the same ends, and its goals are reached also where every tenth message is lost and
-//! every tenth comes twice.
+//! A day of the office is recorded, from real processes over Zenoh, and replayed into a fresh office:
+//! the goals end in the same way, and are reached also if every tenth message is lost and every tenth
+//! is duplicated.
 
 mod support;
 
@@ -11,7 +11,7 @@ use std::process::{Child, Stdio};
 use serde_json::Value;
 use support::{Office, PATIENCE, lines, office, stderr, stdout};
 
-/// Begins to record; returns when nothing is missed any more.
+/// Starts recording; returns when the recorder receives all messages.
 fn record(office: &Office, file: &str) -> Child {
     let ecosystem = Office::file().display().to_string();
     let arguments = ["watch", "--record", file, "--ecosystem", &ecosystem];
@@ -19,12 +19,12 @@ fn record(office: &Office, file: &str) -> Child {
     let said = recorder.stderr.take().expect("piped");
     let mut lines = BufReader::new(said).lines().map_while(Result::ok);
     assert!(lines.any(|line| line.contains("recording `smart-office`")), "it never began");
-    // Whatever else it says is read, so that it never waits for us.
+    // The remaining output is read, so that the recorder never blocks.
     std::thread::spawn(move || lines.for_each(drop));
     recorder
 }
 
-/// The paper's first scenario, and what people do besides.
+/// The paper's first scenario, and some commands of people.
 fn a_day() -> (Office, PathBuf) {
     let mut office = office();
     let recorder = record(&office, "day.jsonl");
@@ -45,7 +45,7 @@ fn a_day() -> (Office, PathBuf) {
     (office, file)
 }
 
-/// Asks for a goal to be kept, and gives it up when it holds.
+/// Requests a maintained goal, and cancels it when it holds.
 fn give_up(office: &Office, goal: &str) {
     let ecosystem = Office::file().display().to_string();
     let arguments = ["goal", goal, "--maintain", "--ecosystem", &ecosystem];
@@ -96,8 +96,8 @@ fn a_day_is_recorded_and_played_again() {
     for seed in ["1", "2"] {
         let faults = ["--lose", "0.1", "--duplicate", "0.1", "--seed", seed, "--speed", "2"];
         let (code, played) = replay(&office, &file, &faults);
-        // Goals are reached in spite of it. A single action is asked for with what is known, and
-        // where a heartbeat was lost that may be a second old: then it may be declined.
+        // Goals are reached in spite of it. A single action is planned with the known state, which may
+        // be a second old if a heartbeat was lost; then the action may be declined.
         assert_eq!(played["plays"][0]["now"], "done", "seed {seed}: {played:#}");
         let plays = played["plays"].as_array().expect("a list");
         let is_same = plays.iter().all(|play| play["same"] == true);
@@ -107,7 +107,7 @@ fn a_day_is_recorded_and_played_again() {
         }
     }
 
-    // A replay that cannot fail would tell nothing: on a dead wire nothing is done.
+    // Shows that a replay can fail: on a network that loses everything no goal is reached.
     let (code, played) =
         replay(&office, &file, &["--lose", "1", "--speed", "100", "--patience", "2"]);
     assert_eq!(code, Some(1), "{played:#}");

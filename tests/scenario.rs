@@ -1,5 +1,5 @@
-//! `althing scenario`, as a user runs it: both flows, in one process and in at least five,
-//! several buildings. The exit code is the building's truth.
+//! `althing scenario` as a user runs it: both flows, in one process and in at least five, in several
+//! buildings. The exit code reflects the building's truth.
 
 mod support;
 
@@ -52,7 +52,7 @@ fn on_a_wire_in_memory() {
     check(&["--substrate", "memory", "--seed", "5"]);
 }
 
-/// The temperatures are kept known while sensors die and come.
+/// The temperatures stay known while sensors fail and return.
 #[test]
 fn scenario_2_in_processes() {
     for (seed, mode) in [("0", "decentralized"), ("1", "centralized")] {
@@ -63,7 +63,7 @@ fn scenario_2_in_processes() {
     }
 }
 
-/// Every text in a JSON value.
+/// Collects every string in a JSON value.
 fn words_of<'v>(value: &'v Value, words: &mut Vec<&'v str>) {
     match value {
         Value::String(text) => words.push(text),
@@ -73,7 +73,7 @@ fn words_of<'v>(value: &'v Value, words: &mut Vec<&'v str>) {
     }
 }
 
-/// Four people come; two are let in.
+/// Four people come; two are admitted.
 #[test]
 fn scenario_3_in_processes() {
     for (seed, mode) in [("0", "centralized"), ("1", "decentralized")] {
@@ -82,7 +82,7 @@ fn scenario_3_in_processes() {
         let validated: Vec<_> =
             admissions.iter().filter(|admission| admission["validated"] == true).collect();
         assert_eq!((admissions.len(), validated.len()), (4, 2), "{admissions:?}");
-        // Of the words only: a time may happen to have these digits.
+        // Strings only: a time may happen to have these digits.
         let mut words = Vec::new();
         words_of(&value, &mut words);
         assert!(words.iter().any(|word| word.contains("PIN")), "{words:?}");
@@ -90,7 +90,7 @@ fn scenario_3_in_processes() {
     }
 }
 
-/// The meeting goes on where the screen fails.
+/// The meeting goes on when the screen fails.
 #[test]
 fn scenario_4_in_processes() {
     for (seed, mode) in

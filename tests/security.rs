@@ -1,5 +1,5 @@
-//! A secured office, by the commands a caretaker uses: certificates, links by TLS between daemons
-//! that share nothing but the network, people at command lines, and who is kept out.
+//! A secured office, set up by the commands of a caretaker: certificates, TLS links between daemons
+//! that share nothing but the network, people at command lines, and senders that are rejected.
 
 mod support;
 
@@ -16,8 +16,8 @@ use support::{Office, PATIENCE, lines, stderr, stdout};
 
 const BOARDS: [&str; 2] = ["turtlebot-laptop", "office2-pi"];
 
-/// The smart office, secured, with these further lines; one folder of keys, as on the machine
-/// where they are made.
+/// The smart office, secured, with further lines in its file; one folder of keys, as on the machine on
+/// which they are made.
 struct Secured {
     office: Office,
     file: PathBuf,
@@ -29,13 +29,13 @@ impl Secured {
         let file = write(&plain, rights);
         let made = plain.run(&["cert", "authority", &file.display().to_string()]);
         assert!(made.status.success(), "{}", stderr(&made));
-        // The folder goes with the first office, which this one keeps.
+        // The first office owns the folder and is kept by this one.
         let secured = Secured { office: plain.with_file(file.clone()), file };
         secured.cert(&["daemon", "reasoning", "turtlebot-laptop", "office2-pi"]);
         secured
     }
 
-    /// A command about certificates.
+    /// Runs a command about certificates.
     fn cert(&self, arguments: &[&str]) -> String {
         let file = self.file.display().to_string();
         let output = self.office.run(&[&["cert"], arguments, &["--ecosystem", &file]].concat());
@@ -44,7 +44,7 @@ impl Secured {
     }
 }
 
-/// What was rejected so far, and why, by a daemon.
+/// Returns how many messages a daemon has rejected for this reason.
 fn rejected(office: &Office, by: &str, kind: &str) -> u64 {
     let counted = office.ask_json(&["mailbox"]);
     let daemons = counted["daemons"].as_array().cloned().unwrap_or_default();
@@ -59,7 +59,7 @@ fn await_rejected(office: &Office, by: &str, kind: &str) {
     }
 }
 
-/// The office's file with a [security] table and these further lines.
+/// Writes the office's file with a [security] table and these further lines.
 fn write(office: &Office, rights: &str) -> PathBuf {
     let text = fs::read_to_string(Office::file()).expect("the repository's own");
     let folder = Office::file().canonicalize().expect("it is there");
@@ -74,7 +74,7 @@ fn a_goal_is_reached_in_a_secured_office() {
     let mut secured = Secured::new("");
     secured.office.up(&["reasoning"], &[]);
     secured.office.up(&BOARDS, &[]);
-    // Two further sensors are not certified, and not there.
+    // Two further sensors have no certificate and do not appear.
     secured.office.await_devices(3);
     let (code, said) = secured.office.ask(&["goal", "(known-temperature office2)"]);
     assert_eq!(code, Some(0), "{said}");
@@ -82,7 +82,8 @@ fn a_goal_is_reached_in_a_secured_office() {
     let (code, agents) = secured.office.ask(&["agents"]);
     assert_eq!(code, Some(0), "{agents}");
     assert!(agents.contains("turtlebot-1") && agents.contains("thermometer-office2"), "{agents}");
-    // A name will do where a daemon runs: it tells its guests where the keys are.
+    // On a machine with a running daemon the ecosystem's name is enough: the daemon gives its guests
+    // the path of the keys.
     let named = secured.office.run(&["state", "--ecosystem", "smart-office"]);
     assert!(named.status.success(), "{}", stderr(&named));
 }
@@ -91,7 +92,7 @@ fn a_goal_is_reached_in_a_secured_office() {
 fn daemons_apart_are_linked_by_tls_and_people_from_elsewhere_too() {
     let mut secured = Secured::new("");
     secured.cert(&["daemon", "anna-laptop"]);
-    // Nobody else on this machine is asking for ports of the kernel's own choice twice at once.
+    // The kernel does not give the same free port to another process soon, so it can be used later.
     let port = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
     let endpoint = format!("tls/127.0.0.1:{}", port.expect("a port").port());
     let text = fs::read_to_string(&secured.file).expect("ours");
@@ -137,7 +138,7 @@ fn who_is_revoked_is_not_believed_any_more() {
     let said = secured.cert(&["revoke", "office2-pi"]);
     assert!(said.starts_with("revoked `office2-pi`: 1 certificate"), "{said}");
     await_rejected(&secured.office, "reasoning", "revoked");
-    // Its heartbeats are not believed, and so it can do nothing any more.
+    // Its heartbeats are rejected, and so its actions are no longer offered.
     secured.office.await_devices(2);
     let shown = secured.cert(&["show", "--json"]);
     let shown: Value = serde_json::from_str(&shown).expect("JSON");
@@ -146,7 +147,7 @@ fn who_is_revoked_is_not_believed_any_more() {
         all.iter().find(|each| each["name"] == name).expect("it was made")["state"].clone()
     };
     assert_eq!([of("office2-pi"), of("reasoning")], ["revoked", "good"]);
-    // It does not even start again.
+    // The daemon does not even start again.
     secured.office.kill("office2-pi");
     let file = secured.file.display().to_string();
     let again = secured.office.run(&["up", &file, "--daemon", "office2-pi"]);
@@ -201,8 +202,7 @@ fn rights_without_security_are_warned_of() {
     assert!(said.contains("nobody sees to rights in an ecosystem that is not secured"), "{said}");
 }
 
-/// Zenoh itself with these settings, which has sent a request that is longer than any may be; until
-/// it is dropped.
+/// A plain Zenoh session that has sent a request longer than the limit; closed on drop.
 struct Rogue(Child);
 
 impl Rogue {

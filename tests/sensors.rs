@@ -1,5 +1,5 @@
-//! Thermometers that a kernel knows, from their listing to a goal: in a tree such as kernels show,
-//! and in a real kernel, Debian's `user-mode-linux`, in which the whole ecosystem runs.
+//! Thermometers of a kernel, from their listing to a goal: in a folder that imitates sysfs, and in a
+//! real kernel, Debian's `user-mode-linux`, in which the whole ecosystem runs.
 
 #[path = "support/kernel.rs"]
 mod kernel;
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use kernel::{SAID, THERMOMETER, said_in};
 use support::{Office, lab, stderr, stdout};
 
-/// A thermometer as a kernel shows it below a folder.
+/// A thermometer as sysfs shows it, below a folder.
 struct Thermometer(PathBuf);
 
 impl Thermometer {
@@ -105,7 +105,7 @@ fn what_is_plugged_into_a_board_appears_by_itself() {
     office.await_fact("(known-temperature office1)", false);
     let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
     assert_eq!(code, Some(1), "{said}");
-    // It is the same device, whatever number it has.
+    // The same device under another number.
     thermometer.plug(3, "19000\n");
     office.await_devices(1);
     let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
@@ -132,7 +132,7 @@ fn a_real_kernels_thermometer_is_measured_unplugged_and_plugged_in() {
     assert_eq!(said, expected);
 }
 
-/// What the kernel runs as its first process.
+/// Returns the script that the kernel runs as its first process.
 fn inside(file: &Path) -> String {
     let (althing, file) = (env!("CARGO_BIN_EXE_althing"), file.display());
     format!(

@@ -1,4 +1,4 @@
-//! A daemon under a service manager: a socket of the test's own hears what systemd would.
+//! A daemon under a service manager: a socket of this test receives what systemd would.
 
 mod support;
 
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use support::{Office, PATIENCE};
 
-/// What a service manager is.
+/// The service manager's side.
 struct Manager {
     socket: UnixDatagram,
     path: std::path::PathBuf,
@@ -23,14 +23,14 @@ impl Manager {
         Manager { socket, path }
     }
 
-    /// The next thing it is told.
+    /// Returns the next notification.
     fn hears(&self) -> String {
         let mut bytes = [0; 4096];
         let length = self.socket.recv(&mut bytes).expect("the daemon speaks in time");
         String::from_utf8_lossy(&bytes[..length]).into_owned()
     }
 
-    /// Waits to be told `what`; what it was told before that.
+    /// Waits for the notification `what`; returns those before it.
     fn awaits(&self, what: &str) -> Vec<String> {
         let mut before = Vec::new();
         loop {
@@ -75,7 +75,7 @@ fn the_service_manager_hears_of_a_whole_life() {
     assert_eq!(code, Some(0), "{agents}");
     assert!(agents.contains("turtlebot-1"), "when it says so, it is: {agents}");
 
-    // Three signs per deadline: ten come well within ten deadlines.
+    // The daemon notifies three times per deadline: ten notifications take well under ten deadlines.
     let began = Instant::now();
     for _ in 0..10 {
         manager.awaits("WATCHDOG=1");
@@ -111,7 +111,7 @@ fn the_unit_waits_for_what_the_daemon_says() {
     assert!(unit.lines().any(|line| line.starts_with("WatchdogSec=")), "no watchdog");
 }
 
-/// Also without the folder no command could reach it, and no daemon that comes later.
+/// Without the folder no command and no new daemon could connect.
 #[test]
 fn a_daemon_whose_folder_of_sockets_is_deleted_makes_it_again() {
     let office = Office::new();
@@ -145,7 +145,7 @@ fn a_daemon_with_few_file_handles_says_so_at_start() {
     command.env("ALTHING_LOG", "warn").stderr(fs::File::create(&log).expect("a file"));
     let _daemon = Ends(command.spawn().expect("there is a shell"));
     manager.awaits("READY=1");
-    // The log is written by a thread of its own.
+    // A separate thread writes the log.
     let began = Instant::now();
     let mut said = String::new();
     while !said.contains("files open") && began.elapsed() < PATIENCE {

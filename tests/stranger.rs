@@ -1,5 +1,6 @@
-//! What a stranger's tool hears on Zenoh (`althing/**`): the performatives of Table 1, in an order
-//! that the protocols allow; each bidder's own domain; no plan for another's actions.
+//! Messages as an independent tool receives them on Zenoh (`althing/**`): the performatives of Table 1
+//! in an order that the protocols allow, a local domain of each bidder, and no plan with other agents'
+//! actions.
 
 mod support;
 
@@ -20,7 +21,7 @@ const DAEMONS: [&str; 5] =
     ["reasoning", "conf-room-pi", "office1-pi", "office2-pi", "turtlebot-laptop"];
 
 const ROBOT: &str = "turtlebot-1";
-/// The robot carries it, so its actions are in the robot's plans.
+/// Agent that the robot carries; its actions may be in the robot's plans.
 const CARRIED: &str = "ir-1";
 
 fn stranger(office: &Office, name: &str) -> Config {
@@ -32,8 +33,8 @@ fn stranger(office: &Office, name: &str) -> Config {
     config
 }
 
-/// Asks for the temperatures while a stranger listens; everything that was said until the goal's
-/// last word.
+/// Requests the temperatures while an independent client listens; returns all messages up to the goal's
+/// final report.
 async fn listen(office: &Office) -> Vec<Message> {
     let (tell, mut heard) = mpsc::unbounded_channel();
     let _tap = substrate_zenoh::tap(stranger(office, "stranger"), move |_, payload: Bytes| {
@@ -46,7 +47,7 @@ async fn listen(office: &Office) -> Vec<Message> {
     let output = tokio::task::spawn_blocking(|| asking).await.expect("no panic").expect("it runs");
     assert!(output.status.success(), "{}{}", stdout(&output), stderr(&output));
     let mut messages = Vec::new();
-    // Until a heartbeat that comes after the goal's last word: what was on its way has come.
+    // Until a heartbeat after the final report: all earlier messages have arrived by then.
     let mut is_over = false;
     loop {
         let payload = tokio::time::timeout(PATIENCE, heard.recv()).await.expect("heartbeats come");
@@ -61,12 +62,11 @@ async fn listen(office: &Office) -> Vec<Message> {
     }
 }
 
-/// Each exchange, taken alone, went as its protocol allows. What was lost on its way is heard when
-/// it is said again, so each side's turns are put in the order in which it spoke; and an answer may
-/// overtake, on its way to the listener, what it answers; so there must be *an* order of both that
-/// is allowed.
+/// Returns the exchanges that violate their protocols.
 ///
-/// Yields the exchanges of which that is not true.
+/// A lost message is received later, when it is repeated, so the messages of each side are sorted by
+/// the sender's numbering. An answer may also overtake, on its way to the listener, the message that it
+/// answers. So an exchange is correct if *some* order of both sides is allowed.
 fn disorder(messages: &[Message]) -> Vec<String> {
     let mut disorder = Vec::new();
     let mut ids = BTreeSet::new();
@@ -101,13 +101,13 @@ fn disorder(messages: &[Message]) -> Vec<String> {
     disorder
 }
 
-/// Its number among all that its sender has said: an id ends with it.
+/// Returns a message's number among all messages of its sender; the identifier ends with it.
 fn spoken(message: &Message) -> u64 {
     let number = message.id.as_str().rsplit('.').next();
     number.and_then(|number| number.parse().ok()).expect("an agent numbers its messages")
 }
 
-/// Whether some order of both sides' turns is allowed.
+/// Whether some order of both sides' messages is allowed.
 fn is_allowed(exchange: &Exchange, ours: &[&&Message], theirs: &[&&Message]) -> bool {
     let goes_on = |first: &Message, ours: &[&&Message], theirs: &[&&Message]| {
         let mut next = exchange.clone();
@@ -166,14 +166,14 @@ async fn the_centralized_flow() {
     assert!(!said.contains("cfp"), "nobody was called for proposals");
 }
 
-/// Who says what to whom, for whoever reads a failure.
+/// Returns sender, receivers and content of a message, to diagnose a failure.
 fn line(message: &Message) -> String {
     let Message { performative, sender, receiver, content, .. } = message;
     let receivers: Vec<_> = receiver.iter().map(AgentId::as_str).collect();
     format!("{sender} → {}: {performative} {content}", receivers.join(", "))
 }
 
-/// Every proposal is for the bidder's own actions, or those of what it carries.
+/// Checks that every proposal uses only actions of the bidder and of agents that it carries.
 fn check_bids(messages: &[Message]) {
     let mut bidders = 0;
     for message in messages {
@@ -193,7 +193,7 @@ fn check_bids(messages: &[Message]) {
     assert!(bidders >= 3, "two thermometers and the robot bid, not {bidders}: {heard:#?}");
 }
 
-/// Every bidder planned in a domain of its own, with nobody else's actions in it.
+/// Checks that every bidder planned in a local domain, without the actions of other agents.
 async fn check_domains(office: &Office, messages: &[Message]) {
     let mut digests = BTreeMap::new();
     for message in messages {
@@ -212,7 +212,7 @@ async fn check_domains(office: &Office, messages: &[Message]) {
     }
 }
 
-/// Hears nothing: a stranger that only asks.
+/// A client that only sends queries.
 struct Deaf;
 
 impl Inbound for Deaf {
@@ -227,7 +227,7 @@ async fn ask_domain(office: &Office, agent: &AgentId) -> Snapshot {
     let ask = Ask { daemon: None, resource: Resource::Domain, agent: Some(agent.clone()) };
     let deadline = tokio::time::Instant::now() + PATIENCE;
     loop {
-        // Zenoh answers a question with nothing as long as it knows no one who could answer.
+        // Zenoh answers a query with nothing as long as it knows no agent that could answer.
         let answers = session.ask(ask.clone(), Duration::from_secs(5)).await;
         if let Some(answer) = answers.first() {
             return serde_json::from_slice(answer).expect("a snapshot");
@@ -236,7 +236,7 @@ async fn ask_domain(office: &Office, agent: &AgentId) -> Snapshot {
     }
 }
 
-/// Waits until so many agents can be planned with.
+/// Waits until `count` agents can be planned with.
 async fn await_offers(office: &Office, count: usize) {
     let maintainer = AgentId::new("domain-maintainer").expect("a name");
     let deadline = tokio::time::Instant::now() + PATIENCE;

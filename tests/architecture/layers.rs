@@ -1,4 +1,4 @@
-//! Which crate may know which (ARCHITECTURE.md, “Layers”), asked of `cargo metadata`.
+//! Which crate may depend on which (ARCHITECTURE.md, “Layers”), according to `cargo metadata`.
 
 use std::process::Command;
 
@@ -6,8 +6,8 @@ use serde_json::Value;
 
 use crate::{none, root};
 
-/// The layers, lowest first. A crate depends only on lower layers, so two crates of one layer
-/// never know each other.
+/// The layers, lowest first. A crate depends only on lower layers, so two crates of one layer never
+/// depend on each other.
 const LAYERS: &[&[&str]] = &[
     &["acl", "pddl"],
     &[
@@ -25,7 +25,7 @@ const LAYERS: &[&[&str]] = &[
         "seccomp-notify",
         "substrate",
     ],
-    // `engines` knows `planner` for its validator: no engine's plan is believed.
+    // `engines` depends on `planner` for its validator: every engine's plan is validated.
     &["agent", "engines", "substrate-zenoh", "terminal"],
     &["actuator", "althing-plan"],
     &[
@@ -47,18 +47,18 @@ const LAYERS: &[&[&str]] = &[
         "turtlebot",
         "video-robot",
     ],
-    // Above plugins: an interface's voice is a Keyboard; a plugin's process is any plugin and a wire.
+    // Above the plugins: an interface contains a Keyboard; a plugin process contains any plugin.
     &["interfacing", "plugin-host", "plugin-process"],
     &["althing", "laboratory", "tests"],
 ];
 
-/// The layer of the plugins.
+/// Index of the plugins' layer.
 const PLUGINS: usize = 4;
 
-/// What every plugin may know of this workspace.
+/// Crates of this workspace that every plugin may depend on.
 const PLUGINS_KNOW: &[&str] = &["acl", "actuator", "agent", "pddl"];
 
-/// What one plugin may know besides, and why.
+/// Further crates that single plugins may depend on, with reasons.
 const EXCEPTIONS: &[Exception] = &[
     exception("domain-maintainer", "capability", "it is that state machine, given a mailbox"),
     exception("plan-executor", "planner", "deorders plans, checks what is left of one"),
@@ -84,17 +84,18 @@ const EXCEPTIONS: &[Exception] = &[
     exception("video-robot", "building", "its simulated driver moves and shows there"),
 ];
 
-/// What a crate's benchmark knows beside its layer, and why. Nothing of it is shipped.
+/// Crates that a benchmark may depend on in spite of its layer, with reasons. Benchmarks are not
+/// shipped.
 const BESIDE: &[Exception] = &[exception(
     "substrate-zenoh",
     "agent",
     "a benchmark holds agents against plain Zenoh, which nobody else may name",
 )];
 
-/// What the pure crates do not even have at hand: runtimes, logs, clocks, randomness.
+/// Crates that the pure crates must not depend on: runtimes, logs, clocks, randomness.
 const IMPURE: &[&str] = &["tokio", "tokio-util", "tracing", "log", "rand", "chrono", "zenoh"];
 
-/// The crates that return values and do nothing else.
+/// The pure crates: they only return values.
 pub(crate) const PURE: &[&str] = &["acl", "pddl", "conversation", "capability", "planner"];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,7 +115,7 @@ impl Exception {
     }
 }
 
-/// Exceptions that nothing needs any more.
+/// Returns the exceptions that are no longer needed.
 fn unused(edges: &[Edge], exceptions: &[Exception]) -> Vec<String> {
     exceptions
         .iter()
@@ -130,13 +131,13 @@ fn unused(edges: &[Edge], exceptions: &[Exception]) -> Vec<String> {
 struct Edge {
     of: String,
     on: String,
-    /// On a crate of this workspace.
+    /// Whether the dependency is a crate of this workspace.
     is_inside: bool,
-    /// Not a dev-dependency.
+    /// Whether it is not a dev-dependency.
     is_shipped: bool,
 }
 
-/// The edges in what `cargo metadata` printed.
+/// Returns the dependencies in the output of `cargo metadata`.
 fn edges(metadata: &Value) -> Vec<Edge> {
     let list = |value: &Value| value.as_array().cloned().unwrap_or_default();
     let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
@@ -154,7 +155,7 @@ fn edges(metadata: &Value) -> Vec<Edge> {
     edges
 }
 
-/// What cargo says about this workspace.
+/// Returns the output of `cargo metadata` for this workspace.
 fn metadata() -> Value {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let output = Command::new(cargo)
@@ -187,7 +188,7 @@ fn not_downwards(edges: &[Edge], beside: &[Exception]) -> Vec<String> {
         .collect()
 }
 
-/// What plugins know that they should not, and exceptions that nothing needs.
+/// Returns forbidden dependencies of plugins, and exceptions that are no longer needed.
 fn too_curious(edges: &[Edge], exceptions: &[Exception]) -> Vec<String> {
     let curious = edges
         .iter()
@@ -250,7 +251,7 @@ fn only_one_crate_names_zenoh() {
     assert!(named, "`substrate-zenoh` is not on Zenoh any more, so this test looks at nothing");
 }
 
-/// Of a patch that fits no more, cargo says so in a warning and takes the crate as published.
+/// If a patch no longer fits, cargo only warns and takes the published crate.
 #[test]
 fn zenoh_is_built_with_our_crate_of_tls_links() {
     let lock = std::fs::read_to_string(root().join("Cargo.lock")).expect("it is committed");

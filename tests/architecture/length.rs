@@ -1,17 +1,17 @@
-//! The length of functions, as a ratchet: what is too long already may only shrink, and nothing
-//! new may grow past the limit.
+//! The length of functions, as a ratchet: known long functions may only shrink, and no other function
+//! may exceed the limit.
 
 use crate::source::{Function, functions, production};
 use crate::{none, root};
 
-/// Lines from `fn` to the last brace; past it, a function wants a reason.
+/// Maximum length of a function in lines, from `fn` to the last brace.
 const LINES_MAX: usize = 70;
 
-/// Functions that are longer, by file and name, with the lines they may have. Never add one.
+/// Longer functions, by file and name, with the lines they may have. Never add one.
 const KNOWN: &[(&str, &str, usize)] = &[];
 
-/// Functions of one file that are too long for what is known, and known ones that are not any
-/// more.
+/// Returns complaints about functions of one file that exceed their limit, and about known functions
+/// that no longer do.
 fn too_long(file: &str, functions: &[Function], known: &[(&str, &str, usize)]) -> Vec<String> {
     let limit = |name: &str| {
         let entry = known.iter().find(|(of, known, _)| *of == file && *known == name);

@@ -1,10 +1,12 @@
-//! What source does not contain: effects in the pure crates, `unwrap` in production, Rust in data.
+//! Words that source must not contain: effects in the pure crates, `unwrap` in production, Rust in
+//! data.
 
 use crate::layers::PURE;
 use crate::source::{code, line_of, production, read, rust_files, words};
 use crate::{none, root};
 
-/// Words that no pure crate says: each is a wait, a clock, the environment, a file or a log.
+/// Words that no pure crate contains: each stands for waiting, a clock, the environment, a file or a
+/// log.
 const EFFECTS: &[&str] = &[
     "async",
     "await",
@@ -20,11 +22,11 @@ const EFFECTS: &[&str] = &[
     "eprintln",
 ];
 
-/// Words that print past `terminal::output`, where what others said is made visible before a terminal
-/// obeys it.
+/// Words that print without `terminal::output`, which makes control characters from other agents
+/// visible.
 const PRINTS: &[&str] = &["print", "println", "eprint", "eprintln", "stdout", "stderr"];
 
-/// Who may name them all the same, and why.
+/// Files that may contain these words, with reasons.
 const PRINTS_ITSELF: &[(&str, &str)] = &[
     ("daemon/terminal/src/output.rs", "it is that place"),
     ("daemon/terminal/src/render.rs", "asks how wide the terminal is"),
@@ -34,12 +36,12 @@ const PRINTS_ITSELF: &[(&str, &str)] = &[
     ("daemon/althing/src/commands/plugin/allow.rs", "asks whether there is a terminal"),
 ];
 
-/// The lines of `code` where something is printed, or a stream is named that it could be printed to.
+/// Returns the places in `code` that print, or that name a stream to print to.
 fn prints(code: &str) -> Vec<(usize, &str)> {
     let said = |(start, word): &(usize, &str)| {
         let rest = code[start + word.len()..].trim_start();
         let before = code[..*start].trim_end();
-        // A method or a field of another thing's is not the stream.
+        // A method or a field of another value is not the stream.
         let is_call = rest.starts_with('!') || rest.starts_with("()");
         is_call && !before.ends_with('.') && !before.ends_with("fn")
     };
@@ -47,7 +49,7 @@ fn prints(code: &str) -> Vec<(usize, &str)> {
     found.map(|(start, word)| (line_of(code, start), word)).collect()
 }
 
-/// The words of `code` that are effects, with their lines.
+/// Returns the words of `code` that are effects, with their lines.
 fn effects(code: &str) -> Vec<(usize, &str)> {
     words(code)
         .filter(|(_, word)| EFFECTS.contains(word))
@@ -55,12 +57,12 @@ fn effects(code: &str) -> Vec<(usize, &str)> {
         .collect()
 }
 
-/// The lines of `code` where something is unwrapped.
+/// Returns the lines of `code` that call `unwrap`.
 fn unwraps(code: &str) -> Vec<usize> {
     code.match_indices(".unwrap()").map(|(start, _)| line_of(code, start)).collect()
 }
 
-/// Whether a file says first of all what it is for.
+/// Whether a file begins with a comment on its purpose.
 fn opens_with_its_role(source: &str) -> bool {
     source.starts_with("//! ")
 }
@@ -96,7 +98,7 @@ fn production_unwraps_nothing() {
     none(&complaints, "production has no `unwrap()`: `expect(\"invariant: …\")` where proven");
 }
 
-/// Benchmarks, examples and what is no program of ours (a plugin's process) print as they like.
+/// Benchmarks, examples and plugin processes may print directly.
 #[test]
 fn everything_printed_goes_through_one_place() {
     let mut complaints = Vec::new();

@@ -1,17 +1,17 @@
-//! Reads Rust just well enough to find words, functions and test modules: no parser, because a
+//! Reads just enough Rust to find words, functions and test modules. It is no full parser, because a
 //! test of the architecture should not need a compiler's front end to build.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Folders that hold no source of ours.
+/// Folders without source of this project.
 const FOREIGN: &[&str] = &["target", "corpus", "artifacts", "vendor"];
 
-/// Folders whose Rust runs in no daemon: tests, benchmarks, examples, fuzz targets.
+/// Folders with Rust that runs in no daemon: tests, benchmarks, examples, fuzz targets.
 const ASIDE: &[&str] = &["tests", "benches", "examples", "fuzz"];
 
-/// A function, and how long it is from `fn` to its last brace.
+/// A function, with its length in lines from `fn` to its last brace.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Function {
     pub(crate) name: String,
@@ -19,7 +19,7 @@ pub(crate) struct Function {
     pub(crate) lines: usize,
 }
 
-/// All files under `folder` with the ending `.rs`, sorted.
+/// Returns all files under `folder` with the ending `.rs`, sorted.
 pub(crate) fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     collect(folder, &mut files);
@@ -39,13 +39,13 @@ fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// A file's text.
+/// Returns a file's text.
 pub(crate) fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|error| panic!("read {}: {error}", path.display()))
 }
 
-/// The production files under `folder`, each with its text: code only, without what is compiled
-/// for tests alone.
+/// Returns the production files under `folder`, each with its code: without comments, texts, and items
+/// compiled for tests only.
 pub(crate) fn production(folder: &Path) -> Vec<(PathBuf, String)> {
     let is_aside = |path: &Path| {
         path.strip_prefix(folder).is_ok_and(|path| {
@@ -70,7 +70,7 @@ fn is_of(path: &Path, module: &Path) -> bool {
     path.with_extension("") == *module || path.starts_with(module)
 }
 
-/// The modules in files of their own that `code` declares for tests alone, as paths without
+/// Returns the modules in files of their own that `code` declares for tests only, as paths without
 /// ending.
 fn test_modules(path: &Path, code: &str) -> Vec<PathBuf> {
     let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
@@ -85,7 +85,7 @@ fn test_modules(path: &Path, code: &str) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Code with the items under `#[cfg(test)]` blanked out. Lines stay where they are.
+/// Returns code with the items under `#[cfg(test)]` blanked out. Line numbers are preserved.
 pub(crate) fn without_tests(code: &str) -> String {
     let mut rest = code.to_owned();
     for (start, item) in test_items(code) {
@@ -95,7 +95,7 @@ pub(crate) fn without_tests(code: &str) -> String {
     rest
 }
 
-/// The items under `#[cfg(test)]`, each with where it starts.
+/// Returns the items under `#[cfg(test)]`, each with its start.
 fn test_items(code: &str) -> Vec<(usize, &str)> {
     const ATTRIBUTE: &str = "#[cfg(test)]";
     code.match_indices(ATTRIBUTE)
@@ -104,7 +104,7 @@ fn test_items(code: &str) -> Vec<(usize, &str)> {
         .collect()
 }
 
-/// How long the item is that `code` begins with: to its `;`, or to the end of its braces.
+/// Returns the length of the item at the start of `code`: to its `;`, or to the end of its braces.
 fn item_length(code: &str) -> usize {
     let (mut depth, mut braces) = (0_i32, 0_i32);
     for (index, char) in code.char_indices() {
@@ -127,7 +127,7 @@ fn item_length(code: &str) -> usize {
     code.len()
 }
 
-/// The functions of `code` that have a body.
+/// Returns the functions of `code` that have a body.
 pub(crate) fn functions(code: &str) -> Vec<Function> {
     words(code)
         .filter(|(_, word)| *word == "fn")
@@ -142,7 +142,7 @@ pub(crate) fn functions(code: &str) -> Vec<Function> {
         .collect()
 }
 
-/// The words of `code`, each with where it starts.
+/// Returns the words of `code`, each with its start.
 pub(crate) fn words(code: &str) -> impl Iterator<Item = (usize, &str)> {
     let is_word = |char: char| char.is_alphanumeric() || char == '_';
     code.split(move |char| !is_word(char))
@@ -150,12 +150,12 @@ pub(crate) fn words(code: &str) -> impl Iterator<Item = (usize, &str)> {
         .filter(|(_, word)| !word.is_empty())
 }
 
-/// The line of the byte at `index`, from 1.
+/// Returns the line of the byte at `index`, counted from 1.
 pub(crate) fn line_of(code: &str, index: usize) -> usize {
     code[..index].matches('\n').count() + 1
 }
 
-/// Source with comments, texts and characters blanked out. Lines stay where they are.
+/// Returns source with comments, strings and characters blanked out. Line numbers are preserved.
 pub(crate) fn code(source: &str) -> String {
     let mut code = String::with_capacity(source.len());
     let mut rest = source;
@@ -178,7 +178,7 @@ fn blanked(char: char) -> char {
     if char == '\n' { '\n' } else { ' ' }
 }
 
-/// How many bytes at the beginning of `rest` are a comment, a text or a character.
+/// Returns the number of bytes at the start of `rest` that are a comment, a string or a character.
 fn not_code(rest: &str, before: char) -> usize {
     let is_inside_word = before.is_alphanumeric() || before == '_';
     if rest.starts_with("//") {
@@ -211,7 +211,7 @@ fn block_comment(rest: &str) -> usize {
     rest.len()
 }
 
-/// The length of a text whose opening quote has been read, with its closing one.
+/// Returns the length of a string after its opening quote, including its closing one.
 fn text(rest: &str) -> usize {
     let mut is_escaped = false;
     for (index, char) in rest.char_indices() {
@@ -225,7 +225,7 @@ fn text(rest: &str) -> usize {
     rest.len()
 }
 
-/// The length of `r"…"`, `r#"…"#`, `br"…"`, or 0.
+/// Returns the length of `r"…"`, `r#"…"#`, `br"…"`, or 0.
 fn raw_text(rest: &str) -> usize {
     let prefix = ["r", "br", "cr"].into_iter().find(|prefix| {
         rest.strip_prefix(prefix).is_some_and(|rest| rest.trim_start_matches('#').starts_with('"'))
@@ -238,12 +238,12 @@ fn raw_text(rest: &str) -> usize {
     rest[opened..].find(&end).map_or(rest.len(), |index| opened + index + end.len())
 }
 
-/// The length of `'c'`, or 0 where the quote begins a lifetime.
+/// Returns the length of `'c'`, or 0 if the quote begins a lifetime.
 fn character(rest: &str) -> usize {
     let mut chars = rest.char_indices().skip(1);
     match (chars.next(), chars.next()) {
         (Some((_, '\\')), Some((after, _))) => {
-            // What is escaped may be a quote itself, so the end is sought after it.
+            // An escaped character may be a quote itself, so the end is searched after it.
             let escaped = rest[after..].chars().next().map_or(0, char::len_utf8);
             rest[after + escaped..].find('\'').map_or(0, |index| after + escaped + index + 1)
         }
@@ -252,9 +252,9 @@ fn character(rest: &str) -> usize {
     }
 }
 
-// === the reader is read ===
+// === tests of the reader ===
 
-/// Names and lengths of the functions in `source`.
+/// Checks names and lengths of the functions in `source`.
 #[track_caller]
 fn check_functions(source: &str, expected: &[(&str, usize)]) {
     let functions = functions(&without_tests(&code(source)));

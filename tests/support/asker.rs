@@ -1,5 +1,5 @@
-//! An asker of another make: one agent that asks for any number of goals at once, as docs/protocol.md
-//! says, and notes for each what it hears.
+//! An independent requester: one agent that requests any number of goals at once, by docs/protocol.md
+//! alone, and records the answers to each.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -19,32 +19,32 @@ use tokio::sync::mpsc;
 
 use super::Office;
 
-/// How long before a request is sent again that has neither a receipt nor an answer.
+/// Delay before a request is sent again that has neither a receipt nor an answer.
 const RETRY: Duration = Duration::from_millis(200);
 
-/// What has been heard of one goal.
+/// Answers to one goal.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Heard {
-    /// A receipt, or an answer, which replaces it.
+    /// Whether a receipt has come, or an answer, which replaces it.
     pub(crate) receipt: bool,
-    /// The first words of the answers that are no end.
+    /// Text of the first progress report.
     pub(crate) accepted: Option<String>,
-    /// Why it was refused.
+    /// Reason of the refusal.
     pub(crate) refused: Option<String>,
-    /// How it ended.
+    /// Outcome and text of the final report.
     pub(crate) ended: Option<(Outcome, String)>,
-    /// When it was refused or ended, since it was asked for.
+    /// Time of the refusal or the end, since the requester began.
     pub(crate) over_after: Option<Duration>,
 }
 
 impl Heard {
-    /// Whether nothing more is to be heard.
+    /// Whether no more answers are expected.
     pub(crate) fn is_over(&self) -> bool {
         self.refused.is_some() || self.ended.is_some()
     }
 }
 
-/// What one asker hears, and what it owes receipts for.
+/// Receiving side of a requester, with the receipts that it must send.
 struct Ears {
     began: Instant,
     heard: Mutex<BTreeMap<ConversationId, Heard>>,
@@ -52,7 +52,7 @@ struct Ears {
     owed: mpsc::UnboundedSender<MessageId>,
 }
 
-/// An agent that asks for goals, with its own word of what was heard.
+/// An agent that requests goals, with its own record of the answers.
 pub(crate) struct Asker {
     id: AgentId,
     ears: Arc<Ears>,
@@ -104,7 +104,7 @@ impl Inbound for Ears {
             Addressed::To(_, Subject::Message(_)) => {
                 let message = acl::decode(&delivery.payload).expect("an agent's words");
                 self.note(&message);
-                // Not from within Zenoh's callback.
+                // Sent from another task, not from within Zenoh's callback.
                 let _ = self.owed.send(message.id);
             }
             Addressed::All(..) | Addressed::Beat(_) => (),
@@ -117,7 +117,7 @@ impl Inbound for Ears {
 }
 
 impl Asker {
-    /// An asker beside the office's daemon `reasoning`.
+    /// Joins the ecosystem through the office's daemon `reasoning`.
     pub(crate) async fn join(office: &Office, name: &str) -> Asker {
         let ecosystem = EcosystemId::new("smart-office").expect("a name");
         let mut config = Config::new(ecosystem, DaemonId::new(name).expect("a name"));
@@ -151,7 +151,7 @@ impl Asker {
         Asker { id, ears, substrate, requester, _token }
     }
 
-    /// Asks for these goals at once, and hears until all are over or `patience` has passed.
+    /// Requests these goals at once, and waits until all are over or `patience` has passed.
     pub(crate) async fn ask(
         &self,
         goals: impl IntoIterator<Item = String>,
@@ -206,7 +206,7 @@ impl Asker {
         }
     }
 
-    /// Asks the ecosystem's daemons for a resource.
+    /// Queries the ecosystem's daemons for a resource.
     pub(crate) async fn question(&self, resource: Resource) -> Vec<serde_json::Value> {
         let ask = Ask { daemon: None, resource, agent: None };
         let answers = self.substrate.ask(ask, Duration::from_secs(10)).await;

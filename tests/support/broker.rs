@@ -1,4 +1,4 @@
-//! Debian's MQTT broker on a port that the kernel chose, and devices that speak to it.
+//! Debian's MQTT broker on a port that the kernel chose, and devices that use it.
 
 #[allow(clippy::duplicate_mod, reason = "crates include this file without the others")]
 #[path = "left_out.rs"]
@@ -18,13 +18,13 @@ use tempfile::TempDir;
 
 const PROGRAM: &str = "/usr/sbin/mosquitto";
 
-/// How long it may take to begin on a machine that is busy with other tests.
+/// How long the broker may take to start on a machine that is busy with other tests.
 const BEGIN_MAX: Duration = Duration::from_secs(60);
 
-/// How often somebody else may take the port between its choice and its use.
+/// How often another process may take the port between its choice and its use.
 const TAKEN_MAX: u32 = 10;
 
-/// Retained words of hundreds of devices come at once.
+/// No limits on queues: retained messages of hundreds of devices come at once.
 const OPEN: &str = "allow_anonymous true\nmax_queued_messages 0\nmax_inflight_messages 0\n";
 
 /// A broker; it ends with the test.
@@ -32,7 +32,8 @@ pub(crate) struct Broker {
     port: u16,
     child: Child,
     folder: TempDir,
-    /// While it is dead: its port, which another test's broker would be given otherwise.
+    /// Socket that holds the broker's port while the broker is dead; otherwise another test's broker
+    /// could get it.
     held: Option<OwnedFd>,
 }
 
@@ -40,12 +41,13 @@ pub(crate) struct Broker {
 pub(crate) struct Subscriber(Child);
 
 impl Broker {
-    /// One that listens, to everybody here; `None`, loudly, where it is not installed.
+    /// Starts a broker that every local process may use. Returns `None` with a report if it is not
+    /// installed.
     pub(crate) fn start() -> Option<Broker> {
         Broker::start_in(tempfile::tempdir().expect("a folder"), OPEN)
     }
 
-    /// The same, with settings of its own, of which the files are in `folder`.
+    /// Starts a broker with these settings; the files that they name are in `folder`.
     pub(crate) fn start_in(folder: TempDir, settings: &str) -> Option<Broker> {
         if !Path::new(PROGRAM).exists() {
             left_out::left_out("mosquitto is missing: apt-get install mosquitto mosquitto-clients");
@@ -63,7 +65,7 @@ impl Broker {
         Some(Broker { port, child, folder, held: None })
     }
 
-    /// Its process, once it listens; `None` if it cannot and has ended.
+    /// Starts the process and returns it once it listens; `None` if it cannot and has ended.
     fn begin(folder: &TempDir) -> Option<Child> {
         let mut command = Command::new(PROGRAM);
         command.arg("-c").arg(folder.path().join("broker.conf"));
@@ -93,7 +95,7 @@ impl Broker {
         listens.then_some(child)
     }
 
-    /// By SIGKILL: it forgets all that was retained.
+    /// Kills the broker by SIGKILL: it loses all retained messages.
     pub(crate) fn kill(&mut self) {
         self.child.kill().expect("our own child");
         self.child.wait().expect("our own child");
@@ -109,12 +111,12 @@ impl Broker {
         self.port
     }
 
-    /// One of the files of its settings.
+    /// Returns the path of one of the files of its settings.
     pub(crate) fn file(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    /// What it is called in a config.
+    /// Returns its name in a config.
     pub(crate) fn name(&self) -> String {
         format!("127.0.0.1:{}", self.port)
     }
@@ -126,17 +128,17 @@ impl Broker {
         command
     }
 
-    /// Says something that it keeps, as a device does, and is sure that the broker has it.
+    /// Publishes a retained message, as a device does, and waits until the broker has it.
     pub(crate) fn retain(&self, topic: &str, text: &str) {
         self.say_with(&["-r", "-t", topic, "-m", text]);
     }
 
-    /// Says what a file has, and lets it be kept.
+    /// Publishes the content of a file as a retained message.
     pub(crate) fn retain_file(&self, topic: &str, file: &Path) {
         self.say_with(&["-r", "-t", topic, "-f", &file.display().to_string()]);
     }
 
-    /// Says something once.
+    /// Publishes a message.
     pub(crate) fn say(&self, topic: &str, text: &str) {
         self.say_with(&["-t", topic, "-m", text]);
     }
@@ -146,7 +148,7 @@ impl Broker {
         assert!(said.success(), "the broker takes it: {said}");
     }
 
-    /// A device that does something with each word it is told; `does` runs on a thread of its own.
+    /// Starts a device that calls `does` with each message, on a thread of its own.
     pub(crate) fn device(
         &self,
         topic: &str,
@@ -154,13 +156,13 @@ impl Broker {
     ) -> Subscriber {
         let mut child = self
             .command("mosquitto_sub")
-            // Each text is a line, also one that is empty.
+            // Each message is printed as a line, also an empty one.
             .args(["-t", topic, "-t", "$SYS/broker/uptime", "-F", "%p"])
             .stdout(Stdio::piped())
             .spawn()
             .expect("it is installed");
         let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
-        // What the broker says of itself is retained: now the device hears.
+        // The broker's own status is retained: when it arrives, the subscription is active.
         lines.next().expect("it is told").expect("a text");
         std::thread::spawn(move || {
             for line in lines.map_while(Result::ok).filter(|line| !line.ends_with(" seconds")) {
@@ -185,13 +187,13 @@ impl Drop for Subscriber {
     }
 }
 
-/// A port that nobody listens at and nobody else is given.
+/// Holds a port so that no process listens there and no other process gets it.
 fn hold(port: u16) -> OwnedFd {
-    // Not for the daemons that are started meanwhile.
+    // Daemons that are started meanwhile must not inherit the socket.
     let flags = SocketFlags::CLOEXEC;
     let socket = socket_with(AddressFamily::INET, SocketType::STREAM, flags, None);
     let socket = socket.expect("a socket");
-    // What remains of the broker's connections does not keep the port; only its next life gets it.
+    // Remaining connections of the broker do not block the port; only the restarted broker gets it.
     set_socket_reuseaddr(&socket, true).expect("a socket");
     bind(&socket, &SocketAddrV4::new(Ipv4Addr::LOCALHOST, port)).expect("the broker's port");
     set_socket_reuseaddr(&socket, false).expect("a socket");

@@ -1,5 +1,5 @@
-//! A real kernel as a process of anybody: Debian's `user-mode-linux`, with an infrared thermometer
-//! (TMP006) on a simulated bus, that has measured 25 degrees.
+//! A real kernel as an unprivileged process: Debian's `user-mode-linux`, with an infrared thermometer
+//! (TMP006) on a simulated bus, which has measured 25 degrees.
 //!
 //! Tests of several crates include this file. It needs Debian's packages and nothing else.
 
@@ -13,20 +13,21 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// What is needed, and where packages put it.
+/// Files that are needed, at the paths where packages put them.
 const NEEDED: [&str; 4] =
     ["/usr/bin/linux.uml", "/usr/sbin/i2cset", "/usr/lib/uml/modules", "/bin/busybox"];
 
-/// How the thermometer is known.
+/// Identifier of the thermometer.
 pub(crate) const THERMOMETER: &str = "tmp006@i2c-0/0-0040";
 
-/// How long a kernel may take from its start to its end: it takes four to thirty seconds.
+/// Time limit of a kernel from start to end: it takes four to thirty seconds.
 const PATIENCE: Duration = Duration::from_secs(180);
 
-/// What a script has to say begins with this, among what the kernel says.
+/// Prefix of the script's output lines, which separates them from the kernel's.
 pub(crate) const SAID: &str = "@said ";
 
-/// Loads the drivers, and says of the thermometer who it is, that it has measured, and what.
+/// Loads the drivers and sets the thermometer's registers: its identity, that it has measured, and the
+/// value.
 const PRELUDE: &str = r#"#!/bin/sh
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/run
 mount -t proc proc /proc; mount -t sysfs sysfs /sys; mount -t tmpfs tmpfs /run
@@ -44,8 +45,9 @@ cd /sys/bus/i2c/devices/i2c-0
 echo tmp006 0x40 > new_device
 "#;
 
-/// Runs a script as a kernel's first process, in the folder of its bus; what it has said. `None`,
-/// loudly, where packages are missing: then nothing is tested, and `CI=true` fails.
+/// Runs a script as a kernel's first process, in the folder of its bus; returns the script's output
+/// lines. Returns `None` with a report if packages are missing: then nothing is tested, and `CI=true`
+/// fails.
 pub(crate) fn said_in(folder: &Path, megabytes: u32, script: &str) -> Option<Vec<String>> {
     if let Some(missing) = NEEDED.iter().find(|path| !Path::new(path).exists()) {
         let needed = "apt-get install user-mode-linux i2c-tools busybox";
@@ -76,7 +78,7 @@ pub(crate) fn said_in(folder: &Path, megabytes: u32, script: &str) -> Option<Vec
     let lines = text.lines().filter_map(|line| line.trim_end().split_once(SAID));
     let said: Vec<_> = lines.map(|(_, said)| said.to_owned()).collect();
     if said.is_empty() {
-        // Shown where the test fails, which it will.
+        // Shown if the test fails, which it will.
         println!("{text}");
     }
     Some(said)

@@ -1,5 +1,5 @@
-//! Processes of a test: started in a folder of their own, awaited by what they say, ended by
-//! their handles.
+//! Processes of a test: started in a folder of their own, awaited by their output, ended by their
+//! handles.
 
 #![allow(dead_code, reason = "each test file uses its part")]
 
@@ -19,15 +19,15 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// How long anything may take on a machine that is busy with other tests: longer than a scenario
-/// gives itself, so that its own word is heard.
+/// Time limit of every step, on a machine that is busy with other tests: longer than a scenario's own
+/// limit, so that the scenario's report comes first.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
 
-/// The paper's office, or another building, in a folder of its own, with daemons that end with it.
+/// The paper's office, or another building, in a folder of its own; its daemons end with it.
 pub(crate) struct Office {
     pub(crate) file: PathBuf,
     folder: TempDir,
-    /// The `PATH` of its programs, where it is not this test's.
+    /// The `PATH` of its programs; `None` for that of this test.
     path: Option<OsString>,
     daemons: Vec<Daemon>,
 }
@@ -40,18 +40,18 @@ pub(crate) struct Daemon {
 }
 
 impl Office {
-    /// The repository's own smart office, fifty times as fast.
+    /// The repository's own smart office, fifty times as fast as real time.
     pub(crate) fn new() -> Office {
         Office::of(Office::file())
     }
 
-    /// The same folder with another file.
+    /// The same folder with another ecosystem file.
     pub(crate) fn with_file(mut self, file: PathBuf) -> Office {
         self.file = file;
         self
     }
 
-    /// The same with a Python first on the `PATH` that plugins can use, where there is one.
+    /// The same with a Python that plugins can use first on the `PATH`, if there is one.
     pub(crate) fn with_python(mut self) -> Office {
         self.path = Some(packages::path());
         self
@@ -66,7 +66,7 @@ impl Office {
         self
     }
 
-    /// Starts a daemon that meets no other of this machine: its sockets are elsewhere.
+    /// Starts a daemon that meets no other daemon of this machine: its runtime folder is `runtime`.
     pub(crate) fn up_apart(&mut self, name: &str, runtime: &Path, options: &[&str]) {
         let file = self.file.display().to_string();
         let arguments = [&["up", &file, "--daemon", name], options].concat();
@@ -75,7 +75,7 @@ impl Office {
         self.begin_as(name, command);
     }
 
-    /// Another ecosystem, as fast.
+    /// Another ecosystem, at the same speed.
     pub(crate) fn of(file: PathBuf) -> Office {
         let folder = tempfile::Builder::new().prefix("alt-").tempdir().expect("a folder");
         Office { file, folder, path: None, daemons: Vec::new() }
@@ -89,19 +89,19 @@ impl Office {
         self.folder.path().join("run")
     }
 
-    /// Where packages of plugins are put.
+    /// Returns the folder of plugin packages.
     pub(crate) fn plugins_folder(&self) -> PathBuf {
         self.folder.path().join("plugins")
     }
 
-    /// Any `althing` command of this office.
+    /// Returns an `althing` command of this office.
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = self.program(env!("CARGO_BIN_EXE_althing"));
         command.args(arguments).stdin(Stdio::null());
         command
     }
 
-    /// Any program, in this office's folder and environment.
+    /// Returns a program that runs in this office's folder and environment.
     pub(crate) fn program(&self, program: impl AsRef<std::ffi::OsStr>) -> Command {
         let mut command = Command::new(program);
         self.furnish(&mut command);
@@ -120,7 +120,7 @@ impl Office {
             .env("ALTHING_BUILDING__TIME_SCALE", "0.02");
     }
 
-    /// Writes a file into this office's folder; where it is.
+    /// Writes a file into this office's folder; returns its path.
     pub(crate) fn write(&self, name: &str, text: &str) -> PathBuf {
         let path = self.folder.path().join(name);
         std::fs::write(&path, text).expect("the folder can be written to");
@@ -132,15 +132,15 @@ impl Office {
         finish(&mut self.command(arguments))
     }
 
-    /// Asks the running ecosystem; the exit code, and all that was said.
+    /// Runs a command on the running ecosystem; returns the exit code and all output.
     pub(crate) fn ask(&self, arguments: &[&str]) -> (Option<i32>, String) {
         let file = self.file.display().to_string();
         let output = self.run(&[arguments, &["--ecosystem", &file]].concat());
         (output.status.code(), format!("{}{}", stdout(&output), stderr(&output)))
     }
 
-    /// Asks the running ecosystem for JSON: what is on stdout, and nothing else. `Null` where
-    /// nothing was answered.
+    /// Runs a command on the running ecosystem with `--json`; returns the JSON on stdout, which must be
+    /// nothing else. `Null` if stdout is empty.
     pub(crate) fn ask_json(&self, arguments: &[&str]) -> Value {
         let file = self.file.display().to_string();
         let output = self.run(&[arguments, &["--json", "--ecosystem", &file]].concat());
@@ -152,8 +152,7 @@ impl Office {
         value.unwrap_or_else(|err| panic!("{err} in one JSON object: {json}{}", stderr(&output)))
     }
 
-    /// Where its files are.
-    /// Waits until the state says this, or does not.
+    /// Waits until the state contains a fact, or until it does not.
     pub(crate) fn await_fact(&self, fact: &str, wanted: bool) {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -167,7 +166,7 @@ impl Office {
         }
     }
 
-    /// Waits until a person is asked this, and answers.
+    /// Waits until a question to a person contains `question`, and answers it.
     pub(crate) fn answer(&self, question: &str, answer: &str) {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -181,11 +180,12 @@ impl Office {
         }
     }
 
+    /// Returns the folder with all files of this office.
     pub(crate) fn folder(&self) -> &Path {
         self.folder.path()
     }
 
-    /// Waits until that many devices can be planned with.
+    /// Waits until `devices` devices can be planned with.
     pub(crate) fn await_devices(&self, devices: usize) {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -253,7 +253,7 @@ impl Office {
         self.daemons.push(daemon);
     }
 
-    /// Which daemons should run and do not, and how each ended.
+    /// Returns the daemons that should run and do not, with the exit status of each.
     pub(crate) fn ended(&mut self) -> Vec<String> {
         let ended = self.daemons.iter_mut().filter_map(|daemon| {
             let status = daemon.child.try_wait().expect("our child")?;
@@ -274,7 +274,8 @@ impl Office {
     }
 }
 
-/// The file of an ecosystem `lab`: those who reason, with the words and rooms of the smart office.
+/// Returns the file of an ecosystem `lab`: the reasoning agents, with the ontology and map of the smart
+/// office.
 pub(crate) fn lab(mode: &str) -> String {
     let office = Office::file().canonicalize().expect("it is there");
     let domain = office.ancestors().nth(2).expect("a folder").join("domains/smart-office");
@@ -288,17 +289,17 @@ pub(crate) fn lab(mode: &str) -> String {
     head + &reasoning.map(entry).concat()
 }
 
-/// Runs a command against the repository's office; its exit code and what it printed.
+/// Runs a command on the repository's office; returns the exit code and all output.
 pub(crate) fn ask(office: &Office, arguments: &[&str]) -> (Option<i32>, String) {
     let file = Office::file().display().to_string();
     let output = office.run(&[arguments, &["--ecosystem", &file]].concat());
     (output.status.code(), format!("{}{}", stdout(&output), stderr(&output)))
 }
 
-/// The office on four machines, when all its devices can be planned with.
+/// Starts the office on four machines, and waits until all its devices can be planned with.
 pub(crate) fn office() -> Office {
     let mut office = Office::new();
-    // The robot's laptop comes before the other boards: it lends them the simulated building.
+    // The robot's laptop starts before the other boards: it serves the simulated building to them.
     office.up(&["reasoning", "turtlebot-laptop", "office2-pi", "conf-room-pi"], &[]);
     let deadline = Instant::now() + PATIENCE;
     let devices = ["thermometer-office2", "thermometer-conf-room", "turtlebot-1", "ir-1"];
@@ -320,7 +321,7 @@ impl Drop for Office {
     }
 }
 
-/// Runs a command to its end. One that hangs is ended, and then fails its test.
+/// Runs a command to its end. A command that hangs is killed, and its test then fails.
 pub(crate) fn finish(command: &mut Command) -> Output {
     let mut child =
         command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the binary is built");
@@ -367,7 +368,7 @@ fn send(process: &Child, signal: &str) {
     assert!(sent.expect("kill is there").success());
 }
 
-/// The lines a process prints, read as they come so that it never waits for us.
+/// Returns the lines that a process prints, read as they come so that it never blocks.
 pub(crate) fn lines(child: &mut Child) -> mpsc::Receiver<String> {
     let stdout = child.stdout.take().expect("piped");
     let (tell, lines) = mpsc::channel();
@@ -389,12 +390,12 @@ fn drain(mut pipe: impl std::io::Read + Send + 'static) -> std::thread::JoinHand
     })
 }
 
-/// What a command printed on stdout.
+/// Returns what a command printed on stdout.
 pub(crate) fn stdout(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// What a command printed on stderr.
+/// Returns what a command printed on stderr.
 pub(crate) fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }

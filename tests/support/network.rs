@@ -1,8 +1,8 @@
-//! Machines and networks of a test: each a network namespace with a runtime folder of its own, so
-//! that what is said between them goes over wires that can be cut.
+//! Machines and networks of a test: each machine is a network namespace with its own runtime folder, so
+//! that messages between machines use wires that can be cut.
 //!
-//! A namespace is held by a `cat` that waits on a pipe of ours: however the test ends, it ends too,
-//! and takes the namespace and its wires along. Nothing of the host's network is touched.
+//! A namespace is held by a `cat` that waits on a pipe of this test: however the test ends, the `cat`
+//! ends too, and the namespace and its wires with it. The host's network is not touched.
 
 #![allow(dead_code, reason = "each test file uses its part")]
 
@@ -17,14 +17,14 @@ use serde_json::Value;
 use super::left_out::left_out;
 use super::{Office, PATIENCE, finish, stderr, stdout};
 
-/// A bridge that stands for a network of machines. One that no machine is plugged into by name
-/// stands for a cable that leads nowhere.
+/// A bridge that represents a network of machines. A bridge without machines represents a cable that
+/// leads nowhere.
 pub(crate) const LAN: &str = "lan";
 
 /// Machines on networks, with one office for all of them.
 pub(crate) struct Site {
     pub(crate) office: Office,
-    /// Where the bridges are.
+    /// Namespace with the bridges.
     switch: Namespace,
     machines: BTreeMap<String, Namespace>,
     wires: usize,
@@ -35,7 +35,7 @@ struct Namespace {
     holder: Child,
 }
 
-/// Whether namespaces can be made here. Says so loudly if not; with `CI=true`, that fails.
+/// Whether namespaces can be created here. Reports it if not, which fails with `CI=true`.
 pub(crate) fn is_permitted() -> bool {
     let tried = Command::new("unshare").args(["--mount", "--net", "ip", "link", "show"]).output();
     let problem = match tried {
@@ -55,7 +55,7 @@ impl Namespace {
         let mut command = Command::new("unshare");
         command.args(["--mount", "--net", "cat"]).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut holder = command.spawn().expect("it is permitted");
-        // An echo comes from within.
+        // The echo shows that the process inside the namespace runs.
         let mut echo = BufReader::new(holder.stdout.take().expect("piped"));
         holder.stdin.as_mut().expect("piped").write_all(b"\n").expect("it lives");
         echo.read_line(&mut String::new()).expect("it lives");
@@ -64,7 +64,7 @@ impl Namespace {
         namespace
     }
 
-    /// A program that runs within.
+    /// Returns a program that runs inside the namespace.
     fn command(&self, program: &str) -> Command {
         let mut command = Command::new("nsenter");
         command.args(["--mount", "--net", "--target", &self.holder.id().to_string()]);
@@ -92,7 +92,7 @@ impl Drop for Namespace {
 // === impl Site ===
 
 impl Site {
-    /// No machine yet; `None` where that is not permitted.
+    /// Creates a site without machines; `None` if namespaces are not permitted.
     pub(crate) fn new(office: Office) -> Option<Site> {
         is_permitted().then(|| Site {
             office,
@@ -102,7 +102,7 @@ impl Site {
         })
     }
 
-    /// Machines on one network, numbered from 1: 10.0.0.1 and on.
+    /// Creates machines on one network, with the addresses 10.0.0.1 and up.
     pub(crate) fn on_lan(office: Office, machines: &[&str]) -> Option<Site> {
         let mut site = Site::new(office)?;
         site.network(LAN);
@@ -113,13 +113,13 @@ impl Site {
         Some(site)
     }
 
-    /// A network.
+    /// Adds a network.
     pub(crate) fn network(&self, name: &str) {
         self.switch.ip(&["link", "add", name, "type", "bridge"]);
         self.switch.ip(&["link", "set", name, "up"]);
     }
 
-    /// A machine, whose runtime folder nobody else has.
+    /// Adds a machine with a runtime folder of its own.
     pub(crate) fn machine(&mut self, name: &str) {
         let namespace = Namespace::new();
         let run = self.office.runtime_folder();
@@ -128,7 +128,7 @@ impl Site {
         self.machines.insert(name.to_owned(), namespace);
     }
 
-    /// Plugs a machine into a network, with this address.
+    /// Connects a machine to a network with this address.
     pub(crate) fn plug(&mut self, machine: &str, network: &str, address: &str) {
         let at = &self.machines[machine];
         self.wires += 1;
@@ -141,12 +141,12 @@ impl Site {
         at.ip(&["link", "set", &there, "up"]);
     }
 
-    /// Plugs the cable by which a machine hung on `network` into another.
+    /// Moves the cable between a machine and `network` to another network.
     pub(crate) fn replug(&self, machine: &str, network: &str, other: &str) {
         self.switch.ip(&["link", "set", &wire(machine, network), "master", other]);
     }
 
-    /// Gives a machine another address instead of this one.
+    /// Replaces an address of a machine.
     pub(crate) fn readdress(&self, machine: &str, old: &str, new: &str) {
         let script = format!(
             "dev=$(ip -o address show to {old} | cut -d' ' -f2) && \
@@ -155,25 +155,25 @@ impl Site {
         self.machines[machine].must("sh", &["-c", &script]);
     }
 
-    /// Gives a machine a small disk of its own for what its daemons keep.
+    /// Gives a machine a small disk for the state folder of its daemons.
     pub(crate) fn small_disk(&self, machine: &str, folder: &Path, bytes: &str) {
         std::fs::create_dir_all(folder).expect("a folder");
         let size = format!("size={bytes},mode=700");
         self.machines[machine].must("mount", &["-t", "tmpfs", "-o", &size, "disk", &text(folder)]);
     }
 
-    /// A file as a machine sees it.
+    /// Returns the path by which this test reaches a file of a machine.
     pub(crate) fn path(&self, machine: &str, path: &Path) -> PathBuf {
         let holder = self.machines[machine].holder.id();
         Path::new(&format!("/proc/{holder}/root")).join(path.strip_prefix("/").unwrap_or(path))
     }
 
-    /// Runs a program on a machine, which must succeed.
+    /// Runs a program on a machine; it must succeed.
     pub(crate) fn must(&self, machine: &str, program: &str, arguments: &[&str]) {
         self.machines[machine].must(program, arguments);
     }
 
-    /// A program on a machine, in the office's folder and environment.
+    /// Returns a program that runs on a machine, in the office's folder and environment.
     pub(crate) fn program(&self, machine: &str, program: &str) -> Command {
         let mut inner = self.machines[machine].command(program);
         inner.stdin(Stdio::null());
@@ -186,21 +186,21 @@ impl Site {
         self.up_from(&self.office.file.clone(), name, options);
     }
 
-    /// The same, from another file.
+    /// The same from another ecosystem file.
     pub(crate) fn up_from(&mut self, file: &Path, name: &str, options: &[&str]) {
         let mut command = self.program(name, env!("CARGO_BIN_EXE_althing"));
         command.arg("up").arg(file).args(["--daemon", name]).args(options);
         self.office.begin_as(name, command);
     }
 
-    /// Asks an ecosystem for JSON, on a machine. `Null` where nothing was answered.
+    /// Runs a command with `--json` on a machine. `Null` if it gave no JSON.
     fn ask_json(&self, file: &Path, machine: &str, arguments: &[&str]) -> Value {
         let mut command = self.program(machine, env!("CARGO_BIN_EXE_althing"));
         command.args(arguments).args(["--json", "--ecosystem"]).arg(file);
         serde_json::from_str(&stdout(&finish(&mut command))).unwrap_or(Value::Null)
     }
 
-    /// Asks for something on a machine; the exit code, and all that was said.
+    /// Runs a command on a machine; returns the exit code and all output.
     pub(crate) fn ask(&self, machine: &str, arguments: &[&str]) -> (Option<i32>, String) {
         let mut command = self.program(machine, env!("CARGO_BIN_EXE_althing"));
         command.args(arguments).arg("--ecosystem").arg(&self.office.file);
@@ -208,26 +208,26 @@ impl Site {
         (output.status.code(), format!("{}{}", stdout(&output), stderr(&output)))
     }
 
-    /// The agents that are seen from a machine.
+    /// Returns the agents seen from a machine.
     pub(crate) fn seen(&self, machine: &str) -> Vec<String> {
         self.seen_in(&self.office.file, machine)
     }
 
-    /// The agents of an ecosystem that are seen from a machine.
+    /// Returns the agents of an ecosystem seen from a machine.
     pub(crate) fn seen_in(&self, file: &Path, machine: &str) -> Vec<String> {
         let answer = self.ask_json(file, machine, &["agents"]);
         let agents = answer["agents"].as_array().cloned().unwrap_or_default();
         agents.iter().filter_map(|each| Some(each["agent"].as_str()?.to_owned())).collect()
     }
 
-    /// The daemons of which agents are seen from a machine.
+    /// Returns the daemons of the agents seen from a machine, one per agent.
     pub(crate) fn hosts_seen(&self, machine: &str) -> Vec<String> {
         let answer = self.ask_json(&self.office.file, machine, &["agents"]);
         let agents = answer["agents"].as_array().cloned().unwrap_or_default();
         agents.iter().filter_map(|each| Some(each["daemon"].as_str()?.to_owned())).collect()
     }
 
-    /// Waits until what is seen from a machine is as it should be.
+    /// Waits until the agents seen from a machine satisfy `is_right`.
     pub(crate) fn await_seen(&self, machine: &str, is_right: impl Fn(&[String]) -> bool) {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -239,7 +239,7 @@ impl Site {
         }
     }
 
-    /// Waits until all of these are seen from each of those machines.
+    /// Waits until each of these machines sees all these agents.
     pub(crate) fn await_all(&self, machines: &[&str], agents: &[&str]) {
         for machine in machines {
             self.await_seen(machine, |seen| agents.iter().all(|each| has(seen, each)));
@@ -252,9 +252,9 @@ pub(crate) fn has(seen: &[String], agent: &str) -> bool {
     seen.iter().any(|each| each == agent)
 }
 
-/// The name of a cable's end: an interface's has 15 letters at most.
+/// Returns the name of a cable's end. Interface names have at most 15 characters.
 fn wire(machine: &str, network: &str) -> String {
-    // The last of them: names of machines differ there, as those of boards and laptops do.
+    // The last characters: names of machines such as boards and laptops differ there.
     let letters: Vec<_> = machine.chars().filter(char::is_ascii_alphanumeric).collect();
     let machine: String = letters[letters.len().saturating_sub(9)..].iter().collect();
     let network: String = network.chars().take(5).collect();
@@ -265,13 +265,13 @@ fn text(path: &Path) -> String {
     path.display().to_string()
 }
 
-/// Where Cargo puts an example of this profile.
+/// Returns the path where Cargo puts an example of this profile.
 pub(crate) fn example(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_BIN_EXE_althing")).parent().expect("a folder");
     folder.join("examples").join(name)
 }
 
-/// An office with this ecosystem file, and a certificate for each of these names.
+/// Creates an office with this ecosystem file, and a certificate for each of these names.
 pub(crate) fn secured(text: &str, names: &[&str]) -> Office {
     let office = Office::new();
     let file = office.write("site.toml", &format!("{text}\n[security]\nfolder = \"keys\"\n"));
@@ -286,7 +286,7 @@ pub(crate) fn secured(text: &str, names: &[&str]) -> Office {
     office.with_file(file)
 }
 
-/// The repository's smart office, with these lines in its `[zenoh]` table.
+/// Returns the repository's smart office, with these lines in its `[zenoh]` table.
 pub(crate) fn smart_office(zenoh: &str) -> String {
     let file = Office::file().canonicalize().expect("it is there");
     let domains = file.ancestors().nth(2).expect("a folder").join("domains");

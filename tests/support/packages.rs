@@ -1,4 +1,4 @@
-//! Packages of plugins: that of this repository in Python, and its sensors as a program.
+//! Plugin packages for tests: this repository's Python package, and its sensors as a program.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,13 +7,14 @@ use std::sync::OnceLock;
 
 use super::left_out::left_out;
 
-/// Whether there is a Python that has Zenoh and can be confined; says so loudly where not.
+/// Whether there is a Python with Zenoh that can be confined; reports it if not.
 pub(crate) fn has_python() -> bool {
     python().is_some()
 }
 
-/// A Python that has Zenoh, and that runs a plugin inside its confinement. `None`, loudly, where there is
-/// none: what `python3` really is, that of an active virtual environment, and the system's are tried.
+/// Returns a Python that has Zenoh and runs a plugin in its confinement. Returns `None` with a report
+/// if there is none. Tried are the program that `python3` really is, that of an active virtual
+/// environment, and the system's.
 pub(crate) fn python() -> Option<&'static Path> {
     match found_python() {
         Ok(python) => Some(python),
@@ -24,7 +25,8 @@ pub(crate) fn python() -> Option<&'static Path> {
     }
 }
 
-/// The `PATH` of daemons whose plugins say `python3`: as it is, where that Python is found on it first.
+/// Returns the `PATH` for daemons with plugins that use `python3`; unchanged if the right Python is
+/// first on it.
 pub(crate) fn path() -> std::ffi::OsString {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let found = found_python().as_ref().ok();
@@ -41,14 +43,14 @@ pub(crate) fn path() -> std::ffi::OsString {
     }
 }
 
-/// The first `python3` on the path, perhaps a shim.
+/// Returns the first `python3` on the path; it may be a shim.
 fn on_path() -> Option<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let mut found = std::env::split_paths(&path).map(|folder| folder.join("python3"));
     found.find(|file| file.is_file())
 }
 
-/// What was found, once per program.
+/// Returns the result of the search, which is done once per test program.
 fn found_python() -> &'static Result<PathBuf, String> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     FOUND.get_or_init(find_python)
@@ -74,13 +76,13 @@ fn find_python() -> Result<PathBuf, String> {
     Err(format!("no Python that plugins can use: {why}: pip install eclipse-zenoh"))
 }
 
-/// What a Python, or a shim of one, says that it is.
+/// Returns the program that a Python, or a shim of one, really runs.
 fn real(python: PathBuf) -> Option<PathBuf> {
     let said = asked(&python, "import sys; print(sys.executable)").ok()?;
     Some(PathBuf::from(said.trim())).filter(|file| file.is_file())
 }
 
-/// Runs a line of Python; what it prints.
+/// Runs a line of Python; returns the last line that it prints.
 fn asked(python: &Path, script: &str) -> Result<String, String> {
     let mut command = Command::new(python);
     command.args(["-c", script]).env_remove("PYTHONPATH").stdin(Stdio::null());
@@ -95,7 +97,7 @@ fn asked(python: &Path, script: &str) -> Result<String, String> {
     }
 }
 
-/// Whether it has Zenoh, outside of the confinement and inside.
+/// Checks that a Python has Zenoh, outside and inside the confinement.
 fn is_of_use(python: &Path) -> Result<(), String> {
     asked(python, "import zenoh")?;
     let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
@@ -114,7 +116,7 @@ fn is_of_use(python: &Path) -> Result<(), String> {
     }
 }
 
-/// The package in Python that this repository has.
+/// Returns the folder of this repository's Python package.
 pub(crate) fn thermometer() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../plugins/python/thermometer")
 }
@@ -127,14 +129,14 @@ pub(crate) fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// Changes a text in a file, which is there.
+/// Replaces a text in a file; the text must be there.
 pub(crate) fn replace(file: &Path, was: &str, is: &str) {
     let text = fs::read_to_string(file).expect("a file");
     assert!(text.contains(was), "{was} is not in {}", file.display());
     fs::write(file, text.replace(was, is)).expect("a file");
 }
 
-/// The plugin `sensor`, linked into a program of its own.
+/// Returns the plugin `sensor` as a program of its own.
 pub(crate) fn sensor_process() -> PathBuf {
     let deps = std::env::current_exe().expect("this test");
     let folder = deps.ancestors().nth(2).expect("the profile's folder");

@@ -1,11 +1,11 @@
-//! A testbed for faults: an ecosystem of six machines, each a network namespace with a real
-//! daemon, in a building whose truth only the test knows.
+//! A testbed for faults: an ecosystem of six machines, each a network namespace with a real daemon, in
+//! a simulated building with a truth that only the test knows.
 //!
-//! - `alpha` and `beta` take goals and plan, one at a time; `gamma` and `delta` carry plans out, one
-//!   at a time; `robot` is a robot; `desk` hosts nobody, people ask there, and no fault hits it.
-//!   `alpha`, `beta` and `gamma` keep journals.
-//! - What is awaited is awaited as an event: presence, what a goal's asker is told, the truth.
-//! - The testbed asks for goals and judges; which faults there are is said in `faults.rs`.
+//! - `alpha` and `beta` take goals and plan, one as leader; `gamma` and `delta` execute plans, one as
+//!   leader; `robot` is a robot. `desk` hosts no agent: people request goals there, and no fault hits
+//!   it. `alpha`, `beta` and `gamma` have Journals.
+//! - Waiting is always for an event: presence, a report to a goal's command, or the truth.
+//! - The testbed requests goals and judges; the faults are in `faults.rs`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -25,23 +25,23 @@ use tokio::runtime::Runtime;
 use crate::support::network::{Site, secured};
 use crate::support::{Office, lines};
 
-/// How long anything may take: ten leases.
+/// Time limit of every step: ten leases.
 const PATIENCE: Duration = Duration::from_secs(40);
 
 pub(crate) const ROBOT: &str = "turtlebot-1";
 pub(crate) const MACHINES: [&str; 6] = ["alpha", "beta", "gamma", "delta", "robot", "desk"];
 
-/// A network that leads nowhere, and one for the other piece of a partition.
+/// A network without machines, and one for the other side of a partition.
 pub(crate) const NOWHERE: &str = "nowhere";
 pub(crate) const ISLAND: &str = "island";
 
-/// The robot drives 6 meters in half a second: long enough for a fault to hit it under way.
+/// The robot drives 6 meters in half a second: long enough for a fault to strike on the way.
 const TIME_SCALE: f64 = 0.025;
 
-/// Answers that the ear hears from one machine: more than there are.
+/// Rate limit for answers from one machine to the ear, per second: more than there are.
 const EAR_PER_SECOND: u32 = 100_000;
 
-/// Machines with a disk of their own, and its size: room for two journals.
+/// Machines with a small disk of their own, and its size: room for two journals.
 const SMALL_DISKS: [&str; 2] = ["alpha", "robot"];
 const DISK_BYTES: &str = "8m";
 
@@ -50,14 +50,14 @@ pub(crate) struct Testbed {
     pub(crate) present: Arc<Present>,
     building: Building,
     runtime: Runtime,
-    /// What people hear at the desk about who is here.
+    /// Client at the desk that receives presence and answers.
     ear: Arc<ZenohSubstrate>,
-    /// Conversations of goals that were accepted.
+    /// Conversations of the goals that were accepted.
     accepted: BTreeSet<String>,
     _server: Server,
 }
 
-/// A goal that was asked for, and what its asker was told so far.
+/// A requested goal, and the reports about it so far.
 pub(crate) struct Asked {
     child: Child,
     lines: mpsc::Receiver<String>,
@@ -65,13 +65,13 @@ pub(crate) struct Asked {
     pub(crate) place: String,
 }
 
-/// How a goal ended.
+/// The outcome of a goal.
 pub(crate) struct Ending {
     pub(crate) is_achieved: bool,
     pub(crate) said: Vec<String>,
 }
 
-/// Who is here, as the desk's router is told.
+/// Present agents, as the desk's router reports them.
 #[derive(Default)]
 pub(crate) struct Present {
     residents: Mutex<BTreeSet<Resident>>,
@@ -94,7 +94,7 @@ impl Inbound for Present {
 // === impl Present ===
 
 impl Present {
-    /// Waits until who is here is as it should be.
+    /// Waits until the present agents satisfy `is_right`.
     pub(crate) fn until(
         &self,
         what: &str,
@@ -106,13 +106,13 @@ impl Present {
         if timeout.timed_out() { Err(format!("not {what}: {residents:?}")) } else { Ok(()) }
     }
 
-    /// Waits until nobody of these daemons is seen.
+    /// Waits until no agent of these daemons is present.
     pub(crate) fn gone(&self, daemons: &[&str]) -> Result<(), String> {
         let is_of = |each: &Resident| daemons.contains(&each.daemon.as_str());
         self.until(&format!("{daemons:?} gone"), |now| !now.iter().any(is_of))
     }
 
-    /// The daemon whose agent of this name acts: that which has been here longest.
+    /// Returns the daemon with the leader of this name: the agent with the smallest incarnation.
     pub(crate) fn acting(&self, agent: &str) -> String {
         let residents = self.residents.lock().unwrap_or_else(PoisonError::into_inner);
         let named = residents.iter().filter(|each| each.agent.as_str() == agent);
@@ -124,7 +124,7 @@ impl Present {
 // === impl Testbed ===
 
 impl Testbed {
-    /// `None` where namespaces are not permitted.
+    /// Returns `None` if namespaces are not permitted.
     pub(crate) fn open(mode: &str) -> Option<Testbed> {
         let office = secured(&ecosystem(mode), &MACHINES);
         let mut site = Site::on_lan(office, &MACHINES)?;
@@ -152,7 +152,7 @@ impl Testbed {
         up(&mut self.site, machine);
     }
 
-    /// Waits until everybody is here.
+    /// Waits until all agents are present.
     pub(crate) fn whole(&self) -> Result<(), String> {
         let mut expected = BTreeSet::new();
         for (agent, _, daemons) in agents() {
@@ -167,8 +167,8 @@ impl Testbed {
         self.until_known()
     }
 
-    /// Waits until the ecosystem knows where the robot is. Whoever was cut off believes what was so
-    /// before, until the robot's next heartbeat.
+    /// Waits until the ecosystem knows the place of the robot. A daemon that was cut off believes the
+    /// former place until the robot's next heartbeat.
     fn until_known(&self) -> Result<(), String> {
         let maintainer = AgentId::new("domain-maintainer").ok();
         let deadline = Instant::now() + PATIENCE;
@@ -189,7 +189,7 @@ impl Testbed {
         }
     }
 
-    /// Asks for the robot to be elsewhere than it is.
+    /// Requests that the robot be at another place.
     pub(crate) fn ask(&self, number: usize, options: &[&str]) -> Asked {
         let here = self.building.place_of(ROBOT).expect("it is somewhere");
         let places = ["office1", "conf-room", "office2", "corridor"];
@@ -203,7 +203,7 @@ impl Testbed {
         Asked { child, lines, said: Vec::new(), place }
     }
 
-    /// Asks for the robot to be elsewhere, and waits until it is on its way.
+    /// Requests that the robot be at another place, and waits until it has set off.
     pub(crate) fn under_way(&self, number: usize) -> Result<Asked, String> {
         let mark = self.mark();
         let mut asked = self.ask(number, &[]);
@@ -211,7 +211,7 @@ impl Testbed {
         Ok(asked)
     }
 
-    /// Follows a goal to its end, which must be what is true.
+    /// Follows a goal to its end; a reported success must be true in the building.
     pub(crate) fn ended(&mut self, mut asked: Asked) -> Result<Ending, String> {
         while !asked.has_ended() {
             asked.next()?;
@@ -233,7 +233,7 @@ impl Testbed {
         Ok(Ending { is_achieved, said: std::mem::take(&mut asked.said) })
     }
 
-    /// What each machine sees, for whoever looks into a failure.
+    /// Returns the view of each machine, to diagnose a failure.
     pub(crate) fn dump(&mut self) -> String {
         let ended = self.site.office.ended().join("\n");
         let views = MACHINES.map(|machine| {
@@ -244,8 +244,8 @@ impl Testbed {
         format!("{ended}\n{}goals:\n{goals}", views.concat())
     }
 
-    /// Waits until these, which were cut off, and the rest do not see each other any more, each by
-    /// itself: links are missed at different times.
+    /// Waits until the machines that were cut off and the rest no longer see each other, each from its
+    /// own view: lost links are detected at different times.
     pub(crate) fn cut_off(&self, hosts: &[&str]) -> Result<(), String> {
         self.present.gone(hosts)?;
         let deadline = Instant::now() + PATIENCE;
@@ -264,23 +264,24 @@ impl Testbed {
 
     // === the truth ===
 
-    /// Where the building's log is now.
+    /// Returns the present position in the building's log.
     pub(crate) fn mark(&self) -> u64 {
         self.building.truth().next_sequence()
     }
 
-    /// How often the robot has set off since then.
+    /// Returns how often the robot has set off since a position of the log.
     pub(crate) fn departures(&self, since: u64) -> usize {
         let truth = self.building.truth();
         let since = truth.occurrences().filter(|each| each.sequence >= since);
         since.filter(|each| matches!(each.event, Event::Departed { .. })).count()
     }
 
-    /// Waits until the robot has set off since then; fails if the goal ends before.
+    /// Waits until the robot has set off since a position of the log; fails if the goal ends before.
     fn until_departed(&self, since: u64, asked: &mut Asked) -> Result<(), String> {
         let deadline = Instant::now() + PATIENCE;
         while self.departures(since) == 0 {
-            // Whatever is said is said before or after it sets off, and somebody says something.
+            // Reports may come before or after the robot sets off, so the truth is checked after each
+            // wait.
             let line = asked.lines.recv_timeout(Duration::from_millis(20));
             asked.said.extend(line);
             if asked.has_ended() || Instant::now() > deadline {
@@ -290,7 +291,7 @@ impl Testbed {
         Ok(())
     }
 
-    /// How many commands the robot has ever begun, by its own ledger.
+    /// Returns how many commands the robot has ever begun, according to its ledger.
     pub(crate) fn commands(&self) -> usize {
         let ledger = self.kept("robot", &format!("{ROBOT}.tokens"));
         let ledger = std::fs::read_to_string(ledger).unwrap_or_default();
@@ -302,8 +303,8 @@ impl Testbed {
         ledger.lines().filter_map(begun).collect::<BTreeSet<_>>().len()
     }
 
-    /// The robot has begun no command twice, nor one of an older plan for a goal after one of a newer,
-    /// by its own ledger.
+    /// Checks in the robot's ledger that no command was begun twice, and none of an older plan for a
+    /// goal after one of a newer plan.
     pub(crate) fn check_ledger(&self) -> Result<(), String> {
         let ledger = self.kept("robot", &format!("{ROBOT}.tokens"));
         let ledger = std::fs::read_to_string(ledger).unwrap_or_default();
@@ -311,7 +312,7 @@ impl Testbed {
         let (mut seen, mut newest) = (BTreeSet::new(), BTreeMap::new());
         for line in ledger.lines() {
             let Ok(line) = serde_json::from_str::<Value>(line) else { continue };
-            // Of what a former life began and ended, only the end is kept.
+            // Of a command that an earlier incarnation began and ended, only the end is kept.
             if let Some(ended) = line.get("ended").and_then(|end| token(&end["token"])) {
                 let plan = (ended.epoch, ended.round);
                 let newest = newest.entry(ended.conversation.clone()).or_insert(plan);
@@ -332,7 +333,7 @@ impl Testbed {
         Ok(())
     }
 
-    /// A file in the state folder of a daemon.
+    /// Returns the path of a file in the state folder of a daemon.
     pub(crate) fn kept(&self, daemon: &str, file: &str) -> PathBuf {
         let folder = self.site.office.folder().join("state/lab").join(daemon);
         self.site.path(daemon, &folder).join(file)
@@ -340,7 +341,8 @@ impl Testbed {
 
     // === the journals ===
 
-    /// Every goal that was accepted is in every journal, and has ended; after a death of all.
+    /// Kills and restarts all machines, and checks that every Journal has every accepted goal and its
+    /// end. Returns the number of goals.
     pub(crate) fn check_journals(&mut self) -> Result<usize, String> {
         let hosts = &MACHINES[..5];
         hosts.iter().for_each(|host| self.site.office.kill(host));
@@ -351,7 +353,7 @@ impl Testbed {
         Ok(self.accepted.len())
     }
 
-    /// Waits until every Journal has these goals, and how they ended.
+    /// Waits until every Journal has these goals and their ends.
     fn until_kept(&self, goals: &BTreeSet<String>) -> Result<(), String> {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -373,7 +375,7 @@ impl Testbed {
         }
     }
 
-    /// Waits until every Journal has the goal that ended so.
+    /// Waits until every Journal has the goal with this outcome.
     pub(crate) fn until_kept_by_all(&self, ending: &Ending) -> Result<(), String> {
         let asked = ending.said.iter().find_map(|line| line.strip_prefix("asked"));
         let conversation = asked.ok_or("it was not asked for")?.trim().to_owned();
@@ -391,7 +393,7 @@ impl Testbed {
 // === impl Asked ===
 
 impl Asked {
-    /// Waits until its asker is told something with these words.
+    /// Waits until a report contains these words.
     pub(crate) fn until(&mut self, words: &str) -> Result<(), String> {
         while !self.said.iter().any(|line| line.contains(words)) {
             self.next().map_err(|problem| format!("never said `{words}`: {problem}"))?;
@@ -422,7 +424,7 @@ impl Drop for Asked {
 
 // === the ecosystem ===
 
-/// Starts a daemon, which calls all before it: whoever comes back is linked at once.
+/// Starts a daemon that connects to all machines before it, so that a restarted one is linked at once.
 fn up(site: &mut Site, machine: &str) {
     let before = (1..).zip(MACHINES).take_while(|(_, each)| *each != machine);
     let endpoints: Vec<_> = before.map(|(n, _)| format!("tls/10.0.0.{n}:7447")).collect();
@@ -434,7 +436,7 @@ async fn ear(site: &Site, present: &Arc<Present>) -> Arc<ZenohSubstrate> {
     let socket = site.office.runtime_folder().join("lab/desk.sock");
     let socket = site.path("desk", &socket);
     let ecosystem = EcosystemId::new("lab").expect("a name");
-    // It hangs on the desk, as a command does, and speaks with the desk's key.
+    // The ear connects through the desk, as a command does, and uses the desk's key.
     let keys = Folder::new(site.office.folder().join("keys"));
     let desk = DaemonId::new("desk").expect("a name");
     let guest = desk.guest("ear").expect("short");
@@ -449,7 +451,7 @@ async fn ear(site: &Site, present: &Arc<Present>) -> Arc<ZenohSubstrate> {
     config.open(Arc::<Present>::clone(present)).await.expect("the desk's daemon runs")
 }
 
-/// Name, plugin and hosts of every agent.
+/// Name, plugin and daemons of every agent.
 fn agents() -> [(&'static str, &'static str, &'static [&'static str]); 8] {
     let planning: &[&str] = &["alpha", "beta"];
     [
@@ -468,7 +470,7 @@ fn ecosystem(mode: &str) -> String {
     let office = Office::file().canonicalize().expect("it is there");
     let domain = office.ancestors().nth(2).expect("a folder").join("domains/smart-office");
     let domain = domain.display();
-    // A short wait until who is back is called again, so that two hundred faults fit into a break.
+    // A short maximum between reconnects, so that two hundred faults fit into a short time.
     let mut text = format!(
         "[ecosystem]\nname = \"lab\"\ndomain = \"{domain}/domain.pddl\"\n\
          problem = \"{domain}/map.pddl\"\nmode = \"{mode}\"\ndaemons = [\"desk\"]\n\n\
@@ -484,7 +486,7 @@ fn ecosystem(mode: &str) -> String {
     text
 }
 
-/// The building of the office's map.
+/// The building that matches the office's map.
 fn layout() -> Layout {
     let mut layout = Layout::new();
     layout.add_corridor("corridor", 19.0).expect("a corridor");

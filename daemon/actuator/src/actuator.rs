@@ -1,4 +1,4 @@
-//! The agent around a device.
+//! The agent that drives a device.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -21,12 +21,12 @@ use crate::device::{Call, Description, Device, Failure, Performed};
 use crate::initiative::Initiatives;
 use crate::ledger::{Known, Ledger};
 
-/// Calls for proposals that are answered side by side; more are refused. Each takes a thread for
-/// milliseconds.
+/// Maximum number of calls for proposals that are answered side by side; more are refused. Each uses a
+/// thread for some milliseconds.
 const BIDS_MAX: usize = 16;
 
-/// How long after the last call what was ground for it is kept. A goal that fails is called for
-/// again within seconds; a hundred devices that keep it for ever would take tens of megabytes.
+/// How long the ground task is kept after the last call. A goal that fails is called for again within
+/// seconds; if a hundred devices kept theirs for ever, they would take tens of megabytes.
 const GROUND_KEPT: Duration = Duration::from_secs(60);
 
 /// An agent that senses or acts.
@@ -37,53 +37,54 @@ pub struct Actuator<D: Device> {
     ledger: Ledger,
     announced: Announced,
     acting: Option<Acting>,
-    /// Outcomes that are being written down, to be told then.
+    /// Final reports that are being written to disk and are sent afterwards.
     telling: BTreeMap<ActionToken, Work>,
     bidding: BTreeMap<ReplyToken, (Cancel, Work)>,
-    /// Its own planner: of one bid at a time; those beside it begin with nothing, rather than wait.
+    /// The device's own planner, used by one bid at a time. A bid beside it starts with an empty
+    /// planner instead of waiting.
     planner: Arc<Mutex<Planner>>,
-    /// When it lets go of what it has composed and ground.
+    /// Timer that drops the composed domain and the ground task.
     letting_go: Option<TimerId>,
 }
 
-/// What a bid leaves to the next.
+/// Data that one bid leaves for the next.
 #[derive(Default)]
 struct Planner {
     sight: Sight,
     replanner: Replanner,
 }
 
-/// What others were told last.
+/// The last announcement.
 #[derive(Default)]
 struct Announced {
     digest: String,
-    /// Its actions, each with the method that carries it out.
+    /// The offered actions, each with the method that carries it out.
     offered: Box<[(String, Method)]>,
     sequence: u64,
 }
 
-/// How long what is under way waits for somebody to follow it once who asked has stood down: who
-/// takes over asks within milliseconds, or as soon as a lost message is said again.
+/// How long a running action waits for a new requester after the former one has stood down. A new
+/// leader asks within milliseconds, or as soon as a lost message is repeated.
 const FOLLOWED_WITHIN: Duration = Duration::from_secs(2);
 
-/// Who may ask for one token: an executor, and those who took over from it.
+/// Maximum number of requesters of one token: an executor, and the replicas that took over from it.
 const ASKERS_MAX: usize = 8;
 
 /// A method that is running.
 struct Acting {
     token: ActionToken,
-    /// Who wants to hear of it; the last asked last.
+    /// Exchanges in which the action was requested, the latest last.
     askers: Vec<Engagement>,
     call: Call,
     _work: Work,
 }
 
 impl<D: Device> Actuator<D> {
-    /// An actuator that hears what its blueprint's host does.
+    /// Creates an actuator that uses the domain shared by the actuators of its host.
     ///
     /// # Errors
     ///
-    /// If the tokens of a former life cannot be read.
+    /// Returns an error if the ledger of earlier incarnations cannot be read.
     pub fn new(blueprint: &Blueprint, device: D) -> Result<Actuator<D>, BuildError> {
         let host = Arc::clone(&blueprint.host);
         let folder = host.resources.get::<StateFolder>();
@@ -123,7 +124,8 @@ impl<D: Device> Agent for Actuator<D> {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        // Before it says anything itself: its own word belongs to what it hears.
+        // Subscribes to the shared domain before the first announcement, so that the announcement is
+        // part of it.
         ctx.switchboard().commons(&self.host);
         match self.device.look() {
             Some(looking) => {
@@ -160,14 +162,14 @@ impl<D: Device> Agent for Actuator<D> {
 }
 
 impl<D: Device> Actuator<D> {
-    /// Its local domain, as of now: all that is public, and whole what itself and those it
-    /// carries can do. Made only where it is wanted, because that takes a millisecond.
+    /// Returns a function that computes the local domain: everything public, and in full the actions of
+    /// this agent and of those it carries. Computed only when needed, because it takes a millisecond.
     fn local(&self, ctx: &Context<Self>) -> impl FnOnce(&mut Sight) -> Snapshot + Send + 'static {
         let commons = ctx.switchboard().commons(&self.host);
         let (known, _) = commons.look();
         let whole = known.with_carried(ctx.id());
-        // Looked at anew when its turn has come: as long as anybody holds what is known, the next
-        // word that is heard is believed by a copy of it.
+        // The domain is read again when the computation gets its turn. A reference that is held until
+        // then would force a copy at the next message.
         move |sight| {
             let (known, now) = commons.look();
             known.snapshot_again(sight, &whole, now)
@@ -182,7 +184,7 @@ impl<D: Device> Actuator<D> {
         self.watch(ctx);
     }
 
-    /// Says everything: on activation, and whenever what it can do has changed.
+    /// Broadcasts the full action model: on activation, and whenever the model has changed.
     fn announce(&mut self, ctx: &mut Context<Self>) {
         let Description { model, methods } = self.device.describe();
         let text = model.to_string();
@@ -196,14 +198,15 @@ impl<D: Device> Actuator<D> {
         ctx.beat(&Inform::Model(Box::new(announcement)));
     }
 
-    /// Says that it works, and what it knows; everything, if what it can do has changed.
+    /// Sends a heartbeat; announces the full model instead if it has changed.
     pub(crate) fn beat(&mut self, ctx: &mut Context<Self>) {
         if let Some(heartbeat) = self.word(ctx) {
             ctx.beat(&Inform::Heartbeat(heartbeat));
         }
     }
 
-    /// What it says of itself now; nothing, if what it can do has changed: then it has said all.
+    /// Builds the next heartbeat. If the action model has changed since it was last announced,
+    /// announces the full model instead and returns `None`.
     fn word(&mut self, ctx: &mut Context<Self>) -> Option<Heartbeat> {
         let Description { model, methods } = self.device.describe();
         if model_digest(&model.to_string(), &methods) != self.announced.digest {
@@ -214,7 +217,8 @@ impl<D: Device> Actuator<D> {
     }
 
     fn beat_later(&mut self, ctx: &mut Context<Self>) {
-        // All of one daemon at once: what they say travels together, and wakes nobody twice.
+        // All actuators of a daemon send at the same time: their heartbeats travel in one batch, and
+        // each receiver wakes once.
         let period = ctx.settings().heartbeat_period;
         let wait = ctx.switchboard().commons(&self.host).until_next(period);
         ctx.after(wait, |actuator: &mut Self, ctx| {
@@ -285,7 +289,7 @@ impl<D: Device> Actuator<D> {
         let performance = self.device.perform(&call);
         let switchboard = Arc::clone(ctx.switchboard());
         let work = async move {
-            // On disk before it acts: a life that dies now does not act twice in the next.
+            // On disk before it acts: after a crash the next incarnation does not act twice.
             let recorded = switchboard.machine().work(record).await;
             match recorded {
                 Ok(Ok(())) => (),
@@ -303,8 +307,8 @@ impl<D: Device> Actuator<D> {
         Ok(())
     }
 
-    /// Whether a token was asked for before, by whoever had the plan then: it is not executed
-    /// again, and who asks now hears what becomes of it, or became of it.
+    /// Whether a token was requested before, by any executor of the plan. Such a token is not executed
+    /// again; the new requester gets the result, now or when the action ends.
     fn is_known(
         &mut self,
         engagement: &Engagement,
@@ -349,7 +353,8 @@ impl<D: Device> Actuator<D> {
         Ok(true)
     }
 
-    /// Whether an action is within what this agent advertises, and is its own to do.
+    /// Checks that an action is announced by this agent and is its own to do. Returns the time limit of
+    /// its method.
     fn admissible(&self, action: &str, method: &str, own: &AgentId) -> Result<Duration, Refusal> {
         let incapable = |detail: String| Refusal::new(Reason::Incapable, detail);
         let step = pddl::parse_step(action).into_result().map_err(|diagnostics| {
@@ -381,7 +386,7 @@ impl<D: Device> Actuator<D> {
             Err(failure) => {
                 self.device.failed(&call, &failure);
                 let report = Report::new(Outcome::Failed, format!("failed to {failure}"));
-                // It was ended somewhere in its middle.
+                // The action was ended at an unknown point.
                 let is_unknown = matches!(failure, Failure::TimedOut(_));
                 Report { declined: is_unknown.then_some(Reason::TimedOut), ..report }
             }
@@ -392,7 +397,7 @@ impl<D: Device> Actuator<D> {
         self.conclude(token, askers, report, ctx);
     }
 
-    /// Writes down how a token ended, then tells it.
+    /// Writes the outcome of a token to disk, then reports it.
     fn conclude(
         &mut self,
         token: ActionToken,
@@ -409,7 +414,7 @@ impl<D: Device> Actuator<D> {
                 tracing::warn!(agent = %ctx.id(), %error, "an outcome could not be written down");
                 ctx.switchboard().count_unkept();
             }
-            // What it knows now first: who hears the confirmation may ask at once.
+            // Heartbeat first: an agent that receives the confirmation may query the state at once.
             actuator.beat(ctx);
             for asker in askers {
                 ctx.answer(&asker, Performative::Confirm, &report);
@@ -427,7 +432,7 @@ impl<D: Device> Actuator<D> {
             if cancelling.unless_followed {
                 return self.released(exchange, ctx);
             }
-            // Who has been taken over from decides nothing any more.
+            // A requester that another one has replaced cannot cancel the action.
             let is_this = |acting: &Acting| {
                 acting.askers.last().is_some_and(|asker| asker.exchange == *exchange)
             };
@@ -437,7 +442,8 @@ impl<D: Device> Actuator<D> {
         }
     }
 
-    /// Who asked has stood down: what is under way goes on for who follows it, now or in a moment.
+    /// Handles that a requester has stood down: the action goes on if another requester follows it, now
+    /// or soon.
     fn released(&mut self, exchange: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(acting) = &mut self.acting else { return };
         if !acting.askers.iter().any(|asker| asker.exchange == *exchange) {
@@ -448,10 +454,10 @@ impl<D: Device> Actuator<D> {
         self.look_who_follows(token, false, ctx);
     }
 
-    /// Gives up what nobody follows: nobody asked for it beside who has stood down, or nobody of
-    /// them is here, at a second look either.
+    /// Cancels the action if no requester follows it: no other has asked for it, or all others are
+    /// absent at two checks in a row.
     fn look_who_follows(&mut self, token: ActionToken, is_second: bool, ctx: &mut Context<Self>) {
-        // A blink at the first look is over by the second, and the next has not begun.
+        // A short absence at the first check is over by the second, and another has not begun.
         let wait = if is_second { ctx.settings().grace } else { FOLLOWED_WITHIN };
         ctx.after(wait, move |actuator: &mut Self, ctx| {
             let Some(acting) = actuator.acting.as_ref().filter(|acting| acting.token == token)
@@ -530,7 +536,7 @@ impl<D: Device> Actuator<D> {
             "my proposal was judged");
     }
 
-    // === hearing ===
+    // === answers to announcements ===
 
     fn declined(&mut self, message: Message, _ctx: &mut Context<Self>) {
         let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);

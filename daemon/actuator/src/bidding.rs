@@ -1,8 +1,8 @@
-//! An actuator's answer to a call for proposals: what it can reach alone, with the agents it
-//! carries, in its own local domain.
+//! An actuator's bid in answer to a call for proposals: the conjuncts that it can reach alone or with
+//! the agents it carries, in its own local domain.
 //!
-//! One alternative per conjunct, and one for all it can reach together; no two of them can be
-//! accepted at once, because each starts from the state as it is.
+//! A bid has one alternative per conjunct, and one for all reachable conjuncts together. No two of them
+//! can be accepted at once, because each starts from the present state.
 
 use acl::content::{Bid, CallForProposals, Proposal};
 use capability::{Snapshot, problem_digest};
@@ -11,11 +11,11 @@ use planner::{Budget, Cancel, Options, Replanner};
 
 const NOTHING: &str = "nothing that is called for is within my reach";
 
-/// Plans for a call, with what `replanner` still knows of the last one.
+/// Plans for a call, and reuses what `replanner` keeps from the last one.
 ///
 /// # Errors
 ///
-/// Why there is nothing to propose, for a person.
+/// Returns an error with the reason, as text for a person, if there is nothing to propose.
 pub(crate) fn bid(
     mut snapshot: Snapshot,
     call: &CallForProposals,
@@ -23,8 +23,8 @@ pub(crate) fn bid(
     cancel: &Cancel,
 ) -> Result<Bid, String> {
     let mut conjuncts = readable(call)?;
-    // One alone is planned for at once: that tells the same, and the proof would look at everything
-    // a second time.
+    // A single conjunct is planned for at once: that gives the same answer, and a reachability proof
+    // would examine everything a second time.
     if conjuncts.len() > 1 {
         conjuncts = within_reach(&snapshot, conjuncts, replanner, cancel);
     }
@@ -32,7 +32,7 @@ pub(crate) fn bid(
         return Err(NOTHING.to_owned());
     }
     if let [conjunct] = conjuncts.as_slice() {
-        // Nothing else is planned with it, so it need not be copied.
+        // No other conjunct is planned for, so the problem need not be copied.
         let mut problem = taken(&mut snapshot.problem);
         let proposal = propose(&snapshot, &mut problem, &[conjunct], replanner, cancel);
         let proposals = vec![proposal.ok_or_else(|| NOTHING.to_owned())?];
@@ -64,7 +64,7 @@ pub(crate) fn bid(
     Ok(Bid { proposals, domain_digest })
 }
 
-/// A problem without its objects and facts, which are in the one that is returned.
+/// Moves the objects and facts of a problem into the problem that is returned.
 fn taken(problem: &mut Problem) -> Problem {
     let (objects, init) = (std::mem::take(&mut problem.objects), std::mem::take(&mut problem.init));
     Problem { objects, init, ..problem.clone() }
@@ -82,8 +82,8 @@ fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String>
     call.conjuncts.iter().map(read).collect()
 }
 
-/// Without the conjuncts that are proven to be out of reach: of a large building's goal, a sensor
-/// on a wall can reach one, and need not plan for each of the others.
+/// Removes the conjuncts that are proved unreachable. Of the goal of a large building, a sensor on a
+/// wall can reach one conjunct and need not plan for each of the others.
 fn within_reach(
     snapshot: &Snapshot,
     conjuncts: Vec<(String, Condition)>,
@@ -97,19 +97,20 @@ fn within_reach(
     let options = bounded();
     let proven =
         replanner.facts_out_of_reach(&snapshot.domain, &problem, &conditions, &options, cancel);
-    // One that cannot be read spoils the proof, not the bid: each is planned for by itself.
+    // A conjunct that cannot be analysed spoils the proof, not the bid: each is then planned for by
+    // itself.
     let proven = proven.unwrap_or_default();
     let kept = conjuncts.into_iter().enumerate();
     kept.filter(|(position, _)| !proven.contains(position)).map(|(_, kept)| kept).collect()
 }
 
-/// Planning within this machine's share of memory.
+/// Planner options within this machine's share of memory.
 fn bounded() -> Options {
     let memory_max_bytes = agent::computation_bytes_max();
     Options { budget: Budget { memory_max_bytes, ..Budget::default() }, ..Options::default() }
 }
 
-/// One plan that covers these conjuncts together, if there is one.
+/// Returns a proposal for these conjuncts together; `None` if there is no plan or the plan is empty.
 fn propose(
     snapshot: &Snapshot,
     problem: &mut Problem,
@@ -128,12 +129,12 @@ fn propose(
             return None;
         }
     };
-    // The requester calls only for conjuncts that do not hold. An empty plan means that this agent's
-    // local state lacks the facts by which they do not.
+    // The requester calls only for conjuncts that do not hold. An empty plan means that the local state
+    // of this agent lacks the facts that make them false.
     if plan.steps.is_empty() {
         return None;
     }
-    // Under the names the agents know: the caller composes another domain than ours.
+    // With the action names that the agents use: the caller composes a domain with other names.
     let outside =
         Plan { steps: plan.steps.iter().map(|step| snapshot.outside(step)).collect(), cost: None };
     Some(Proposal {
@@ -143,8 +144,8 @@ fn propose(
     })
 }
 
-/// The caller says that these do not hold. What we still believe of them is news it has
-/// overtaken, such as the word of an agent that has just died.
+/// Removes the called-for conjuncts from the problem's facts. The caller has found that they do not
+/// hold; a fact to the contrary is out of date, such as one of an agent that has just died.
 fn forget<'c>(problem: &mut Problem, conjuncts: impl IntoIterator<Item = &'c (String, Condition)>) {
     let called_for: Vec<&Atom> = { conjuncts.into_iter() }
         .filter_map(|(_, condition)| match condition {

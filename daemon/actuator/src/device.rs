@@ -1,4 +1,4 @@
-//! What a plugin implements to be an actuator.
+//! The trait that a plugin implements to be an actuator.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -9,28 +9,29 @@ use substrate::BoxFuture;
 
 use crate::initiative::{Initiative, News, Stir};
 
-/// A thing that senses or acts.
+/// A device that senses or acts.
 ///
-/// Called on its agent's task, so nothing here may wait; what takes time is in the future that
-/// [`Device::perform`] returns. Dropping that future gives the method up.
+/// Called on its agent's task, so no method here may block. Slow work belongs into the future that
+/// [`Device::perform`] returns. Dropping that future cancels the method.
 pub trait Device: Sized + Send + 'static {
-    /// What a method yields.
+    /// The result of a method.
     type Yield: Send + 'static;
 
-    /// What it can do now. Asked again after every method and at every heartbeat: a robot with
-    /// an empty battery offers no `move`.
+    /// Returns the action model and the methods as of now. Called again after every method and at every
+    /// heartbeat: a robot with an empty battery offers no `move`.
     fn describe(&self) -> Description;
 
-    /// All facts it knows now and answers for: what it does not say is false.
+    /// Returns all facts that the device answers for now. A fact that is missing is false.
     fn facts(&self) -> Vec<OwnFact>;
 
-    /// Looks how things stand before it says anything of itself: a former life may have left it
-    /// elsewhere than its config says. Nothing is announced until this is over, so it is bounded.
+    /// Reads the device's real state before the first announcement: an earlier incarnation may have
+    /// left it in another state than the config says. Nothing is announced until the future ends, so it
+    /// must be bounded in time.
     fn look(&self) -> Option<BoxFuture<()>> {
         None
     }
 
-    /// Why it declines to run a method that it offers, before it agrees to.
+    /// Returns a refusal if the device declines to run an offered method; called before it agrees.
     fn objection(&mut self, _call: &Call) -> Option<Refusal> {
         None
     }
@@ -38,56 +39,56 @@ pub trait Device: Sized + Send + 'static {
     /// Runs a method.
     fn perform(&mut self, call: &Call) -> BoxFuture<Result<Self::Yield, Failure>>;
 
-    /// A method is done; [`Device::facts`] says what is known from now on.
+    /// Called when a method has succeeded. [`Device::facts`] returns the new facts from now on.
     fn performed(&mut self, call: &Call, yielded: Self::Yield) -> Performed;
 
-    /// A method failed, or was given up.
+    /// Called when a method has failed or was cancelled.
     fn failed(&mut self, _call: &Call, _failure: &Failure) {}
 
-    /// Waits for the next thing that happens to it by itself: somebody moves, a battery runs low.
-    /// When it has, the device is changed as the [`Stir`] says, what it knows and can do is
-    /// announced at once, and its initiatives are taken.
+    /// Waits for the next event that happens to the device by itself: a person moves, a battery runs
+    /// low. Then the [`Stir`] changes the device, the facts and the action model are announced at once,
+    /// and the initiatives are carried out.
     ///
-    /// Asked for on activation and again after each; the future may wait for as long as nothing
-    /// happens, and is dropped with the agent. `None`: nothing ever does.
+    /// Called on activation and again after each event. The future may wait until an event happens, and
+    /// is dropped with the agent. `None` if the device has no such events.
     fn watch(&mut self) -> Option<BoxFuture<Stir<Self>>> {
         None
     }
 
-    /// What became of an initiative of this name, and what the device does now. A device that was
-    /// refused and asks again at once is refused at once.
+    /// Called with the news of the initiative `name`; returns what the device does next. A device that
+    /// was refused and asks again at once is refused at once.
     fn heard(&mut self, _name: &str, _news: &News) -> Vec<Initiative> {
         Vec::new()
     }
 
-    /// Whether it proposes plans when it is called for proposals.
+    /// Whether the device proposes plans when it receives a call for proposals.
     fn bids(&self) -> bool {
         true
     }
 }
 
-/// What a device can do.
+/// Abilities of a device at present.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
     /// Its action model.
     pub model: ActionModel,
-    /// Which method carries out which action.
+    /// The method that carries out each action.
     pub methods: Methods,
 }
 
-/// A fact a device answers for.
+/// A fact that a device answers for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnFact {
     /// The fact.
     pub fact: InitElement,
-    /// How long it is still known; `None` means until the device says otherwise.
+    /// How long the fact is still known; `None` until the device says otherwise.
     pub known_for: Option<Duration>,
 }
 
 /// A method to run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Call {
-    /// The ground action it carries out.
+    /// The ground action that the method carries out.
     pub action: String,
     /// The method.
     pub method: String,
@@ -95,12 +96,12 @@ pub struct Call {
     pub arguments: BTreeMap<String, String>,
 }
 
-/// What a method that is done has brought.
+/// Result of a method that has succeeded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Performed {
     /// One line for a person.
     pub detail: String,
-    /// What was observed, to be relayed with the confirmation.
+    /// Observed facts, to be sent with the confirmation.
     pub observations: Vec<InitElement>,
 }
 
@@ -114,23 +115,23 @@ pub enum Failure {
     /// The method needs an argument that was not given.
     #[error("run a method without its argument `{0}`")]
     MissingArgument(&'static str),
-    /// The driver says so.
+    /// The driver returned an error.
     #[error("{0}")]
     Driver(String),
-    /// It took longer than its method may.
+    /// The method took longer than its time limit.
     #[error("finish within {0:?}")]
     TimedOut(Duration),
-    /// It was given up as asked.
+    /// The method was cancelled on request.
     #[error("go on: it was given up as asked")]
     GivenUp,
 }
 
 impl Call {
-    /// An argument.
+    /// Returns an argument.
     ///
     /// # Errors
     ///
-    /// If it was not given.
+    /// Returns [`Failure::MissingArgument`] if it was not given.
     pub fn argument(&self, name: &'static str) -> Result<&str, Failure> {
         self.arguments.get(name).map(String::as_str).ok_or(Failure::MissingArgument(name))
     }

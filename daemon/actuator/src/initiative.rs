@@ -1,12 +1,12 @@
-//! What an actuator does by itself: says at once what happened to its device, asks for goals as
-//! users do, and asks people.
+//! Initiatives of an actuator: it announces events of its device at once, requests goals as users do,
+//! and asks people questions.
 //!
-//! - A device says what happens in [`Device::watch`], and what it then does is an [`Initiative`];
-//!   what became of it comes back in [`Device::heard`].
-//! - A goal stays asked for until it ends or is withdrawn: a Plan Requester that was not here, or
-//!   was restarted, is asked (again) when it comes.
-//! - Who answers a question first is heard, and the others need not any more; one keyboard's
-//!   refusal is not the last word.
+//! - A device reports events by [`Device::watch`] and answers each with [`Initiative`]s. News of an
+//!   initiative are passed to [`Device::heard`].
+//! - A goal stays requested until it ends or is withdrawn. If the Plan Requester was absent or was
+//!   restarted, the goal is requested (again) when it joins.
+//! - The first answer to a question counts, and the question is then withdrawn at all keyboards. A
+//!   refusal by one keyboard does not end the question.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -22,74 +22,75 @@ use serde_json::Value;
 use crate::actuator::Actuator;
 use crate::device::Device;
 
-/// How long a device rests between two things that happen to it by themselves, so that a loose
-/// contact does not flood the ecosystem. The first is announced at once.
+/// Minimum time between two events of a device, so that a loose contact does not flood the ecosystem.
+/// The first event is announced at once.
 const REST: Duration = Duration::from_millis(100);
 
-/// How long a goal may go without any word. A maintained goal may hold for a year.
+/// How long a goal may go without any report. A maintained goal may hold for a year.
 const GOAL_PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
 
-/// How long a device waits where the Plan Requester's mailbox was full: a burst is over by then.
+/// Delay before a goal is requested again after the Plan Requester's mailbox was full: a burst is over
+/// by then.
 const FULL: Duration = Duration::from_secs(1);
 
-/// How long a device waits before it asks again for a goal that failed and that it insists on:
-/// doubled at each failure, from what another agent needs to come up to what a repair takes.
+/// Delay before a failed goal that the device insists on is requested again. It doubles with each
+/// failure, from the time another agent needs to start to the time a repair takes.
 const INSISTING_FIRST: Duration = Duration::from_secs(1);
 const INSISTING_MAX: Duration = Duration::from_secs(300);
 
-/// Goals and questions of one device at a time. A camera has one or two.
+/// Maximum number of open goals, and of open questions, of one device. A camera has one or two.
 const OPEN_MAX: usize = 32;
 
-/// Something that happened to a device by itself: changes the device, and says what it does now.
+/// An event of a device: changes the device and returns its initiatives.
 pub type Stir<D> = Box<dyn FnOnce(&mut D) -> Vec<Initiative> + Send>;
 
-/// What a device does of its own accord. The names are its own, to tell its goals apart, and its
-/// questions.
+/// An action that a device takes by itself. The device chooses the names, which identify its goals and
+/// its questions.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Initiative {
-    /// Asks the Plan Requester for a goal. The same goal under the same name is asked for once;
-    /// another takes the place of the one before.
+    /// Requests a goal from the Plan Requester. The same goal under the same name is requested once;
+    /// another goal replaces the one before.
     Want {
         /// Its name.
         name: String,
         /// The goal.
         goal: Achieve,
-        /// Whether it is asked for again where it fails, ever more rarely, until it is withdrawn.
+        /// Whether the goal is requested again after a failure, at growing intervals, until it is
+        /// withdrawn.
         insists: bool,
     },
-    /// Gives up the goal and the question of this name, if there are such; nothing more is heard
-    /// of them.
+    /// Withdraws the goal and the question of this name, if there are any. No more news of them follow.
     Withdraw {
         /// Its name.
         name: String,
     },
-    /// Asks the people at all keyboards, and takes the first answer, which is sealed on its way here:
-    /// it may be a secret. Another question of the same name takes its place.
+    /// Asks people at all keyboards, and takes the first answer. The answer may be a secret and is
+    /// encrypted on its way here. Another question of the same name replaces this one.
     Ask {
         /// Its name.
         name: String,
         /// The question.
         question: Question,
-        /// How long an answer is waited for.
+        /// How long to wait for an answer.
         patience: Duration,
     },
 }
 
-/// What became of an initiative.
+/// News of an initiative.
 #[derive(Clone, Debug, PartialEq)]
 pub enum News {
-    /// How the goal stands.
+    /// The state of the goal.
     Report(Report),
-    /// It was declined.
+    /// The goal was refused.
     Refused(Refusal),
-    /// What a person answered.
+    /// A person's answer.
     Answer(String),
-    /// Nobody took it, or answered in time; why.
+    /// No agent took the goal, or no person answered in time; with the reason.
     Unanswered(String),
 }
 
 impl News {
-    /// Whether nothing more follows: the name is free again.
+    /// Whether no more news follow, so that the name is free again.
     pub fn is_final(&self) -> bool {
         match self {
             News::Report(report) => report.outcome.is_final(),
@@ -97,7 +98,7 @@ impl News {
         }
     }
 
-    /// Whether a goal came to a bad end that nobody asked for.
+    /// Whether a goal failed, other than by a cancellation.
     fn has_failed(&self) -> bool {
         match self {
             News::Report(report) => report.outcome == Outcome::Failed,
@@ -111,26 +112,27 @@ impl News {
     }
 }
 
-/// What a device has begun by itself.
+/// The open goals and questions of a device.
 #[derive(Default)]
 pub(crate) struct Initiatives {
     watching: Option<Work>,
     goals: BTreeMap<String, Wanted>,
     questions: BTreeMap<String, ReplyToken>,
-    /// Names each asking, so that answers to an earlier one of the same name are known.
+    /// Number of requests so far. Identifies each request, so that answers to an earlier one of the
+    /// same name are recognised.
     askings: u64,
 }
 
-/// A goal that is wanted.
+/// A goal that the device wants.
 struct Wanted {
     goal: Achieve,
-    /// By which name a Plan Requester knows it, whichever acts: it is one goal, however often it is
-    /// asked for. Another where it failed and is asked for anew.
+    /// Conversation of the goal, the same for every Plan Requester that leads, so that repeated
+    /// requests mean one goal. A new one after a failure.
     conversation: ConversationId,
     insists: bool,
-    /// How often it has failed in a row.
+    /// Number of failures in a row.
     failures: u32,
-    /// `None` while there is no Plan Requester to ask.
+    /// The open request; `None` while no Plan Requester is present.
     asked: Option<Asked>,
 }
 
@@ -147,7 +149,7 @@ fn plan_requester() -> AgentId {
 impl<D: Device> Actuator<D> {
     // === watching ===
 
-    /// Keeps what looks how the device stands; it watches after that.
+    /// Stores the initial look at the device; the device is watched when it is done.
     pub(crate) fn looks(&mut self, work: Work) {
         self.initiatives.watching = Some(work);
     }
@@ -156,7 +158,7 @@ impl<D: Device> Actuator<D> {
         let Some(next) = self.device.watch() else { return };
         let work = ctx.run(next, |actuator: &mut Self, stir, ctx| {
             let initiatives = stir(&mut actuator.device);
-            // What it knows now first: whoever hears of its goal may ask at once.
+            // Heartbeat first: an agent that receives the goal may query the state at once.
             actuator.beat(ctx);
             actuator.take(initiatives, ctx);
             ctx.after(REST, |actuator: &mut Self, ctx| actuator.watch(ctx));
@@ -179,9 +181,9 @@ impl<D: Device> Actuator<D> {
         }
     }
 
-    /// Tells the device what became of an initiative.
+    /// Passes news of an initiative to the device.
     fn hear(&mut self, name: &str, news: &News, ctx: &mut Context<Self>) {
-        // Not what a person answered: it may be a secret.
+        // A person's answer is not logged: it may be a secret.
         let word = match news {
             News::Report(report) => report.detail.as_str(),
             News::Refused(refusal) => refusal.detail.as_str(),
@@ -197,7 +199,7 @@ impl<D: Device> Actuator<D> {
     fn decline(&mut self, name: String, ctx: &mut Context<Self>) {
         let detail = format!("{OPEN_MAX} are open already");
         let news = News::Refused(Refusal::new(Reason::Busy, detail));
-        // Later, because the device is still being asked what it does.
+        // Later, because the device is still being called.
         ctx.after(Duration::ZERO, move |actuator: &mut Self, ctx| actuator.hear(&name, &news, ctx));
     }
 
@@ -276,8 +278,8 @@ impl<D: Device> Actuator<D> {
         self.hear(name, &news, ctx);
     }
 
-    /// Nobody has read what was asked, or it failed: it is asked again after `wait`, if it still
-    /// stands.
+    /// Requests a goal again after `wait`, if it is still wanted. The request was not read, or the goal
+    /// failed.
     fn request_later(
         &mut self,
         name: String,
@@ -302,16 +304,16 @@ impl<D: Device> Actuator<D> {
             return;
         };
         ctx.go_on(&exchange, &of.agent, Performative::Cancel, Value::Null);
-        // The Plan Requester answers when its executor has, which may wait for an actuator.
+        // The Plan Requester answers after its executor has, which may wait for an actuator.
         ctx.extend(&exchange, ctx.settings().answer_deadline * 4);
     }
 
-    /// Whether it has goals, of which a Plan Requester that comes has to be told.
+    /// Whether the device has goals that a joining Plan Requester must be asked for.
     pub(crate) fn wants_anything(&self) -> bool {
         !self.initiatives.goals.is_empty()
     }
 
-    /// A Plan Requester that is new here knows nothing of what is wanted.
+    /// Requests all goals from a Plan Requester that has joined: it does not know them.
     pub(crate) fn met(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let Presence::Joined(resident) = presence else { return };
         if resident.agent != plan_requester() {
@@ -333,7 +335,7 @@ impl<D: Device> Actuator<D> {
         }
     }
 
-    /// The daemon is stopping: what this device wanted or asked, it does not any more.
+    /// Withdraws all goals and questions, because the daemon is stopping.
     pub(crate) fn withdraw_all(&mut self, ctx: &mut Context<Self>) {
         self.initiatives.watching = None;
         let names: Vec<_> = self.initiatives.goals.keys().cloned().collect();
@@ -419,7 +421,7 @@ impl<D: Device> Actuator<D> {
     }
 }
 
-/// What the Plan Requester says about a goal.
+/// Reads the Plan Requester's message about a goal.
 fn read(message: &Message) -> Result<News, String> {
     match message.performative {
         Performative::Confirm => message.content_as().map(News::Report),

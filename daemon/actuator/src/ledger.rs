@@ -1,9 +1,9 @@
-//! The tokens an actuator has taken on: each is executed at most once, also by its next life.
+//! Command ledger of an actuator: each token is executed at most once, also across incarnations.
 //!
-//! The actuator is the arbiter (design, “Execution”): a token is on disk before its method runs,
-//! and a token of an older plan for a goal than the newest seen is refused. Who asks for a token
-//! again, because it has taken over from who asked first, learns what became of it; that cannot be
-//! known of one that a former life began and did not end.
+//! The actuator is the arbiter (design, “Execution”). A token is on disk before its method runs. A
+//! token of an older plan for a goal than the newest one seen is refused. An executor that takes over
+//! and requests a token again gets its outcome; if an earlier incarnation began the token and did not
+//! end it, the outcome cannot be known.
 
 use std::collections::{HashMap, VecDeque};
 use std::fs::{File, OpenOptions};
@@ -16,14 +16,14 @@ use acl::{AgentId, ConversationId};
 use agent::StateFolder;
 use serde::{Deserialize, Serialize};
 
-/// Reports remembered whole: who takes over asks for those of the plans that run. Of the others
-/// the outcome is enough.
+/// Maximum number of reports kept in full: an executor that takes over asks for those of the running
+/// plans. Of older tokens only the outcome is kept.
 const REPORTS_MAX: usize = 256;
 
-/// How much longer than what is remembered a file may grow before it is written anew.
+/// Factor by which the file may have more lines than needed before it is rewritten.
 const LONGER_MAX: usize = 4;
 
-/// The tokens taken on so far.
+/// Command ledger: the tokens begun so far.
 #[derive(Debug)]
 pub(crate) struct Ledger {
     file: Option<Arc<Mutex<Filed>>>,
@@ -31,20 +31,20 @@ pub(crate) struct Ledger {
     taken: HashMap<ActionToken, Mark>,
     order: VecDeque<ActionToken>,
     reports: VecDeque<(ActionToken, Report)>,
-    /// The newest plan seen for each goal: of which term, and which round of it.
+    /// The newest plan seen for each goal, as term and round.
     newest: HashMap<ConversationId, (u64, u32)>,
 }
 
-/// What is known of a token.
+/// State of a token.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Known {
-    /// Nothing: it may be executed.
+    /// Not seen before: it may be executed.
     New,
-    /// It is of an older plan than another that was seen for its goal.
+    /// Belongs to an older plan than the newest one seen for its goal.
     Stale,
-    /// It was begun, and nothing says that it ended.
+    /// Begun; no end is recorded.
     Begun,
-    /// It ended so.
+    /// Ended with this report.
     Ended(Box<Report>),
 }
 
@@ -54,7 +54,7 @@ enum Mark {
     Ended(Outcome),
 }
 
-/// The file, and how many lines it has.
+/// The file, with the number of its lines.
 #[derive(Debug)]
 struct Filed {
     path: PathBuf,
@@ -62,12 +62,12 @@ struct Filed {
     tokens_max: usize,
 }
 
-/// What a file says.
+/// Content of a file.
 struct Read {
     ledger: Ledger,
     lines: usize,
-    /// Lines left out: torn ones, of a token whose method never ran, or of which nobody knows how it
-    /// ended; or of a newer version.
+    /// Number of lines that could not be parsed: torn ones, of a token that never ran or has an unknown
+    /// outcome; or lines of a newer version.
     unread: usize,
 }
 
@@ -80,13 +80,13 @@ enum Line {
         token: ActionToken,
         report: Report,
     },
-    /// What an earlier version wrote, for a token that was begun.
+    /// Line of an earlier version, for a token that was begun.
     #[serde(untagged)]
     Bare(ActionToken),
 }
 
 impl Ledger {
-    /// One that remembers so many tokens, while the process lives.
+    /// Creates a ledger in memory that keeps up to `tokens_max` tokens.
     fn new(tokens_max: usize) -> Ledger {
         Ledger {
             file: None,
@@ -98,11 +98,12 @@ impl Ledger {
         }
     }
 
-    /// Reads what a former life has taken on. Without a folder, nothing outlives the process.
+    /// Loads the command ledger of earlier incarnations from `folder`. With `None` the ledger is in
+    /// memory only.
     ///
     /// # Errors
     ///
-    /// If the file is there and cannot be read.
+    /// Returns an error if the file exists and cannot be read.
     pub(crate) fn open(
         agent: &AgentId,
         folder: Option<&StateFolder>,
@@ -123,7 +124,7 @@ impl Ledger {
         Ok(ledger)
     }
 
-    /// What is known of a token.
+    /// Returns the state of a token.
     pub(crate) fn known(&self, token: &ActionToken) -> Known {
         match self.taken.get(token) {
             Some(Mark::Begun) => Known::Begun,
@@ -140,8 +141,8 @@ impl Ledger {
         }
     }
 
-    /// Takes a token on. What comes back puts it on disk, and may wait for the disk; the method
-    /// runs only after it has.
+    /// Begins a token. Returns a function that writes this to disk and waits for the disk; the method
+    /// must run only after it has succeeded.
     pub(crate) fn take(&mut self, token: ActionToken) -> impl FnOnce() -> io::Result<()> + use<> {
         let file = self.file.clone();
         let line = serde_json::to_string(&Line::Begun(token.clone()));
@@ -152,8 +153,8 @@ impl Ledger {
         }
     }
 
-    /// A token has ended. What comes back writes that down; it need not wait for the disk: should
-    /// the machine lose its power first, how it ended is not known, and nobody says otherwise.
+    /// Ends a token. Returns a function that appends this to the file, without waiting for the disk.
+    /// After a power cut the outcome may be missing; the token then counts as begun.
     pub(crate) fn end(
         &mut self,
         token: ActionToken,
@@ -204,7 +205,7 @@ impl Ledger {
         self.reports.push_back((token, report));
     }
 
-    /// All that is remembered, a line each.
+    /// Returns the lines of a file with everything that the ledger keeps.
     fn lines(&self) -> impl Iterator<Item = Line> + '_ {
         self.order.iter().map(|token| match self.known(token) {
             Known::Ended(report) => Line::Ended { token: token.clone(), report: *report },
@@ -219,8 +220,8 @@ impl Filed {
     fn append(&mut self, line: &str) -> io::Result<File> {
         let mut file = OpenOptions::new().create(true).append(true).open(&self.path)?;
         self.lines += 1;
-        // What a full disk or a lost power tore before ends where this begins: else the two would be
-        // one line that nobody can read, of a token that is executed.
+        // Begins with a line break, which ends a line that a full disk or a power cut has torn.
+        // Otherwise both would form one unreadable line, although the new token is executed.
         file.write_all(format!("\n{line}\n").as_bytes())?;
         Ok(file)
     }
@@ -230,8 +231,9 @@ impl Filed {
         self.lines > LONGER_MAX * 2 * self.tokens_max.max(REPORTS_MAX)
     }
 
-    /// Keeps the file as short as the memory. A disk that is full stops nobody: what is there is added
-    /// to when there is room, and this is tried again when it is longer by half of what it may be.
+    /// Rewrites the file with only what the ledger keeps. A full disk is tolerated: lines are appended
+    /// as long as there is room, and the rewriting is tried again when the file has grown by half of
+    /// its bound.
     fn shorten(&mut self) {
         match self.written_anew() {
             Ok(lines) => self.lines = lines,
@@ -242,8 +244,8 @@ impl Filed {
         }
     }
 
-    /// Written beside and renamed, so that a crash leaves one or the other. Of a file with lines that
-    /// nobody here can read a copy is kept: a newer version may have written them.
+    /// Writes a new file beside the old one and renames it, so that a crash leaves one or the other. If
+    /// some lines cannot be parsed, keeps a copy of the file: a newer version may have written them.
     fn written_anew(&self) -> io::Result<usize> {
         let Read { ledger, unread, .. } = read(&self.path, self.tokens_max)?;
         if unread > 0 {
@@ -273,7 +275,7 @@ impl Read {
     }
 }
 
-/// What a file says.
+/// Reads a file.
 fn read(path: &Path, tokens_max: usize) -> io::Result<Read> {
     let Read { mut ledger, mut lines, mut unread } = Read::nothing(tokens_max);
     for line in BufReader::new(File::open(path)?).split(b'\n') {
@@ -326,7 +328,7 @@ mod tests {
         ledger.end(ended.clone(), report.clone())().expect("written");
         ledger.take(cut_off.clone())().expect("written");
 
-        // The second time it is read from what the first wrote anew.
+        // The second time it is read from the file that the first rewrote.
         for next_life in [open(&folder), open(&folder)] {
             assert_eq!(next_life.known(&ended), Known::Ended(Box::new(report.clone())));
             assert_eq!(next_life.known(&cut_off), Known::Begun);
@@ -359,7 +361,7 @@ mod tests {
         let folder = StateFolder(folder.path().to_owned());
         let mut ledger = open(&folder);
         ledger.take(token(1, 1, 0))().expect("written");
-        // As a disk leaves it that is full in the middle of a line.
+        // A line as a full disk leaves it.
         let mut file = OpenOptions::new().append(true).open(&path).expect("there");
         file.write_all(br#"{"begun":{"epoch":1,"conv"#).expect("written");
         ledger.take(token(1, 1, 1))().expect("written");
@@ -376,7 +378,7 @@ mod tests {
         let whole = serde_json::to_string(&Line::Begun(token(1, 1, 0))).expect("JSON");
         let text = format!("{whole}\n{}", &whole[..20]);
         std::fs::write(&path, &text).expect("written");
-        // In the way of the copy, as a full disk is.
+        // A folder at the path of the copy makes the copy fail, as a full disk would.
         std::fs::create_dir(path.with_extension("tokens.unread")).expect("made");
         let mut ledger = open(&StateFolder(folder.path().to_owned()));
         assert_eq!(ledger.known(&token(1, 1, 0)), Known::Begun);

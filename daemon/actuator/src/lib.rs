@@ -1,12 +1,12 @@
-//! The Actuator class (the paper, “Actuators”): what every sensor, camera and robot inherits.
+//! The Actuator class (the paper, “Actuators”): base of every sensor, camera and robot.
 //!
-//! - Announces the action model on activation, on change, and says at every heartbeat that it
-//!   works and what it knows.
-//! - Executes an action within what it advertises, when asked, at most once per token.
-//! - Has its own planner and its own domain, made of what its daemon hears, and answers a call
-//!   for proposals with what it can do alone, with the agents it carries (the paper,
+//! - Announces its action model on activation and on every change. Sends its facts with every
+//!   heartbeat.
+//! - Executes an announced action on request, at most once per token.
+//! - Has its own planner and its own local domain, composed of what its daemon receives. Answers a call
+//!   for proposals with plans for what it can do alone or with the agents it carries (the paper,
 //!   “Decentralized Planning”).
-//! - Speaks up by itself: announces at once what happened to its device, asks for goals, asks people.
+//! - Takes initiatives: announces events of its device at once, requests goals, asks people.
 //!
 //! A plugin implements [`Device`]: its model, its facts, its methods. Everything above is here.
 

@@ -1,12 +1,12 @@
-//! The mobile base under every robot: it moves between the places of the map and its own poses,
-//! and with a battery it knows how far it comes.
+//! The mobile base of every robot: it moves between the places of the map and its own poses, and tracks
+//! the range left in its battery, if it has one.
 //!
-//! - [`BaseDriver`] is what a driver does; each robot's plugin has its own.
-//! - After a move, however it ended, it asks its driver where it truly stands and what is left.
-//! - “Re-evaluates what it can do”: with an empty battery it offers no `move`. Long before, it asks
-//!   to be charged of its own accord.
+//! - [`BaseDriver`] is the interface to the hardware; each robot's plugin has its own.
+//! - After a move, however it ended, the base asks its driver for its real place and the range left.
+//! - “Re-evaluates what it can do”: with an empty battery it offers no `move`. Long before, it requests
+//!   a charge by itself.
 //!
-//! A robot asks it for its part of the model, the facts and the methods, and adds its own.
+//! A robot takes its part of the model, the facts and the methods from here, and adds its own.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -25,63 +25,63 @@ use crate::device::{Call, Failure, Performed};
 use crate::initiative::Initiative;
 use crate::text::{Place, facts_of};
 
-/// What is left of its range, as a share, when a battery counts as empty: with less, cells are
-/// harmed, and the next door is too far anyway.
+/// Share of the range at which the battery counts as empty: below it cells are damaged, and the next
+/// place is too far anyway.
 const EMPTY: f64 = 0.01;
 
-/// What is left of its range, as a share, when it asks to be charged: enough for the way to the
-/// dock in most buildings.
+/// Share of the range at which the base requests a charge: enough for the way to the dock in most
+/// buildings.
 const LOW: f64 = 0.25;
 
-/// Before what people ask for: a robot that stands still in a doorway helps nobody.
+/// Priority of charging, above people's goals: a robot that is stranded in a doorway is of no use.
 const CHARGING_PRIORITY: i32 = 10;
 
-/// How long finding the dock's contacts may take, beside the charging itself.
+/// Time allowed for docking, in addition to the charging itself.
 const DOCKING: Duration = Duration::from_secs(60);
 
-/// How long a driver may take to say where the robot stands when its life begins: longer than a
-/// localization that is up needs, and short enough that nobody misses the robot.
+/// How long the driver may take to report the robot's place after a start: longer than a running
+/// localization needs, and short enough that the robot's absence has no effect.
 const LOOKED_WITHIN: Duration = Duration::from_secs(1);
 
-/// What a plan pays for charging, in meters: more than a detour past the dock is worth.
+/// Cost of charging in a plan, in meters: more than a detour past the dock is worth.
 const RECHARGE_COST: u32 = 10;
 
-/// What a mobile base's driver does.
+/// Driver of a mobile base.
 pub trait BaseDriver: Send + Sync + 'static {
-    /// Drives to a neighboring place. The error completes “failed to …”. Dropping the future
-    /// stops the base.
+    /// Drives to a neighboring place. The error completes “failed to …”. Dropping the future stops the
+    /// base.
     fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>>;
 
-    /// Fills the battery, at the dock.
+    /// Charges the battery; the base must be at the dock.
     fn recharge(&self) -> BoxFuture<Result<(), String>>;
 
-    /// Where it stands.
+    /// Returns the place where the base stands.
     fn place(&self) -> BoxFuture<Result<String, String>>;
 
-    /// How far it can still drive, in meters; `None` if it needs no battery.
+    /// Returns how far the base can still drive, in meters; `None` if it needs no battery.
     fn charge(&self) -> BoxFuture<Result<Option<f64>, String>>;
 }
 
-/// What an entry's `config` says about a mobile base.
+/// Part of an entry's `config` that describes a mobile base.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct BaseConfig {
-    /// Where it stands at first.
+    /// Place where the base stands at first.
     start: Place,
-    /// How fast it moves, in meters per second.
+    /// Speed, in meters per second.
     #[serde(default = "default_speed")]
     speed: f64,
-    /// The longest one move may take, in seconds: a corridor of 30 meters at 0.3 m/s, with a
-    /// person in the way.
+    /// Time limit of one move, in seconds: enough for a corridor of 30 meters at 0.3 m/s, with a person
+    /// in the way.
     #[serde(default = "default_move_timeout")]
     move_timeout: f64,
-    /// Its battery; without one it drives for ever.
+    /// The battery; `None` if the range is unlimited.
     #[serde(default)]
     battery: Option<Battery>,
-    /// Where the battery is filled.
+    /// Place where the battery is charged.
     #[serde(default)]
     dock: Option<Place>,
-    /// Spots it knows beside the places of the map, by name.
+    /// Poses: spots beside the places of the map, by name.
     #[serde(default)]
     poses: BTreeMap<String, Pose>,
 }
@@ -89,17 +89,17 @@ pub struct BaseConfig {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Battery {
-    /// How far a full one lasts, in meters.
+    /// Range of a full battery, in meters.
     range: f64,
-    /// How far it lasts at first, in meters; without it, it is full.
+    /// Range at first, in meters; the full range if it is missing.
     #[serde(default)]
     charge: Option<f64>,
-    /// How long filling an empty one takes, in seconds.
+    /// Time to charge an empty battery, in seconds.
     #[serde(default = "default_recharge_time")]
     recharge_time: f64,
 }
 
-/// A spot beside a place of the map: the place alone, or with the way from there.
+/// A spot beside a place of the map: the place alone, or with the distance to it in meters.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 enum Pose {
@@ -126,11 +126,11 @@ pub struct MobileBase {
     speed: f64,
     move_timeout: Duration,
     power: Option<Power>,
-    /// Each pose with the place beside it and the meters between.
+    /// Each pose with the place beside it and the distance between them in meters.
     poses: Vec<(Place, Place, f64)>,
     state: Arc<watch::Sender<State>>,
     driver: Arc<dyn BaseDriver>,
-    /// Whether it has asked to be charged.
+    /// Whether the base has requested a charge.
     wants_charge: bool,
 }
 
@@ -140,8 +140,7 @@ struct Power {
     dock: Place,
 }
 
-/// What the base knows of itself: shared with the future that moves it, which may be dropped at
-/// any time.
+/// State of the base, shared with the future that moves it, which may be dropped at any time.
 #[derive(Clone)]
 struct State {
     place: String,
@@ -154,21 +153,21 @@ impl State {
     }
 }
 
-/// What a base has done.
+/// Result of a method of the base.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Moved {
-    /// It stands at this place now.
+    /// The base stands at this place now.
     Arrived(String),
-    /// Its battery is full.
+    /// The battery is full.
     Recharged,
 }
 
 impl MobileBase {
-    /// The base of the robot of this blueprint, which is of the PDDL type `kind`.
+    /// Creates the base of a robot of the PDDL type `kind`.
     ///
     /// # Errors
     ///
-    /// If the config does not fit together.
+    /// Returns an error if values of the config are out of range or contradict each other.
     pub fn new(
         blueprint: &Blueprint,
         kind: &'static str,
@@ -195,7 +194,7 @@ impl MobileBase {
         })
     }
 
-    /// Where it stands as far as it knows.
+    /// Returns the place where the base stands, as last known.
     pub fn place(&self) -> String {
         self.known().place
     }
@@ -204,8 +203,8 @@ impl MobileBase {
         self.state.borrow().clone()
     }
 
-    /// Looks where it truly stands and what is left, at the beginning of a life. A driver that
-    /// does not say in time leaves it with what its config says.
+    /// Reads the real place and range after a start. If the driver does not answer in time, the values
+    /// of the config stay.
     pub fn look(&self) -> BoxFuture<()> {
         let (body, id) = (self.body(), self.id.clone());
         Box::pin(async move {
@@ -227,22 +226,22 @@ impl MobileBase {
         self.known().charge.is_some_and(|charge| charge <= power.range * EMPTY)
     }
 
-    /// Waits until it wants something of its own accord: a charge where its battery runs low.
-    /// Then [`MobileBase::wishes`] says what.
+    /// Waits until the base wants something by itself: a charge, when its battery runs low.
+    /// [`MobileBase::wishes`] then returns it.
     pub fn next_wish(&self) -> BoxFuture<()> {
         let Some(Power { range, .. }) = self.power else { return Box::pin(pending()) };
         let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
         Box::pin(async move {
             let is_news = |state: &State| state.is_low(range) != wants_charge;
             let is_gone = changes.wait_for(is_news).await.is_err();
-            // With the robot, this is gone too.
+            // The robot is gone, and this future will be dropped too.
             if is_gone {
                 pending().await
             }
         })
     }
 
-    /// What it wants now of its own accord.
+    /// Returns what the base wants now by itself.
     pub fn wishes(&mut self) -> Vec<Initiative> {
         let Some(Power { range, .. }) = self.power else { return Vec::new() };
         let is_low = self.known().is_low(range);
@@ -279,7 +278,7 @@ impl Power {
 }
 
 impl Pose {
-    /// Half a step into a room, where nothing else is said.
+    /// Distance in meters if none is given: half a step into a room.
     const METERS: f64 = 1.0;
 
     fn of(self, name: String, blueprint: &Blueprint) -> Result<(Place, Place, f64), String> {
@@ -305,7 +304,7 @@ impl Pose {
 // === impl MobileBase: its part of a robot's self-description ===
 
 impl MobileBase {
-    /// The objects it brings: itself, and its poses.
+    /// Returns the objects of the base as PDDL: itself and its poses.
     pub fn objects(&self) -> String {
         let mut text = format!("{} - {}", self.id, self.kind);
         for (pose, ..) in &self.poses {
@@ -314,7 +313,7 @@ impl MobileBase {
         text
     }
 
-    /// What never changes while it lives.
+    /// Returns the facts that never change, as PDDL.
     pub fn lasting(&self) -> String {
         let mut text = format!("(= (speed {}) {})", self.id, self.speed);
         for (pose, near, meters) in &self.poses {
@@ -331,7 +330,7 @@ impl MobileBase {
         text
     }
 
-    /// All it knows now.
+    /// Returns all facts known now, as PDDL.
     pub fn facts(&self) -> String {
         let State { place, charge } = self.known();
         let mut text = format!("(at {} {place}) {}", self.id, self.lasting());
@@ -344,7 +343,8 @@ impl MobileBase {
         text
     }
 
-    /// The actions it offers now; it moves only where `guard` holds as well, a condition on `?b`.
+    /// Returns the actions offered now, as PDDL. `guard` is an additional precondition of moving, a
+    /// condition on `?b`.
     pub fn actions(&self, guard: &str) -> String {
         let kind = self.kind;
         if self.power.is_none() {
@@ -381,7 +381,7 @@ impl MobileBase {
         )
     }
 
-    /// The methods that carry them out.
+    /// Returns the methods that carry out the actions.
     pub fn methods(&self) -> Methods {
         let navigate = Method {
             method: "navigate_to".to_owned(),
@@ -408,7 +408,8 @@ fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
 // === impl MobileBase: acting ===
 
 impl MobileBase {
-    /// Runs a method of the base; one that is another's yields [`Failure::UnknownMethod`].
+    /// Runs a method of the base; fails with [`Failure::UnknownMethod`] if the method is not one of the
+    /// base.
     pub fn perform(&self, call: &Call) -> BoxFuture<Result<Moved, Failure>> {
         let body = self.body();
         match (call.method.as_str(), call.argument("place")) {
@@ -425,7 +426,7 @@ impl MobileBase {
         }
     }
 
-    /// What a method has brought.
+    /// Returns the result of a method for the report.
     pub fn performed(&self, moved: &Moved) -> Performed {
         let (detail, observed) = match moved {
             Moved::Arrived(place) => {
@@ -440,7 +441,7 @@ impl MobileBase {
     }
 }
 
-/// What a method works with while it runs.
+/// Driver and state that a running method uses.
 struct Body {
     driver: Arc<dyn BaseDriver>,
     state: Arc<watch::Sender<State>>,
@@ -463,7 +464,7 @@ impl Body {
         charged.map(|()| Moved::Recharged).map_err(Failure::Driver)
     }
 
-    /// Where the base truly is and what is left, however the method ended. Yields the place.
+    /// Reads the real place and range, however the method ended. Returns the place.
     async fn look(&self) -> Result<String, Failure> {
         let place = self.driver.place().await.map_err(Failure::Driver)?;
         let charge = self.driver.charge().await.map_err(Failure::Driver)?;

@@ -1,26 +1,26 @@
-//! The words of something in a room that is on or off: what it says of itself, and what follows for the
-//! room, which may have several of its kind.
+//! PDDL for things in a room that are on or off: the state of the thing itself, and the state of the
+//! room that follows from it. A room may have several things of a kind.
 
 use pddl::Domain;
 
-/// The words of one kind of thing.
+/// PDDL names for one kind of thing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OnOff<'w> {
-    /// The type of an agent that is one.
+    /// The type of the agents of this kind.
     pub agent: &'w str,
-    /// The predicate of a room.
+    /// The predicate about a room.
     pub state: &'w str,
-    /// The predicate of the thing itself that is true when it is on.
+    /// The predicate about the thing itself, true if the thing is on.
     pub own: &'w str,
-    /// Whether all in a room have to be on for it to be true of the room; else one is enough.
+    /// Whether the predicate holds for a room only if all things in it are on; otherwise one is enough.
     pub all: bool,
 }
 
 // === impl OnOff ===
 
 impl OnOff<'_> {
-    /// What is on or off, in PDDL: the thing `id`. An ontology that has the predicate of the room without
-    /// an axiom means by it whatever it is told: then it is the room.
+    /// Returns the atom that is true if the thing `id` is on. If the ontology has the predicate of the
+    /// room without an axiom, the room's own state is meant and the atom is about the room.
     pub fn term(&self, id: &str, room: &str, ontology: &Domain) -> String {
         let OnOff { state, own, .. } = self;
         match is_told(ontology, state) {
@@ -29,7 +29,7 @@ impl OnOff<'_> {
         }
     }
 
-    /// The predicates that an action model has to declare because the ontology does not.
+    /// Returns the predicates that an action model must declare because the ontology does not.
     pub fn predicates(&self, ontology: &Domain) -> String {
         let OnOff { agent, state, own, .. } = self;
         let declared = |name: &str| ontology.predicates.iter().any(|known| known.name == name);
@@ -43,7 +43,7 @@ impl OnOff<'_> {
         predicates
     }
 
-    /// The axiom that derives what is so of a room, where the ontology does not know the predicate.
+    /// Returns the axiom that derives the state of a room; empty if the ontology has the predicate.
     pub fn axiom(&self, ontology: &Domain) -> String {
         let OnOff { agent, state, own, all } = self;
         if ontology.predicates.iter().any(|known| known.name == *state) {

@@ -1,4 +1,4 @@
-//! PDDL that a device makes of its own literals and of names that were checked at the border.
+//! PDDL text that a device builds from its own literals and from names that were validated on input.
 
 use pddl::ActionModel;
 use serde::Deserialize;
@@ -19,7 +19,7 @@ pub struct Place(String);
 pub struct InvalidPlace(String);
 
 impl Place {
-    /// The name.
+    /// Returns the name.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -41,21 +41,21 @@ impl TryFrom<String> for Place {
     }
 }
 
-/// A device's action model, from its text.
+/// Parses a device's action model.
 ///
 /// # Panics
 ///
-/// If the text is no action model: the device is wrong, whatever its config says.
+/// Panics if the text is no action model. This is a bug of the device, whatever its config says.
 pub fn model_of(text: &str) -> ActionModel {
     let parsed = pddl::parse_action_model(text);
     assert!(parsed.is_ok(), "a device's own model: {:?}\n{text}", parsed.diagnostics);
     parsed.value.expect("invariant: a text without errors has a value")
 }
 
-/// Facts that a device knows until it says otherwise, from their text.
+/// Parses facts that a device knows until it says otherwise.
 ///
-/// A text that is not facts gives none: a device may have measured what PDDL cannot say, such as a
-/// number without end, and goes on with what it measures next. The log says so.
+/// Returns no facts if the text cannot be parsed, and logs this: a device may have measured a value
+/// that PDDL cannot express, such as infinity, and goes on with its next value.
 pub fn facts_of(text: &str) -> Vec<OwnFact> {
     let parsed = pddl::parse_init_elements(text);
     if !parsed.is_ok() {

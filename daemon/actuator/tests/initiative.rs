@@ -1,5 +1,5 @@
-//! A device speaks up by itself, over the in-memory substrate: its facts at once, a goal asked for
-//! and withdrawn, a question and its answer.
+//! Initiatives of a device, over the in-memory substrate: announces facts at once, requests and
+//! withdraws a goal, asks a question and takes its answer.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -27,12 +27,12 @@ fn name(text: &str) -> AgentId {
     AgentId::new(text).expect("a name")
 }
 
-/// What the test hears of everybody, with the time since it began.
+/// Messages that the test receives from all agents, with the time since the test began.
 type Told = mpsc::UnboundedSender<String>;
 
 // === the device ===
 
-/// A doorbell: rings by itself, and then does what the test has written down for it.
+/// A doorbell: rings by itself and then takes the initiatives that the test has prepared for it.
 struct Doorbell {
     rings: Arc<Mutex<mpsc::Receiver<()>>>,
     scripts: VecDeque<Vec<Initiative>>,
@@ -102,11 +102,12 @@ fn ask() -> Initiative {
     Initiative::Ask { name: "who".to_owned(), question, patience: Duration::from_secs(30) }
 }
 
-// === the others ===
+// === the other agents ===
 
-/// Hears heartbeats, takes goals as the Plan Requester, answers questions as a keyboard does.
+/// Receives heartbeats, takes goals as the Plan Requester does, and answers questions as a keyboard
+/// does.
 struct Other {
-    /// How many goals it refuses first, and why.
+    /// Number of goals to refuse first, and the reason.
     refuses: usize,
     reason: Reason,
     answer: Option<&'static str>,
@@ -165,7 +166,7 @@ impl Other {
     }
 }
 
-// === the room ===
+// === the test environment ===
 
 struct Room {
     switchboard: Arc<Switchboard>,
@@ -176,7 +177,7 @@ struct Room {
     _network: Network,
 }
 
-/// Heartbeats are rare here: what is heard at once was said at once.
+/// Heartbeats are rare here, so a message that arrives at once was sent by an event.
 fn room() -> Room {
     let settings = Settings {
         heartbeat_period: Duration::from_secs(3_600),
@@ -219,7 +220,7 @@ impl Room {
         self.launch(Other { refuses: 0, reason, answer, told, asked: None }, id, life).0
     }
 
-    /// The doorbell, which at its first ring takes the first of these initiatives, and so on.
+    /// Builds the doorbell; at its first ring it takes the first of these initiatives, and so on.
     fn bell(&mut self, scripts: impl Into<VecDeque<Vec<Initiative>>>) -> CancellationToken {
         let rings = Arc::new(Mutex::new(self.rings.take().expect("one bell")));
         let bell = Doorbell { rings, scripts: scripts.into(), rung: 0, told: self.told.clone() };
@@ -241,7 +242,7 @@ impl Room {
         self.launch(Actuator::new(&blueprint, bell).expect("built"), "bell", 1).0
     }
 
-    /// Rings once, and collects what is told until nothing is for ten milliseconds.
+    /// Rings once and collects messages until none arrives for ten milliseconds.
     async fn ring(&mut self) -> Vec<String> {
         self.ring.send(()).await.expect("the bell is there");
         self.quiet().await
@@ -337,7 +338,7 @@ async fn a_goal_that_failed_is_asked_for_again_where_the_device_insists() {
         let Initiative::Want { name, goal, .. } = want("(a)") else { unreachable!("a want") };
         room.bell([vec![Initiative::Want { name, goal, insists }]]);
         let mut lines = room.ring().await;
-        // Twice as long after each failure.
+        // The delay doubles after each failure.
         tokio::time::sleep(Duration::from_secs(1 + 2 + 1)).await;
         lines.extend(room.quiet().await);
         let asked = lines.iter().filter(|line| *line == "plan-requester is asked for (a)");
@@ -367,7 +368,7 @@ async fn the_first_answer_counts() {
     let answers = lines.iter().filter(|line| line.starts_with("bell hears"));
     assert_eq!(answers.collect::<Vec<_>>(), ["bell hears of who: the postman"]);
     let told: Vec<_> = lines.iter().filter(|line| line.contains("need not")).collect();
-    // Who has answered is told nothing.
+    // The keyboard that has answered gets no withdrawal.
     assert_eq!(told, ["silent need not answer: answered at `keyboard`"]);
 }
 

@@ -1,8 +1,8 @@
-//! What anyone may change by `request` while the ecosystem runs: the state, what plans are
-//! measured by, which actions there are, and what somebody observed (design, “Action models”).
+//! Requests that change the running ecosystem: the state, the plan metric, the available actions, and
+//! observations (design, “Action models”).
 //!
-//! Every request is confirmed, with what of it does not count now and who says otherwise; or it is
-//! refused with the reason, and nothing of it is taken.
+//! A request is confirmed, with remarks about facts that do not count now and about agents that
+//! contradict it; or it is refused as a whole, with the reason.
 
 use acl::content::{
     ActionOf, ChangeActions, ChangeMetric, ChangeState, Observation, Outcome, Reason, Refusal,
@@ -16,10 +16,10 @@ use pddl::{Diagnostic, InitElement, Name, Severity, check_init_elements};
 
 use crate::{DomainMaintainer, Tells};
 
-/// What was taken: what follows from it, and what to say of it.
+/// Result of an accepted request: the resulting change, and the text of the answer.
 type Taken = (Change, String);
 
-/// Facts that are spoken of one by one in an answer.
+/// Maximum number of remarks in an answer.
 const TOLD_MAX: usize = 8;
 
 impl DomainMaintainer {
@@ -46,8 +46,8 @@ impl DomainMaintainer {
             Ok((change, detail)) => {
                 self.tells = self.tells.max(Tells::News);
                 upkeep::conclude(self, &change, ctx);
-                // What is said again changes nothing here, and lasts longer elsewhere, or is newer
-                // than another's word.
+                // A repeated request changes nothing here. Elsewhere it prolongs facts, or makes them
+                // newer than those of another agent.
                 if change.is_empty() {
                     self.announce_requests(ctx);
                 }
@@ -82,8 +82,9 @@ impl DomainMaintainer {
         Ok((changed, with_notes(detail, notes)))
     }
 
-    /// Whether a person's facts can be believed: what nobody here has a word for would be kept
-    /// and never seen again. An agent's may come before its words do.
+    /// Checks the facts of a person's request against the present domain. A fact with an undeclared
+    /// predicate would be stored and never seen again. The facts of an agent are not checked: they may
+    /// arrive before the agent's declarations.
     fn check(&self, change: &ChangeState, effects: &Effects) -> Result<(), Refusal> {
         let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
         let texts = [(&change.believe, &effects.believe), (&change.retract, &effects.retract)];
@@ -141,7 +142,7 @@ impl DomainMaintainer {
         Ok((changed.map_err(|declined| declined.refusal())?, with_notes("believed", notes)))
     }
 
-    /// What of some facts does not count now, and who says otherwise.
+    /// Returns remarks about facts that do not count now, and about agents that contradict them.
     fn notes(&self, facts: &[InitElement], speaker: &Owner) -> Vec<String> {
         let maintainer = &self.upkeep.maintainer;
         let mut notes = Vec::new();

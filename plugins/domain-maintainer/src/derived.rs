@@ -1,4 +1,4 @@
-//! What follows by axioms from what is known, for whoever asks for the state.
+//! Facts that follow by axioms from the known facts; part of the answer to a query for the state.
 
 use acl::content::BelievedFact;
 use capability::Snapshot;
@@ -6,10 +6,10 @@ use pddl::knowledge::Auxiliary;
 use pddl::{Atom, Condition, Name};
 use planner::validate::World;
 
-/// Whose word it is.
+/// Name of the owner of derived facts.
 const AXIOM: &str = "axiom";
 
-/// The facts that axioms derive, and those that they neither derive nor rule out.
+/// Returns the facts that axioms derive, and as unknown those that axioms neither derive nor rule out.
 pub(crate) fn derived(snapshot: &Snapshot) -> Vec<BelievedFact> {
     if snapshot.domain.derived.is_empty() {
         return Vec::new();
@@ -25,7 +25,7 @@ pub(crate) fn derived(snapshot: &Snapshot) -> Vec<BelievedFact> {
             matches!(words, Auxiliary::Derived { maybe, .. } if *maybe == atom.predicate)
         });
         match maybe {
-            // It is listed by itself where it is known.
+            // A fact that is known is listed as itself.
             Some((symbol, _)) => {
                 let atom = Atom { predicate: symbol.clone(), ..atom };
                 let is_known = world.holds(&Condition::Atom(atom.clone()));

@@ -1,8 +1,8 @@
-//! What a Domain Maintainer that stands down tells who acts now (design, “No single point of failure”):
-//! what requests changed while both acted, each in its piece of a partition.
+//! Hand-over after a partition: a Domain Maintainer that becomes a standby sends the leader what
+//! requests changed while both led, each in its partition (design, “No single point of failure”).
 //!
-//! Nobody says it again by itself, so it is told until it is heard. Of what was changed in both, the word
-//! that was given to who goes on stands.
+//! No agent repeats requested changes by itself, so the hand-over is tried until it is confirmed. If
+//! both sides changed the same thing, the change of the remaining leader stands.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -17,26 +17,26 @@ use capability::{Moment, RequestsSince};
 
 use crate::{DomainMaintainer, REQUESTED, Tells};
 
-/// How long before it is told again where nobody has heard it, and how often: who acts may have left
-/// in the same moment, and a partition lasts minutes.
+/// Interval between tries to hand over, and their maximum number. The new leader may have left in the
+/// same moment, and a partition may last minutes.
 const AGAIN: Duration = Duration::from_secs(1);
 const TIMES_MAX: u32 = 600;
 
-/// How long all that can act have to see each other before nobody has anything to hand over.
+/// How long all replicas must see each other before none of them has anything to hand over.
 const SETTLED: Duration = Duration::from_secs(10);
 
-/// The others that can act in its stead.
+/// Other replicas of this agent.
 #[derive(Debug, Default)]
 pub(crate) struct Namesakes {
-    /// Where one was seen, that has not come back if it is not here.
+    /// Daemons on which replicas were present; a daemon that is missing now has not come back.
     met: BTreeSet<DaemonId>,
-    /// Since when all of them are here.
+    /// Since when all of them are present.
     together: Option<Moment>,
 }
 
 impl DomainMaintainer {
-    /// Sees whether another may act elsewhere: from before the first change that it may not hear of,
-    /// changes are noted. To be called before anything is changed.
+    /// Checks whether another leader may be active in another partition, and if so begins to note
+    /// changes. To be called before anything is changed, so that no change is left out.
     pub(crate) fn look_around(&mut self, ctx: &Context<Self>) {
         let (directory, own) = (ctx.directory(), ctx.switchboard().daemon());
         let daemons = directory.all(ctx.id()).iter().map(|resident| &resident.daemon);
@@ -55,7 +55,7 @@ impl DomainMaintainer {
         }
     }
 
-    /// Another acts. What was changed here is told to it.
+    /// Stands down: sends the noted changes to the new leader.
     pub(crate) fn stand_down(&mut self, ctx: &mut Context<Self>) {
         let changed = self.upkeep.maintainer.stand_down(self.upkeep.moment());
         if changed != RequestedSince::default() {
@@ -65,13 +65,13 @@ impl DomainMaintainer {
 
     fn hand_over(&mut self, changed: RequestedSince, times: u32, ctx: &mut Context<Self>) {
         if self.is_leading {
-            // Its turn has come again.
+            // This replica leads again.
             self.reconcile(&changed, ctx);
             return;
         }
         let acts = ctx.find(ctx.id()).map(|resident| resident.incarnation);
         if acts.is_none_or(|life| life == ctx.incarnation()) {
-            // Who it is that acts is not known here yet.
+            // The new leader is not known here yet.
             return tell_again(changed, times, ctx);
         }
         let record = self.keeper.write(REQUESTED.to_owned(), value(&changed));
@@ -93,10 +93,10 @@ impl DomainMaintainer {
         });
     }
 
-    /// Another life of this agent has stood down, and says what was changed there.
+    /// Takes the changes of another incarnation of this agent that has become a standby.
     pub(crate) fn handed(&mut self, message: &Message, handed: &Keeping, ctx: &mut Context<Self>) {
         if message.sender != *ctx.id() || message.incarnation == ctx.incarnation() {
-            // While it was on its way, the name came back to who sent it. It is told again.
+            // If the sender leads again, the message has come back to itself; the sender tries again.
             let detail = "only who stands by for it hands something over to a Domain Maintainer";
             let refusal = Refusal::new(Reason::Incapable, detail);
             return ctx.answer(&Engagement::of(message), Performative::Refuse, &refusal);
@@ -133,7 +133,7 @@ impl DomainMaintainer {
     }
 }
 
-/// Says it once more, a moment later, unless that was done too often.
+/// Tries again after [`AGAIN`], up to [`TIMES_MAX`] times.
 fn tell_again(changed: RequestedSince, times: u32, ctx: &mut Context<DomainMaintainer>) {
     if times >= TIMES_MAX {
         return tracing::warn!("nobody takes over what was requested here");
@@ -143,7 +143,7 @@ fn tell_again(changed: RequestedSince, times: u32, ctx: &mut Context<DomainMaint
     });
 }
 
-/// What of it is still known after a while.
+/// Returns the changes with their remaining times reduced by `by`; expired facts are dropped.
 fn later(mut changed: RequestedSince, by: Duration) -> RequestedSince {
     changed.facts.retain_mut(|fact| match &mut fact.known_for {
         None => true,

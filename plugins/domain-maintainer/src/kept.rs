@@ -1,4 +1,4 @@
-//! What requests changed, as it is kept over the death of all who knew it.
+//! Record of the requested changes, which outlives the restart of all replicas.
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -6,7 +6,7 @@ use acl::Deadline;
 use acl::content::Requested;
 use serde::{Deserialize, Serialize};
 
-/// What requests had changed at one time, by the clock of who wrote it.
+/// Requested changes in force at a wall-clock time of the replica that wrote them.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct KeptRequests {
     /// Milliseconds since the Unix epoch.
@@ -21,8 +21,8 @@ impl KeptRequests {
         KeptRequests { at_ms: milliseconds(now), requested }
     }
 
-    /// What of it is still known `now`: what was known for a while is known for what is left. A
-    /// clock that has gone back does not say how much that is; then nothing is left.
+    /// Returns the changes that are in force `now`, with the remaining times of their facts. If the
+    /// clock has gone back, the remaining times are unknown, and facts with a limit are dropped.
     pub(crate) fn until_now(self, now: SystemTime) -> Requested {
         let passed = milliseconds(now).checked_sub(self.at_ms).map(Duration::from_millis);
         let mut requested = self.requested;

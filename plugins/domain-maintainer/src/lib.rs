@@ -1,10 +1,11 @@
-//! The Domain Maintainer (the paper, “Domain Maintainer”): what the ecosystem can do now, and
-//! what is known.
+//! The Domain Maintainer (the paper, “Domain Maintainer”): keeps the composite domain and the known
+//! state.
 //!
-//! - Hears action models and heartbeats, sees who comes and goes; composes (`capability`).
-//! - Tells all what changed (`inform`), answers who asks for the domain or the state.
-//! - Takes changes of the state, the metric, the actions, and observations by `request`
-//!   (`changing`), and spreads them to the actuators.
+//! - Receives action models and heartbeats, follows the membership, and composes the domain
+//!   (`capability`).
+//! - Broadcasts every change (`inform`); answers queries for the domain and the state.
+//! - Takes changes of the state, the metric and the actions, and observations, by `request`
+//!   (`changing`), and announces them to the actuators.
 //! - Does not plan, and decides nothing about goals.
 
 mod changing;
@@ -32,16 +33,15 @@ use serde::Deserialize;
 use crate::handing_over::Namesakes;
 use crate::kept::KeptRequests;
 
-/// How long after an announcement changes are gathered for the next: the models of a daemon that
-/// starts come within this time, and one announcement serves them all. What changes by itself is
-/// announced at once.
+/// Minimum time between two announcements. The models of a daemon that starts arrive within this time,
+/// and one announcement serves them all. A single change after a longer pause is announced at once.
 const GATHERING: Duration = Duration::from_millis(5);
 
-/// How long after news of requests all that they changed is told: who missed the news hears it then,
-/// and however many news come meanwhile, it is told once.
+/// Delay between news of requests and the announcement of everything that requests changed. The full
+/// announcement reaches agents that missed the news; it is sent once, however many news come meanwhile.
 const TELLING_ALL: Duration = Duration::from_secs(1);
 
-/// Under which key the Journals keep what requests changed.
+/// Key of the record in which the Journals keep everything that requests changed.
 const REQUESTED: &str = "state/requested";
 
 /// The line in the daemon's table of plugins.
@@ -56,7 +56,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let (ontology, map) = (&blueprint.host.ontology, &blueprint.host.map);
     let mut maintainer = Maintainer::new(Arc::clone(ontology), Arc::clone(map), Scope::Everything);
-    // Until it is said to act.
+    // Standby until the agent is told that it leads.
     maintainer.stands_by(true);
     Ok(Box::new(DomainMaintainer {
         upkeep: Upkeep::new(maintainer),
@@ -75,32 +75,33 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 
 struct DomainMaintainer {
     upkeep: Upkeep,
-    /// What changed since the last announcement.
+    /// Changes since the last announcement.
     unannounced: Option<EpochChange>,
     announcing: Option<TimerId>,
-    /// When it announced something last.
+    /// When the last announcement was sent.
     announced: Option<Moment>,
-    /// What the next announcement tells of requests.
+    /// How much of the requested changes the next announcement contains.
     tells: Tells,
     telling_all: Option<TimerId>,
-    /// Whether there was something to tell when they were told last.
+    /// Whether any requested changes were in force at the last announcement of them.
     has_requests: bool,
     keeper: Keeper<DomainMaintainer>,
-    /// Whether it acts: who stands by hears the same and says nothing.
+    /// Whether this replica leads. A standby receives the same messages and sends none.
     is_leading: bool,
-    /// What requests had changed when it was kept last, if that was read.
+    /// Version of the last record of requested changes that was read or written.
     recalled: Option<Version>,
     namesakes: Namesakes,
 }
 
-/// How much of what requests changed is told: at each moment the most that somebody lacks.
+/// How much of the requested changes an announcement contains: as much as the agent that lacks most
+/// needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Tells {
     Nothing,
     News,
-    /// All of it, for who missed the news.
+    /// All of them, for agents that missed the news.
     Again,
-    /// All of it, where there is more than facts, or somebody has heard nothing yet.
+    /// All of them, because they are more than facts, or because an agent may have received none yet.
     All,
 }
 
@@ -116,14 +117,14 @@ impl Agent for DomainMaintainer {
         self.upkeep.maintainer.stands_by(!is_leading);
         keeping::leads(self, is_leading, ctx);
         if is_leading {
-            // Another may act where this one does not reach.
+            // Another leader may be active in another partition.
             self.upkeep.maintainer.part();
             self.look_around(ctx);
         } else if was_leading {
             self.stand_down(ctx);
         }
         if is_leading && self.upkeep.maintainer.revision() > 0 {
-            // Whoever listens learns that somebody speaks again, and all that requests changed.
+            // All agents learn that there is a leader again, and everything that requests changed.
             self.tells = Tells::All;
             self.announce_requests(ctx);
         }
@@ -146,7 +147,7 @@ impl Agent for DomainMaintainer {
                 let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
                 let mut content = snapshot.to_content();
                 for conflict in self.upkeep.maintainer.conflicts() {
-                    // Before it, whose word stands.
+                    // The last agent lost the conflict; an agent before it has precedence.
                     let Some(agent) = conflict.agents.last() else { continue };
                     let of_it = content.conflicts.entry(agent.clone()).or_default();
                     of_it.push(conflict.to_string());
@@ -178,7 +179,7 @@ impl Maintains for DomainMaintainer {
             tracing::info!(epoch = change.epoch, joined = ?change.joined, left = ?change.left,
                 "a new epoch");
         }
-        // Whoever joined has not heard what requests changed before.
+        // An agent that has joined has not received what requests changed before.
         if change.epoch_changed {
             self.tells = Tells::All;
         }
@@ -204,12 +205,12 @@ impl Keeps for DomainMaintainer {
         &mut self.keeper
     }
 
-    /// Believes again what was requested before everybody here was restarted.
+    /// Restores the requested changes from before all replicas were restarted.
     fn recalled(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
         let Some(record) = records.into_iter().find(|record| record.key == REQUESTED) else {
             return;
         };
-        // What it heard or wrote itself is newer than what it wrote.
+        // Changes that this replica received or wrote itself are newer than its record.
         let is_known = self.recalled.is_some_and(|known| known >= record.version);
         let is_own = record.version.term == self.keeper.term();
         if is_known || is_own || self.has_requests {
@@ -245,14 +246,14 @@ impl DomainMaintainer {
         upkeep::informed(self, &message, ctx);
     }
 
-    /// Sees to it that what requests changed is announced, also where nothing else is new.
+    /// Announces the requested changes, even if nothing else is new.
     fn announce_requests(&mut self, ctx: &mut Context<Self>) {
         let maintainer = &self.upkeep.maintainer;
         let (epoch, revision) = (maintainer.epoch(), maintainer.revision());
         self.announce_soon(EpochChange { epoch, revision, ..EpochChange::default() }, ctx);
     }
 
-    /// Has the Journals keep what requests changed: nobody says it again by itself.
+    /// Sends the requested changes to the Journals: no agent repeats them by itself.
     fn keep_requests(&mut self, requested: Requested, ctx: &mut Context<Self>) {
         if self.keeper.journals().is_empty() {
             return;
@@ -263,7 +264,7 @@ impl DomainMaintainer {
         keeping::keep_on(self, &[record], ctx);
     }
 
-    /// Gathers what changed, to announce it in one message.
+    /// Collects changes, to announce them in one message.
     fn announce_soon(&mut self, change: EpochChange, ctx: &mut Context<Self>) {
         if !self.is_leading {
             return;
@@ -278,7 +279,7 @@ impl DomainMaintainer {
         let now = self.upkeep.moment();
         let over = self.announced.map_or(GATHERING, |last| now.since(last));
         match GATHERING.saturating_sub(over) {
-            // Not by a timer: the shortest runs out in the next millisecond.
+            // Without a timer: even the shortest one fires a millisecond later.
             Duration::ZERO => self.announce(ctx),
             wait => {
                 let announce =
@@ -300,14 +301,14 @@ impl DomainMaintainer {
         }
         let EpochChange { epoch, revision, .. } = change;
         let is_nothing = change == EpochChange { epoch, revision, ..EpochChange::default() };
-        // That somebody speaks again is something.
+        // An announcement without a change still tells that there is a leader again.
         if !is_nothing || tells == Tells::All {
             ctx.inform_all(&Inform::Epoch(change));
         }
     }
 
-    /// Tells what is new of requests, and in a moment all of it: so that what is told is as long as
-    /// what is new, and who missed it does not lack it for long.
+    /// Adds the new requested changes to the announcement and schedules the full list. So the message
+    /// is only as long as the news, and an agent that missed it soon gets the full list.
     fn tell_news(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
         let now = self.upkeep.moment();
         let Some(since) = self.upkeep.maintainer.requested_since(now) else {
@@ -335,17 +336,17 @@ impl DomainMaintainer {
             ctx.forget(timer);
         }
         let now = self.upkeep.moment();
-        // From now on counts what is new beside it.
+        // News are counted from here on.
         let since = self.upkeep.maintainer.requested_since(now);
         let requested = self.upkeep.maintainer.requested(now);
         let is_nothing = requested == Requested::default();
-        // That it is nothing now is news once.
+        // That no requested change is in force any more is announced once.
         let was_something = std::mem::replace(&mut self.has_requests, !is_nothing);
         if is_nothing && !was_something {
             return;
         }
         change.requested = Some(requested.clone());
-        // What is told again was kept when it was news.
+        // A repetition is on record already, from when it was new.
         if tells == Tells::All || since != Some(RequestedSince::default()) {
             self.keep_requests(requested, ctx);
         }
@@ -370,7 +371,7 @@ impl DomainMaintainer {
         });
         let mut facts: Vec<BelievedFact> = known.collect();
         let mut derived = derived::derived(&maintainer.snapshot(self.upkeep.moment()));
-        // What an agent left behind is known to be unknown already.
+        // The facts of an agent that has left are already known to be unknown.
         derived.retain(|derived| facts.iter().all(|known| known.fact != derived.fact));
         facts.extend(derived);
         BelievedState { epoch: maintainer.epoch(), revision: maintainer.revision(), facts }
@@ -387,7 +388,7 @@ fn claim(claim: &capability::ClaimedBy) -> Claim {
     }
 }
 
-/// A fact is known as long as the longest claim; until further notice, if any claim is so.
+/// Returns the longest remaining time of the claims of a fact; `None` if any of them has no limit.
 fn known_for(claims: &[capability::ClaimedBy]) -> Option<Deadline> {
     let left: Option<Vec<Duration>> = claims.iter().map(|claim| claim.left).collect();
     left?.into_iter().max().map(Deadline)

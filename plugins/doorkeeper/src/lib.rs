@@ -1,9 +1,10 @@
-//! The Doorkeeper: where the ecosystem's file says `admit = "ask"`, asks the people at all keyboards
-//! whether those that no file names may take part, and keeps what they have said.
+//! The Doorkeeper: if the ecosystem file says `admit = "ask"`, asks people at all keyboards whether
+//! discovered agents may take part, and stores the answers.
 //!
-//! - Who appears within a moment is asked about in one question (`question`).
-//! - What people have said is on disk before it holds, and nobody is asked again after a restart.
-//! - Where nobody answers, they are asked again; a keyboard that comes later is told what is open.
+//! - Agents that appear within a moment are put into one question (`question`).
+//! - An answer is on disk before it takes effect, so no question is repeated after a restart.
+//! - A question without an answer is asked again. A keyboard that joins later receives the open
+//!   questions.
 
 mod question;
 
@@ -21,16 +22,16 @@ use agent::{
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
-/// How long is waited for more to appear: devices of one gateway come at once.
+/// How long to wait for more agents to appear: the devices of a gateway come at once.
 const GATHERING: Duration = Duration::from_millis(500);
 
-/// How long a person has for an answer.
+/// How long a person has to answer.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// How long after nobody could be asked it is tried again.
+/// Delay before the next try when no person has answered.
 const REST: Duration = Duration::from_secs(10);
 
-/// Questions that are open at one time; who appears beyond waits.
+/// Maximum number of open questions. Agents that appear beyond them wait.
 const OPEN_MAX: usize = 8;
 
 /// The line in the daemon's table of plugins.
@@ -58,12 +59,12 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 
 struct Doorkeeper {
     admissions: Arc<Admissions>,
-    /// Where answers are kept; without it, until the daemon stops.
+    /// File of the answers; `None` keeps them only until the daemon stops.
     file: Option<PathBuf>,
-    /// The questions that are open, and about whom they are.
+    /// The open questions, with the agents that each is about.
     asking: BTreeMap<u64, Asking>,
     asked: u64,
-    /// Whether it is going to look who is to be asked about.
+    /// Whether a check for new applicants is scheduled.
     is_due: bool,
     hearing: Option<Work>,
 }
@@ -71,11 +72,11 @@ struct Doorkeeper {
 struct Asking {
     about: Vec<(Applicant, String)>,
     text: String,
-    /// One with all keyboards, and one with each that has come since.
+    /// One exchange with all keyboards, and one with each that has joined since.
     exchanges: Vec<ReplyToken>,
 }
 
-/// One answer, as it is kept.
+/// One answer, as stored on disk.
 #[derive(Serialize, Deserialize)]
 struct Kept {
     by: String,
@@ -90,7 +91,7 @@ impl Agent for Doorkeeper {
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let Presence::Joined(newcomer) = presence else { return };
-        // It may be a keyboard; who is none says so.
+        // The new agent may be a keyboard; any other agent refuses the question.
         let open: Vec<_> = self.asking.keys().copied().collect();
         for id in open {
             self.put(id, Some(newcomer.agent.clone()), ctx);
@@ -131,7 +132,8 @@ impl Doorkeeper {
         });
     }
 
-    /// Asks about those of whom nobody has been asked, and about nobody who has left.
+    /// Asks about applicants that are in no open question. Withdraws questions about agents that have
+    /// all left.
     fn look(&mut self, ctx: &mut Context<Self>) {
         let open = self.admissions.open();
         let here: BTreeSet<_> = open.iter().map(|(applicant, _)| applicant).collect();
@@ -163,7 +165,7 @@ impl Doorkeeper {
         self.put(id, None, ctx);
     }
 
-    /// Puts an open question to an agent, or to all.
+    /// Sends an open question to one agent, or to all if `to` is `None`.
     fn put(&mut self, id: u64, to: Option<AgentId>, ctx: &mut Context<Self>) {
         let Some(asking) = self.asking.get_mut(&id) else { return };
         let is_to_all = to.is_none();
@@ -222,7 +224,8 @@ impl Doorkeeper {
         Some(asking)
     }
 
-    /// What was said holds even where it cannot be kept; then people are asked again after a restart.
+    /// Stores answers on disk and applies them. They apply even if they cannot be stored; people are
+    /// then asked again after a restart.
     fn keep(&self, answers: Vec<(Applicant, bool)>) {
         if let Some(file) = &self.file {
             let mut all: BTreeMap<_, _> = self.admissions.answers().into_iter().collect();
@@ -235,7 +238,7 @@ impl Doorkeeper {
     }
 }
 
-/// What people have said until now. Completes “failed to …”.
+/// Reads the stored answers. The error completes “failed to …”.
 fn read(file: &Path) -> Result<Vec<(Applicant, bool)>, String> {
     let text = match std::fs::read_to_string(file) {
         Ok(text) => text,
@@ -256,7 +259,7 @@ fn write(file: &Path, answers: BTreeMap<Applicant, bool>) -> Result<(), String> 
         .map(|(Applicant { by, name }, admitted)| Kept { by, name, admitted })
         .collect();
     let text = serde_json::to_string_pretty(&kept).map_err(|error| error.to_string())?;
-    // Whole or not at all: a machine may lose its power at any time.
+    // Written beside and renamed, so that the file is complete even after a power cut.
     let beside = file.with_extension("json.new");
     let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, file));
     written.map_err(|error| format!("keep what people have said: {error}"))

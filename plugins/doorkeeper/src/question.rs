@@ -1,11 +1,11 @@
-//! What people are asked, and what their answers mean.
+//! Text of the question about discovered agents, and parsing of the answers.
 
 use agent::Applicant;
 
-/// So many are named in a question; of more it says how many.
+/// Maximum number of agents that a question lists by name; the rest is only counted.
 const NAMED_MAX: usize = 12;
 
-/// The question about some who have appeared, after what was wrong with the answer before.
+/// Returns the question about these applicants, preceded by the mistake in the last answer, if any.
 pub(crate) fn text(about: &[(Applicant, String)], mistake: Option<&str>) -> String {
     let named: Vec<_> = about
         .iter()
@@ -27,11 +27,11 @@ pub(crate) fn text(about: &[(Applicant, String)], mistake: Option<&str>) -> Stri
     }
 }
 
-/// Who may take part by an answer, and who may not.
+/// Parses an answer: which applicants may take part, and which may not.
 ///
 /// # Errors
 ///
-/// What is wrong with the answer, for the next question.
+/// Returns what is wrong with the answer, as text for the next question.
 pub(crate) fn understand(
     answer: &str,
     about: &[(Applicant, String)],

@@ -1,13 +1,13 @@
-//! The Journal: keeps what must outlive a process, for whoever takes over (design, “No single point
-//! of failure”).
+//! The Journal: replica store for records that must outlive a process, such as goals and plans; a new
+//! leader reads them (design, “No single point of failure”).
 //!
-//! - `request` (records) → `confirm` when they are on disk here, `refuse` with the reason where they
-//!   cannot be. Of one key the newest version is kept, whoever wrote it.
-//! - Answers who asks for all it keeps. When another Journal comes, takes from it what is newer: so
-//!   the copies grow equal again after a death or a partition.
-//! - Decides nothing about goals: what a record means is known to who wrote it.
+//! - `request` (records) → `confirm` when they are on this machine's disk, `refuse` with the reason if
+//!   they cannot be stored. Of each key the newest version is kept, whichever agent wrote it.
+//! - Answers queries for all its records. When another Journal joins, fetches newer records from it; so
+//!   the copies converge after a crash or a partition.
+//! - Decides nothing about goals: it does not interpret records.
 //!
-//! There is one per daemon that is to keep a copy, each under a name of its own.
+//! There is one Journal on each daemon that keeps a copy, each under its own name.
 
 mod records;
 mod store;
@@ -27,15 +27,15 @@ use crate::records::Records;
 pub use crate::store::{FORMAT, Shelf};
 use crate::store::{Store, StoreError};
 
-/// Requests that wait for the one write that is under way; more are refused. Each is a change of
+/// Maximum number of requests that wait for the running write; more are refused. Each is a change of
 /// one goal, and one write serves all that wait.
 const WAITING_MAX: usize = 256;
 
-/// How long before a file that could not be opened is tried again: a disk that was full when the
-/// daemon started is looked at again, and so is a file that a former life has not let go of.
+/// Interval between tries to open the file. The disk may have been full when the daemon started, or an
+/// earlier process may still hold the file.
 const OPEN_AGAIN: Duration = Duration::from_secs(5);
 
-/// How long before another Journal that gave no answer is asked again: it opens its file.
+/// Delay before another Journal is asked again that gave no answer; it may still be opening its file.
 const FETCH_AGAIN: Duration = Duration::from_secs(2);
 
 /// The line in the daemon's table of plugins.
@@ -64,7 +64,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     }))
 }
 
-/// Where the records are kept.
+/// Storage location of the records.
 #[derive(Clone)]
 struct Place {
     path: Option<PathBuf>,
@@ -76,20 +76,21 @@ struct Journal {
     place: Place,
     disk: Disk,
     records: Records,
-    /// Who waits for the next write, and what is to be written.
+    /// Records for the next write, with the exchange that waits for each. `None` for records from
+    /// another Journal.
     waiting: Vec<(Option<Engagement>, Vec<Record>)>,
-    /// The write that is under way, or the opening.
+    /// The running write, or the opening of the file.
     work: Option<Work>,
     fetching: Vec<(AgentId, Work)>,
-    /// Whether something was not written that others may have.
+    /// Whether the last write failed, so that other Journals may have newer records.
     is_behind: bool,
 }
 
 enum Disk {
-    /// What came before it was open.
+    /// Opening; holds the requests that have arrived meanwhile.
     Opening(Vec<(Option<Engagement>, Vec<Record>)>),
     Open(Arc<Store>),
-    /// It cannot be used; why.
+    /// The file cannot be used, for this reason.
     Unusable(String),
 }
 
@@ -104,7 +105,7 @@ impl Agent for Journal {
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let who = &presence.resident().agent;
-        // What one that has left was asked for may have been answered before.
+        // An answer of a Journal that has left may still arrive, so a fetch is not cancelled.
         if self.others.contains(who) && matches!(presence, Presence::Joined(_)) {
             self.fetch(who.clone(), ctx);
         }
@@ -160,7 +161,7 @@ impl Journal {
             early.into_iter().for_each(|(asker, records)| self.keep(asker, records, ctx));
         }
         if was_unusable && matches!(self.disk, Disk::Open(_)) {
-            // Whatever came meanwhile was turned away here.
+            // Requests that arrived meanwhile were refused here.
             self.others.clone().into_iter().for_each(|other| self.fetch(other, ctx));
         }
     }
@@ -174,7 +175,7 @@ impl Journal {
         }
     }
 
-    /// Takes records to be written with the next write.
+    /// Queues records for the next write.
     fn keep(&mut self, asker: Option<Engagement>, records: Vec<Record>, ctx: &mut Context<Self>) {
         let refusal = match &mut self.disk {
             Disk::Opening(early) if early.len() < WAITING_MAX => {
@@ -197,7 +198,7 @@ impl Journal {
         }
     }
 
-    /// Writes all that waits, in one go, unless a write is under way.
+    /// Writes all queued records in one transaction, unless a write is running.
     fn write(&mut self, ctx: &mut Context<Self>) {
         let Disk::Open(store) = &self.disk else { return };
         if self.work.is_some() || self.waiting.is_empty() {
@@ -255,7 +256,7 @@ impl Journal {
         }
     }
 
-    /// Asks another Journal for all it keeps, to take what is newer.
+    /// Fetches all records of another Journal and takes those that are newer.
     fn fetch(&mut self, other: AgentId, ctx: &mut Context<Self>) {
         let Some(resident) = ctx.find(&other) else { return };
         let ask = Ask {

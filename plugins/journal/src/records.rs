@@ -1,14 +1,14 @@
-//! All that a Journal keeps, by key: the newest version of each. Without I/O.
+//! All records of a Journal by key, the newest version of each. Without I/O.
 
 use std::collections::BTreeMap;
 
 use acl::content::Record;
 
-/// Records kept; of those that say that something is to be forgotten, the oldest go first. A goal
-/// has two, and a building has hundreds of goals at the very most.
+/// Maximum number of records. If it is reached, the oldest deletion markers are dropped first. A goal
+/// has two records, and a building has hundreds of goals at the very most.
 const RECORDS_MAX: usize = 4_096;
 
-/// The longest key, and the longest record as text. The composite domain of a large building is
+/// Maximum length of a key, and of a record's body as JSON. The composite domain of a large building is
 /// below 1 MiB.
 const KEY_BYTES_MAX: usize = 512;
 const BODY_BYTES_MAX: usize = 4 << 20;
@@ -20,12 +20,12 @@ pub(crate) struct Records(BTreeMap<String, Record>);
 // === impl Records ===
 
 impl Records {
-    /// Whether a record says something newer than what is kept.
+    /// Whether a record is newer than the stored version of its key.
     pub(crate) fn is_newer(&self, record: &Record) -> bool {
         self.0.get(&record.key).is_none_or(|kept| kept.version < record.version)
     }
 
-    /// Takes a record, if it is newer.
+    /// Stores a record, if it is newer.
     pub(crate) fn take(&mut self, record: Record) {
         if self.is_newer(&record) {
             self.0.insert(record.key.clone(), record);
@@ -36,7 +36,7 @@ impl Records {
         self.0.remove(key);
     }
 
-    /// Why some records are not taken, if so.
+    /// Returns the reason why these records cannot be taken; `None` if they can.
     pub(crate) fn objection(&self, records: &[Record]) -> Option<String> {
         let key = |record: &&Record| record.key.is_empty() || record.key.len() > KEY_BYTES_MAX;
         if let Some(record) = records.iter().find(key) {
@@ -55,7 +55,8 @@ impl Records {
         (new > room).then(|| format!("{RECORDS_MAX} records are kept already"))
     }
 
-    /// What has to go where `more` come: of what is forgotten, the oldest.
+    /// Returns the keys that must be dropped to make room for `more` records: the oldest deletion
+    /// markers.
     pub(crate) fn surplus(&self, more: usize) -> Vec<String> {
         let surplus = (self.0.len() + more).saturating_sub(RECORDS_MAX);
         let mut forgotten: Vec<_> = self.forgotten().collect();
@@ -67,7 +68,7 @@ impl Records {
         self.0.values().filter(|record| record.body.is_null())
     }
 
-    /// All of them, as an answer.
+    /// Returns all records as a JSON array.
     pub(crate) fn to_json(&self) -> Option<String> {
         serde_json::to_string(&self.0.values().collect::<Vec<_>>()).ok()
     }

@@ -1,4 +1,4 @@
-//! The records on disk: one file of an embedded store that is whole after a crash.
+//! The records on disk: one file of an embedded store that stays consistent after a crash.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -18,48 +18,49 @@ const RECORDS: TableDefinition<&str, &[u8]> = TableDefinition::new("records");
 const ABOUT: TableDefinition<&str, u64> = TableDefinition::new("about");
 const FORMAT_KEY: &str = "format";
 
-/// What the store says of a file that a newer version of it wrote.
+/// Text in the store's error about a file that a newer version of it wrote.
 const FOREIGN_FORMAT: &str = "file format version";
 
-/// What a database keeps in memory of its file. Records are in memory already, and it alone would take a
+/// Size of the database's cache, in bytes. All records are in memory already; the default would be a
 /// gigabyte.
 const CACHE_BYTES: usize = 4 << 20;
 
-/// Records in memory that outlive their Journal: stands in for a disk where a whole building lives
-/// in one process.
+/// Records in memory that outlive their Journal. Replaces a disk when a whole building runs in one
+/// process.
 #[derive(Debug, Default)]
 pub struct Shelf(Mutex<BTreeMap<String, Vec<u8>>>);
 
 impl Shelf {
-    /// What is on it.
+    /// Returns the records in it.
     pub fn records(&self) -> Vec<Record> {
         let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         kept.values().filter_map(|bytes| serde_json::from_slice(bytes).ok()).collect()
     }
 }
 
-/// Where records are kept.
+/// Backing store of the records.
 pub(crate) enum Store {
     File(Filed),
     Shelf(std::sync::Arc<Shelf>),
 }
 
-/// A file of the embedded store. Once a write has failed, the store takes no more until it is
-/// opened again: a disk that was full for a moment must not end the journal.
+/// A file of the embedded store. After a failed write the store accepts no further writes until it is
+/// opened again; so the next write opens it again, and a disk that was full for a moment does no
+/// lasting harm.
 pub(crate) struct Filed {
     path: PathBuf,
-    /// None after a write that failed.
+    /// `None` after a failed write.
     database: Mutex<Option<Database>>,
 }
 
-/// Why records are not kept. Completes “failed to …”.
+/// Why records cannot be stored. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum StoreError {
-    /// The daemon has no folder of its own.
+    /// The daemon has no state folder.
     #[error("keep anything: this daemon has no state folder")]
     Nowhere,
-    /// Another version wrote it.
+    /// A newer version of Althing wrote the file.
     #[error(
         "read {}: a newer Althing wrote it (format {found}; this one reads up to {FORMAT}); \
          update this machine, or move the file away: the other Journals have copies",
@@ -68,10 +69,10 @@ pub(crate) enum StoreError {
     Newer {
         /// The file.
         path: PathBuf,
-        /// Its format.
+        /// Format of the file.
         found: u64,
     },
-    /// Another version of the store wrote it.
+    /// Another version of the embedded store wrote the file.
     #[error(
         "read {}: another version of the store wrote it ({why}); update this machine, or move the file \
          away: the other Journals have copies",
@@ -80,29 +81,29 @@ pub(crate) enum StoreError {
     Foreign {
         /// The file.
         path: PathBuf,
-        /// What the store says of its format.
+        /// The store's error about the format.
         why: String,
     },
-    /// Another process has it open.
+    /// Another process has the file open.
     #[error("open {}: another process has it open", path.display())]
     InUse {
         /// The file.
         path: PathBuf,
     },
-    /// The disk, or the store, says no.
+    /// The disk or the store returned an error when the file was opened or moved.
     #[error("{what} {}: {why}", path.display())]
     Failed {
-        /// What was done.
+        /// The operation that failed.
         what: &'static str,
         /// The file.
         path: PathBuf,
-        /// Why it could not.
+        /// Reason of the failure.
         why: String,
     },
-    /// The store says no while it is open.
+    /// The store returned an error on a write.
     #[error("write to the journal: {0}")]
     Write(String),
-    /// The thread that did it was lost.
+    /// The thread that used the disk was lost.
     #[error("use the disk: {0}")]
     Lost(String),
 }
@@ -110,7 +111,7 @@ pub(crate) enum StoreError {
 // === impl StoreError ===
 
 impl StoreError {
-    /// Whether it may be otherwise a moment later, without anybody's doing.
+    /// Whether the error may disappear without a person's action.
     pub(crate) fn may_pass(&self) -> bool {
         match self {
             StoreError::Nowhere | StoreError::Newer { .. } | StoreError::Foreign { .. } => false,
@@ -125,8 +126,8 @@ impl StoreError {
 // === impl Store ===
 
 impl Store {
-    /// Opens the file, or makes it. One that is broken is moved aside, and said to be: the other
-    /// Journals have what was in it.
+    /// Opens the file, or creates it. A damaged file is moved aside and logged; the other Journals have
+    /// its records.
     pub(crate) fn open(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
         if !path.exists() {
             return begin(path);
@@ -148,7 +149,7 @@ impl Store {
         (Store::Shelf(std::sync::Arc::clone(shelf)), shelf.records())
     }
 
-    /// Writes records and forgets others, all of it or nothing; returns when it is on disk.
+    /// Writes records and removes the keys in `gone` in one transaction; returns when it is on disk.
     pub(crate) fn write(&self, records: &[Record], gone: &[String]) -> Result<(), StoreError> {
         let bytes = |record: &Record| {
             serde_json::to_vec(record).map_err(|error| StoreError::Write(error.to_string()))
@@ -194,7 +195,7 @@ fn write(database: &Database, records: &[Record], gone: &[String]) -> Result<(),
             table.remove(key.as_str())?;
         }
         for record in records {
-            // Plain data: it was read from such text.
+            // Serialising cannot fail: the record was parsed from JSON.
             let bytes = serde_json::to_vec(record).unwrap_or_default();
             table.insert(record.key.as_str(), bytes.as_slice())?;
         }
@@ -202,7 +203,7 @@ fn write(database: &Database, records: &[Record], gone: &[String]) -> Result<(),
     Ok(writing.commit()?)
 }
 
-/// What went wrong with a file.
+/// Cause of a failure with a file.
 enum Trouble {
     Broken(String),
     Newer(u64),
@@ -229,8 +230,8 @@ fn failed(what: &'static str, path: &Path, error: &io::Error) -> StoreError {
     StoreError::Failed { what, path: path.to_owned(), why: error.to_string() }
 }
 
-/// Makes a file where none is. Half of one, as a full disk leaves it, would be in the way when there
-/// is room again.
+/// Creates a file. On failure removes a partial file, as a full disk leaves it: it would count as
+/// damaged when there is room again.
 fn begin(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
     read(path).map_err(|trouble| {
         if matches!(trouble, Trouble::Broken(_) | Trouble::Other(_)) {
@@ -240,12 +241,12 @@ fn begin(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
     })
 }
 
-/// Opens a database, or makes one.
+/// Opens a database, or creates it.
 fn opened(path: &Path) -> Result<Database, DatabaseError> {
     Database::builder().set_cache_size(CACHE_BYTES).create(path)
 }
 
-/// Where a broken file goes, over none that is there already.
+/// Returns an unused name for a damaged file.
 fn free_name_beside(path: &Path) -> PathBuf {
     let name = |number: u32| path.with_extension(format!("broken-{number}"));
     (1..).map(name).find(|name| !name.exists()).unwrap_or_else(|| name(0))
@@ -261,7 +262,7 @@ fn read(path: &Path) -> Result<(Store, Vec<Record>), Trouble> {
         DatabaseError::UpgradeRequired(version) => {
             Trouble::Foreign(format!("its format is {version}, which is too old"))
         }
-        // The store has no kind of its own for it: its words are held by a test.
+        // The store has no error kind for this case; a test checks that its text is still the same.
         DatabaseError::Storage(StorageError::Corrupted(why)) if why.contains(FOREIGN_FORMAT) => {
             Trouble::Foreign(why)
         }
@@ -277,7 +278,7 @@ fn read(path: &Path) -> Result<(Store, Vec<Record>), Trouble> {
     Ok((Store::File(Filed::new(path, database)), records))
 }
 
-/// Whether what is in a file is the trouble, or that it is cut off, and not the disk.
+/// Whether the error comes from the content or length of the file, and not from the disk.
 fn is_of_the_file(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof)
 }
@@ -293,7 +294,7 @@ impl<E: Into<redb::Error>> From<E> for Unread {
     }
 }
 
-/// All records; a file that is new is given its format first.
+/// Returns all records; writes the format number to a new file first.
 fn all(database: &Database) -> Result<Vec<Record>, Unread> {
     let writing = database.begin_write()?;
     {
@@ -401,7 +402,7 @@ mod tests {
         store.write(&[record("goal/a", 1)], &[]).expect("written");
         drop(store);
         let whole = fs::read(&path).expect("readable");
-        // Rubbish, and files that are cut off wherever it may be.
+        // Random bytes, and files truncated at several lengths.
         let torn = [100, 600, 5_000, whole.len() / 2].map(|length| whole[..length].to_vec());
         for (count, broken) in std::iter::once(vec![7; 100_000]).chain(torn).enumerate() {
             fs::write(&path, &broken).expect("written");

@@ -1,8 +1,8 @@
-//! From one ground action that a person typed to a plan of one step, held against what the
-//! Domain Maintainer knows: a mistake is told before anyone is asked to act.
+//! Makes a plan of one step from a ground action that a person typed, and checks it against the Domain
+//! Maintainer's state: a mistake is reported before any agent is asked to act.
 //!
-//! The Plan Executor carries it out as any plan: it checks the precondition, gives the actuator a
-//! token that is executed at most once, and tells the Domain Maintainer what has changed.
+//! The Plan Executor executes it like any plan: it checks the precondition, gives the actuator a token
+//! that is executed at most once, and notifies the Domain Maintainer of the changes.
 
 use std::time::Duration;
 
@@ -10,11 +10,11 @@ use acl::AgentId;
 use acl::content::{Execute, Offer, Offers, Snapshot};
 use pddl::{Condition, Plan, PlanStep, Problem, Severity};
 
-/// A plan of one step, and how long its method may take.
+/// Returns a plan of one step, and the time limit of its method.
 ///
 /// # Errors
 ///
-/// What is wrong with the action, for a person.
+/// Returns an error, as text for a person, if the action is not valid or not offered.
 pub(crate) fn plan_of(snapshot: Snapshot, action: &str) -> Result<(Execute, Duration), String> {
     let step = pddl::parse_step(action).into_result().map_err(|found| first(&found, action))?;
     let domain = pddl::parse_domain(&snapshot.domain);
@@ -29,7 +29,7 @@ pub(crate) fn plan_of(snapshot: Snapshot, action: &str) -> Result<(Execute, Dura
     if let Some(mistake) = found.iter().find(|found| found.severity == Severity::Error) {
         return Err(mistake.located(action));
     }
-    // Whatever comes of it is welcome: the action is wanted, not a state of the world.
+    // An empty goal: the person wants the action, not a state.
     let problem = Problem { goal: Condition::And(Vec::new()), ..problem };
     let offers = snapshot.offers.into_iter().filter(|(other, _)| *other == agent).collect();
     let execute = Execute {
@@ -46,7 +46,7 @@ pub(crate) fn plan_of(snapshot: Snapshot, action: &str) -> Result<(Execute, Dura
     Ok((execute, timeout))
 }
 
-/// Who is to act, and what it offers under the action's name.
+/// Returns the agent that is to act and its offer of the action.
 fn offer_of(step: &PlanStep, offers: &Offers) -> Result<(AgentId, Offer), String> {
     let named = step.arguments.first().map_or("", |name| name.as_str());
     let hint = |word: &str, known: Vec<&str>| {

@@ -1,13 +1,13 @@
-//! The Keyboard Agent (the paper, “User Interface”): a person's voice and ear in the ecosystem.
+//! The Keyboard Agent (the paper, “User Interface”): a person's interface to the ecosystem.
 //!
-//! - Asks for goals and single actions, changes the state and the flow, and passes back what
-//!   becomes of them.
-//! - Gives up a goal, also one that another keyboard asked for.
-//! - Keeps the questions that agents put to a person (`query-ref`) until somebody at this
-//!   keyboard, or at another, answers, or the asker withdraws it; at its deadline a question is
-//!   refused with a reason.
+//! - Requests goals and single actions, changes the state and the flow, and passes their outcomes back
+//!   to the person.
+//! - Cancels goals, also those that another keyboard requested.
+//! - Keeps the questions that agents put to a person (`query-ref`) until a person at this or another
+//!   keyboard answers, or the asking agent withdraws them. At its deadline a question is refused with a
+//!   reason.
 //!
-//! There are as many as there are terminals. Whoever holds the [`Terminal`] decides what is shown.
+//! There is one per terminal. The owner of the [`Terminal`] decides what is shown.
 
 mod acting;
 mod questions;
@@ -32,21 +32,21 @@ use tokio::time::Instant;
 use crate::questions::Questions;
 pub use crate::terminal::{Draft, Heard, Said, Terminal, Wish};
 
-/// Wishes and news that may wait for the other side of the terminal.
+/// Capacity of each of the two channels between keyboard and terminal, in messages.
 const TERMINAL_MAX: usize = 1_024;
 
-/// How long a goal may go without any word. A maintained goal may hold for a year.
+/// How long a goal may go without any report. A maintained goal may hold for a year.
 const PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
 
-/// How long a Plan Requester that has just come to act may take to say which goals it has taken over,
-/// before it is asked for them: it reads what Journals keep first.
+/// How long a new leader of the Plan Requesters may take to report the goals that it has taken over,
+/// before this keyboard requests its goals again. The leader reads the Journals first.
 const TAKEN_OVER_WITHIN: Duration = Duration::from_secs(5);
 
-/// How long a question waits that names no deadline: a person who is there has seen it by then.
+/// How long a question without a deadline stays open: a person at the terminal has seen it by then.
 const QUESTION_PATIENCE: Duration = Duration::from_secs(60);
 
-/// How long before an asker's deadline its question is refused, so that it hears the reason
-/// before it stops listening; a tenth of the time where that is less.
+/// How long before its deadline a question is refused, so that the asking agent gets the reason while
+/// it still waits; a tenth of the time if that is less.
 const QUESTION_MARGIN: Duration = Duration::from_millis(500);
 
 /// The line in the daemon's table of plugins.
@@ -62,39 +62,39 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 struct Config {
-    /// Goals to ask for on activation.
+    /// Goals to request on activation.
     goals: Vec<Wish>,
 }
 
-/// How long whoever plans is waited for that left before it had heard of a goal, how often it is
-/// looked for meanwhile, and how often it may leave like that.
+/// Handling of a Plan Requester that leaves before it has received a goal: how long its return is
+/// waited for, the interval of the checks, and how often this may happen to one goal.
 const RETURN_AWAITED: Duration = Duration::from_secs(5);
 const SEEK_AGAIN: Duration = Duration::from_millis(200);
 const LEFTS_MAX: u32 = 5;
 
-/// A goal that was asked for.
+/// A requested goal.
 struct Asked {
     exchange: ReplyToken,
-    /// When something was heard of it last.
+    /// Time of the last report about it.
     heard: Instant,
-    /// What was asked for.
+    /// The request.
     request: Request,
-    /// How often whoever plans has left before it had heard this.
+    /// How often the Plan Requester has left before it had received this request.
     lefts: u32,
 }
 
-/// The agent.
+/// The Keyboard Agent.
 pub struct Keyboard {
     plan_requester: AgentId,
     plan_executor: AgentId,
     domain_maintainer: AgentId,
     wishes: Vec<Wish>,
     questions: Questions,
-    /// Actions that are prepared: the domain is asked for.
+    /// Actions in preparation: the domain is being fetched.
     preparing: BTreeMap<ConversationId, Work>,
-    /// Goals that were asked for and have not ended.
+    /// Requested goals that have not ended.
     goals: BTreeMap<ConversationId, Asked>,
-    /// Actions under way, by their conversations.
+    /// Running actions, by conversation.
     acting: BTreeMap<ConversationId, ReplyToken>,
     said: Option<mpsc::Receiver<Said>>,
     listening: Option<Work>,
@@ -107,7 +107,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 }
 
 impl Keyboard {
-    /// A keyboard and its terminal.
+    /// Creates a keyboard and its terminal.
     pub fn with_terminal() -> (Keyboard, Terminal) {
         let (say, said) = mpsc::channel(TERMINAL_MAX);
         let (heard, hear) = mpsc::channel(TERMINAL_MAX);
@@ -179,9 +179,9 @@ impl Agent for Keyboard {
 }
 
 impl Keyboard {
-    // === the person speaks ===
+    // === input of the person ===
 
-    /// Waits for the next thing the person says.
+    /// Waits for the next input of the person.
     fn listen(&mut self, ctx: &mut Context<Self>) {
         let Some(mut said) = self.said.take() else { return };
         let next = async move {
@@ -189,7 +189,7 @@ impl Keyboard {
             (next, said)
         };
         self.listening = Some(ctx.run(next, |keyboard: &mut Self, (next, said), ctx| {
-            // Nobody holds the terminal any more: there is nobody to listen to.
+            // The terminal was dropped: there will be no more input.
             let Some(next) = next else { return };
             keyboard.speak(next, ctx);
             keyboard.said = Some(said);
@@ -229,8 +229,9 @@ impl Keyboard {
         self.goals.insert(conversation, Asked { exchange, heard: ctx.now(), request, lefts: 0 });
     }
 
-    /// Whoever plans has left before it had heard of a goal: asks it again when it, or another, is here.
-    /// A daemon that is busy may be taken for gone. Says so where nobody comes.
+    /// Requests a goal again when a Plan Requester is present, because the former one left before it
+    /// had received the request. A busy daemon may have been mistaken for gone. Reports a failure if
+    /// none is present at `until`.
     fn seek(&mut self, about: ConversationId, until: Instant, ctx: &mut Context<Self>) {
         let Some(asked) = self.goals.get(&about) else { return };
         let to = self.plan_requester.clone();
@@ -260,8 +261,8 @@ impl Keyboard {
         }
     }
 
-    /// Another Plan Requester acts since `came`. Of whose goals it has said nothing, it knows nothing:
-    /// no Journal had them.
+    /// Requests goals again from the Plan Requester that leads since `came`, if it has reported nothing
+    /// about them: then no Journal had them.
     fn ask_again(&mut self, came: Instant, ctx: &mut Context<Self>) {
         for asked in self.goals.values().filter(|asked| asked.heard < came) {
             ctx.open_again(&asked.exchange);
@@ -317,7 +318,7 @@ impl Keyboard {
 
     // === one action ===
 
-    /// Asks what is known, to make a plan of the action.
+    /// Queries the domain, to make a plan of one step for the action.
     fn act(&mut self, action: String, ctx: &mut Context<Self>) {
         let conversation = ctx.new_conversation();
         self.pass(Heard::Asked(conversation.clone()));
@@ -359,13 +360,13 @@ impl Keyboard {
             conversation: conversation.clone(),
             content: value(&Request::Execute(Box::new(execute))),
         };
-        // The actuator's word, its method, the executor's word.
+        // Time for the actuator's agreement, its method, and the executor's report.
         let patience = timeout + ctx.settings().answer_deadline * 3;
         let token = self.open(opening, patience, ctx);
         self.acting.insert(conversation, token);
     }
 
-    // === a message as it was written ===
+    // === a message as the person wrote it ===
 
     fn send(&mut self, draft: Draft, ctx: &mut Context<Self>) {
         let Draft { to, performative, protocol, conversation, content, patience } = draft;
@@ -385,7 +386,7 @@ impl Keyboard {
         });
     }
 
-    // === hearing ===
+    // === answers ===
 
     fn open(
         &mut self,
@@ -396,7 +397,7 @@ impl Keyboard {
         let (conversation, to) = (opening.conversation.clone(), opening.to.clone());
         let is_cancel = opening.performative == Performative::Cancel;
         ctx.open(opening, patience, move |keyboard: &mut Self, answer, ctx| match answer {
-            // The goal goes on, and is not asked for again because it cannot be given up.
+            // The goal goes on; it must not be requested again because its cancellation failed.
             Answer::Undelivered(why) if is_cancel => {
                 let who = to.as_ref().map_or("everyone", AgentId::as_str);
                 let why = format!("`{who}` could not be reached to give it up: {why}");
@@ -450,7 +451,7 @@ impl Keyboard {
             Heard::Report(about, report) => {
                 tracing::info!(conversation = %about, outcome = %report.outcome, "{}", report.detail);
             }
-            // With a terminal it is shown there; a log beside it would say it twice.
+            // With a terminal it is shown there; the log would repeat it.
             Heard::Refused(about, refusal) if self.heard.is_none() => {
                 tracing::warn!(conversation = %about, "refused: {}", refusal.detail);
             }
@@ -506,7 +507,7 @@ impl Keyboard {
         self.pass(Heard::QuestionClosed(number, detail));
     }
 
-    /// The asker needs no answer any more.
+    /// Closes a question that the asking agent has withdrawn.
     fn withdrawn(&mut self, message: Message, ctx: &mut Context<Self>) {
         let Some(exchange) = message.exchange() else { return };
         let Some((number, question)) = self.questions.take_of(&message.sender, exchange) else {
@@ -518,7 +519,8 @@ impl Keyboard {
         self.pass(Heard::QuestionClosed(number, format!("withdrawn: {why}")));
     }
 
-    /// Gives an answer: to this keyboard's own question, or to another keyboard.
+    /// Delivers an answer: to the asking agent if the question is this keyboard's own, otherwise to the
+    /// keyboard that has it.
     fn give_answer(&mut self, keyboard: AgentId, answer: AnswerQuestion, ctx: &mut Context<Self>) {
         if keyboard != *ctx.id() {
             let patience = ctx.settings().answer_deadline * 2;
@@ -535,7 +537,7 @@ impl Keyboard {
         self.pass(heard);
     }
 
-    /// Another keyboard brings an answer.
+    /// Takes an answer from another keyboard.
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let engagement = Engagement::of(&message);
         let answer = match message.content_as::<Request>() {
@@ -563,7 +565,7 @@ impl Keyboard {
         ctx: &mut Context<Self>,
     ) -> Result<Report, Refusal> {
         let AnswerQuestion { question: number, said } = answer;
-        // Who brings it may not know how to seal it.
+        // The keyboard that sends the answer may not know the key.
         let said = match self.questions.seal_to(number).filter(|_| said.sealed.is_none()) {
             Some(key) => sealed(key, &said)?,
             None => said,
@@ -581,7 +583,7 @@ impl Keyboard {
     }
 }
 
-/// An answer, sealed to the key of its question.
+/// Returns an answer encrypted to the key of its question.
 fn sealed(key: &str, said: &PersonsAnswer) -> Result<PersonsAnswer, Refusal> {
     match credentials::seal_answer(key, &said.text) {
         Ok(sealed) => Ok(PersonsAnswer { text: String::new(), sealed: Some(sealed) }),
@@ -589,7 +591,7 @@ fn sealed(key: &str, said: &PersonsAnswer) -> Result<PersonsAnswer, Refusal> {
     }
 }
 
-/// What an answer says.
+/// Reads an answer about a goal or an action.
 fn read(message: &Message) -> Result<Heard, String> {
     let about = message.conversation_id.clone();
     match message.performative {

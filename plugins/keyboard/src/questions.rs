@@ -1,4 +1,4 @@
-//! Questions to a person that are open: numbered, each with its deadline.
+//! Open questions to a person: numbered, each with its deadline.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use acl::{AgentId, Deadline, ReplyToken};
 use agent::{Engagement, TimerId};
 use tokio::time::Instant;
 
-/// Questions kept at a time; a person answers a few, and what comes beyond is refused.
+/// Maximum number of open questions; further ones are refused. A person answers a few.
 const QUESTIONS_MAX: usize = 64;
 
 /// The open questions of one keyboard.
@@ -21,26 +21,26 @@ pub(crate) struct Questions {
 /// One question.
 #[derive(Debug)]
 pub(crate) struct Question {
-    /// To whom the answer goes.
+    /// Exchange that the answer goes to.
     pub(crate) engagement: Engagement,
-    /// What is asked.
+    /// Text of the question.
     pub(crate) text: String,
-    /// The key that the answer is sealed to.
+    /// Key that the answer is encrypted to; `None` if it travels in plain text.
     pub(crate) seal_to: Option<String>,
-    /// How long its answer was to be waited for.
+    /// How long the question stays open in all.
     pub(crate) patience: Duration,
-    /// Ends it.
+    /// Timer that closes the question.
     pub(crate) timer: TimerId,
     until: Instant,
 }
 
 impl Questions {
-    /// The number of the next question, if there is room for it.
+    /// Returns the number of the next question; `None` if there is no room for it.
     pub(crate) fn next_number(&self) -> Option<u64> {
         (self.open.len() < QUESTIONS_MAX).then_some(self.asked + 1)
     }
 
-    /// Keeps a question under [`Questions::next_number`].
+    /// Stores a question under [`Questions::next_number`]. Returns that number.
     pub(crate) fn keep(
         &mut self,
         engagement: Engagement,
@@ -57,17 +57,17 @@ impl Questions {
         self.asked
     }
 
-    /// The key that the answer to a question is sealed to.
+    /// Returns the key that the answer to a question is encrypted to, if there is one.
     pub(crate) fn seal_to(&self, number: u64) -> Option<&str> {
         self.open.get(&number)?.seal_to.as_deref()
     }
 
-    /// Takes a question out: it is answered, or its time is over.
+    /// Removes and returns a question that is answered or has expired.
     pub(crate) fn take(&mut self, number: u64) -> Option<Question> {
         self.open.remove(&number)
     }
 
-    /// Takes out the question that `asker` put in this exchange.
+    /// Removes and returns the question that `asker` put in this exchange.
     pub(crate) fn take_of(
         &mut self,
         asker: &AgentId,
@@ -81,24 +81,24 @@ impl Questions {
         self.take(number).map(|question| (number, question))
     }
 
-    /// Takes any question out.
+    /// Removes and returns the oldest question.
     pub(crate) fn take_first(&mut self) -> Option<(u64, Question)> {
         self.open.pop_first()
     }
 
-    /// The numbers of the open questions, for a person.
+    /// Returns the numbers of the open questions, as text for a person.
     pub(crate) fn numbers(&self) -> String {
         let numbers: Vec<_> = self.open.keys().map(ToString::to_string).collect();
         if numbers.is_empty() { "none is open".to_owned() } else { numbers.join(", ") }
     }
 
-    /// All of them, as `keyboard` tells others.
+    /// Returns all open questions, as sent to other agents.
     pub(crate) fn list(&self, keyboard: &AgentId, now: Instant) -> Vec<OpenQuestion> {
         let open = self.open.iter();
         open.map(|(number, question)| question.told(keyboard, *number, now)).collect()
     }
 
-    /// One of them, as `keyboard` tells others.
+    /// Returns one open question, as sent to other agents.
     pub(crate) fn find(
         &self,
         keyboard: &AgentId,

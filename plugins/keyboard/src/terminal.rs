@@ -1,4 +1,4 @@
-//! The terminal: what a person says to a Keyboard Agent, and what the person hears.
+//! The terminal: the channels between a person and a Keyboard Agent, and their messages.
 
 use acl::content::{ChangeState, Keep, Mode, OpenQuestion, Outcome, Partition, Refusal, Report};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol};
@@ -6,100 +6,100 @@ use serde::Deserialize;
 use serde_json::Value;
 use tokio::sync::mpsc;
 
-/// What a person wants.
+/// A goal that a person requests.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Wish {
-    /// A PDDL condition.
+    /// The goal, a PDDL condition.
     pub goal: String,
-    /// Reach it once, or keep it.
+    /// Whether it is to be achieved once or kept.
     #[serde(default)]
     pub keep: Keep,
-    /// Greater goes first.
+    /// Priority; greater goes first.
     #[serde(default)]
     pub priority: i32,
-    /// What happens to it while the ecosystem is in pieces.
+    /// Behaviour during a partition of the ecosystem.
     #[serde(default)]
     pub partition: Partition,
 }
 
-/// What a person says.
+/// An input of the person.
 #[derive(Clone, Debug)]
 pub enum Said {
-    /// I want this.
+    /// Requests a goal.
     Wish(Wish),
-    /// Give this goal or this action up.
+    /// Cancels a goal or an action.
     Cancel(ConversationId),
-    /// Do this one ground action.
+    /// Requests one ground action.
     Act(String),
-    /// The world is different.
+    /// Changes the state.
     Set(ChangeState),
-    /// Plan by this flow from now on.
+    /// Selects the flow by which plans are made from now on.
     Mode(Mode),
-    /// My answer to a question that this keyboard, or another, keeps.
+    /// Answers a question of this keyboard or of another.
     Answer {
-        /// The keyboard that keeps it.
+        /// The keyboard that keeps the question.
         keyboard: AgentId,
-        /// Its number there.
+        /// Number of the question at that keyboard.
         question: u64,
-        /// What I say.
+        /// Text of the answer.
         text: String,
-        /// The key that it is sealed to, which the question names; the keyboard knows that of its own
-        /// questions.
+        /// Key that the answer is encrypted to, as named by the question. May be `None` for this
+        /// keyboard's own questions: it knows their keys.
         seal_to: Option<String>,
     },
-    /// Send this message.
+    /// Sends a message as written.
     Send(Draft),
 }
 
-/// A message as a person wrote it; the keyboard gives it the rest of its envelope.
+/// A message as a person wrote it; the keyboard adds the rest of the envelope.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Draft {
-    /// To whom; nobody means all.
+    /// Receiver; `None` sends to all agents.
     pub to: Option<AgentId>,
-    /// With which act; one that opens an exchange of the protocol.
+    /// Performative; it must open an exchange of the protocol.
     pub performative: Performative,
-    /// By which protocol.
+    /// Protocol of the exchange.
     pub protocol: Protocol,
-    /// About what; nothing means something new.
+    /// Conversation; `None` starts a new one.
     pub conversation: Option<ConversationId>,
-    /// What is said.
+    /// Content of the message.
     pub content: Value,
     /// How long answers are waited for.
     pub patience: std::time::Duration,
 }
 
-/// What a person hears.
+/// An output to the person.
 #[derive(Clone, Debug)]
 pub enum Heard {
-    /// Something was asked for; this is its conversation.
+    /// A request was sent, in this conversation.
     Asked(ConversationId),
-    /// How it stands.
+    /// Progress or outcome of a request.
     Report(ConversationId, Report),
-    /// It was declined.
+    /// The request was refused.
     Refused(ConversationId, Refusal),
-    /// Nobody took it.
+    /// No agent took the request, or none answered in time; with the reason.
     Unanswered(ConversationId, String),
-    /// An answer to a message that was sent as it was written.
+    /// An answer to a message that was sent as written.
     Answered(Box<Message>),
-    /// An agent asks.
+    /// An agent asks a question.
     Question(OpenQuestion),
-    /// A question is open no longer, and why.
+    /// A question was closed, for this reason.
     QuestionClosed(u64, String),
 }
 
-/// The person's side of a keyboard.
+/// The person's end of the channels.
 pub struct Terminal {
-    /// What the person says.
+    /// Inputs of the person.
     pub say: mpsc::Sender<Said>,
-    /// What the person hears.
+    /// Outputs to the person.
     pub hear: mpsc::Receiver<Heard>,
 }
 
 // === impl Heard ===
 
 impl Heard {
-    /// The conversation it is about.
+    /// Returns the conversation that this is about; `None` for questions.
     pub fn conversation(&self) -> Option<&ConversationId> {
         match self {
             Heard::Asked(about)
@@ -111,7 +111,7 @@ impl Heard {
         }
     }
 
-    /// Whether nothing more will be heard about its conversation.
+    /// Whether no more outputs follow about its conversation.
     pub fn is_final(&self) -> bool {
         match self {
             Heard::Asked(_) | Heard::Question(_) | Heard::QuestionClosed(..) => false,
@@ -121,7 +121,7 @@ impl Heard {
         }
     }
 
-    /// Whether it is the good end of what was asked for, or the goal holds.
+    /// Whether the request has ended well, or the goal holds.
     pub fn is_success(&self) -> bool {
         match self {
             Heard::Report(_, Report { outcome, .. }) => {
@@ -135,8 +135,8 @@ impl Heard {
     }
 }
 
-/// Whether its sender has nothing to add to an answer. A bid waits for a choice, which a person
-/// who only looks does not make.
+/// Whether this message ends the exchange from the sender's side. A bid (`agree` to a `cfp`) counts as
+/// the end, because a message sent as written is never followed by an acceptance or a rejection.
 fn is_last(message: &Message) -> bool {
     match message.performative {
         Performative::Confirm => {

@@ -1,5 +1,5 @@
-//! One plan under way: its order, its steps, and the state as it follows from what was confirmed.
-//! Without I/O.
+//! Execution state of one plan: the order of its steps, their phases, and the state of the world that
+//! follows from the confirmed steps. Without I/O.
 
 use acl::AgentId;
 use acl::content::{ChangeState, Execute, Offer, Offers, Snapshot};
@@ -10,7 +10,7 @@ use planner::validate::{Fault, World, cost_from, rest_reaches};
 
 use crate::translate::{Order, acting_agent, translate};
 
-/// One plan under way.
+/// A plan that is being executed.
 pub(crate) struct Execution {
     domain_text: String,
     domain: Domain,
@@ -18,10 +18,10 @@ pub(crate) struct Execution {
     steps: Vec<PlanStep>,
     order: PartialOrder,
     offers: Offers,
-    /// The words of the domain for what is unknown.
+    /// The predicates that the domain uses for unknown facts.
     knowledge: Knowledge,
     phases: Vec<StepPhase>,
-    /// The state as it follows from the confirmed steps.
+    /// State of the world that follows from the confirmed steps.
     world: World,
 }
 
@@ -33,11 +33,12 @@ enum StepPhase {
 }
 
 impl Execution {
-    /// Reads a plan, validates it, and finds out which of its steps may go side by side.
+    /// Parses and validates a plan, and computes which of its steps may run side by side.
     ///
     /// # Errors
     ///
-    /// If something cannot be read or the plan does not reach the goal; for a person.
+    /// Returns an error, as text for a person, if a part cannot be parsed or the plan does not reach
+    /// the goal.
     pub(crate) fn new(execute: &Execute) -> Result<Execution, String> {
         let domain = pddl::parse_domain(&execute.domain).into_result().map_err(first)?;
         let problem = pddl::parse_problem(&execute.problem).into_result().map_err(first)?;
@@ -67,7 +68,7 @@ impl Execution {
         Ok(execution)
     }
 
-    /// A step was done when another executor had the plan.
+    /// Marks a step as done that another executor completed before this one took the plan over.
     fn take_over(&mut self, step: usize) -> Result<(), String> {
         match self.phases.get(step) {
             Some(StepPhase::Waiting) => self.finish(step).map(drop),
@@ -76,13 +77,13 @@ impl Execution {
         }
     }
 
-    /// The steps that are done, each under its agent's name for it.
+    /// Returns the steps that are done, each with its ground action under the name that its agent uses.
     pub(crate) fn done(&self) -> Vec<(usize, String)> {
         let is_done = |step: &usize| self.phases[*step] == StepPhase::Done;
         (0..self.steps.len()).filter(is_done).map(|step| (step, self.outside(step))).collect()
     }
 
-    /// The steps that wait for nothing any more.
+    /// Returns the waiting steps with all predecessors done.
     pub(crate) fn ready(&self) -> Vec<usize> {
         let is_done = |step: &usize| self.phases[*step] == StepPhase::Done;
         (0..self.steps.len())
@@ -91,11 +92,11 @@ impl Execution {
             .collect()
     }
 
-    /// Begins a step.
+    /// Begins a step and returns the request to its actuator.
     ///
     /// # Errors
     ///
-    /// If nobody offers it.
+    /// Returns an error if its agent does not offer the action, or offers it without a usable method.
     pub(crate) fn start(&mut self, step: usize) -> Result<Order, String> {
         let order = translate(&self.steps[step], &self.domain, &self.offers)
             .map_err(|problem| format!("{}: {problem}", self.step_text(step)))?;
@@ -103,11 +104,11 @@ impl Execution {
         Ok(order)
     }
 
-    /// A step is confirmed: its effects are believed. Yields what they changed.
+    /// Applies the effects of a confirmed step. Returns the facts that changed.
     ///
     /// # Errors
     ///
-    /// If it could not have happened in the state as known.
+    /// Returns an error if the step is not applicable in the state as known.
     pub(crate) fn finish(&mut self, step: usize) -> Result<ChangeState, String> {
         let before = self.world.clone();
         self.world.apply(&self.steps[step]).map_err(|fault| {
@@ -127,19 +128,20 @@ impl Execution {
         self.phases.iter().all(|phase| *phase == StepPhase::Done)
     }
 
-    /// What of the goal does not hold in the state as it follows from the confirmed steps.
+    /// Returns the part of the goal that does not hold in the state after the confirmed steps; `None`
+    /// if the goal holds.
     pub(crate) fn unmet_goal(&self) -> Option<String> {
         let unmet = self.world.failing(&self.problem.goal)?;
         Some(format!("{} does not hold", self.knowledge.plain(&unmet)))
     }
 
-    /// Holds the steps that are left against what the Domain Maintainer knows: the state, and the
-    /// actions as their agents describe them now. If they still reach the goal, the plan goes on
-    /// by that. Steps that are acting count as left: their effects are not confirmed.
+    /// Checks the remaining steps against the Domain Maintainer's state and the present action models.
+    /// If they still reach the goal and the domain has changed, continues with the new domain and
+    /// state. A running step counts as remaining: its effects are not confirmed.
     ///
     /// # Errors
     ///
-    /// What is in the way, for a person.
+    /// Returns an error, as text for a person, if the remaining steps do not reach the goal.
     pub(crate) fn renew(&mut self, snapshot: &Snapshot) -> Result<(), String> {
         let known = pddl::parse_problem(&snapshot.problem).into_result().map_err(first)?;
         let problem = Problem { goal: self.problem.goal.clone(), ..known };
@@ -168,7 +170,7 @@ impl Execution {
         Ok(())
     }
 
-    /// A step under the name that its action has inside now.
+    /// Returns a step with the action name that the composite domain has for it now.
     fn renamed(&self, step: &PlanStep, offers: &Offers) -> Result<PlanStep, String> {
         let agent = acting_agent(step).ok_or("no agent acts in it")?;
         let is_it = |(_, offer): &(&String, &Offer)| step.action == *offer.inside.as_str();
@@ -181,11 +183,11 @@ impl Execution {
         Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
     }
 
-    /// What is unknown after a step of which nobody knows whether it was done: all that it would have
-    /// made untrue, and all that it would have made true.
+    /// Returns the change after a step that may or may not have been done: every fact that it would
+    /// have made true or false is unknown.
     pub(crate) fn uncertain(&self, step: usize) -> ChangeState {
         let mut after = self.world.clone();
-        // It could not have been done, and so changed nothing.
+        // The step was not applicable, so it changed nothing.
         if after.apply(&self.steps[step]).is_err() {
             return ChangeState::default();
         }
@@ -195,7 +197,7 @@ impl Execution {
         ChangeState { believe, retract: text(&lost), owner: None }
     }
 
-    /// The steps that are not done.
+    /// Returns the steps that are not done.
     fn left(&self) -> Vec<usize> {
         let is_left = |step: &usize| self.phases[*step] != StepPhase::Done;
         (0..self.steps.len()).filter(is_left).collect()
@@ -207,12 +209,12 @@ impl Execution {
         left.into_iter().any(|step| acting_agent(&self.steps[step]).as_ref() == Some(agent))
     }
 
-    /// The agents that act in steps that are not done.
+    /// Returns the agents that act in steps that are not done.
     pub(crate) fn needed(&self) -> impl Iterator<Item = AgentId> + '_ {
         self.left().into_iter().filter_map(|step| acting_agent(&self.steps[step]))
     }
 
-    /// A step, for a person: under its agent's name for it.
+    /// Returns a step as text for a person, under the name that its agent uses.
     pub(crate) fn step_text(&self, step: usize) -> String {
         format!("`{}`", self.outside(step))
     }
@@ -223,7 +225,7 @@ impl Execution {
     }
 }
 
-/// A fault in the words of who asked for the goal.
+/// Returns a fault in the predicates that the goal uses.
 fn told(fault: Fault, knowledge: &Knowledge) -> Fault {
     fault.map(|part| knowledge.plain(part))
 }

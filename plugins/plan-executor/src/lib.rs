@@ -1,14 +1,13 @@
-//! The Plan Executor (the paper, “Plan Executor”): turns a plan into requests to actuators and
-//! follows each one to its `confirm`.
+//! The Plan Executor (the paper, “Plan Executor”): turns a plan into requests to actuators and follows
+//! each one to its `confirm`.
 //!
-//! - `request` (a plan) from the Plan Requester; `request` (an action) to each actuator, as soon
-//!   as the steps it depends on are done; side by side where the order allows it.
-//! - Tells the Domain Maintainer what a confirmed action changed, and the Plan Requester every
-//!   step and the outcome.
-//! - Watches: when the world as known or what agents can do changes, it checks whether the rest of
-//!   the plan still reaches the goal; it does not believe who confirms and then says otherwise.
-//! - Does not replan: on failure it takes back what is running, reports, and the Plan Requester
-//!   decides.
+//! - Takes a plan by `request` from the Plan Requester. Sends a `request` (an action) to an actuator as
+//!   soon as the steps it depends on are done; steps run side by side where the order allows it.
+//! - Notifies the Domain Maintainer of the effects of each confirmed action. Reports every step and the
+//!   outcome to the Plan Requester.
+//! - Watches: when the known state or the action models change, checks whether the rest of the plan
+//!   still reaches the goal. Does not believe a `confirm` that the agent's next heartbeat contradicts.
+//! - Does not replan: on failure it cancels the running steps and reports; the Plan Requester decides.
 
 mod execution;
 mod taking_over;
@@ -30,7 +29,8 @@ use crate::execution::Execution;
 use crate::taking_over::{Askers, Ended, PlanId};
 use crate::word::{Doubt, Words};
 
-/// Plans that may run side by side. Each keeps a copy of the state; a building has few goals.
+/// Maximum number of plans that run side by side. Each keeps a copy of the state; a building has few
+/// goals.
 const EXECUTIONS_MAX: usize = 64;
 
 /// The line in the daemon's table of plugins.
@@ -46,7 +46,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 struct Config {
-    /// Who maintains the domain.
+    /// Name of the Domain Maintainer.
     domain_maintainer: AgentId,
 }
 
@@ -67,50 +67,52 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 struct PlanExecutor {
     domain_maintainer: AgentId,
     words: Words,
-    /// By the exchange in which each was asked for first.
+    /// Running plans, by the exchange in which each was first requested.
     running: BTreeMap<ReplyToken, Running>,
     ended: Ended,
-    /// Runs while somebody has left less than the grace ago.
+    /// Set while any agent has left less than the grace ago.
     left: Option<TimerId>,
 }
 
-/// One plan under way.
+/// A running plan.
 struct Running {
-    /// Who asked for it, and hears of it.
+    /// Exchanges in which the plan was requested; each gets all reports.
     askers: Askers,
     plan: PlanId,
-    /// As it was asked for.
+    /// The request for the plan, as received.
     asked: Box<Execute>,
     execution: Execution,
     /// The exchanges with actuators that are acting, by step.
     acting: BTreeMap<usize, Acting>,
-    /// Set when the plan is given up: how it ends once nobody is acting any more.
+    /// Set when the plan is given up: its final report, sent when no agent acts any more.
     ending: Option<Report>,
-    /// Changes told to the Domain Maintainer that it has not confirmed: until then, what it
-    /// knows is older than what is known here.
+    /// Number of changes that the Domain Maintainer has not confirmed yet. While it is not zero, the
+    /// Domain Maintainer's state is older than the state known here.
     untold: usize,
     check: Option<TimerId>,
-    /// Ends the grace of an agent that the plan needs and that is not here.
+    /// Timer that ends the grace of an absent agent that the plan needs.
     grace: Option<TimerId>,
-    /// Whether somebody's absence was borne since the plan was seen to reach its goal last.
+    /// Whether the grace was used since the last check that succeeded.
     has_borne: bool,
     asking: Option<Work>,
-    /// A check that failed once is made again before the plan is given up: news may have crossed.
+    /// 1 if the last check failed, otherwise 0. A failed check is repeated before the plan is given up:
+    /// news may still be on their way.
     retries: u32,
-    /// What agents confirmed against their own word, until their next.
+    /// Confirmed changes that contradict the last heartbeat of their agents, kept until the next
+    /// heartbeat of each.
     doubts: BTreeMap<AgentId, Doubt>,
-    /// How long a plan that is carried out waits for those words.
+    /// Timer that limits how long a completed plan waits for these heartbeats.
     hearing: Option<TimerId>,
 }
 
-/// A step under way.
+/// A running step.
 #[derive(Clone)]
 struct Acting {
     exchange: ReplyToken,
     agent: AgentId,
-    /// Which life of it was asked.
+    /// Incarnation of the agent that was asked; `None` if the agent was not present.
     life: Option<Incarnation>,
-    /// Under the name its agent knows.
+    /// The ground action, under the name that its agent uses.
     action: String,
 }
 
@@ -143,7 +145,7 @@ impl Agent for PlanExecutor {
     fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
         let is_other = |resident: &Resident| resident.incarnation != ctx.incarnation();
         if ctx.directory().all(ctx.id()).iter().any(is_other) {
-            // Who stands by goes on with what runs.
+            // The standby continues the running plans.
             self.let_go(ctx);
             return true;
         }
@@ -156,7 +158,7 @@ impl Agent for PlanExecutor {
 }
 
 impl PlanExecutor {
-    // === asked ===
+    // === requests ===
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let engagement = Engagement::of(&message);
@@ -221,7 +223,7 @@ impl PlanExecutor {
 
     // === acting ===
 
-    /// Asks for every step whose predecessors are done; ends the plan when none is left.
+    /// Sends a request for every step with all predecessors done; ends the plan if no step is left.
     fn dispatch(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
         if running.ending.is_some() {
@@ -308,7 +310,7 @@ impl PlanExecutor {
             }
         };
         match message.performative {
-            // It has given its word: from now on it has the time its method may take.
+            // The agent has agreed: from now on it has the time that its method may take.
             Performative::Agree => {
                 let margin = ctx.settings().answer_deadline;
                 ctx.extend(&exchange, timeout + margin);
@@ -325,7 +327,7 @@ impl PlanExecutor {
                 let refusal = message.content_as::<Refusal>();
                 let refusal =
                     refusal.unwrap_or_else(|_| Refusal::new(Reason::Other, "without a reason"));
-                // Who is busy is not to blame: it can do the same a moment later.
+                // A busy agent has not failed: it can do the same action a moment later.
                 let is_busy = matches!(refusal.reason, Reason::Busy | Reason::MailboxFull);
                 if is_busy && let Some(acting) = self.acting(token, step) {
                     acting.action.clear();
@@ -363,7 +365,8 @@ impl PlanExecutor {
         }
     }
 
-    /// A step is done: believe its effects, tell them, go on.
+    /// Handles a step that is done: applies its effects, sends them to the Domain Maintainer, and goes
+    /// on.
     fn done(
         &mut self,
         token: &ReplyToken,
@@ -376,7 +379,7 @@ impl PlanExecutor {
         let action = running.acting.remove(&step).map(|acting| acting.action).unwrap_or_default();
         match running.execution.finish(step) {
             Ok(mut change) => {
-                // Of one agent the last word counts, and the last deed.
+                // Only the last heartbeat and the last action of an agent count.
                 running.doubts.remove(agent);
                 let doubt = self.words.doubt(agent, action, &change);
                 running.doubts.extend(doubt.map(|doubt| (agent.clone(), doubt)));
@@ -391,8 +394,9 @@ impl PlanExecutor {
         self.dispatch(token, ctx);
     }
 
-    /// Nobody knows whether a step was done: what it would have changed is not known any more, and
-    /// another plan is made from there. An action whose agent was restarted is not to blame.
+    /// Handles a step that may or may not have been done: the facts it would have changed become
+    /// unknown, and the Plan Requester plans again. The action is not blamed if its agent was
+    /// restarted.
     fn unsure(
         &mut self,
         (token, step): (&ReplyToken, usize),
@@ -415,7 +419,7 @@ impl PlanExecutor {
         self.declined(token, step, problem, why, ctx);
     }
 
-    /// Tells the Domain Maintainer what a confirmed action changed.
+    /// Sends the effects of a confirmed action to the Domain Maintainer.
     fn tell(
         &mut self,
         token: &ReplyToken,
@@ -480,8 +484,8 @@ impl PlanExecutor {
 
     // === ending ===
 
-    /// Takes back what is running; the plan ends when nobody is acting any more. Who is not here is
-    /// told, should it come back soon, and not waited for.
+    /// Cancels the running steps; the plan ends when no agent acts any more. An absent agent gets the
+    /// `cancel` if it comes back soon, and is not waited for.
     fn give_up(&mut self, token: &ReplyToken, report: Report, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
         if running.ending.is_none() {

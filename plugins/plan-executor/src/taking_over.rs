@@ -1,13 +1,17 @@
-//! One goal, one plan at a time, whoever asks for it (design, “No single point of failure”).
+//! One plan per goal at a time, whichever replica of the Plan Requester asks for it (design, “No single
+//! point of failure”).
 //!
-//! A Plan Requester that takes a goal over asks for the plan that was under way when its
-//! predecessor died. If it runs here, it goes on and is reported to who asked last; if it has
-//! ended, how it ended is said again; if nobody here knows of it, the executor that had it is gone:
-//! it is begun at the steps that are known to be done. The others are asked for under the same
-//! tokens, so that their actuators do nothing twice.
+//! A Plan Requester that takes a goal over asks for the plan that its predecessor was running. Three
+//! cases:
 //!
-//! Who acts may be seen differently here and there, for a moment; and what was asked before its asker
-//! stood down may come after what the next has asked. So all who have asked for a plan hear of it.
+//! - The plan runs here: it goes on, and the new requester gets its reports too.
+//! - The plan has ended here: its outcome is sent again.
+//! - The plan is not known here, because the executor that had it is gone: it is begun at the steps
+//!   that are known to be done. The other steps are requested under the same tokens, so that their
+//!   actuators do nothing twice.
+//!
+//! For a moment two daemons may disagree about the leader, and a request of the former leader may
+//! arrive after one of the new leader. So all requesters of a plan get its reports.
 
 use std::collections::VecDeque;
 
@@ -17,28 +21,28 @@ use agent::{Context, Engagement, Resident};
 
 use crate::{Acting, PlanExecutor};
 
-/// Outcomes kept for those who take over: of more plans than can run side by side.
+/// Maximum number of outcomes kept for replicas that take over: more than plans can run side by side.
 const ENDED_MAX: usize = 128;
 
-/// One plan for one goal. Of two, the greater was made later.
+/// Identifier of a plan for a goal. Of two plans, the one with the greater identifier was made later.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct PlanId {
     pub(crate) conversation: ConversationId,
-    /// In whose term it was made.
+    /// Term of the leader that made the plan.
     pub(crate) term: u64,
-    /// Which plan of that term.
+    /// Number of the plan within that term.
     pub(crate) round: u32,
 }
 
-/// How often one plan may have been asked for, for each to be told of it: by each of the daemons that
-/// host a Plan Requester, and by one of them again where executors came and went.
+/// Maximum number of requesters that get the reports of one plan: one for each daemon that hosts a Plan
+/// Requester, and repeated requests after executors came and went.
 const ASKERS_MAX: usize = 8;
 
-/// Who has asked for a plan; who asked last comes last.
+/// Exchanges in which a plan was requested, the latest last.
 #[derive(Clone, Debug)]
 pub(crate) struct Askers(Vec<Engagement>);
 
-/// How the last plans ended.
+/// Outcomes of the plans that ended last.
 #[derive(Debug, Default)]
 pub(crate) struct Ended(VecDeque<(PlanId, Report)>);
 
@@ -62,8 +66,9 @@ impl Askers {
         Askers(vec![first])
     }
 
-    /// What one has asked twice it hears twice: which of them it still listens to is not known here,
-    /// and they may come in any order. Who acts is not forgotten for others.
+    /// Adds a requester. A requester that asks twice gets each report twice: its requests may come in
+    /// any order, so the exchange in which it still listens is not known. If the list is full, drops a
+    /// requester that is not the leader.
     fn add(&mut self, asker: &Engagement, ctx: &Context<PlanExecutor>) {
         if self.has(Some(&asker.exchange)) {
             return;
@@ -104,8 +109,8 @@ impl Ended {
 // === impl PlanExecutor ===
 
 impl PlanExecutor {
-    /// Whether a plan is known here already, and so is dealt with. An older one for the same goal
-    /// is given up; but what another Plan Requester has begun goes on.
+    /// Whether a plan is known here, and the request is thereby answered. Gives up an older plan for
+    /// the same goal of the same term; a running plan of another term goes on.
     pub(crate) fn is_known(
         &mut self,
         engagement: &Engagement,
@@ -146,8 +151,8 @@ impl PlanExecutor {
         false
     }
 
-    /// Nobody needs a plan any more. Where it does not run, it is kept in mind: who has made it may have
-    /// asked for it, and what asks may come later than this.
+    /// Cancels a plan that is no longer needed. If it does not run here, remembers it as ended: a
+    /// request for it may still be on its way.
     pub(crate) fn called_off(
         &mut self,
         engagement: &Engagement,
@@ -170,8 +175,8 @@ impl PlanExecutor {
         self.running.get(token).is_some_and(|running| running.ending.is_none())
     }
 
-    /// Shows a running plan to who has made another because it knew nothing of this one: it was made
-    /// in the instant before it took over, or beyond a partition.
+    /// Refuses a new plan for a goal and returns the running one. The requester did not know of it: it
+    /// was made just before that replica took over, or on the other side of a partition.
     fn show(&mut self, token: &ReplyToken, engagement: &Engagement, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get(token) else { return };
         let mut plan = running.asked.clone();
@@ -182,7 +187,7 @@ impl PlanExecutor {
         ctx.answer(engagement, Performative::Refuse, &refusal);
     }
 
-    /// Reports a running plan to who asks for it too, from its beginning.
+    /// Adds a requester to a running plan and reports to it all steps that are done.
     fn attach(&mut self, token: &ReplyToken, engagement: &Engagement, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
         running.askers.add(engagement, ctx);
@@ -194,8 +199,8 @@ impl PlanExecutor {
         }
     }
 
-    /// An actuator has begun a new life in the middle of a step: it is asked under the same token, and
-    /// says whether the step was begun. Of its former life nothing will be heard.
+    /// Repeats the requests to an actuator that was restarted during a step, under the same tokens. The
+    /// new incarnation answers whether the step had begun; the former one will not answer.
     pub(crate) fn ask_next_life(&mut self, resident: &Resident, ctx: &mut Context<Self>) {
         for running in self.running.values_mut().filter(|running| running.ending.is_none()) {
             for acting in running.acting.values_mut() {
@@ -208,8 +213,9 @@ impl PlanExecutor {
         }
     }
 
-    /// Another executor acts: what runs is its to go on with, under the same tokens. What it does
-    /// not go on with, because it has another plan for that goal, is given up.
+    /// Stops following all running plans: another executor leads and continues them under the same
+    /// tokens. A step that the new leader does not continue, because it has another plan for that goal,
+    /// is cancelled by its actuator.
     pub(crate) fn let_go(&mut self, ctx: &mut Context<Self>) {
         let cancelling = value(&Cancelling { unless_followed: true });
         for (_, running) in std::mem::take(&mut self.running) {

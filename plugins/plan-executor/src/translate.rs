@@ -1,4 +1,4 @@
-//! From a step of a plan to a method of an actuator (the paper: “transforms these higher level
+//! Translation of a plan step into a method of an actuator (the paper: “transforms these higher level
 //! actions into lower level methods that the specific actuators have access to”).
 
 use std::collections::BTreeMap;
@@ -8,18 +8,18 @@ use acl::AgentId;
 use acl::content::{Method, Offer, Offers};
 use pddl::{Domain, PlanStep};
 
-/// What is asked of an actuator.
+/// Request to an actuator.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Order {
     pub(crate) agent: AgentId,
-    /// The ground action under the name its agent knows.
+    /// The ground action, under the name that its agent uses.
     pub(crate) action: String,
     pub(crate) method: String,
     pub(crate) arguments: BTreeMap<String, String>,
     pub(crate) timeout: Duration,
 }
 
-/// Who acts in a step: its first argument, where the schema has an `:agent`.
+/// Returns the agent that acts in a step: its first argument. `None` if that is no valid agent name.
 pub(crate) fn acting_agent(step: &PlanStep) -> Option<AgentId> {
     AgentId::new(step.arguments.first()?.as_str()).ok()
 }
@@ -28,7 +28,8 @@ pub(crate) fn acting_agent(step: &PlanStep) -> Option<AgentId> {
 ///
 /// # Errors
 ///
-/// If nobody offers it; the text completes “step `…`: ”.
+/// Returns an error if the agent does not offer the action or its method does not fit; the text
+/// completes “step `…`: ”.
 pub(crate) fn translate(
     step: &PlanStep,
     domain: &Domain,

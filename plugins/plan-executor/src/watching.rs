@@ -1,5 +1,5 @@
-//! Watching: when the world as known or what agents can do changes, the rest of each plan is held
-//! against it; and who confirms a step is held to its next word.
+//! Watching of running plans. When the known state or the action models change, the rest of each plan
+//! is checked again. A confirmed step is checked against the next heartbeat of its agent.
 
 use std::time::Duration;
 
@@ -9,8 +9,8 @@ use agent::{Context, Resource};
 
 use crate::{PlanExecutor, Running, failure};
 
-/// How long a change of the world settles before the rest of a plan is checked against it: news
-/// of one event come in several messages.
+/// Delay between a change of the world and the check of the plans. News of one event arrive in several
+/// messages.
 const SETTLING: Duration = Duration::from_millis(30);
 
 impl PlanExecutor {
@@ -36,7 +36,7 @@ impl PlanExecutor {
         }
     }
 
-    /// Holds what an agent confirmed against its next word.
+    /// Compares a change that an agent confirmed with its next heartbeat.
     fn hold_against(&mut self, token: &ReplyToken, agent: &AgentId, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
         let Some(doubt) = running.doubts.get(agent) else { return };
@@ -52,8 +52,8 @@ impl PlanExecutor {
         }
     }
 
-    /// Every step is confirmed, some against its agent's last word: the next one is waited for, as
-    /// long as an agent may be silent.
+    /// Waits for the next heartbeats of agents that confirmed a step against their last heartbeat,
+    /// after all steps are confirmed; at most as long as an agent may be silent.
     pub(crate) fn hear_out(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
         if running.hearing.is_some() {
@@ -69,8 +69,9 @@ impl PlanExecutor {
         }));
     }
 
-    /// A plan that needs an agent which left is given the grace, so that a blink of the network
-    /// does not tear it apart; news of others meanwhile neither shorten nor prolong it.
+    /// Schedules a check of a plan. If an agent that the plan needs has left, the check waits for the
+    /// grace, so that a short interruption of the network does not end the plan. News about other
+    /// agents do not change this grace.
     fn schedule_check(
         &mut self,
         token: &ReplyToken,
@@ -92,7 +93,7 @@ impl PlanExecutor {
         let wait = if is_gone { ctx.settings().grace } else { SETTLING };
         let check = ctx.after(wait, move |executor: &mut Self, ctx| {
             if is_gone && let Some(running) = executor.running.get_mut(&checked) {
-                // No news cross after that long.
+                // After the grace no news are on their way any more.
                 (running.retries, running.has_borne) = (1, true);
             }
             executor.check(&checked, ctx);
@@ -101,7 +102,7 @@ impl PlanExecutor {
         *timer = Some(check);
     }
 
-    /// Asks for the state as known, to hold the rest of the plan against it.
+    /// Asks for the known state, to check the rest of the plan against it.
     fn check(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
         (running.check, running.grace) = (None, None);
@@ -126,15 +127,16 @@ impl PlanExecutor {
         let Some(running) = self.running.get_mut(token) else { return };
         let is_needed_away = running.execution.needed().any(|agent| ctx.find(&agent).is_none());
         let is_somebody_away = self.left.is_some() || is_needed_away;
-        // A step that was confirmed while we asked makes the answer older than what we know.
+        // If a step was confirmed after the question was sent, the answer is older than the state known
+        // here.
         let is_stale = running.untold > 0;
         let renewed = if is_stale { Ok(()) } else { running.execution.renew(snapshot) };
         match renewed {
             Ok(()) if !is_stale => (running.retries, running.has_borne) = (0, false),
-            // News have come since it was asked for: the next check decides.
+            // News have arrived since the question was sent: the next check decides.
             _ if running.check.is_some() || running.grace.is_some() => (),
-            // Who took the plan over has not seen it leave; of others that left, what they knew is
-            // missed.
+            // An executor that took the plan over has not seen the needed agent leave, so no grace has
+            // begun yet. If another agent has left, facts that it reported are missing.
             Err(_) if running.retries > 0 && !running.has_borne && is_somebody_away => {
                 running.has_borne = true;
                 let again = token.clone();

@@ -1,8 +1,8 @@
-//! What agents say of themselves, held against what they confirm: who confirms a change and denies
-//! it in its next heartbeat has not made it.
+//! Verification of confirmed steps: an agent that confirms a change and contradicts it in its next
+//! heartbeat has not made the change.
 //!
-//! A device says what it knows before it confirms, so its last word agrees already. Only where it
-//! does not, the next one is waited for.
+//! A device updates its heartbeat before it confirms, so its last heartbeat agrees already. Only if it
+//! does not, the next heartbeat is waited for.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use acl::content::{ChangeState, Heartbeat};
 use acl::{AgentId, Incarnation};
 use pddl::{Atom, InitElement};
 
-/// The last heartbeat of every agent that is here.
+/// The last heartbeat of every agent that is present.
 #[derive(Debug, Default)]
 pub(crate) struct Words(BTreeMap<AgentId, Word>);
 
@@ -20,20 +20,21 @@ struct Word {
     facts: String,
 }
 
-/// A confirmed change that its agent's last word denied.
+/// A confirmed change that contradicts the last heartbeat of its agent.
 #[derive(Clone, Debug)]
 pub(crate) struct Doubt {
-    /// The ground action, under the name its agent knows.
+    /// The ground action, under the name that its agent uses.
     pub(crate) action: String,
     change: ChangeState,
-    /// The word that denied it: an older one says nothing new.
+    /// Incarnation and sequence number of the heartbeat that contradicts the change; only a later one
+    /// decides.
     heard: (Incarnation, u64),
 }
 
 // === impl Words ===
 
 impl Words {
-    /// Keeps a heartbeat, unless a newer one is known.
+    /// Stores a heartbeat, unless a newer one is stored.
     pub(crate) fn hear(&mut self, agent: &AgentId, life: Incarnation, beat: &Heartbeat) {
         let at = (life, beat.sequence);
         if self.0.get(agent).is_some_and(|word| word.at >= at) {
@@ -44,12 +45,13 @@ impl Words {
         self.0.insert(agent.clone(), Word { at, facts });
     }
 
-    /// Forgets an agent that has left.
+    /// Removes an agent that has left.
     pub(crate) fn forget(&mut self, agent: &AgentId) {
         self.0.remove(agent);
     }
 
-    /// A doubt about a change that `agent` confirmed, if its last word denies it.
+    /// Returns a doubt about a change that `agent` confirmed, if its last heartbeat contradicts the
+    /// change.
     pub(crate) fn doubt(
         &self,
         agent: &AgentId,
@@ -61,16 +63,16 @@ impl Words {
         Some(Doubt { action, change: change.clone(), heard: word.at })
     }
 
-    /// What `agent` has said since then: nothing new (`None`), nothing against it, or a fact that
-    /// denies it.
+    /// Checks the heartbeat that `agent` sent after the doubtful one. Returns `None` if there is none
+    /// yet, `Some(None)` if it agrees, and the contradicting fact otherwise.
     pub(crate) fn since(&self, agent: &AgentId, doubt: &Doubt) -> Option<Option<String>> {
         let word = self.0.get(agent).filter(|word| word.at > doubt.heard)?;
         Some(denial(&word.facts, &doubt.change))
     }
 }
 
-/// A fact of those `said` that cannot be where a change was made: what it made false, or another
-/// value of what it made true, as in `(at robot here)` for `(at robot there)`.
+/// Returns a fact of `said` that contradicts a change: one that the change made false, or another value
+/// of one that it made true, as `(at robot here)` against `(at robot there)`.
 fn denial(said: &str, change: &ChangeState) -> Option<String> {
     let (said, believed, retracted) = (atoms(said), atoms(&change.believe), atoms(&change.retract));
     let about = |atom: &Atom| (atom.predicate.clone(), atom.arguments.first().cloned());

@@ -1,8 +1,9 @@
-//! The decentralised flow: all actuators are called for proposals, the cheapest set that covers
-//! the goal wins (the paper, “Flow of Control in Decentralized Plan Execution”).
+//! The decentralised flow, initiator side of the contract net: calls all actuators for proposals; the
+//! cheapest set that covers the goal wins (the paper, “Flow of Control in Decentralized Plan
+//! Execution”).
 //!
-//! The round closes when all who could answer have, or at its deadline. Where one agent was
-//! cheapest for several conjuncts alone, a second round asks it for all of them together.
+//! A round closes when all called agents have answered or left, or at its deadline. If one agent is the
+//! cheapest bidder for several conjuncts, a second round asks it for all of them together.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -31,26 +32,26 @@ pub(crate) struct Call {
     known: Arc<Known>,
     open: Vec<Condition>,
     conjuncts: Vec<String>,
-    /// Who has not answered in this round, and in which exchange.
+    /// Agents that have not answered in this round, with the exchange of each.
     awaited: BTreeMap<AgentId, ReplyToken>,
     bids: Bids,
     refusals: BTreeMap<AgentId, String>,
     silent: BTreeSet<AgentId>,
-    /// Bidders whose plans need actions that they are not known to offer yet.
+    /// Bidders with plans that use actions which the Domain Maintainer does not list for them yet.
     ahead: BTreeSet<AgentId>,
     /// The exchange in which each proposal was made.
     made_in: Vec<(AgentId, Vec<String>, ReplyToken)>,
     tokens: Vec<ReplyToken>,
-    /// Ends the round.
+    /// Closes the round at its deadline.
     timer: TimerId,
-    /// Reminds the silent.
+    /// Sends the call again to agents that have not answered.
     reminder: TimerId,
     is_second_round: bool,
 }
 
 impl Call {
-    /// The cheapest set of proposals whose plan reaches the goal, with that plan and its cost; or why
-    /// none of the sets that were tried does.
+    /// Returns the cheapest set of proposals that together reach the goal, with the combined plan and
+    /// its cost. Otherwise returns the faults of the sets that were tried.
     fn cheapest_valid(
         &mut self,
         wanted: &Condition,
@@ -59,7 +60,8 @@ impl Call {
             Ok(valid) => return Ok(valid),
             Err(problems) => problems,
         };
-        // Those that do not even reach alone what they are for may have kept others from being tried.
+        // A proposal that does not even reach its own conjuncts may have kept valid sets from being
+        // tried.
         if !self.drop_unsound() {
             return Err(problems);
         }
@@ -83,7 +85,8 @@ impl Call {
         Err(problems)
     }
 
-    /// Drops the proposals that do not reach alone what they are for; whether there were any.
+    /// Drops proposals with a plan that does not reach the conjuncts they cover. Returns whether there
+    /// were any.
     fn drop_unsound(&mut self) -> bool {
         let count = |bids: &Bids| bids.values().map(Vec::len).sum::<usize>();
         let before = count(&self.bids);
@@ -92,12 +95,13 @@ impl Call {
         count(&self.bids) < before
     }
 
-    /// Tells every bidder that it was not chosen, and stops listening.
+    /// Rejects all proposals and closes the exchanges.
     pub(crate) fn reject_all(self, why: &str, ctx: &mut Context<PlanRequester>) {
         self.settle(None, why, ctx);
     }
 
-    /// Tells every bidder how it went, and stops listening.
+    /// Accepts the chosen proposals, rejects all others with the reason `why`, and closes the
+    /// exchanges.
     fn settle(self, chosen: Option<&Selection>, why: &str, ctx: &mut Context<PlanRequester>) {
         ctx.forget(self.timer);
         ctx.forget(self.reminder);
@@ -126,7 +130,7 @@ impl Call {
             let choice = value(&Choice { covers: Vec::new(), detail: why.to_owned() });
             match agents.as_slice() {
                 [agent] => ctx.go_on(token, agent, Performative::RejectProposal, choice),
-                // Nobody does anything about it: one word for all will do.
+                // A rejection has no receiver-specific content: one multicast is enough.
                 _ => ctx.go_on_with(token, agents, Performative::RejectProposal, choice),
             }
         }
@@ -196,7 +200,7 @@ impl PlanRequester {
             conversation: id.clone(),
             content: value(&content),
         };
-        // Longer than a round: the winners are told in this exchange after it has closed.
+        // Longer than a round: the winners are notified in this exchange after the round has closed.
         let patience = ctx.settings().proposals_deadline * 3;
         let called = id.clone();
         ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
@@ -212,8 +216,8 @@ impl PlanRequester {
         ctx.after(deadline, move |requester: &mut Self, ctx| requester.close_round(&called, ctx))
     }
 
-    /// Reminds those who are silent `after` a while, and again, ever more rarely, until the round
-    /// ends.
+    /// Sends the call again to silent agents after `after`, and again at doubled intervals until the
+    /// round ends.
     fn reminder(
         &mut self,
         id: &ConversationId,
@@ -251,13 +255,13 @@ impl PlanRequester {
                     if bid.proposals.iter().any(|proposal| call.known.is_behind(&proposal.plan)) {
                         call.ahead.insert(bidder.clone());
                     }
-                    // What is held against a bidder it may not know.
+                    // The bidder may not know which of its actions are avoided.
                     bid.proposals.retain(|proposal| call.known.admits(&proposal.plan));
                     let covers = |proposal: &Proposal| {
                         (bidder.clone(), proposal.covers.clone(), token.clone())
                     };
                     call.made_in.extend(bid.proposals.iter().map(covers));
-                    // Other goals need the rest.
+                    // Agents that were not called are in use by other goals.
                     if is_called {
                         call.bids.entry(bidder.clone()).or_default().extend(bid.proposals);
                     }
@@ -265,7 +269,7 @@ impl PlanRequester {
                 Err(error) => ctx.not_understood(&message, error.to_string()),
             }
         } else {
-            // That something is not an agent's business is no news.
+            // A refusal as incapable is the normal case and is not reported.
             let is_news = |refusal: &Refusal| refusal.reason != Reason::Incapable;
             let refusal = message.content_as::<Refusal>().ok().filter(is_news);
             call.refusals.extend(refusal.map(|refusal| (bidder.clone(), refusal.detail)));
@@ -277,7 +281,7 @@ impl PlanRequester {
         }
     }
 
-    /// An agent that has left will not answer.
+    /// Stops waiting for the bids of an agent that has left.
     pub(crate) fn bidder_left(&mut self, agent: &AgentId, ctx: &mut Context<Self>) {
         let ids: Vec<_> = self.goals.keys().cloned().collect();
         for id in ids {
@@ -359,7 +363,7 @@ impl PlanRequester {
         self.unplanned(id, Arc::unwrap_or_clone(known), explained, ctx);
     }
 
-    /// A set of proposals works: it is carried out, unless other goals come first.
+    /// Handles a set of proposals that is valid: executes it, unless other goals come first.
     fn chosen(
         &mut self,
         id: &ConversationId,
@@ -383,7 +387,7 @@ impl PlanRequester {
     }
 }
 
-/// Why no set of proposals will do, where nobody covers the `missing` conjuncts.
+/// Returns why no set of proposals is valid. `missing` are the conjuncts that no proposal covers.
 fn why_none(
     known: &Known,
     goal: &Condition,

@@ -1,5 +1,5 @@
-//! Plans of goals that have ended, or hold, which another Plan Requester made: it was cut off, or died,
-//! and they may run still (design, “No single point of failure”).
+//! Cancels plans of goals that have ended or hold, made by another replica of the Plan Requester. That
+//! replica was cut off or died, and its plans may still run (design, “No single point of failure”).
 
 use acl::content::{CallOff, Execute, Request, value};
 use acl::{ConversationId, Performative, Protocol};
@@ -8,11 +8,13 @@ use agent::{Context, Opening};
 use crate::PlanRequester;
 use crate::executing::under_way;
 
-/// How often another plan of the same goal may turn out to be under way instead.
+/// Maximum number of times that the executor may answer with another running plan of the same goal,
+/// each of which is then cancelled too.
 const TIMES_MAX: u32 = 4;
 
 impl PlanRequester {
-    /// Has the executor give up a plan that nobody needs any more.
+    /// Asks the executor to cancel a plan that is no longer needed. `times` counts the plans of this
+    /// goal cancelled so far.
     pub(crate) fn call_off(
         &mut self,
         id: &ConversationId,
@@ -38,7 +40,7 @@ impl PlanRequester {
         });
     }
 
-    /// Whether this plan is the one that runs for a goal here: it may have been begun meanwhile.
+    /// Whether `plan` is the plan that this replica runs for the goal; it may have begun meanwhile.
     fn runs(&self, id: &ConversationId, plan: &Execute) -> bool {
         let running = self.goals.get(id).filter(|goal| goal.phase.is_running());
         let own = running.and_then(|goal| goal.plan.as_deref());

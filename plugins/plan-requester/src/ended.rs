@@ -1,5 +1,5 @@
-//! Goals that have ended, and are not forgotten yet: nobody begins them again from an older copy,
-//! and their askers hear how they ended, also those who were cut off when they did.
+//! Cache of goals that have ended. It prevents a replica from resuming an ended goal from an older
+//! record, and it serves outcomes to initiators that could not be reached when their goals ended.
 
 use std::collections::VecDeque;
 
@@ -9,40 +9,40 @@ use agent::{Engagement, Resident};
 
 use crate::resuming::conversation_of;
 
-/// Goals that have ended and are remembered.
+/// Maximum number of ended goals in the cache.
 const KNOWN_MAX: usize = 128;
 
-/// Ends that are told once more: to Journals that come, and to who takes over; either may have missed
-/// the first time.
+/// Maximum number of final records that are sent once more to Journals that join and to a new leader.
+/// Either may have missed the first message.
 const OWN_MAX: usize = 32;
 
-/// Ends that are told once more to askers that come back, or ask again: those of all goals that are
-/// pursued at a time.
+/// Maximum number of outcomes that are sent once more to initiators that come back or ask again: as
+/// many as goals can be pursued at a time.
 const TOLD_MAX: usize = crate::GOALS_MAX;
 
-/// What is remembered of goals that have ended.
+/// Cache of goals that have ended.
 #[derive(Debug, Default)]
 pub(crate) struct Ended {
     known: VecDeque<(ConversationId, Version, Report)>,
-    /// The records of those that this Plan Requester ended itself.
+    /// Final records of the goals that this replica ended itself.
     own: VecDeque<Record>,
     told: VecDeque<(Engagement, Report)>,
-    /// What askers are to hear and could not be told yet: too much is under way.
+    /// Outcomes that could not be sent yet, because too many messages are under way.
     untold: VecDeque<(Engagement, Report)>,
 }
 
 impl Ended {
-    /// Whether a goal is known to have ended, by a record as late as this.
+    /// Whether a record of at least this version says that the goal has ended.
     pub(crate) fn has(&self, id: &ConversationId, version: Version) -> bool {
         self.known.iter().any(|(other, at, _)| other == id && *at >= version)
     }
 
-    /// How a goal is known to have ended, by whatever record.
+    /// Returns the outcome of a goal; `None` if it is not known to have ended.
     pub(crate) fn how(&self, id: &ConversationId) -> Option<&Report> {
         self.known.iter().find(|(other, ..)| other == id).map(|(_, _, report)| report)
     }
 
-    /// Notes an end; yields the goals that are forgotten for it.
+    /// Adds an outcome. Returns the goals that were dropped to make room.
     pub(crate) fn note(
         &mut self,
         id: ConversationId,
@@ -55,7 +55,7 @@ impl Ended {
         self.known.drain(..surplus).map(|(oldest, ..)| oldest).collect()
     }
 
-    /// Keeps the record of an end, to say it once more.
+    /// Stores the final record of a goal, so that it can be sent again.
     pub(crate) fn keep(&mut self, record: Record) {
         self.own.retain(|other| other.key != record.key);
         if self.own.len() >= OWN_MAX {
@@ -64,18 +64,18 @@ impl Ended {
         self.own.push_back(record);
     }
 
-    /// The record of an end.
+    /// Returns the final record of a goal; `None` if there is none here.
     pub(crate) fn record(&self, id: &ConversationId) -> Option<Record> {
         let is_it = |record: &&Record| conversation_of(&record.key).as_ref() == Some(id);
         self.own.iter().find(is_it).cloned()
     }
 
-    /// The records of the last ends.
+    /// Returns the final records of the goals that ended last, the oldest first.
     pub(crate) fn records(&self) -> Vec<Record> {
         self.own.iter().cloned().collect()
     }
 
-    /// An asker was told how its goal ended; whether it has heard it is not known.
+    /// Stores an outcome that was sent to the initiator. Whether it arrived is not known.
     pub(crate) fn told(&mut self, engagement: Engagement, report: Report) {
         self.told.retain(|(other, _)| other.exchange != engagement.exchange);
         if self.told.len() >= TOLD_MAX {
@@ -84,28 +84,29 @@ impl Ended {
         self.told.push_back((engagement, report));
     }
 
-    /// An asker could not be told how its goal ended. A goal that could not be told its end is one
-    /// less that is accepted, so these have a bound.
+    /// Queues an outcome that could not be sent. The queue has a bound: each entry counts towards the
+    /// goals that are accepted at a time.
     pub(crate) fn not_told(&mut self, engagement: Engagement, report: Report) {
         self.untold.push_back((engagement, report));
     }
 
-    /// Forgets all but the ends that could not be told: nobody else knows that they are to be.
+    /// Clears the cache except for the outcomes that could not be sent: no other replica knows of
+    /// these.
     pub(crate) fn forget_but_untold(&mut self) {
         *self = Ended { untold: std::mem::take(&mut self.untold), ..Ended::default() };
     }
 
-    /// The oldest end that could not be told.
+    /// Removes and returns the oldest outcome that could not be sent; `None` if there is none.
     pub(crate) fn take_untold(&mut self) -> Option<(Engagement, Report)> {
         self.untold.pop_front()
     }
 
-    /// How many ends could not be told yet.
+    /// Returns the number of outcomes that could not be sent yet.
     pub(crate) fn untold_count(&self) -> usize {
         self.untold.len()
     }
 
-    /// How the goal ended that is asked for once more, by who has not heard it.
+    /// Returns the outcome of the goal that `engagement` asks for once more; `None` if it is unknown.
     pub(crate) fn of(&self, engagement: &Engagement) -> Option<&Report> {
         let is_it = |other: &Engagement| {
             other.conversation == engagement.conversation && other.initiator == engagement.initiator
@@ -113,7 +114,7 @@ impl Ended {
         self.told.iter().find(|(other, _)| is_it(other)).map(|(_, report)| report)
     }
 
-    /// What an asker that has come, or come back, may not have heard.
+    /// Returns the outcomes that an agent which has just joined may not have received.
     pub(crate) fn of_asker(&self, asker: &Resident) -> Vec<(Engagement, Report)> {
         let is_its = |engagement: &Engagement| {
             engagement.initiator == asker.agent

@@ -1,4 +1,4 @@
-//! Carrying a plan out, and planning anew when it fails: the same in both flows.
+//! Execution of a plan, and replanning when it fails. Both flows use it.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::goal::Phase;
 use crate::known::Known;
 
 impl PlanRequester {
-    /// Tells the user the plan and asks the Plan Executor to execute it.
+    /// Reports the plan to the user and asks the Plan Executor to execute it.
     pub(crate) fn execute(
         &mut self,
         id: &ConversationId,
@@ -49,19 +49,19 @@ impl PlanRequester {
         report.plan = Some(known.outside(plan).to_string());
         report.cost = Some(cost);
         self.tell(id, report, ctx);
-        // The next goal may be planned for while this one is carried out.
+        // The next goal may be planned for during execution.
         self.next(ctx);
     }
 
-    /// Asks the Plan Executor for the plan of a goal, from where it stands: also one that it has
-    /// been asked for before, by this Plan Requester or by another.
+    /// Asks the Plan Executor to execute the goal's plan from its present step. The executor may
+    /// already run this plan, for this replica or for another.
     pub(crate) fn ask_executor(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let Some(execute) = goal.plan.clone() else { return };
         let offers = execute.offers.values().flat_map(|actions| actions.values());
         let timeouts = offers.filter_map(|offer| Some(offer.method.as_ref()?.timeout.0));
-        // No step may take longer than the longest method and two answers; each report of
-        // progress gives the next step its time.
+        // No step takes longer than the longest method and two answers. Each progress report restarts
+        // this time.
         let patience = timeouts.max().unwrap_or_default() + ctx.settings().answer_deadline * 3;
         let opening = Opening {
             to: Some(self.config.plan_executor.clone()),
@@ -96,7 +96,8 @@ impl PlanRequester {
         let token = token.clone();
         let is_executing = matches!(goal.phase, Phase::Executing(_));
         if is_executing && matches!(answer, Answer::Undelivered(Undelivered::Restarted)) {
-            // It did not hear of the plan, or another executor acts: the same plan is asked for.
+            // The executor may have lost the plan, or another executor leads now: asks for the same
+            // plan again.
             return self.ask_executor(id, ctx);
         }
         let answer = match under_way(answer) {
@@ -117,7 +118,7 @@ impl PlanRequester {
         if matches!(asked_to, Phase::Executing(_)) {
             goal.given_up = std::mem::take(&mut goal.steps_left);
         }
-        // Others wait until it is clear whether the goal is reached: their plans might undo it.
+        // Other goals wait until it is clear whether this goal is reached: their plans might undo it.
         let is_verified = goal.keep == Keep::Achieve
             && matches!(asked_to, Phase::Executing(_))
             && report.as_ref().is_ok_and(|report| report.outcome == Outcome::Done);
@@ -127,15 +128,15 @@ impl PlanRequester {
         match (asked_to, report) {
             (Phase::Cancelling(_), report) => self.cancelled_in_execution(id, report, ctx),
             (_, Ok(report)) if report.outcome == Outcome::Done => self.carried_out(id, ctx),
-            // It waits for its turn; whom it gave way to comes first.
+            // The goal queues for its turn; the goal that it yielded to comes first.
             (Phase::Yielding(_), _) => self.next(ctx),
             (_, Ok(report)) => self.execution_failed(id, report, ctx),
             (_, Err((why, wait))) => self.retry(id, why, wait, ctx),
         }
     }
 
-    /// Another plan for the goal is under way, which another Plan Requester made without this one's
-    /// knowledge: it goes on.
+    /// Adopts another plan of the goal that is already running. Another replica made it without the
+    /// knowledge of this one.
     fn go_on_with(&mut self, id: &ConversationId, plan: Execute, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let is_cancelled = matches!(goal.phase, Phase::Cancelling(_));
@@ -174,7 +175,7 @@ impl PlanRequester {
         let Some(goal) = self.goals.get_mut(id) else { return };
         match goal.keep {
             Keep::Achieve => self.verify(id, 1, ctx),
-            // Looked at once more before it is said to hold: an agent may have left meanwhile.
+            // Checked once more before it is reported to hold: an agent may have left meanwhile.
             Keep::Maintain => {
                 goal.failures = 0;
                 goal.phase = Phase::Holding;
@@ -184,7 +185,7 @@ impl PlanRequester {
         }
     }
 
-    /// A plan failed: what failed is avoided for a while, and another plan is made at once.
+    /// Handles a failed plan: avoids the failed action for a while and makes another plan at once.
     fn execution_failed(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
         let now = ctx.now();
         let Some(goal) = self.goals.get_mut(id) else { return };
@@ -195,7 +196,8 @@ impl PlanRequester {
     }
 }
 
-/// The plan that is under way instead, if that is the answer.
+/// Returns the plan that runs instead, if the executor refused for that reason; otherwise returns
+/// `answer`.
 pub(crate) fn under_way(answer: Answer) -> Result<Box<Execute>, Answer> {
     let Answer::Message(message) = &answer else { return Err(answer) };
     if message.performative != Performative::Refuse {
@@ -205,7 +207,8 @@ pub(crate) fn under_way(answer: Answer) -> Result<Box<Execute>, Answer> {
     refusal.and_then(|refusal| refusal.under_way).ok_or(answer)
 }
 
-/// What the Plan Executor says; or why it says nothing, and how long to wait before trying again.
+/// Reads the Plan Executor's report. If there is none, returns the reason and how long to wait before
+/// the next try.
 fn read(answer: Answer) -> Result<Report, (String, Duration)> {
     let message = match answer {
         Answer::Message(message) => message,
@@ -223,7 +226,7 @@ fn read(answer: Answer) -> Result<Report, (String, Duration)> {
     })
 }
 
-/// Who failed with what: of the ground action, its first argument and its name.
+/// Returns the agent and the name of a ground action that failed. `None` if it cannot be parsed.
 fn blamed(action: &str) -> Option<(AgentId, String)> {
     let step = pddl::parse_step(action).into_result().ok()?;
     let agent = AgentId::new(step.arguments.first()?.as_str()).ok()?;

@@ -1,5 +1,5 @@
-//! Why, in words for people: why there is no plan, why these agents were chosen, what changed
-//! since the last plan. Pure: texts out of what the other modules found.
+//! Explanations for people: why there is no plan, why these agents were chosen, what changed since the
+//! last plan. Pure functions: they make text of what the other modules found.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,10 +11,10 @@ use planner::explain::Explanation;
 use crate::known::{Avoided, Known};
 use crate::selection::{Bids, Selection};
 
-/// Things of one kind that are named; of more, how many.
+/// Maximum number of things of one kind that are listed by name; the rest is only counted.
 const NAMED_MAX: usize = 3;
 
-/// Why a goal cannot be reached, if the relaxation shows an obstacle.
+/// Returns why a goal cannot be reached; `None` if the relaxation shows no obstacle.
 pub(crate) fn obstacles(explanation: &Explanation, avoided: &Avoided) -> Option<String> {
     if explanation.obstacles.is_empty() {
         return None;
@@ -22,7 +22,7 @@ pub(crate) fn obstacles(explanation: &Explanation, avoided: &Avoided) -> Option<
     Some(format!("{explanation}{}", held(avoided)))
 }
 
-/// What is held against agents' actions, in brackets; nothing, where nothing is.
+/// Returns the avoided actions and their reasons, in brackets; an empty string if there are none.
 pub(crate) fn held(avoided: &Avoided) -> String {
     let told = avoided.iter().map(|((agent, action), held)| {
         let again = if held.is_withdrawn {
@@ -38,7 +38,8 @@ pub(crate) fn held(avoided: &Avoided) -> String {
     if told.is_empty() { told } else { format!(" ({told})") }
 }
 
-/// Why the chosen agents, and what the others said; nothing, where no other said anything.
+/// Returns why these agents were chosen, and the bids and refusals of the others; `None` if no other
+/// agent answered or stayed silent.
 pub(crate) fn choice(
     chosen: &Selection,
     bids: &Bids,
@@ -83,8 +84,8 @@ pub(crate) fn choice(
     Some(text)
 }
 
-/// Of another's proposals the one that has most in common with a chosen one, and of those the
-/// cheapest.
+/// Returns the proposal of another agent that shares most conjuncts with a chosen one, and the number
+/// of shared conjuncts. Of several the cheapest. `None` if no proposal shares any.
 fn closest<'a>(chosen: &Proposal, others: &'a [Proposal]) -> Option<(usize, &'a Proposal)> {
     let shared = |other: &Proposal| {
         other.covers.iter().filter(|conjunct| chosen.covers.contains(conjunct)).count()
@@ -95,12 +96,13 @@ fn closest<'a>(chosen: &Proposal, others: &'a [Proposal]) -> Option<(usize, &'a 
         .max_by(|(one, first), (two, second)| one.cmp(two).then(second.cost.total_cmp(&first.cost)))
 }
 
-/// What a round of planning saw that concerns its goal, to tell the next one what changed.
+/// Facts and offers seen by a round of planning that concern its goal. The next round reports the
+/// differences.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seen {
-    /// Who offers anything.
+    /// Agents that offer any action.
     agents: BTreeSet<AgentId>,
-    /// Who offers what, and what that takes and does.
+    /// Preconditions and effects of each action, by agent and action.
     offers: BTreeMap<(AgentId, String), String>,
     facts: BTreeSet<String>,
 }
@@ -108,7 +110,8 @@ pub(crate) struct Seen {
 // === impl Seen ===
 
 impl Seen {
-    /// What concerns a goal: actions that could do something for it, and facts that it or they speak of.
+    /// Collects what concerns a goal: the actions that could contribute to it, and the facts that the
+    /// goal or these actions use.
     pub(crate) fn of(known: &Known, goal: &Condition) -> Seen {
         let relevant = Relevant::to(known, goal);
         let guards: BTreeSet<&Name> = known.guards.values().map(|guard| &guard.predicate).collect();
@@ -138,8 +141,8 @@ impl Seen {
         }
     }
 
-    /// What is other than `now`, for a person; nothing, if plans made all of it. Of what plans change by
-    /// themselves, only what is `open` of the goal is of interest.
+    /// Returns the differences between `self` and `now` as text for a person; `None` if there are none.
+    /// Facts that plans change are left out, unless they are among the `open` conjuncts of the goal.
     pub(crate) fn news(&self, now: &Seen, known: &Known, open: &[Condition]) -> Option<String> {
         let offering = |seen: &Seen| -> BTreeSet<AgentId> {
             seen.offers.keys().map(|(agent, _)| agent.clone()).collect()
@@ -176,8 +179,8 @@ impl Seen {
     }
 }
 
-/// The symbols and actions that may matter to a goal: whatever changes what the goal speaks of, and so on
-/// for what that takes.
+/// Symbols and actions that may matter to a goal: every action that changes a symbol of the goal, the
+/// symbols in that action's precondition, and so on, transitively.
 struct Relevant<'k> {
     symbols: BTreeSet<&'k Name>,
     actions: BTreeSet<&'k Name>,
@@ -218,7 +221,7 @@ impl<'k> Relevant<'k> {
     }
 }
 
-/// Whether an effect changes one of these.
+/// Whether an effect changes one of these symbols.
 fn touches(effect: &Effect, symbols: &BTreeSet<&Name>) -> bool {
     effect.parts().any(|part| match part {
         Effect::Add(atom) | Effect::Delete(atom) => symbols.contains(&atom.predicate),
@@ -227,7 +230,7 @@ fn touches(effect: &Effect, symbols: &BTreeSet<&Name>) -> bool {
     })
 }
 
-/// What a schema takes and does, apart from its name and from who offers it.
+/// Returns parameters, precondition and effect of a schema as text, without its name and its guards.
 fn meaning(schema: &ActionSchema, guards: &BTreeSet<&Name>) -> String {
     let is_guard = |part: &Condition| matches!(part, Condition::Atom(atom) if guards.contains(&atom.predicate));
     let parts = match &schema.precondition {
@@ -241,7 +244,7 @@ fn meaning(schema: &ActionSchema, guards: &BTreeSet<&Name>) -> String {
     format!("{}: {} → {}", parameters.join(" "), takes.join(" "), schema.effect)
 }
 
-/// The predicates that actions change.
+/// Returns the names of the predicates that actions change.
 fn changing(known: &Known) -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     for action in &known.domain.actions {
@@ -261,18 +264,18 @@ fn changed_by(effect: &Effect, names: &mut BTreeSet<String>) {
     }
 }
 
-/// Whether a fact, as text, is one of this predicate.
+/// Whether a fact, given as text, is an atom of this predicate.
 fn is_of(fact: &str, predicate: &str) -> bool {
     let inner = fact.trim_start_matches('(').trim_end_matches(')');
     inner.split(' ').next().is_some_and(|first| first.eq_ignore_ascii_case(predicate))
 }
 
-/// Sentences about parts of one goal, the first few.
+/// Joins sentences about parts of one goal; at most [`NAMED_MAX`] of them.
 pub(crate) fn listed_all(sentences: impl Iterator<Item = String>) -> String {
     listed(sentences.collect(), ". Also, ")
 }
 
-/// The first few, and how many more.
+/// Joins the first [`NAMED_MAX`] things and adds how many more there are.
 fn listed(mut things: Vec<String>, separator: &str) -> String {
     let rest = things.len().saturating_sub(NAMED_MAX);
     things.truncate(NAMED_MAX);
@@ -381,7 +384,7 @@ mod tests {
         assert_eq!(choice(&selection, &alone, &BTreeMap::new(), &BTreeSet::new()), None);
     }
 
-    /// What is new for a goal between two rounds.
+    /// Returns the news of a goal between two rounds of planning.
     fn news(before: &Known, after: &Known, goal: &Condition, open: &[Condition]) -> Option<String> {
         Seen::of(before, goal).news(&Seen::of(after, goal), after, open)
     }
@@ -413,7 +416,7 @@ mod tests {
         let none = Avoided::new();
         let before = known(&["a"], "(open hall) (in a hall)", &none);
         let after = known(&["b"], "(in a hall)", &none);
-        // Nobody needs to measure for a door to be open.
+        // No action is needed for an open door.
         let open = goal("(open hall)");
         assert_eq!(
             news(&before, &after, &open[0], &open).as_deref(),

@@ -1,4 +1,4 @@
-//! One goal: what is wanted, where it stands, and what has happened.
+//! One goal: its condition, its phase, and its history.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, SystemTime};
@@ -16,30 +16,30 @@ use crate::explaining::Seen;
 use crate::known::{Avoided, Held, outside};
 use crate::sharing::{Attempt, Explaining};
 
-/// Lines of history kept per goal: enough to see how it came to where it stands.
+/// Maximum number of history entries per goal: enough to explain the goal's present phase.
 const HISTORY_LINES_MAX: usize = 64;
 
-/// How long an action that failed is not asked for again, at first; doubled at every failure.
-/// A loose contact needs seconds, a repair minutes.
+/// How long a failed action is avoided after its first failure. The time doubles with every failure, up
+/// to `AVOIDED_MAX`. A loose contact needs seconds, a repair minutes.
 const AVOIDED_FIRST: Duration = Duration::from_secs(10);
 const AVOIDED_MAX: Duration = Duration::from_secs(300);
 
-/// How long after a goal was taken over nobody is missed: daemons that start together are linked and
-/// have told their models by then.
+/// Warm-up after a fail-over. During this time a missing agent does not count as gone: daemons that
+/// boot together need this long to connect and to announce their models.
 const MEETING: Duration = Duration::from_secs(10);
 
-/// How often an action may fail before a goal that is to be achieved does without its agent: it
-/// is asked at once, after ten seconds and after thirty, and then the user is told.
+/// Number of failures after which a goal to be achieved stops using an action. The action is tried at
+/// once, after ten seconds and after thirty; then the user is told.
 const TRIES_MAX: u32 = 3;
 
-/// Plans in a row that may fail before a goal that is to be achieved is given up. Every failure
-/// rules out an action for a while, so this many mean that nothing else is left to try.
+/// Number of plans in a row that may fail before a goal to be achieved is given up. Every failure rules
+/// out an action for a while, so this many failures mean that no other way is left.
 pub(crate) const FAILURES_MAX: u32 = 12;
 
 /// One goal.
 pub(crate) struct Goal {
     pub(crate) engagement: Engagement,
-    /// Which life of its asker asked for it.
+    /// Incarnation of the initiator that asked for this goal.
     pub(crate) life: Incarnation,
     pub(crate) text: String,
     pub(crate) condition: Condition,
@@ -47,82 +47,83 @@ pub(crate) struct Goal {
     pub(crate) priority: i32,
     pub(crate) partition: Partition,
     pub(crate) phase: Phase,
-    /// Plans made so far.
+    /// Number of plans executed so far.
     pub(crate) rounds: u32,
-    /// Plans in a row that failed.
+    /// Number of plans in a row that have failed.
     pub(crate) failures: u32,
-    /// What the next round of planning has to respect.
+    /// The constraints of the next round of planning.
     pub(crate) attempt: Attempt,
-    /// The plan that runs, or ran last, as the executor was asked for it; with the steps that are
-    /// known to be done.
+    /// The plan that runs, or ran last, as the executor was asked for it, with the steps that are known
+    /// to be done.
     pub(crate) plan: Option<Box<Execute>>,
-    /// Which version of it the Journals keep.
+    /// Version of the last record of this goal that was sent to the Journals.
     pub(crate) version: Version,
-    /// When it was taken over, if another Plan Requester had it before.
+    /// When this replica took the goal over; `None` if it has had the goal from the start.
     pub(crate) taken_over: Option<Instant>,
-    /// The steps of the running plan that are not known to be done, as their agents name them.
+    /// Steps of the running plan that are not known to be done, under the names that their agents use.
     pub(crate) steps_left: Vec<PlanStep>,
-    /// Those of the plan that failed, for a planner that would go on with it.
+    /// Steps of the failed plan that were not done; the planner may reuse them.
     pub(crate) given_up: Vec<PlanStep>,
-    /// What the user was told last of what it waits for.
+    /// The reason for waiting that the user was last told.
     pub(crate) blocked_by: String,
-    /// The agents that others needed when it was found that it needs some of them, and until when
-    /// that is believed: as long as others need all of these, there is nothing new to try.
+    /// Set when this goal needs agents that other goals use: the agents in use then, and the time until
+    /// which this is believed. While all these agents are still in use, planning again would find
+    /// nothing new.
     pub(crate) blocked_under: Option<(BTreeSet<AgentId>, Instant)>,
-    /// Why there was no plan last, as the user was told.
+    /// Why there was no plan last time, as the user was told.
     pub(crate) no_plan_because: String,
-    /// Whether agents have come or left since it was begun to plan for it.
+    /// Whether agents have joined or left since planning for this goal began.
     pub(crate) is_overtaken: bool,
-    /// Since when there is no plan for it, while nobody has come or left.
+    /// Since when there is no plan, with no agent joining or leaving in between.
     pub(crate) unsolved_since: Option<Instant>,
-    /// Since when agents propose by action models that the Domain Maintainer has not heard.
+    /// Since when bids use action models that the Domain Maintainer does not have yet.
     pub(crate) behind_since: Option<Instant>,
-    /// Whether the user was told that it holds, since it last did not.
+    /// Whether the user was told that the goal holds, since it last did not hold.
     pub(crate) is_told: bool,
     pub(crate) timer: Option<TimerId>,
-    /// What the last round of planning saw.
+    /// Facts and offers seen by the last round of planning.
     pub(crate) seen: Option<Seen>,
     avoided: BTreeMap<(AgentId, String), Avoidance>,
     history: Vec<HistoryEntry>,
 }
 
-/// What is held against an agent's action.
+/// A failed action of an agent, which is avoided for a while.
 struct Avoidance {
     until: Instant,
     span: Duration,
     times: u32,
-    /// Its agent said that it does not do it, whatever it advertises.
+    /// Whether the agent refused the action as [`Reason::Incapable`] although it offers it.
     is_refused: bool,
-    /// Its agent does not offer it any more.
+    /// Whether the agent no longer offers the action.
     is_withdrawn: bool,
     why: String,
 }
 
-/// Where a goal stands.
+/// The phase of a goal.
 pub(crate) enum Phase {
     /// Another goal is being planned for.
     Queued,
-    /// It needs what the plans of other goals are using.
+    /// The goal needs agents or facts that the plans of other goals use.
     Blocked(String),
-    /// It waits: for a capability, or for the state to change.
+    /// The goal waits for a capability, or for the state to change.
     Waiting(String),
-    /// The state and the domain are asked for.
+    /// The state and the domain are being fetched.
     Compiling(#[expect(dead_code, reason = "ends the question when it is dropped")] Work),
     /// The central planner is asked.
     Planning(ReplyToken),
     /// Proposals are called for.
     Calling(Box<crate::calling::Call>),
-    /// There is no plan; why is being worked out.
+    /// There is no plan; the reason is being computed.
     Explaining(#[expect(dead_code, reason = "ends the work when it is dropped")] Explaining),
     /// A plan is being executed.
     Executing(ReplyToken),
-    /// The executor is asked to give up: the goal was cancelled.
+    /// The executor was asked to cancel the plan, because the goal was cancelled.
     Cancelling(ReplyToken),
-    /// The executor is asked to give up: another goal or another plan comes first.
+    /// The executor was asked to cancel the plan, because another goal or a better plan comes first.
     Yielding(ReplyToken),
-    /// Its plan was carried out; whether the goal is reached is looked at.
+    /// The plan was carried out; whether the goal holds is being checked.
     Verifying(Option<Work>),
-    /// It holds, and is watched.
+    /// The goal holds and is watched.
     Holding,
 }
 
@@ -144,7 +145,7 @@ impl Phase {
         }
     }
 
-    /// Whether it is being planned for, so that other goals wait for their turn.
+    /// Whether the goal is being planned for; other goals then wait for their turn.
     pub(crate) fn is_planning(&self) -> bool {
         matches!(
             self,
@@ -152,12 +153,12 @@ impl Phase {
         )
     }
 
-    /// Whether a plan of it runs, so that its agents are needed.
+    /// Whether a plan of the goal uses agents at present.
     pub(crate) fn is_running(&self) -> bool {
         self.is_under_way() || matches!(self, Phase::Yielding(_) | Phase::Verifying(_))
     }
 
-    /// Whether whoever takes it over has to see to the plan that runs.
+    /// Whether a replica that takes the goal over must also take over a running plan.
     pub(crate) fn is_under_way(&self) -> bool {
         matches!(self, Phase::Executing(_) | Phase::Cancelling(_))
     }
@@ -206,13 +207,13 @@ impl Goal {
         &self.engagement.conversation
     }
 
-    /// The agents that act in what is left of its plan.
+    /// Returns the agents that act in the remaining steps of the plan.
     pub(crate) fn acting(&self) -> impl Iterator<Item = AgentId> + '_ {
         let actors = self.steps_left.iter().filter_map(|step| step.arguments.first());
         actors.filter_map(|actor| AgentId::new(actor.as_str()).ok())
     }
 
-    /// Goes on with a plan that another had carried out so far.
+    /// Adopts a plan that another replica has carried out up to the steps `done`.
     pub(crate) fn take_up(&mut self, plan: Execute, done: Vec<u32>) {
         let steps = pddl::parse_plan(&plan.plan).into_result().map(|plan| plan.steps);
         let is_left = |step: &usize| u32::try_from(*step).is_ok_and(|step| !done.contains(&step));
@@ -222,18 +223,18 @@ impl Goal {
         self.plan = Some(Box::new(Execute { done, ..plan }));
     }
 
-    /// What has happened, oldest first.
+    /// Returns the history, oldest entry first.
     pub(crate) fn history(&self) -> &[HistoryEntry] {
         &self.history
     }
 
-    /// What happened before another took it over.
+    /// Restores the history from before the goal was taken over.
     pub(crate) fn recall_history(&mut self, history: Vec<HistoryEntry>) {
         self.history = history;
         self.history.truncate(HISTORY_LINES_MAX);
     }
 
-    /// A step of the running plan is done.
+    /// Marks a step of the running plan as done.
     pub(crate) fn step_done(&mut self, action: &str, step: Option<u32>) {
         if let (Some(plan), Some(step)) = (&mut self.plan, step)
             && !plan.done.contains(&step)
@@ -245,7 +246,8 @@ impl Goal {
         }
     }
 
-    /// Something happened at this time of the machine's clock.
+    /// Adds an entry to the history, at wall-clock time `at`. Drops the oldest entry if the history is
+    /// full.
     pub(crate) fn note(
         &mut self,
         at: SystemTime,
@@ -260,7 +262,7 @@ impl Goal {
         self.history.push(HistoryEntry { at_ms, outcome, text: text.into() });
     }
 
-    /// An action failed: it is not asked for again for a while, which doubles.
+    /// Avoids a failed action for a while; the time doubles with each failure.
     pub(crate) fn avoid(
         &mut self,
         (agent, action): (AgentId, String),
@@ -282,13 +284,14 @@ impl Goal {
         avoidance.why.clone_from(&report.detail);
     }
 
-    /// An agent announced itself anew: what failed before may work now.
+    /// Makes all actions of an agent available again, because the agent has announced itself anew.
     pub(crate) fn forgive(&mut self, agent: &AgentId) {
         self.avoided.retain(|(avoided, _), _| avoided != agent);
     }
 
-    /// What failed and is not offered now has no chance: its agent knows of it by itself. When it
-    /// is offered again, it works again.
+    /// Compares the avoided actions with the present offers. An avoided action that is not offered now
+    /// is marked as withdrawn: its agent knows of the fault. When the agent offers it again, it is no
+    /// longer avoided.
     pub(crate) fn compare_with(&mut self, offers: &Offers) {
         self.avoided.retain(|(agent, action), avoidance| {
             let is_offered = offers.get(agent).is_some_and(|actions| actions.contains_key(action));
@@ -313,13 +316,14 @@ impl Goal {
             .collect()
     }
 
-    /// Whether an action is not tried again until its agent offers it anew.
-    /// What is to be kept is worth any number of tries, ever more rarely.
+    /// Whether an action is not tried again until its agent offers it anew. Always `false` for a kept
+    /// goal: it is tried any number of times, at growing intervals.
     fn is_done_with(&self, avoidance: &Avoidance) -> bool {
         self.keep == Keep::Achieve && (avoidance.is_refused || avoidance.times >= TRIES_MAX)
     }
 
-    /// When an action that failed may be tried again.
+    /// Returns the earliest time at which a failed action may be tried again; `None` if there is no
+    /// such action.
     pub(crate) fn next_chance(&self, now: Instant) -> Option<Instant> {
         self.avoided
             .values()
@@ -329,21 +333,20 @@ impl Goal {
             .min()
     }
 
-    /// Whether it was taken over so lately that those who could do it may not have been met yet: a
-    /// machine that was switched on with all others takes its time.
+    /// Whether the goal was taken over less than [`MEETING`] ago. The agents that could reach it may
+    /// not be known yet: after a power cut all machines start at once, some of them slowly.
     pub(crate) fn may_be_met_yet(&self, now: Instant) -> bool {
         self.taken_over.is_some_and(|taken_over| now < taken_over + MEETING)
     }
 
-    /// Whether this very goal is asked for once more, because its asker does not know that it was
-    /// heard.
+    /// Whether `asked` repeats this goal, because its initiator did not learn that it was received.
     pub(crate) fn is_asked_again(&self, by: &Engagement, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
         is_same && self.engagement.initiator == by.initiator
     }
 
-    /// Whether `asked` is this goal, asked for by a later life of its asker. Whoever asks twice in
-    /// one life wants it twice.
+    /// Whether `asked` is this goal, requested again by a later incarnation of its initiator. Two
+    /// requests of the same incarnation are two goals.
     pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
         is_same && self.engagement.initiator == *by && self.life < life

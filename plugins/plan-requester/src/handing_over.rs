@@ -1,7 +1,9 @@
-//! What a Plan Requester that stands down tells who acts now (design, “No single point of failure”).
+//! Hand-over from a leader that becomes a standby to the new leader (design, “No single point of
+//! failure”).
 //!
-//! The Journals may not have it: it was asked for on an island without any, or ended an instant ago.
-//! So it is told directly, until it is heard; of each goal the later version counts, as ever.
+//! The Journals may lack some goals: those that were requested in a partition without a Journal, or
+//! that ended a moment ago. So the former leader sends its records to the new leader directly, until
+//! they are confirmed. Of two records of a goal the later version counts, as everywhere.
 
 use std::time::Duration;
 
@@ -13,24 +15,24 @@ use agent::{Answer, Context, Engagement, Opening};
 use crate::PlanRequester;
 use crate::resuming::conversation_of;
 
-/// How long before it is told again where nobody has heard it, and how often: who acts may have left
-/// in the same moment, and a partition lasts minutes.
+/// Interval between tries to hand over, and their maximum number. The new leader may have left in the
+/// same moment, and a partition may last minutes.
 const AGAIN: Duration = Duration::from_secs(1);
 const TIMES_MAX: u32 = 600;
 
 impl PlanRequester {
-    /// Tells who acts now what this one knew, until it is heard.
+    /// Sends the records of this replica to the new leader, until it confirms them.
     pub(crate) fn hand_over(&mut self, records: Vec<Record>, times: u32, ctx: &mut Context<Self>) {
         if records.is_empty() {
             return;
         }
         if self.keeper.is_leading() {
-            // Its turn has come again.
+            // This replica is the leader again.
             return self.take_over(records, ctx);
         }
         let acts = ctx.find(ctx.id()).map(|resident| resident.incarnation);
         if acts.is_none_or(|life| life == ctx.incarnation()) {
-            // Who it is that acts is not known here yet.
+            // The new leader is not known here yet.
             return tell_again(records, times, ctx);
         }
         let opening = Opening {
@@ -51,7 +53,7 @@ impl PlanRequester {
         });
     }
 
-    /// Another life of this agent has stood down, and says what it knew.
+    /// Takes the records of another incarnation of this agent that has become a standby.
     pub(crate) fn handed(
         &mut self,
         message: &Message,
@@ -59,7 +61,8 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         if message.incarnation == ctx.incarnation() {
-            // While it was on its way, the name came back to who sent it. It is told again.
+            // The message came back to its own sender, which has become the leader meanwhile. The
+            // sender tries again.
             return;
         }
         let engagement = Engagement::of(message);
@@ -77,7 +80,7 @@ impl PlanRequester {
             .collect();
         self.recalled(records, ctx);
         for (id, version) in handed {
-            // It goes on here; and it is not known whether any Journal has it.
+            // The goal goes on here, and it is not known whether any Journal has this record.
             if self.goals.get(&id).is_some_and(|goal| goal.version == version) {
                 self.accept(&id, ctx);
             }
@@ -85,7 +88,7 @@ impl PlanRequester {
     }
 }
 
-/// Says it once more, a moment later, unless that was done too often.
+/// Tries again after [`AGAIN`], up to [`TIMES_MAX`] times.
 fn tell_again(records: Vec<Record>, times: u32, ctx: &mut Context<PlanRequester>) {
     if times >= TIMES_MAX {
         return tracing::warn!(goals = records.len(), "nobody takes over what it knew");

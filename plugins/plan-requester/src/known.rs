@@ -1,6 +1,6 @@
-//! The domain and the state as the Domain Maintainer knows them, read once for a round of
-//! planning: “the plan request compiles all the state and domain information that may be required
-//! to solve a planning problem” (the paper, “Plan Requester”).
+//! The domain and the state as the Domain Maintainer knows them, read once per round of planning: “the
+//! plan request compiles all the state and domain information that may be required to solve a planning
+//! problem” (the paper, “Plan Requester”).
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::OnceLock;
@@ -17,50 +17,51 @@ use planner::order::interference;
 use planner::validate::{Fault, World, cost_from};
 use planner::{Budget, Cancel, Options, StopReason};
 
-/// Candidates that grounding may look at for an explanation: a second, for the largest buildings.
+/// Maximum number of grounding candidates examined for an explanation: about a second in the largest
+/// buildings.
 const EXPLAINING_STEPS_MAX: u64 = 20_000_000;
 
-/// States that may be looked at for one: some seconds in the largest buildings.
+/// Maximum number of states examined for an explanation: some seconds in the largest buildings.
 const EXPLAINING_EXPANSIONS_MAX: u64 = 50_000;
 
-/// What is known, to plan in.
+/// Snapshot of domain and state that a round of planning works with.
 #[derive(Clone, Debug)]
 pub(crate) struct Known {
     pub(crate) epoch: u64,
     pub(crate) domain: Domain,
     pub(crate) problem: Problem,
-    /// The state that the problem begins in, or why there is none; for whoever asks first.
+    /// The initial state of the problem, or why it has none. Computed at first use.
     world: OnceLock<Result<World, String>>,
     pub(crate) domain_text: String,
     pub(crate) offers: Offers,
-    /// What everyone offers, planned with or not.
+    /// Offers of all agents, including those that are not planned with.
     pub(crate) all_offers: Offers,
-    /// The problem with everyone, planned with or not.
+    /// The problem with all agents, including those that are not planned with.
     whole: Problem,
-    /// What lets agents act by each schema.
+    /// The guards of each schema.
     pub(crate) guards: BTreeMap<Name, Guard>,
-    /// What agents could do that offer it no longer.
+    /// Action models of agents that no longer offer them.
     former: Vec<ActionModel>,
-    /// The words of the domain for what is unknown.
+    /// The predicates that the domain uses for unknown facts.
     knowledge: Knowledge,
-    /// The same as they travel.
+    /// The same, as it is sent in messages.
     pub(crate) words: BTreeMap<String, content::Auxiliary>,
     pub(crate) avoided: Avoided,
-    /// Agents that other goals needed, and that are not planned with.
+    /// Agents that other goals use; they are not planned with.
     pub(crate) spared: BTreeSet<AgentId>,
 }
 
-/// Actions that a goal's earlier plans failed with: they are not asked for again for a while.
+/// Actions that failed in earlier plans of a goal. They are avoided for a while.
 pub(crate) type Avoided = BTreeMap<(AgentId, String), Held>;
 
-/// What is held against an action.
+/// Why an action is avoided, and for how long.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Held {
-    /// For a person.
+    /// The reason, as text for a person.
     pub(crate) why: String,
-    /// Whether it is not tried again for this goal.
+    /// Whether the action is never tried again for this goal.
     pub(crate) is_for_good: bool,
-    /// Whether its agent does not offer it any more.
+    /// Whether the agent no longer offers the action.
     pub(crate) is_withdrawn: bool,
 }
 
@@ -69,7 +70,7 @@ impl Known {
     ///
     /// # Errors
     ///
-    /// If it is no PDDL, for a person.
+    /// Returns an error if the snapshot is not valid PDDL, as text for a person.
     pub(crate) fn read(snapshot: Snapshot) -> Result<Known, String> {
         let Snapshot { epoch, domain, problem, offers, guards, former, knowledge, .. } = snapshot;
         let domain_text = domain;
@@ -80,7 +81,7 @@ impl Known {
             (Name::new(&inside), Guard { outside, predicate })
         };
         let guards = guards.into_iter().map(guard).collect();
-        // What cannot be read explains nothing.
+        // A former model that cannot be parsed is left out: it would explain nothing.
         let read = |text: &String| pddl::parse_action_model(text).into_result().ok();
         let former = former.iter().filter_map(read).collect();
         let (all_offers, whole, avoided) = (offers.clone(), problem.clone(), Avoided::new());
@@ -102,7 +103,7 @@ impl Known {
         })
     }
 
-    /// The same without the actions that failed a moment ago.
+    /// Returns the snapshot without the actions that failed a moment ago.
     pub(crate) fn avoiding(mut self, avoided: Avoided) -> Known {
         let guards = take_avoided(&mut self.offers, &avoided);
         if !guards.is_empty() {
@@ -113,7 +114,7 @@ impl Known {
         self
     }
 
-    /// The same without the agents that other goals need.
+    /// Returns the snapshot without the agents that other goals use.
     pub(crate) fn sparing(mut self, reserved: &BTreeSet<AgentId>) -> Known {
         let taken = reserved.iter().filter_map(|agent| self.offers.remove(agent));
         let guards = taken.flat_map(BTreeMap::into_values).map(|offer| offer.guard).collect();
@@ -122,9 +123,9 @@ impl Known {
         self
     }
 
-    /// Takes out of the problem that agents can act by these guards, as offers tell them.
+    /// Removes these guards from the problem, so that their agents cannot act in plans.
     fn leave_out(&mut self, guards: &BTreeSet<String>) {
-        // Ours to read: a Domain Maintainer prints them.
+        // Parsing cannot fail here: a Domain Maintainer printed the guards.
         let read = |guard: &String| pddl::parse_init_elements(guard).into_result().ok();
         let guards: HashSet<InitElement> = guards.iter().filter_map(read).flatten().collect();
         self.problem.init.retain(|fact| !guards.contains(fact));
@@ -137,31 +138,32 @@ impl Known {
         world.as_ref().map_err(String::as_str)
     }
 
-    /// A condition in the words of the domain: that it is known to hold.
+    /// Translates a condition into the predicates of the domain: that it is known to hold.
     pub(crate) fn sure(&self, condition: &Condition) -> Condition {
         self.knowledge.sure(condition)
     }
 
-    /// The problem of reaching `goal` for sure from here.
+    /// Returns the problem of reaching `goal`, known to hold, from the present state.
     pub(crate) fn problem_of(&self, goal: &Condition) -> Problem {
         Problem { goal: self.knowledge.sure(goal), ..self.problem.clone() }
     }
 
-    /// What of a goal is not known to hold: ground conjuncts.
+    /// Returns the ground conjuncts of a goal that are not known to hold.
     pub(crate) fn open_conjuncts(&self, goal: &Condition) -> Result<Vec<Condition>, String> {
         let world = self.world()?;
         let conjuncts = self.conjuncts(world, goal).into_iter();
         Ok(conjuncts.filter(|conjunct| !self.holds_in(world, conjunct)).collect())
     }
 
-    /// The parts of a goal, in the words of who asked for it; itself, if it cannot be taken apart.
+    /// Returns the conjuncts of a goal in the predicates that the goal uses; the goal itself if it
+    /// cannot be split.
     pub(crate) fn parts(&self, goal: &Condition) -> Vec<Condition> {
         self.world().map_or_else(|_| vec![goal.clone()], |world| self.conjuncts(world, goal))
     }
 
-    /// The same of a state.
+    /// Splits a goal into its conjuncts in a given state.
     fn conjuncts(&self, world: &World, goal: &Condition) -> Vec<Condition> {
-        // A device that has left may have said of a room what no device derives there now.
+        // A fact about a room may come from a device that has left, although no device derives it now.
         let is_unknown = |atom: &pddl::Atom| {
             let unknown = self.knowledge.unknown(atom);
             unknown.is_some_and(|unknown| world.holds(&Condition::Atom(unknown)))
@@ -174,7 +176,8 @@ impl Known {
         world.holds(&self.knowledge.sure(condition))
     }
 
-    /// A conjunct of a goal that the goal also wants not to hold.
+    /// Returns a conjunct that the goal requires and also requires not to hold; `None` if there is
+    /// none.
     pub(crate) fn contradiction(&self, goal: &Condition) -> Option<Condition> {
         let conjuncts = self.conjuncts(self.world().ok()?, goal);
         let denied = conjuncts.iter().filter_map(|conjunct| match conjunct {
@@ -185,7 +188,7 @@ impl Known {
         conjuncts.iter().find(|conjunct| denied.contains(conjunct)).cloned()
     }
 
-    /// Whether not even the relaxation reaches a condition, with everyone's actions.
+    /// Whether a condition is unreachable even in the relaxation, with the actions of all agents.
     pub(crate) fn is_hopeless(&self, condition: &Condition, cancel: &Cancel) -> bool {
         let Ok(open) = self.open_conjuncts(condition) else { return true };
         let open: Vec<_> = open.iter().map(|part| self.knowledge.sure(part)).collect();
@@ -193,7 +196,8 @@ impl Known {
             .is_ok_and(|unreachable| !unreachable.is_empty())
     }
 
-    /// How a ground condition that is not known to hold stands, for a person.
+    /// Returns the status of a ground condition that is not known to hold (false or unknown), as text
+    /// for a person.
     pub(crate) fn standing(&self, condition: &Condition) -> String {
         let denied = Condition::Not(Box::new(condition.clone()));
         match self.holds(&denied) {
@@ -202,8 +206,8 @@ impl Known {
         }
     }
 
-    /// Why a ground condition does not hold, where what is known says all: it is unknown, or a number is
-    /// other than it should be and no action changes it.
+    /// Returns why a ground condition does not hold, if the known facts alone explain it: the condition
+    /// is unknown, or it compares numbers that no action changes. Otherwise `None`.
     pub(crate) fn plain_reason(&self, condition: &Condition) -> Option<String> {
         let standing = self.standing(condition);
         let denied = Condition::Not(Box::new(condition.clone()));
@@ -239,15 +243,15 @@ impl Known {
         self.world().is_ok_and(|world| self.holds_in(world, condition))
     }
 
-    /// Whether a plan can run beside steps of others, and leaves what they have reached of their
-    /// goals; the steps are told under the names of their agents.
+    /// Whether a plan can run beside the remaining steps of other plans without undoing what already
+    /// holds of their goals. The steps use the action names of their agents.
     pub(crate) fn can_run_beside<'g>(
         &self,
         plan: &Plan,
         steps: impl IntoIterator<Item = &'g PlanStep>,
         goals: impl IntoIterator<Item = &'g Condition>,
     ) -> bool {
-        // A step that nobody offers any more fails by itself.
+        // A step that no agent offers any more fails by itself.
         let named = |step: &PlanStep| self.named(step, &self.all_offers).ok();
         let theirs: Vec<_> = steps.into_iter().filter_map(named).collect();
         self.world().is_ok_and(|now| {
@@ -255,7 +259,7 @@ impl Known {
         })
     }
 
-    /// Whether what holds now of some goals holds at the end of a plan.
+    /// Whether every conjunct of these goals that holds now also holds after a plan.
     fn leaves<'g>(
         &self,
         now: &World,
@@ -270,15 +274,16 @@ impl Known {
         reached.all(|conjunct| !self.holds_in(now, &conjunct) || self.holds_in(&end, &conjunct))
     }
 
-    /// What it costs to do the rest of a plan from here; `None` if it does not reach its goal.
+    /// Returns the cost of the remaining steps of a plan from the present state; `None` if they do not
+    /// reach the goal.
     pub(crate) fn cost_of_rest(&self, steps: &[PlanStep], goal: &Condition) -> Option<f64> {
         let steps = steps.iter().map(|step| self.named(step, &self.all_offers));
         let plan = Plan { steps: steps.collect::<Result<_, _>>().ok()?, cost: None };
         self.validate(&plan, goal).ok()
     }
 
-    /// The steps of a plan from the first on after which all agents are there, under the names of
-    /// the composite domain; `None` if there are none.
+    /// Returns the longest tail of a plan that consists of steps which agents still offer, with the
+    /// action names of the composite domain; `None` if it is empty.
     pub(crate) fn nameable(&self, steps: &[PlanStep]) -> Option<Plan> {
         let named = steps.iter().rev().map_while(|step| self.named(step, &self.all_offers).ok());
         let mut steps: Vec<_> = named.collect();
@@ -286,8 +291,9 @@ impl Known {
         (!steps.is_empty()).then_some(Plan { steps, cost: None })
     }
 
-    /// A plan of everybody for parts of a goal, within the bounds of an explanation, and why planning
-    /// ended; `None` if nothing can be planned.
+    /// Plans with the actions of all agents for some conjuncts of a goal, within the bounds of an
+    /// explanation. Returns the plan, if any, and why planning ended; `None` if planning is not
+    /// possible at all.
     pub(crate) fn plan_for(
         &self,
         parts: &[Condition],
@@ -299,16 +305,16 @@ impl Known {
         Some((outcome.plan, outcome.stop_reason))
     }
 
-    /// Which of these not even the relaxation reaches, where no action undoes another, and what is
-    /// missing.
+    /// Returns which of these conjuncts are unreachable even in the relaxation, where no action undoes
+    /// another, and what is missing for them. `None` if the domain cannot be analysed.
     pub(crate) fn explain(&self, conjuncts: &[Condition], cancel: &Cancel) -> Option<Explanation> {
         let Known { domain, whole: problem, guards, former, .. } = self;
         let known = explain::Known { domain, problem, guards, former };
-        // What cannot be analyzed explains nothing.
+        // A domain that cannot be analysed gives no explanation.
         explain::explain(known, conjuncts, &bounded(), cancel).ok()
     }
 
-    /// One plan of several agents' plans, under the names of the composite domain.
+    /// Joins the plans of several agents into one, with the action names of the composite domain.
     pub(crate) fn combine(&self, plans: &[&str]) -> Result<Plan, String> {
         let mut steps = Vec::new();
         for text in plans {
@@ -320,21 +326,21 @@ impl Known {
         Ok(Plan { steps, cost: None })
     }
 
-    /// The cost of a plan that reaches `goal`, or why it does not.
+    /// Returns the cost of a plan that reaches `goal`, or why it does not reach it.
     pub(crate) fn validate(&self, plan: &Plan, goal: &Condition) -> Result<f64, String> {
         let goal = self.knowledge.sure(goal);
         let fault = |fault: Box<Fault>| fault.map(|part| self.knowledge.plain(part)).to_string();
         cost_from(self.world()?, &plan.steps, &goal).map_err(fault)
     }
 
-    /// Whether a plan of an agent's own has steps, nothing is held against any of them, and all are
-    /// offered.
+    /// Whether an agent's plan is not empty, and all its steps are offered and not avoided.
     pub(crate) fn admits(&self, plan: &str) -> bool {
         self.combine(&[plan]).is_ok_and(|plan| !plan.steps.is_empty())
     }
 
-    /// Whether a plan has a step that its agent is not known to offer, though the agent itself is known: it
-    /// has announced a newer action model, which the Domain Maintainer has not heard yet.
+    /// Whether a plan has a step that its agent is not known to offer, though the agent itself is
+    /// known: the agent has announced a newer action model, which the Domain Maintainer does not have
+    /// yet.
     pub(crate) fn is_behind(&self, plan: &str) -> bool {
         let is_newer = |step: &PlanStep| {
             let agent = step.arguments.first().map_or("", |agent| agent.as_str());
@@ -344,7 +350,7 @@ impl Known {
         pddl::parse_plan(plan).into_result().is_ok_and(|plan| plan.steps.iter().any(is_newer))
     }
 
-    /// Whether an agent's plan alone reaches all that it is proposed for.
+    /// Whether the plan of a proposal alone reaches all conjuncts that the proposal covers.
     pub(crate) fn is_sound(&self, proposal: &Proposal) -> bool {
         let read = |text: &String| pddl::parse_condition(text).into_result().ok();
         let covered: Option<Vec<_>> = proposal.covers.iter().map(read).collect();
@@ -363,7 +369,7 @@ impl Known {
         self.named(&step, &self.offers)
     }
 
-    /// A step of an agent's own naming, under the names of the composite domain.
+    /// Translates a step from the action name of its agent to that of the composite domain.
     fn named(&self, step: &PlanStep, offers: &Offers) -> Result<PlanStep, String> {
         let offer = step
             .arguments
@@ -374,13 +380,13 @@ impl Known {
         Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
     }
 
-    /// A plan for people: every action under the name its agent knows.
+    /// Translates a plan for people: every action gets the name that its agent uses.
     pub(crate) fn outside(&self, plan: &Plan) -> Plan {
         let steps = plan.steps.iter().map(|step| outside(step, &self.offers));
         Plan { steps: steps.collect(), cost: plan.cost }
     }
 
-    /// The offers of the agents that act in a plan.
+    /// Returns the offers of the agents that act in a plan.
     pub(crate) fn offers_of(&self, plan: &Plan) -> Offers {
         let acting: BTreeSet<&str> = plan
             .steps
@@ -394,7 +400,7 @@ impl Known {
     }
 }
 
-/// A step under the name that its agent knows the action by.
+/// Translates a step to the action name that its agent uses.
 pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
     let agent = step.arguments.first().map_or("", |agent| agent.as_str());
     let offered = offers.get(agent).into_iter().flatten();
@@ -403,7 +409,7 @@ pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
     PlanStep { action: action.into(), ..step.clone() }
 }
 
-/// What looking for a reason may take.
+/// Bounds of the search for an explanation.
 fn bounded() -> Options {
     let budget = Budget {
         join_steps_max: EXPLAINING_STEPS_MAX,
@@ -413,13 +419,13 @@ fn bounded() -> Options {
     Options { budget, ..Options::default() }
 }
 
-/// What looking for a plan of several agents may take: it is for a sentence.
+/// Bounds of the search for a plan of several agents, which is needed for one sentence only.
 fn looking() -> Options {
     let budget = Budget { expansions_max: EXPLAINING_EXPANSIONS_MAX, ..bounded().budget };
     Options { budget, ..Options::default() }
 }
 
-/// Takes the avoided actions out of the offers; yields the facts that stood for them.
+/// Removes the avoided actions from the offers; returns their guards.
 fn take_avoided(offers: &mut Offers, avoided: &Avoided) -> BTreeSet<String> {
     let mut guards = BTreeSet::new();
     for (agent, action) in avoided.keys() {

@@ -1,11 +1,13 @@
-//! The Plan Requester (the paper, “Plan Requester”): takes goals, sees to it that there is a plan
-//! for each, and that the plan is carried out.
+//! The Plan Requester (the paper, “Plan Requester”): takes goals, obtains a plan for each, and has the
+//! plan carried out.
 //!
 //! - `request` (a goal) from a user or an agent → `confirm`s of progress and outcome.
-//! - Asks the Domain Maintainer for domain and state, then, by the ecosystem's mode, the Planning
-//!   Agent (`planning`) or all actuators (`calling`); asks the Plan Executor to execute.
-//! - Replans at once when a plan fails, and says why. Keeps the goals that are to be kept.
-//! - Several goals run side by side, and no plan breaks another's causal links (`sharing`).
+//! - Reads domain and state from the Domain Maintainer. Then, by the ecosystem's mode, asks the
+//!   Planning Agent for a plan (`planning`) or calls all actuators for proposals (`calling`). Asks the
+//!   Plan Executor to execute the chosen plan.
+//! - Replans at once when a plan fails, and reports the reason. Plans again for a kept goal whenever it
+//!   no longer holds.
+//! - Several goals run side by side; no plan breaks another's causal links (`sharing`).
 //!
 //! Start reading at `PlanRequester::consider`.
 
@@ -43,28 +45,29 @@ use crate::ended::Ended;
 use crate::goal::{FAILURES_MAX, Goal, Phase};
 use crate::known::{Known, first};
 
-/// Goals kept at a time. A building has tens; what comes beyond is refused, not forgotten.
+/// Maximum number of goals pursued at a time. A building has tens. A further goal is refused, not
+/// dropped.
 const GOALS_MAX: usize = 256;
 
-/// How long changes of the world settle before goals are considered again: news of one event
-/// come in several messages.
+/// Delay between a change of the world and the next look at the goals. News of one event arrive in
+/// several messages.
 const SETTLING: Duration = Duration::from_millis(20);
 
-/// How long before a second look where there is no plan: what an agent has just said of itself is
-/// known here by then, also on a busy machine.
+/// Delay before planning again when no plan was found. By then the latest announcements of all agents
+/// have arrived here, also on a busy machine.
 const CROSSING: Duration = Duration::from_millis(100);
 
-/// How often goals that wait for the world to change, or hold, are looked at though no news have come:
-/// news to all may be lost.
+/// Interval at which waiting and holding goals are checked even if no news have come. A broadcast may
+/// be lost.
 const LOOK_AGAIN: Duration = Duration::from_secs(10);
 
-/// How long to wait before asking again where nobody answered.
+/// Delay before a question is asked again that received no answer.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
 
-/// How long before an end is told again for which there was no room.
+/// Delay before the outcome of a goal is sent again, if there was no room for it in the outbox.
 const TELL_AGAIN: Duration = Duration::from_millis(200);
 
-/// How long a plan that was declined because an actuator is busy waits for it.
+/// Delay before a plan is tried again that was declined because an actuator is busy.
 const BUSY: Duration = Duration::from_millis(200);
 
 /// The line in the daemon's table of plugins.
@@ -76,14 +79,14 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The entry's `config`: who does the rest of the reasoning.
+/// The entry's `config`: the names of the other reasoning agents.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 struct Config {
     domain_maintainer: AgentId,
     planning_agent: AgentId,
     plan_executor: AgentId,
-    /// Whether a plan that failed is made anew. Off only to show that it matters.
+    /// Whether a new plan is made when a plan fails. Off only in tests that show its effect.
     replanning: bool,
 }
 
@@ -120,9 +123,9 @@ struct PlanRequester {
     goals: BTreeMap<ConversationId, Goal>,
     ended: Ended,
     keeper: Keeper<PlanRequester>,
-    /// Looks whether running plans could be much cheaper.
+    /// Work that checks whether running plans could be much cheaper.
     comparing: Option<Work>,
-    /// Until the ends are told that could not be told before.
+    /// Timer until the next try to send outcomes that could not be sent before.
     telling: Option<TimerId>,
 }
 
@@ -172,7 +175,7 @@ impl Agent for PlanRequester {
 }
 
 impl PlanRequester {
-    // === asked ===
+    // === requests ===
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let engagement = Engagement::of(&message);
@@ -220,8 +223,9 @@ impl PlanRequester {
         }
     }
 
-    /// A later life of an agent asks for what a former one asked for, who can neither hear of it
-    /// nor give it up any more: the goal is kept once.
+    /// Cancels the goals that an earlier incarnation of the sender asked for and that `asked` repeats.
+    /// The earlier incarnation can no longer receive their outcome or cancel them, so one goal is
+    /// enough.
     fn take_place(&mut self, message: &Message, asked: &Achieve, ctx: &mut Context<Self>) {
         let (by, life) = (&message.sender, message.incarnation);
         let former = self.goals.iter().filter(|(_, goal)| goal.is_asked_anew(by, life, asked));
@@ -265,14 +269,15 @@ impl PlanRequester {
         let id = &message.conversation_id;
         let is_here = self.goals.contains_key(id);
         self.cancel(id, ctx);
-        // Not the one who asked for the goal: it is answered for itself.
+        // A `cancel` within the goal's own exchange gets the goal's final report and needs no answer of
+        // its own. Only a sender that opens an exchange for the `cancel` is answered here.
         let other = message.opens_exchange().then(|| Engagement::of(&message));
         if !is_here {
             let unknown = || format!("there is no goal `{id}`");
             other.iter().for_each(|other| ctx.refuse(other, Reason::Unknown, unknown()));
             return;
         }
-        // Said when it is kept: whoever acts next gives it up too.
+        // Confirmed only when it is on record: then a standby that takes over cancels the goal too.
         self.keep_given_up(id, ctx, move |ctx| {
             let report = Report::new(Outcome::Cancelled, "the goal is given up");
             other.iter().for_each(|other| ctx.answer(other, Performative::Confirm, &report));
@@ -304,7 +309,7 @@ impl PlanRequester {
 
     // === considering ===
 
-    /// Looks whether a goal holds and, if it does not and nothing comes first, plans for it.
+    /// Checks whether a goal holds. If it does not, and no other goal comes first, plans for it.
     fn consider(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if let Some(why) = self.waits_for_the_others(id, ctx) {
             return self.wait_for_the_others(id, why, ctx);
@@ -402,7 +407,7 @@ impl PlanRequester {
                     self.tell(id, resuming::holding(), ctx);
                 }
                 if was_planned_for {
-                    // Whoever takes over need not read it.
+                    // A replica that takes over does not need this plan.
                     self.forget_plan(id, ctx);
                 }
                 self.settle_within(id, LOOK_AGAIN, ctx);
@@ -413,7 +418,7 @@ impl PlanRequester {
 
     // === waiting ===
 
-    /// A plan failed or could not be made: try again after `wait`, or give the goal up.
+    /// Handles a plan that failed or could not be made: tries again after `wait`, or gives the goal up.
     fn retry(&mut self, id: &ConversationId, why: String, wait: Duration, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.failures += 1;
@@ -422,14 +427,15 @@ impl PlanRequester {
             let detail = format!("given up after {} plans: {why}", goal.rounds);
             return self.end(id, Outcome::Failed, detail, ctx);
         }
-        // At once at first; then slower, so that a broken world is not a busy one.
+        // The first retries are immediate. Later ones back off, so that a permanent fault does not load
+        // the machine.
         let backoff = Duration::from_millis(100 << goal.failures.min(6)) * goal.failures.min(1);
         let wait = if goal.failures <= 3 { wait } else { wait.max(backoff) };
         self.tell(id, Report::new(Outcome::Progress, format!("planning anew: {why}")), ctx);
         self.wait(id, why, wait, ctx);
     }
 
-    /// Considers a goal again after `wait`. Others may come first meanwhile.
+    /// Considers a goal again after `wait`. Other goals may be planned for meanwhile.
     fn wait(&mut self, id: &ConversationId, why: String, wait: Duration, ctx: &mut Context<Self>) {
         let considered = id.clone();
         let timer = ctx.after(wait, move |requester: &mut Self, ctx| {
@@ -447,19 +453,20 @@ impl PlanRequester {
         self.next(ctx);
     }
 
-    /// There is no plan, and none at a second look either: a goal to be achieved ends here; one to
-    /// be kept waits until the ecosystem changes, or until what failed may be tried again.
+    /// Handles that there is no plan. While news may still be on their way, plans once more. After that
+    /// a goal to be achieved ends; a kept goal waits until the ecosystem changes, or until a failed
+    /// action may be tried again.
     fn no_plan(&mut self, id: &ConversationId, why: String, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         if std::mem::take(&mut goal.is_overtaken) {
-            // It was looked for in a world that has changed meanwhile.
+            // The search used a state of the world that is out of date.
             return self.wait(id, why, SETTLING, ctx);
         }
         let now = ctx.now();
         let chance = goal.next_chance(now);
         if chance.is_none() && self.config.replanning {
-            // News may have crossed: agents know of themselves what is not known here yet. And
-            // whoever could do it may be away for a blink.
+            // An agent may know facts about itself that have not arrived here yet. An agent that could
+            // reach the goal may be absent for a moment.
             let patience = CROSSING.max(ctx.settings().grace);
             let rest = patience.saturating_sub(now - *goal.unsolved_since.get_or_insert(now));
             if !rest.is_zero() || goal.may_be_met_yet(now) {
@@ -485,7 +492,7 @@ impl PlanRequester {
         }
     }
 
-    // === telling ===
+    // === reports ===
 
     fn tell(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
@@ -506,7 +513,7 @@ impl PlanRequester {
         }
     }
 
-    /// Tells an asker the end of its goal, now or when there is room for it.
+    /// Sends the outcome of a goal to its initiator: now, or when there is room in the outbox.
     fn tell_or_later(&mut self, to: &Engagement, report: Report, ctx: &mut Context<Self>) {
         if ctx.try_answer(to, Performative::Confirm, &report).is_err() {
             self.ended.not_told(to.clone(), report);
@@ -514,7 +521,7 @@ impl PlanRequester {
         }
     }
 
-    /// Tells, in a while, the ends that could not be told before.
+    /// Starts the timer after which pending outcomes are sent.
     fn tell_untold_soon(&mut self, ctx: &mut Context<Self>) {
         if self.telling.is_none() {
             self.telling = Some(ctx.after(TELL_AGAIN, |requester: &mut Self, ctx| {
@@ -559,9 +566,10 @@ impl PlanRequester {
         self.next(ctx);
     }
 
-    // === hearing ===
+    // === changes of the world ===
 
-    /// The world changed: goals that hold may not, goals that wait may find a plan.
+    /// Handles a change of the world: a goal that held may not hold now, and a waiting goal may have a
+    /// plan.
     fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
         if message.sender != self.config.domain_maintainer {
             return;
@@ -569,7 +577,7 @@ impl PlanRequester {
         let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() else { return };
         let agents_changed = !change.joined.is_empty() || !change.left.is_empty();
         let mut concerned = Vec::new();
-        // Whoever is planned for says when the next has its turn.
+        // When planning for one goal ends, the next goal is taken up from there.
         let is_busy = self.goals.values().any(|goal| goal.phase.is_planning());
         for (id, goal) in &mut self.goals {
             change.joined.iter().for_each(|agent| goal.forgive(agent));
@@ -581,7 +589,7 @@ impl PlanRequester {
             let is_concerned = match goal.phase {
                 Phase::Queued => !is_busy,
                 Phase::Waiting(_) | Phase::Holding => true,
-                // What others are using is not freed by news of the state.
+                // A change of state does not free the agents that other goals use.
                 Phase::Blocked(_) => agents_changed,
                 _ => false,
             };
@@ -615,20 +623,22 @@ impl PlanRequester {
     }
 }
 
-/// What nobody can read in a goal, seen from the composite domain.
+/// Returns the errors in a goal, checked against the composite domain.
 fn errors_in(goal: &Goal, known: &Known) -> Vec<pddl::Diagnostic> {
     let diagnostics = pddl::check::check_condition(&known.domain, &known.problem, &goal.condition);
     diagnostics.into_iter().filter(pddl::Diagnostic::is_error).collect()
 }
 
-/// What a goal that could be read speaks of and has gone with whoever brought it, for a person.
+/// Returns the parts of a goal that were valid before and are not now, because the agent that brought
+/// them has left; as text for a person. `None` if there are none.
 fn lost_to(goal: &Goal, known: &Known) -> Option<String> {
     let errors = errors_in(goal, known);
     let lost: Vec<_> = errors.iter().map(|error| error.message.as_str()).collect();
     (!lost.is_empty()).then(|| format!("{}: who brought it is not here", lost.join(", ")))
 }
 
-/// What is wrong in a goal, seen from the composite domain.
+/// Returns what is wrong in a goal, checked against the composite domain, as text for a person. `None`
+/// if nothing is.
 fn wrong_in(goal: &Goal, known: &Known) -> Option<String> {
     let errors = errors_in(goal, known);
     if errors.is_empty() {

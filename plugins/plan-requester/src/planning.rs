@@ -49,7 +49,7 @@ impl PlanRequester {
         goal.phase = Phase::Planning(token);
     }
 
-    /// Tells what changed since the last round, before planning anew.
+    /// Reports what changed since the last round of planning.
     pub(crate) fn tell_news(
         &mut self,
         id: &ConversationId,
@@ -120,7 +120,7 @@ impl PlanRequester {
         }
     }
 
-    /// The plan of a proposal, if it has one that is valid here.
+    /// Returns the plan of a proposal and its cost, or why it has none that is valid here.
     fn judge(
         &self,
         id: &ConversationId,
@@ -140,8 +140,8 @@ impl PlanRequester {
     }
 }
 
-/// Which part of a goal cannot be reached and what is missing, where the relaxation shows it; else
-/// what `otherwise` makes of it.
+/// Explains which conjuncts cannot be reached and what is missing, if known facts or the relaxation
+/// show it; otherwise returns the text of `otherwise`. `None` if the domain cannot be analysed.
 pub(crate) fn explain(
     known: &Known,
     open: &[Condition],
@@ -156,7 +156,8 @@ pub(crate) fn explain(
     let obstacles = explaining::obstacles(&explanation, &known.avoided);
     match (plain.is_empty(), obstacles) {
         (true, Some(obstacles)) => Some(obstacles),
-        // With it there may be a plan: what is in the way is not how the steps interfere.
+        // The avoided action may be all that is missing, so `otherwise`, which blames interference,
+        // would mislead.
         (true, None) if !known.avoided.is_empty() => {
             Some(format!("there is no other way{}", explaining::held(&known.avoided)))
         }

@@ -1,13 +1,15 @@
-//! Goals that outlive their Plan Requester (design, “No single point of failure”).
+//! Fail-over of goals from one replica of the Plan Requester to another (design, “No single point of
+//! failure”).
 //!
-//! - What a goal is and where it stands is kept by the Journals: `goal/CONVERSATION`, and while a
-//!   plan of it runs, `plan/CONVERSATION`. A goal is accepted once it is on disk here and on one
-//!   other machine that can be reached; the asker hears how many have it.
-//! - Whose turn to act has come goes on with every goal from there: it asks for the plan that was
-//!   under way, with the steps that are known to be done; what runs already is not begun again.
-//! - After a partition both sides may have gone on. Then who acts after it goes on as it did, unless
-//!   only the other has a plan under way; what has ended on either side has ended. The plan that
-//!   loses is given up: nobody goes on with its steps, and so their actuators end them.
+//! - The Journals keep a record of each goal, `goal/CONVERSATION`, and while its plan runs, of the
+//!   plan, `plan/CONVERSATION`. A goal is accepted once it is on disk on this machine and on one other
+//!   that can be reached. The initiator is told which Journals have it.
+//! - A new leader resumes every goal from these records. It asks the executor for the plan that was
+//!   running, with the steps that are known to be done; a running step is not begun again.
+//! - After a heal, both sides of a partition may have pursued the same goal. The merge rule: (1) an end
+//!   on either side is final; (2) the surviving leader keeps its own state of the goal, unless only the
+//!   other side has a running plan; (3) the losing plan is given up: no executor continues its steps,
+//!   and so their actuators end them.
 
 use std::collections::BTreeMap;
 
@@ -26,25 +28,25 @@ use crate::{PlanRequester, SETTLING};
 const GOAL: &str = "goal/";
 const PLAN: &str = "plan/";
 
-/// What is kept of a goal.
+/// Replicated record of a goal.
 #[derive(Debug, Serialize, Deserialize)]
 struct GoalRecord {
     engagement: Engagement,
-    /// Which life of its asker asked for it.
+    /// Incarnation of the initiator that asked for the goal.
     life: Incarnation,
     asked: Achieve,
     rounds: u32,
     failures: u32,
-    /// The plan that runs, if one does.
+    /// The running plan; `None` if none runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     running: Option<Running>,
-    /// What has happened, oldest first. Records of older versions do not have it.
+    /// History of the goal, oldest entry first. Records of older versions lack it.
     #[serde(default)]
     happened: Vec<HistoryEntry>,
-    /// Whether it is being given up: who asked for that was told that it is.
+    /// Whether the goal is being cancelled. The agent that asked for this was told that it is.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     cancelled: bool,
-    /// How it ended, if it has.
+    /// The final report; `None` if the goal has not ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     ended: Option<Report>,
 }
@@ -53,7 +55,7 @@ struct GoalRecord {
 struct Running {
     term: u64,
     round: u32,
-    /// The steps that are known to be done.
+    /// Indices of the steps that are known to be done.
     done: Vec<u32>,
 }
 
@@ -82,7 +84,7 @@ impl Keeps for PlanRequester {
                 Err(error) => tracing::warn!(key, %error, "a goal that cannot be read"),
             }
         }
-        // Of goals that are forgotten.
+        // These plans belong to goals that have no record any more.
         for (id, plan) in plans {
             let id = ConversationId::new(&id);
             self.call_off(&id, &plan, 0, ctx);
@@ -93,9 +95,10 @@ impl Keeps for PlanRequester {
 }
 
 impl PlanRequester {
-    // === keeping ===
+    // === replication ===
 
-    /// Has the Journals keep a new goal, and tells its asker who does.
+    /// Sends the record of a new goal to the Journals, and reports to the initiator which of them have
+    /// it.
     pub(crate) fn accept(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if self.keeper.journals().is_empty() {
             if self.goals.get(id).is_some_and(|goal| goal.partition == Partition::Wait) {
@@ -117,14 +120,14 @@ impl PlanRequester {
         });
     }
 
-    /// Has the Journals keep where a goal stands now.
+    /// Sends the present record of a goal to the Journals.
     pub(crate) fn keep(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if let Some(record) = self.record(id) {
             self.send(&[record], ctx);
         }
     }
 
-    /// Has the Journals keep where a goal stands now, with its plan.
+    /// Sends the present record of a goal and its plan to the Journals.
     pub(crate) fn keep_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if self.keeper.journals().is_empty() {
             return;
@@ -136,7 +139,8 @@ impl PlanRequester {
         self.send(&records, ctx);
     }
 
-    /// Has the Journals keep that a goal is given up; `then` is told when they do.
+    /// Records in the Journals that a goal is cancelled, and calls `then` once enough of them have
+    /// answered or the time for an answer has passed.
     pub(crate) fn keep_given_up(
         &mut self,
         id: &ConversationId,
@@ -149,7 +153,7 @@ impl PlanRequester {
         keeping::keep(self, &[record], ctx, move |_, _, ctx| then(ctx));
     }
 
-    /// A Journal is here, or here again: it may have missed anything.
+    /// Sends all records again. Called when a Journal joins, which may have missed any of them.
     pub(crate) fn keep_all(&mut self, ctx: &mut Context<Self>) {
         let goals: Vec<_> = self.goals.keys().cloned().collect();
         goals.iter().for_each(|id| self.keep_plan(id, ctx));
@@ -159,7 +163,8 @@ impl PlanRequester {
         }
     }
 
-    /// An asker is here, or here again: it may have missed how its goals ended.
+    /// Sends an initiator that has joined the outcomes of its goals and which of them hold. It may have
+    /// missed them.
     pub(crate) fn tell_ends(&mut self, asker: &Resident, ctx: &mut Context<Self>) {
         for (engagement, report) in self.ended.of_asker(asker) {
             self.tell_or_later(&engagement, report, ctx);
@@ -172,7 +177,7 @@ impl PlanRequester {
         }
     }
 
-    /// Has the Journals keep how a goal ended, and forget those that ended long ago.
+    /// Records in the Journals how a goal ended, and removes the records of goals that ended long ago.
     pub(crate) fn keep_end(&mut self, goal: &Goal, report: Report, ctx: &mut Context<Self>) {
         if self.keeper.journals().is_empty() {
             return;
@@ -199,8 +204,8 @@ impl PlanRequester {
         self.send(&records, ctx);
     }
 
-    /// Has the Journals forget the plan of a goal that has ended, or holds: whoever ended it may not
-    /// have known of this one, which was made on the other side of a partition.
+    /// Removes the plan of a goal that has ended or holds from the Journals. The replica that ended the
+    /// goal may not know of this plan, if the plan was made on the other side of a partition.
     pub(crate) fn forget_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let forgotten = self.keeper.write(format!("{PLAN}{id}"), Value::Null);
         self.send(&[forgotten], ctx);
@@ -216,7 +221,7 @@ impl PlanRequester {
         Some(record)
     }
 
-    /// What is known of a goal, and the plan that runs for it.
+    /// Returns the records of a goal and of its running plan, if one runs.
     fn records_of(&mut self, id: &ConversationId) -> Vec<Record> {
         let Some(goal) = self.goals.get(id) else { return Vec::new() };
         let body = value(&record_of(goal));
@@ -229,9 +234,10 @@ impl PlanRequester {
         keeping::keep_on(self, records, ctx);
     }
 
-    // === going on ===
+    // === resuming ===
 
-    /// Goes on with a goal from where it was kept.
+    /// Merges the record of a goal with what this replica knows, and resumes the goal if it has not
+    /// ended.
     fn resume(
         &mut self,
         mut record: GoalRecord,
@@ -244,7 +250,7 @@ impl PlanRequester {
         if record.cancelled || record.ended.is_some() || ended_here.is_some() {
             self.drop_plan(&id, plan.as_ref(), ctx);
         }
-        // What has ended has, however late it was said of that it goes on.
+        // An end or a cancellation counts even if a later record says that the goal goes on.
         let is_later_here = self.goals.get(&id).is_some_and(|goal| goal.version >= version);
         let is_known = is_later_here && record.ended.is_none() && !record.cancelled;
         if is_known {
@@ -256,7 +262,8 @@ impl PlanRequester {
         if record.ended.is_none()
             && let Some(report) = ended_here
         {
-            // Who wrote this did not know that it has ended, and may have told its asker otherwise.
+            // The replica that wrote this record did not know of the end and may have reported
+            // otherwise.
             self.tell_end(&record, &report, ctx);
             return self.keep_ended(&id, report, record, ctx);
         }
@@ -264,7 +271,8 @@ impl PlanRequester {
             return self.give_up(&id, record, ctx);
         }
         if record.ended.is_none() && self.is_gone_on_with(&id, record.running.is_some()) {
-            // Both sides of a partition did. Theirs stands down; what is kept from now on is later.
+            // Both sides of a partition pursued the goal, and this side wins. The next record has a
+            // later version.
             if record.running.is_some() {
                 self.follow_again(&id, ctx);
             }
@@ -274,7 +282,8 @@ impl PlanRequester {
         if record.ended.is_some() {
             self.take_back(&id, ctx);
         }
-        // Who asked here, in this life, may not listen any more where it asked before.
+        // If the initiator has asked this replica in the same incarnation, it may no longer wait in the
+        // exchange that the record names.
         if let Some(engagement) = self.heard_here(&record.engagement) {
             record.engagement = engagement;
         }
@@ -297,7 +306,7 @@ impl PlanRequester {
         self.go_on(record, version, plan, ctx);
     }
 
-    /// Whether a later life of its asker was faster than the Journals.
+    /// Whether a later incarnation of the initiator has asked again before the record arrived.
     fn is_asked_anew(&self, GoalRecord { engagement, life, asked, .. }: &GoalRecord) -> bool {
         self.goals.values().any(|goal| {
             let is_same = goal.text == asked.goal && goal.keep == asked.keep;
@@ -305,14 +314,15 @@ impl PlanRequester {
         })
     }
 
-    /// Where the asker of a goal has asked here, in the same life.
+    /// Returns the exchange in which the same incarnation of the initiator has asked this replica;
+    /// `None` if it has not.
     fn heard_here(&self, elsewhere: &Engagement) -> Option<Engagement> {
         let engagement = &self.goals.get(&elsewhere.conversation)?.engagement;
         (engagement.life == elsewhere.life).then(|| engagement.clone())
     }
 
-    /// A goal stands here later than another knew it. The plan that the other made runs for nobody, if
-    /// none runs here: a goal that is kept may hold long since.
+    /// Handles a record that is older than the goal here. If no plan runs here, the plan of the other
+    /// replica is called off: a kept goal may already hold without it.
     fn stand_alone(&mut self, id: &ConversationId, plan: Option<Execute>, ctx: &mut Context<Self>) {
         let runs = self.goals.get(id).is_some_and(|goal| goal.phase.is_running());
         if let Some(plan) = plan.filter(|_| !runs) {
@@ -320,8 +330,7 @@ impl PlanRequester {
         }
     }
 
-    /// Nobody needs a plan of this goal any more: what runs of it is called off, what is kept of it
-    /// forgotten.
+    /// Calls off the running plan of a goal that has ended, and removes the plan from the Journals.
     fn drop_plan(&mut self, id: &ConversationId, plan: Option<&Execute>, ctx: &mut Context<Self>) {
         if plan.is_some() || self.goals.get(id).is_some_and(|goal| goal.plan.is_some()) {
             self.forget_plan(id, ctx);
@@ -331,7 +340,8 @@ impl PlanRequester {
         }
     }
 
-    /// A goal was given up, and who did so was told, before it came to its end.
+    /// Cancels a goal that had not ended when the leader changed, although its cancellation was already
+    /// confirmed.
     fn give_up(&mut self, id: &ConversationId, record: GoalRecord, ctx: &mut Context<Self>) {
         if self.goals.contains_key(id) {
             return self.cancel(id, ctx);
@@ -341,8 +351,8 @@ impl PlanRequester {
         self.keep_ended(id, report, record, ctx);
     }
 
-    /// Tells the asker of a goal how it ended, which it may not have heard; to one that has, it is no
-    /// news.
+    /// Sends the outcome of a goal to its initiator, if the same incarnation is still present. It may
+    /// have missed the outcome; if not, the repetition has no effect.
     fn tell_end(&mut self, record: &GoalRecord, report: &Report, ctx: &mut Context<Self>) {
         let GoalRecord { engagement, life, .. } = record;
         self.ended.told(engagement.clone(), report.clone());
@@ -351,7 +361,7 @@ impl PlanRequester {
         }
     }
 
-    /// Goes on with a goal that nobody else has.
+    /// Resumes a goal from its record.
     fn go_on(
         &mut self,
         record: GoalRecord,
@@ -387,33 +397,33 @@ impl PlanRequester {
         }
     }
 
-    /// Whether this side goes on with a goal that the other side has too: unless only theirs has a
-    /// plan under way.
+    /// Whether this side keeps its own state of a goal that the other side has too: always, unless only
+    /// the other side has a running plan.
     fn is_gone_on_with(&self, id: &ConversationId, theirs_runs: bool) -> bool {
         self.goals.get(id).is_some_and(|goal| goal.phase.is_running() || !theirs_runs)
     }
 
-    /// The other side may have asked the executor for the plan that runs here, and would hear of it
-    /// alone.
+    /// Asks the executor for the running plan again. If the other side has asked for the same plan, the
+    /// executor would report to that side only.
     fn follow_again(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if self.goals.get(id).is_some_and(|goal| matches!(goal.phase, Phase::Executing(_))) {
             self.ask_executor(id, ctx);
         }
     }
 
-    /// A goal has ended elsewhere: nobody needs its plan any more.
+    /// Cancels the plan of a goal that has ended on the other side.
     fn take_back(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         if let Phase::Executing(token) = &goal.phase {
             let executor = &self.config.plan_executor;
             ctx.go_on(token, executor, Performative::Cancel, Value::Null);
             ctx.extend(token, ctx.settings().answer_deadline * 2);
-            // The exchange stays open until the executor has heard.
+            // The exchange stays open until the executor has received the `cancel`.
             goal.phase = Phase::Queued;
         }
     }
 
-    /// Lets go of a goal without ending it: it is for another to go on with.
+    /// Removes a goal without ending it: another replica resumes it.
     fn let_go(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.remove(id) else { return };
         if let Some(timer) = goal.timer {
@@ -429,7 +439,7 @@ impl PlanRequester {
         }
     }
 
-    /// Another Plan Requester acts.
+    /// Stands down: hands all goals over to the new leader.
     pub(crate) fn resign(&mut self, ctx: &mut Context<Self>) {
         let mut records = self.ended.records();
         let goals: Vec<_> = self.goals.keys().cloned().collect();
@@ -442,9 +452,10 @@ impl PlanRequester {
         self.hand_over(records, 0, ctx);
     }
 
-    /// Another Plan Executor acts, or the same in a new life: what runs is asked for again.
+    /// Asks a new leader or incarnation of the Plan Executor for all running plans.
     ///
-    /// A moment later: whoever asks then still acts itself, also where both have changed at once.
+    /// It asks [`SETTLING`] later: if the leader of the Plan Requesters changes at the same time, this
+    /// replica stands down first, and only the new leader asks.
     pub(crate) fn executor_came(&mut self, ctx: &mut Context<Self>) {
         let asked = |goal: &Goal| match &goal.phase {
             Phase::Executing(token) => Some(token.clone()),
@@ -461,10 +472,11 @@ impl PlanRequester {
         });
     }
 
-    // === in pieces ===
+    // === partitions ===
 
-    /// Why a goal is not planned for in this piece of the ecosystem, if so. Most Journals can be
-    /// seen from one piece at most; of two halves, from that with the first.
+    /// Returns the reason why this partition must not plan for the goal: it does not hold a quorum. A
+    /// partition has the quorum if it reaches a majority of the configured Journals, or exactly half of
+    /// them including the first one listed. `None` if the goal may be planned for.
     pub(crate) fn waits_for_the_others(
         &self,
         id: &ConversationId,
@@ -485,7 +497,7 @@ impl PlanRequester {
         })
     }
 
-    /// Lets a goal wait for the others, and says so once.
+    /// Makes a goal wait for the quorum, and reports this once.
     pub(crate) fn wait_for_the_others(
         &mut self,
         id: &ConversationId,
@@ -498,11 +510,11 @@ impl PlanRequester {
         if is_news {
             self.tell(id, progress(&format!("waiting: {why}")), ctx);
         }
-        // What pursues its goal meanwhile need not wait with it.
+        // Goals that need no quorum go on.
         self.next(ctx);
     }
 
-    /// Looks again at goals that wait for the others.
+    /// Considers the goals again that wait for a quorum.
     pub(crate) fn reconsider_waiting(&mut self, ctx: &mut Context<Self>) {
         let waits = |goal: &Goal| {
             goal.partition == Partition::Wait && matches!(goal.phase, Phase::Waiting(_))
@@ -513,12 +525,13 @@ impl PlanRequester {
     }
 }
 
-/// The conversation of the goal that a record is about.
+/// Returns the conversation of the goal that the key of a record names; `None` if it is no record of a
+/// goal.
 pub(crate) fn conversation_of(key: &str) -> Option<ConversationId> {
     key.strip_prefix(GOAL).map(ConversationId::new)
 }
 
-/// What the asker of a goal that is kept hears when it holds.
+/// Report that a kept goal holds.
 pub(crate) fn holding() -> Report {
     Report::new(Outcome::Holds, "the goal holds; it is watched")
 }
@@ -550,7 +563,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
     }
 }
 
-/// What the asker hears of a goal that was taken.
+/// Text that tells the initiator which Journals have its new goal.
 fn acceptance(kept: &Kept, listed: usize) -> String {
     let mut names: Vec<_> = kept.by.iter().map(|journal| format!("`{journal}`")).collect();
     names.sort();

@@ -1,23 +1,24 @@
-//! Which of the proposals are accepted (design, “The two flows”): the cheapest set that covers
-//! the goal and whose combined plan validates.
+//! Selection of proposals (design, “The two flows”): the cheapest set that covers the goal and has a
+//! valid combined plan.
 //!
-//! An agent's proposals are alternatives: at most one of each agent is chosen. Ties are broken by
-//! fewer agents, then by names, so that every requester chooses alike.
+//! The proposals of one agent are alternatives: at most one of each agent is chosen. Ties are broken by
+//! fewer agents, then by agent names, so that every Plan Requester chooses alike.
 
 use std::collections::BTreeMap;
 
 use acl::AgentId;
 use acl::content::Proposal;
 
-/// Up to here the cheapest set is found exactly, by dynamic programming over sets of conjuncts;
-/// beyond it by each conjunct's cheapest bidder, whose bundles the second round asks for.
+/// Up to this number of conjuncts the cheapest set is found exactly, by dynamic programming over sets
+/// of conjuncts. Beyond it each conjunct goes to its cheapest bidder, and the second round asks for
+/// bundles.
 const EXACT_CONJUNCTS_MAX: usize = 10;
 
-/// Sets kept per covered set of conjuncts: the next best are tried where the best combined plan
-/// does not validate.
+/// Number of sets kept per covered set of conjuncts. The next best sets are tried if the combined plan
+/// of the best is not valid.
 const SETS_KEPT: usize = 4;
 
-/// Each bidder's alternatives, one per set of conjuncts.
+/// Alternative proposals of each bidder, one per set of conjuncts.
 pub(crate) type Bids = BTreeMap<AgentId, Vec<Proposal>>;
 
 /// Proposals of different agents that together cover all conjuncts.
@@ -32,7 +33,7 @@ impl Selection {
     }
 }
 
-/// The conjuncts that nobody covers.
+/// Returns the conjuncts that no proposal covers.
 pub(crate) fn uncovered(conjuncts: &[String], bids: &Bids) -> Vec<String> {
     let is_covered = |conjunct: &&String| {
         bids.values().flatten().any(|proposal| proposal.covers.contains(conjunct))
@@ -40,8 +41,8 @@ pub(crate) fn uncovered(conjuncts: &[String], bids: &Bids) -> Vec<String> {
     conjuncts.iter().filter(|conjunct| !is_covered(conjunct)).cloned().collect()
 }
 
-/// The bundles worth asking for: where one agent is cheapest for several conjuncts alone, what
-/// would it ask for all of them together?
+/// Returns the bundles that the second round asks for: if one agent is the cheapest for several
+/// conjuncts, it is asked for the cost of all of them together.
 pub(crate) fn bundles(conjuncts: &[String], bids: &Bids) -> Vec<(AgentId, Vec<String>)> {
     let mut wanted: BTreeMap<&AgentId, Vec<String>> = BTreeMap::new();
     for conjunct in conjuncts {
@@ -70,7 +71,7 @@ fn offers(proposals: &[Proposal], bundle: &[String]) -> bool {
     })
 }
 
-/// Sets that cover all conjuncts, the cheapest first.
+/// Returns sets of proposals that cover all conjuncts, the cheapest first.
 pub(crate) fn selections(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
     let mut selections = if conjuncts.len() <= EXACT_CONJUNCTS_MAX {
         exact(conjuncts, bids)
@@ -94,7 +95,7 @@ fn exact(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
         for (covered, selections) in before.iter().enumerate() {
             for proposal in proposals {
                 let mask = mask(conjuncts, proposal);
-                // One that adds nothing would be paid for nothing.
+                // A proposal that adds no conjunct would only add cost.
                 if mask & !covered == 0 {
                     continue;
                 }
@@ -128,8 +129,8 @@ fn keep(kept: &mut Vec<Selection>, selection: Selection) {
     kept.truncate(SETS_KEPT);
 }
 
-/// Each conjunct to its cheapest bidder, whose bundle is taken where it was offered; and every
-/// proposal that covers all alone.
+/// Gives each conjunct to its cheapest bidder, with that bidder's bundle if it offered one; adds every
+/// proposal that covers all conjuncts alone.
 fn by_cheapest_bidder(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
     let mut groups: BTreeMap<&AgentId, Vec<String>> = BTreeMap::new();
     for conjunct in conjuncts {
@@ -162,7 +163,7 @@ fn by_cheapest_bidder(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
 mod tests {
     use super::*;
 
-    /// `robot: a=5 b=6 ab=8` → the bids of one agent.
+    /// Parses lines such as `robot: a=5 b=6 ab=8` into the bids of one agent each.
     fn bids(lines: &[&str]) -> Bids {
         let proposal = |text: &str| {
             let (covers, cost) = text.split_once('=').expect("a cost");
@@ -182,7 +183,7 @@ mod tests {
         text.chars().map(String::from).collect()
     }
 
-    /// The choice, as `agent:covers` in order.
+    /// Checks the best selection, written as `agent:covers` in order.
     #[track_caller]
     fn check(wanted: &str, lines: &[&str], expected: &str) {
         let best = selections(&conjuncts(wanted), &bids(lines)).into_iter().next();

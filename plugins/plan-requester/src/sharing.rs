@@ -1,14 +1,14 @@
-//! Several goals at once: whose turn it is to be planned for, who needs which agents, which plan
-//! may run beside others, and which goal gives way.
+//! Scheduling of several goals: which goal is planned for next, which agents each goal uses, which
+//! plans may run side by side, and which goal yields.
 //!
-//! - One goal is planned for at a time, the one of greatest priority first; plans run side by
-//!   side.
-//! - A plan is made first without the agents that act in others ([`Attempt::Beside`]), then with
-//!   those of goals of lower priority, which give way ([`Attempt::Instead`]). What is left waits.
-//! - A plan keeps what other goals of at least its priority keep. If there is none, one is made
-//!   that does not, only to say which goals undo each other ([`Attempt::Regardless`]).
-//! - When an agent joins with which a running plan would be much cheaper, the goal is planned for
-//!   anew; a little cheaper is not worth what is under way.
+//! - One goal is planned for at a time, by priority; plans run side by side.
+//! - A plan is first made without the agents that act in other plans ([`Attempt::Beside`]), then with
+//!   those of goals of lower priority, which yield ([`Attempt::Instead`]). If neither succeeds, the
+//!   goal waits.
+//! - A plan must not undo kept goals of at least its own priority. If there is no such plan, one is
+//!   made without this constraint, only to explain which goals conflict ([`Attempt::Regardless`]).
+//! - When an agent joins with which a running plan would be much cheaper, its goal is planned for
+//!   again. For a small gain the running plan is not given up.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -24,29 +24,30 @@ use crate::PlanRequester;
 use crate::goal::{Goal, Phase};
 use crate::known::Known;
 
-/// A running plan is given up for one that costs at most this part of what is left of it: what has
-/// been begun is lost, and two plans that cost about the same must not take turns.
+/// A running plan is replaced only by a plan that costs at most this part of its remaining cost: begun
+/// steps are lost, and two plans of about the same cost must not alternate.
 const WORTH_CHANGING: f64 = 0.8;
 
-/// How long it is believed that a goal needs agents which others need: what is known changes.
+/// How long a goal counts as blocked by other goals' agents without planning again. The state may
+/// change meanwhile.
 const STILL_BLOCKED: Duration = Duration::from_secs(5);
 
-/// Goals that are told by name where they use what another needs.
+/// Maximum number of blocking goals that are listed by name.
 const BLOCKERS_TOLD: usize = 3;
 
-/// What a round of planning has to respect.
+/// Constraints of a round of planning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Attempt {
-    /// Everything that runs, and everything that is kept.
+    /// Respects all running plans and all kept goals.
     #[default]
     Beside,
-    /// Only what is of at least its own priority; the rest gives way.
+    /// Respects only goals of at least its own priority; the others yield.
     Instead,
-    /// Nothing; the plan is not carried out, it only explains.
+    /// Respects nothing. The plan is not executed; it only explains a conflict.
     Regardless,
 }
 
-/// Looks why there is no plan, until it is dropped.
+/// Computation of why there is no plan; cancelled on drop.
 pub(crate) struct Explaining {
     cancel: Cancel,
     _work: Work,
@@ -58,22 +59,22 @@ impl Drop for Explaining {
     }
 }
 
-/// What may be done with a plan that was found.
+/// Decision about a plan that was found.
 pub(crate) enum Verdict {
-    /// Carry it out.
+    /// Execute it.
     Go,
-    /// Carry it out when these have given way.
+    /// Execute it after these goals have yielded.
     After(Vec<ConversationId>),
-    /// Wait for these.
+    /// Wait for these goals.
     Behind(Vec<ConversationId>),
-    /// Leave it: it undoes goals that are kept.
+    /// Do not execute it: it would undo these kept goals.
     Undoes(String),
 }
 
 impl PlanRequester {
     // === before planning ===
 
-    /// Whether a goal may be planned for now; if another is, it waits for its turn.
+    /// Whether a goal may be planned for now. If another goal is being planned for, queues this one.
     pub(crate) fn is_its_turn(&mut self, id: &ConversationId) -> bool {
         let is_busy = self.goals.values().any(|other| other.phase.is_planning());
         let Some(goal) = self.goals.get_mut(id) else { return false };
@@ -86,8 +87,8 @@ impl PlanRequester {
         !is_busy
     }
 
-    /// Whether a goal would be blocked again: others need all the agents that they needed when it
-    /// was blocked last. Where many goals share few agents, nearly all of them would be.
+    /// Whether planning would find the goal blocked again, because all agents that blocked it last are
+    /// still in use. Saves planning when many goals share few agents.
     pub(crate) fn is_still_blocked(&mut self, id: &ConversationId, now: Instant) -> bool {
         let reserved = self.reserved(id);
         let Some(goal) = self.goals.get_mut(id) else { return false };
@@ -100,8 +101,9 @@ impl PlanRequester {
         is_still
     }
 
-    /// Where others need everyone who offers anything, a goal that is not above any of them waits
-    /// for them: no planner need look for that.
+    /// Makes the goal wait if other goals use all agents that offer anything, and none of these goals
+    /// has a lower priority. No search is needed to see that there is no plan. Returns whether the goal
+    /// waits.
     pub(crate) fn waits_for_everyone(
         &mut self,
         id: &ConversationId,
@@ -122,7 +124,7 @@ impl PlanRequester {
         true
     }
 
-    /// The agents that other goals need, as far as this attempt respects them.
+    /// Returns the agents that other goals use, as far as the present attempt respects them.
     pub(crate) fn reserved(&self, id: &ConversationId) -> BTreeSet<AgentId> {
         let Some(goal) = self.goals.get(id) else { return BTreeSet::new() };
         let respects = |other: &Goal| match goal.attempt {
@@ -136,7 +138,7 @@ impl PlanRequester {
             .collect()
     }
 
-    /// The goal, and what others keep that it may not undo.
+    /// Returns the goal together with the kept goals that it must not undo.
     pub(crate) fn wanted(&self, id: &ConversationId, known: &Known) -> Option<Condition> {
         let goal = self.goals.get(id)?;
         let mut conditions = vec![goal.condition.clone()];
@@ -150,7 +152,7 @@ impl PlanRequester {
         })
     }
 
-    /// Other goals of at least this one's priority that are kept and hold.
+    /// Returns other kept goals that hold and have at least the priority of this one.
     fn kept_beside<'a>(
         &'a self,
         id: &'a ConversationId,
@@ -173,7 +175,7 @@ impl PlanRequester {
 
     // === a plan ===
 
-    /// What may be done with a plan.
+    /// Decides what is done with a plan.
     pub(crate) fn verdict(&self, id: &ConversationId, known: &Known, plan: &Plan) -> Verdict {
         let Some(goal) = self.goals.get(id) else { return Verdict::Behind(Vec::new()) };
         if goal.attempt == Attempt::Regardless {
@@ -187,7 +189,7 @@ impl PlanRequester {
         let steps = self.running_beside(id).flat_map(|(_, other)| &other.steps_left);
         let conditions = self.running_beside(id).map(|(_, other)| &other.condition);
         if known.can_run_beside(plan, steps, conditions) {
-            // Of all of them at once; who is in the way is looked for only where somebody is.
+            // All plans are checked at once; blockers are searched only if that check fails.
             return Verdict::Go;
         }
         let is_in_the_way = |(_, other): &(_, &Goal)| {
@@ -204,7 +206,7 @@ impl PlanRequester {
         }
     }
 
-    /// Does with a plan what its verdict says.
+    /// Acts on the verdict about a plan.
     pub(crate) fn follow(
         &mut self,
         id: &ConversationId,
@@ -233,8 +235,8 @@ impl PlanRequester {
         }
     }
 
-    /// There is no plan in this attempt. Why, and whether others' agents would help, is looked for
-    /// aside: it takes tens of milliseconds in a large building.
+    /// Handles that there is no plan in this attempt. Computes in the background why, and whether the
+    /// agents of other goals would help; it takes tens of milliseconds in a large building.
     pub(crate) fn unplanned(
         &mut self,
         id: &ConversationId,
@@ -248,7 +250,8 @@ impl PlanRequester {
         let (flag, unplanned) = (cancel.clone(), id.clone());
         let look = move || {
             let why = why(&known, &flag);
-            // Who waits must have something to wait for: with everyone's agents it can be reached.
+            // A goal may wait only if there is hope: it must be reachable with the actions of all
+            // agents.
             let has_hope = !is_alone && !known.is_hopeless(&condition, &flag);
             (known, why, has_hope)
         };
@@ -258,7 +261,8 @@ impl PlanRequester {
         goal.phase = Phase::Explaining(Explaining { cancel, _work: work });
     }
 
-    /// It is clear why there is no plan in this attempt: try the next, wait for others, or say so.
+    /// Continues when the reason for the missing plan is known: tries the next attempt, waits for other
+    /// goals, or reports it.
     fn explained(
         &mut self,
         id: &ConversationId,
@@ -268,7 +272,7 @@ impl PlanRequester {
     ) {
         let is_free_again = !known.spared.is_subset(&self.reserved(id));
         if let Some(goal) = self.goals.get_mut(id).filter(|_| is_free_again) {
-            // It was looked for without agents that nobody needs any more.
+            // The search left out agents that are free now.
             goal.phase = Phase::Queued;
             return self.next(ctx);
         }
@@ -300,9 +304,9 @@ impl PlanRequester {
         }
     }
 
-    // === giving way ===
+    // === preemption ===
 
-    /// A goal waits for agents that the others need.
+    /// Makes a goal wait for agents that other goals use.
     fn lacks(
         &mut self,
         id: &ConversationId,
@@ -316,7 +320,7 @@ impl PlanRequester {
         }
     }
 
-    /// A goal waits until one of the others no longer runs.
+    /// Makes a goal wait until one of the others no longer runs.
     fn block(&mut self, id: &ConversationId, others: &[ConversationId], ctx: &mut Context<Self>) {
         let texts: Vec<_> = others
             .iter()
@@ -341,7 +345,7 @@ impl PlanRequester {
         self.next(ctx);
     }
 
-    /// Asks the Plan Executor to give up a plan; its goal is planned for again afterwards.
+    /// Asks the Plan Executor to cancel a plan; its goal is planned for again afterwards.
     fn yield_way(&mut self, id: &ConversationId, why: &str, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let Phase::Executing(token) = &goal.phase else { return };
@@ -353,7 +357,7 @@ impl PlanRequester {
         self.tell(id, Report::new(Outcome::Progress, why), ctx);
     }
 
-    /// A plan runs no more: who waited for its agents may be planned for.
+    /// Frees the agents of a plan that no longer runs; goals that waited for them may be planned for.
     pub(crate) fn release(&mut self, id: &ConversationId) {
         if let Some(goal) = self.goals.get_mut(id) {
             goal.steps_left.clear();
@@ -365,7 +369,7 @@ impl PlanRequester {
         }
     }
 
-    /// Gives the turn to the goal of greatest priority that waits for it.
+    /// Takes up the queued goal of the greatest priority.
     pub(crate) fn next(&mut self, ctx: &mut Context<Self>) {
         let first = self
             .goals
@@ -382,7 +386,7 @@ impl PlanRequester {
 
     // === better plans ===
 
-    /// Agents have joined: looks whether running plans would be much cheaper with them.
+    /// Checks whether running plans would be much cheaper with agents that have joined.
     pub(crate) fn look_for_better(&mut self, joined: &[AgentId], ctx: &mut Context<Self>) {
         let is_executing = |goal: &Goal| matches!(goal.phase, Phase::Executing(_));
         if joined.is_empty() || !self.goals.values().any(is_executing) {
@@ -399,7 +403,7 @@ impl PlanRequester {
         }));
     }
 
-    /// Estimates aside what each running goal would cost if it were planned for now.
+    /// Estimates in the background what each running goal would cost if it were planned for now.
     fn compare(&mut self, snapshot: &Snapshot, joined: &str, ctx: &mut Context<Self>) {
         let Ok(known) = Known::read(snapshot.clone()) else { return };
         let executing = self.goals.iter().filter(|(_, goal)| {

@@ -1,19 +1,19 @@
-//! What several agents could do together, where none of them proposes a plan of its own: found out by
-//! planning for all of them, so that what the user is told is so.
+//! Explains what several agents could do together if no agent proposes a plan of its own. The answer
+//! comes from a plan with all agents, so that what the user is told is true.
 
 use pddl::{Condition, Plan};
 use planner::{Cancel, StopReason};
 
 use crate::known::Known;
 
-/// Parts of a goal of which pairs are looked at, to name two that exclude each other.
+/// Maximum number of conjuncts of a goal for which pairs are tested for mutual exclusion.
 const PARTS_MAX: usize = 6;
 
-/// What came of planning with everybody's actions.
+/// Result of planning with the actions of all agents.
 pub(crate) enum Together {
     /// A plan of several agents.
     Plan(Plan),
-    /// Proven: no plan reaches it.
+    /// Proved that no plan exists.
     Never,
     /// Neither was found within the bounds.
     Open,
@@ -29,8 +29,8 @@ impl Together {
     }
 }
 
-/// Why nobody proposes a plan for what is called by these `names`, although each of it could be reached
-/// if nothing were undone; `parts` are all that the goal asks for.
+/// Returns why no agent proposes a plan for the conjuncts in `names`, although each can be reached in
+/// the relaxation. `parts` are all conjuncts of the goal.
 pub(crate) fn reason(known: &Known, parts: &[Condition], names: &str, cancel: &Cancel) -> String {
     match Together::of(known, parts, cancel) {
         Together::Plan(plan) => {
@@ -58,7 +58,7 @@ pub(crate) fn reason(known: &Known, parts: &[Condition], names: &str, cancel: &C
     }
 }
 
-/// The agents that act in a plan.
+/// Returns the agents that act in a plan.
 fn actors(plan: &Plan) -> Vec<String> {
     let mut actors: Vec<String> = Vec::new();
     for actor in plan.steps.iter().filter_map(|step| step.arguments.first()) {
@@ -70,7 +70,7 @@ fn actors(plan: &Plan) -> Vec<String> {
     actors
 }
 
-/// That two parts exclude each other, if there are two.
+/// Returns a sentence about two conjuncts that exclude each other; `None` if no such pair is found.
 fn exclusion(known: &Known, parts: &[Condition], cancel: &Cancel) -> Option<String> {
     if parts.len() > PARTS_MAX {
         return None;

@@ -1,7 +1,7 @@
-//! Verifying: whether a goal whose plan was carried out is reached.
+//! Verification: whether a goal holds after its plan was carried out.
 //!
-//! The plan's effects are what was meant to happen. Whether it did, what is known tells: a lamp of
-//! another agent may still be on in the room, and what was measured may be less than was wanted.
+//! The effects of the plan are only what was expected. Whether the goal holds is decided by the known
+//! state: a lamp of another agent may still be on in the room, or a measured value may be too low.
 
 use acl::ConversationId;
 use acl::content::{Outcome, Snapshot};
@@ -11,12 +11,13 @@ use crate::PlanRequester;
 use crate::goal::Phase;
 use crate::known::Known;
 
-/// How often a goal is looked at before its plan counts as carried out in vain: an agent's last word
-/// may still be on its way.
+/// Number of checks before a plan counts as carried out in vain. An agent's last heartbeat may still be
+/// on its way.
 const LOOKS_MAX: u32 = 3;
 
 impl PlanRequester {
-    /// Looks whether a goal to be achieved is reached, now that its plan was carried out.
+    /// Checks whether a goal to be achieved holds, now that its plan was carried out. `look` counts the
+    /// checks.
     pub(crate) fn verify(&mut self, id: &ConversationId, look: u32, ctx: &mut Context<Self>) {
         let asked = ctx.ask(Resource::Domain, &self.config.domain_maintainer);
         let verified = id.clone();

@@ -1,12 +1,11 @@
-//! The Planning Agent (the paper, “Planning Agent”): computes the plan, given domain and problem.
+//! The Planning Agent (the paper, “Planning Agent”): computes a plan from domain and problem.
 //!
-//! - `request` from the Plan Requester → `propose` with the plan, or with the reason why there is
-//!   none.
-//! - Plans aside, one request at a time per thread, bounded; `cancel` and the deadline of the
-//!   request end the search.
-//! - Keeps what it has ground from one request to the next, and goes on with what is left of a plan
-//!   where it is asked to.
-//! - Does not choose, execute, or decide when to plan anew.
+//! - `request` from the Plan Requester → `propose` with the plan, or with the reason why there is none.
+//! - Plans in the background, one request per thread, with a bound on their number. A `cancel` or the
+//!   deadline of the request ends the search.
+//! - Keeps the ground task from one request to the next, and reuses the rest of a former plan if the
+//!   request contains one.
+//! - Does not choose, execute, or decide when to plan again.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -19,8 +18,8 @@ use agent::{
 use pddl::{Domain, PlanStep};
 use planner::{Budget, Cancel, Options, PlanError, Replanner, StopReason};
 
-/// Searches that may run side by side: a board has few cores, and a search that waits is better
-/// refused, so that its requester can say so.
+/// Maximum number of searches side by side. A board has few cores, and a search that would wait is
+/// better refused, so that the requester can report it.
 const SEARCHES_MAX: usize = 8;
 
 /// The line in the daemon's table of plugins.
@@ -38,14 +37,14 @@ fn build(_: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 
 struct PlanningAgent {
     searches: BTreeMap<ReplyToken, Search>,
-    /// Of one search at a time; those beside it begin with nothing, rather than wait.
+    /// Used by one search at a time. A search beside it starts with an empty memory instead of waiting.
     memory: Arc<Mutex<Memory>>,
 }
 
-/// What is kept from one request to the next.
+/// Data kept from one request to the next.
 #[derive(Default)]
 struct Memory {
-    /// The domain asked about last, by its text.
+    /// The last domain: its text and the parsed form.
     domain: Option<(String, Arc<Domain>)>,
     replanner: Replanner,
 }
@@ -98,7 +97,7 @@ impl PlanningAgent {
         let patience = message.reply_by.map_or(ctx.settings().planning_deadline, |by| by.0);
         let cancel = Cancel::new();
         let (flag, deadline) = (cancel.clone(), cancel.clone());
-        // The planner reads no clock; the deadline is told to it.
+        // The planner reads no clock, so a timer sets the cancel flag.
         ctx.after(patience.mul_f32(0.9), move |_, _| deadline.set());
         let token = engagement.exchange.clone();
         let finished = token.clone();
@@ -129,7 +128,7 @@ impl PlanningAgent {
 }
 
 impl Memory {
-    /// The domain of a text, which is read but once.
+    /// Returns the parsed domain of a text; parses it only if it is not the last one.
     fn domain(&mut self, text: &str) -> Result<Arc<Domain>, Vec<pddl::Diagnostic>> {
         if let Some((_, known)) = self.domain.as_ref().filter(|(known, _)| known == text) {
             return Ok(Arc::clone(known));
@@ -140,7 +139,7 @@ impl Memory {
     }
 }
 
-/// Plans, and tells how it went.
+/// Plans, and returns the plan or the reason why there is none.
 fn propose(request: &PlanRequest, memory: &mut Memory, cancel: &Cancel) -> PlanProposal {
     let nothing = |status, detail: String| PlanProposal {
         status,
@@ -180,7 +179,7 @@ fn propose(request: &PlanRequest, memory: &mut Memory, cancel: &Cancel) -> PlanP
     }
 }
 
-/// What is left of the plan that was under way.
+/// Returns the remaining steps of the plan that was running.
 fn rest(request: &PlanRequest) -> Result<Vec<PlanStep>, Vec<pddl::Diagnostic>> {
     let Some(text) = &request.rest else { return Ok(Vec::new()) };
     Ok(pddl::parse_plan(text).into_result()?.steps)

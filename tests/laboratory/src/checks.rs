@@ -1,5 +1,5 @@
-//! What must hold after a trial: said by the building's truth, the Journals' disks, the actuators'
-//! disks and the people, never by what a planner believes.
+//! Checks after a trial: which promises were broken. The evidence is the building's truth, the disks of
+//! the Journals and actuators, and the reports that people received; never the beliefs of a planner.
 
 use std::collections::BTreeMap;
 use std::sync::PoisonError;
@@ -13,10 +13,10 @@ use crate::machine::Post;
 use crate::people::Story;
 use crate::script::BLINKS_UNTIL;
 
-/// Letters that may lie in a mailbox when nobody does anything: heartbeats of this instant.
+/// Maximum number of messages in a mailbox at rest: heartbeats of this instant.
 const UNREAD_MAX: u64 = 16;
 
-/// Everything that was promised and not held.
+/// Returns all promises that were broken.
 pub fn all(
     city: &City,
     goals: &[GoalStatus],
@@ -44,7 +44,7 @@ pub fn all(
     broken
 }
 
-/// Whether there is nothing left to do for anybody.
+/// Whether no agent has anything left to do.
 pub fn is_at_rest(goals: &[GoalStatus]) -> bool {
     goals.iter().all(rests)
 }
@@ -53,8 +53,8 @@ fn rests(goal: &GoalStatus) -> bool {
     goal.keep == Keep::Maintain && goal.phase == "holds"
 }
 
-/// Nobody waits for anything any more, but who asked for a goal to be kept: for the word that it holds
-/// no longer.
+/// Returns exchanges that are open beyond the expected ones. At rest only a person with a kept goal
+/// waits: for the report that the goal no longer holds.
 pub fn waiting(city: &City) -> Vec<String> {
     let mut waiting = Vec::new();
     for (agent, open) in city.posts.iter().flat_map(|post| post.waits().open()) {
@@ -70,8 +70,8 @@ pub fn waiting(city: &City) -> Vec<String> {
     waiting
 }
 
-/// A blink tears no plan. What is declined is another matter: two may have taken one goal in that
-/// instant, and then the actuator decides.
+/// A blink must not end a plan. A declined action is allowed: two replicas may have taken one goal in
+/// that instant, and then the actuator decides.
 fn torn(story: &Story) -> Option<String> {
     let torn = story.heard.iter().find(|(at, line)| {
         let is_torn = line.contains("planning anew") || line.contains("failed");
@@ -82,27 +82,27 @@ fn torn(story: &Story) -> Option<String> {
     torn.map(|(at, line)| format!("{}: torn by a blink at {at:.3?}: {line}", story.wish.goal))
 }
 
-/// Who is still there to hear of it hears how it ends.
+/// A person with a terminal that still runs must receive the outcome of each goal.
 fn unheard(story: &Story) -> Option<String> {
     let is_unheard = story.is_listening && !story.is_settled();
     let last = story.heard.last().map_or("nothing", |(_, line)| line.as_str());
     is_unheard.then(|| format!("{}: its end was never heard; last: {last}", story.wish.goal))
 }
 
-/// What comes to nothing does so for a reason.
+/// Every failure must have a reason.
 fn unexplained(story: &Story) -> Option<String> {
     let goal = &story.wish.goal;
     story.has_no_reason.then(|| format!("{goal}: it came to nothing, and nobody says why"))
 }
 
-/// What was said once is heard once, however often the wire brings it.
+/// Exactly-once: people see no duplicate confirmations, even if messages are delivered twice.
 fn repeated(city: &City, story: &Story) -> Option<String> {
     let said = city.said.count(story.conversation.as_ref()?);
     let (heard, goal) = (story.reports, &story.wish.goal);
     (heard > said).then(|| format!("{goal}: {said} confirmations were said, {heard} heard"))
 }
 
-/// What was accepted ends, or is kept on; also where nobody is there to hear of it.
+/// An accepted goal must end or still be pursued, also if its terminal is gone.
 fn vanished(
     story: &Story,
     kept: &BTreeMap<String, Record>,
@@ -120,7 +120,7 @@ fn vanished(
     })
 }
 
-/// Nothing piles up: where all is quiet, what came has been read.
+/// No mailbox fills up: at rest, all messages have been read.
 fn unread(mailboxes: &[Mailboxes]) -> Vec<String> {
     let all = mailboxes.iter().flat_map(|of_daemon| &of_daemon.mailboxes);
     let full = all.filter(|mailbox| mailbox.waiting > UNREAD_MAX);
@@ -128,7 +128,7 @@ fn unread(mailboxes: &[Mailboxes]) -> Vec<String> {
         .collect()
 }
 
-/// No Journal keeps the plan of a goal that has ended: plans are what is large.
+/// No Journal keeps the plan of a goal that has ended: plans are the large records.
 fn outlived(kept: &BTreeMap<String, Record>) -> Vec<String> {
     let has_ended = |goal: &str| {
         let record = kept.get(&format!("goal/{goal}"));
@@ -140,7 +140,7 @@ fn outlived(kept: &BTreeMap<String, Record>) -> Vec<String> {
     outlived.map(|goal| format!("the plan of {goal} is kept, which has ended")).collect()
 }
 
-/// The newest of all that Journals have on disk.
+/// Returns the newest version of each record on the Journals' disks.
 fn kept(city: &City) -> BTreeMap<String, Record> {
     let mut newest: BTreeMap<String, Record> = BTreeMap::new();
     for record in city.posts.iter().flat_map(|post| post.kept()) {

@@ -1,4 +1,4 @@
-//! All machines of a trial, the wire between them, the building, the people.
+//! All machines of a trial, the network between them, the building, and the people.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -23,47 +23,47 @@ use crate::people::Person;
 use crate::script::{Entry, Fault, Guard, Script};
 use crate::trial::TrialError;
 
-/// How slow the building is: as in real time.
+/// Time scale of the building: real time.
 const TIME_SCALE: f64 = 1.0;
 
-/// Two people.
+/// Names of the two people.
 const PEOPLE: [&str; 2] = ["ann", "bob"];
 
-/// Where the two people sit: the first where nothing ever dies.
+/// Daemons at which the two people have their terminals. The first daemon never dies.
 const SEATS: [usize; 2] = [0, 1];
 
-/// All of it.
+/// The whole simulated installation.
 pub struct City {
-    /// What all machines share.
+    /// State that all machines share.
     pub world: Arc<World>,
     /// The machines.
     pub posts: Vec<Post>,
-    /// Who asks.
+    /// People that request goals.
     pub people: Vec<Person>,
-    /// Who asks for what another ecosystem should do.
+    /// Terminal that requests goals of the second ecosystem.
     clerk: Option<Terminal>,
-    /// What each agent has begun.
+    /// Commands that each agent has begun.
     pub begun: Begun,
-    /// What was commanded, as the wire has it.
+    /// Commands that were sent over the network.
     pub given: Arc<Given>,
-    /// What was said to people, as the wire has it.
+    /// Confirmations that were sent to people over the network.
     pub said: Arc<Said>,
     building: Building,
     since: Instant,
-    /// What has to be undone, and when; by the order in which it was found out.
+    /// Pending ends of faults, by time and order of insertion.
     agenda: BTreeMap<(Duration, u64), Undo>,
     undone: u64,
-    /// Commands that a former life left open, as the next one writes them down again.
+    /// Commands that an earlier incarnation left open; the next one writes them to its ledger again.
     carried: BTreeSet<(String, ActionToken)>,
     effects: Effects,
 }
 
-/// What was said to people: the confirmations of each conversation, by their names.
+/// Confirmations sent to people: their message identifiers, by conversation.
 #[derive(Default)]
 pub struct Said(Mutex<BTreeMap<ConversationId, BTreeSet<MessageId>>>);
 
 impl Said {
-    /// Notes what goes over the wire.
+    /// Records a message that passes over the network.
     pub fn note(&self, addressed: &Addressed, payload: &[u8]) {
         let Addressed::To(to, Subject::Message(Performative::Confirm)) = addressed else { return };
         if !PEOPLE.contains(&to.as_str()) {
@@ -75,15 +75,15 @@ impl Said {
         }
     }
 
-    /// How many confirmations of a conversation there were.
+    /// Returns the number of different confirmations of a conversation.
     pub fn count(&self, conversation: &ConversationId) -> usize {
         let said = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         said.get(conversation).map_or(0, BTreeSet::len)
     }
 }
 
-/// The end of a fault; where it can be seen only then whether it has hit anything, with what had
-/// happened before.
+/// The end of a fault. If only the end shows whether the fault had an effect, it carries the counters
+/// from before.
 enum Undo {
     Start(usize),
     Mend(Cut),
@@ -92,20 +92,20 @@ enum Undo {
 }
 
 impl City {
-    /// Everything is there and switched off.
+    /// Creates all machines, switched off.
     ///
     /// # Errors
     ///
-    /// If the plan is no building, or the ontology cannot be read.
+    /// Returns an error if the drawn plan is no valid building, or the ontology cannot be parsed.
     pub fn new(script: Script, without: Option<Guard>, folder: &Path) -> Result<City, TrialError> {
         City::with(script, without, settings(without), folder)
     }
 
-    /// The same, where agents remember so many messages.
+    /// Like [`City::new`], with a given size of the agents' duplicate window.
     ///
     /// # Errors
     ///
-    /// As above.
+    /// Returns an error as [`City::new`] does.
     pub fn enduring(
         script: Script,
         heard_messages_max: usize,
@@ -160,22 +160,22 @@ impl City {
         })
     }
 
-    /// How long the trial has lasted.
+    /// Returns how long the trial has lasted.
     pub fn now(&self) -> Duration {
         self.since.elapsed()
     }
 
-    /// The truth, as it is now.
+    /// Returns the building's present truth.
     pub fn truth(&self) -> Truth {
         self.building.truth()
     }
 
-    /// Starts a daemon, and seats who sits there.
+    /// Starts a daemon, and gives a terminal to the person that sits there.
     pub fn start(&mut self, number: usize) {
         if self.posts[number].is_up() {
             return;
         }
-        // Not when it dies: in that very instant its disk may still take something.
+        // Read now and not at its death: in that very instant a write may still reach its disk.
         self.read_begun(number);
         self.carry_over(number);
         self.posts[number].start();
@@ -204,7 +204,7 @@ impl City {
         }
     }
 
-    /// Lets something go wrong.
+    /// Injects a fault.
     pub fn suffer(&mut self, fault: &Fault) {
         let network = self.world.network.clone();
         let (told, crashed) = (network.told(), self.effects.crashed);
@@ -253,7 +253,7 @@ impl City {
         self.agenda.insert((self.now() + after, self.undone), undo);
     }
 
-    /// When the next fault ends.
+    /// Returns when the next fault ends.
     pub fn next_end(&self) -> Option<Duration> {
         self.agenda.keys().next().map(|(at, _)| *at)
     }
@@ -282,7 +282,7 @@ impl City {
             Undo::Start(number) => {
                 self.effects.restarted += u64::from(!self.posts[number].is_up());
                 self.start(number);
-                // It is its crash that was counted.
+                // Its crash was counted already.
                 false
             }
             Undo::Mend(cut) => network.mend(cut) > 0,
@@ -298,41 +298,41 @@ impl City {
         self.effects.struck += u64::from(has_struck);
     }
 
-    /// Asks the second ecosystem for what only we can do.
+    /// Requests from the second ecosystem a goal that only the first can reach.
     pub fn ask_annex(&self) {
         let goal = "(known-temperature room-1)";
         if let Some(clerk) = &self.clerk {
-            // A clerk who is not heard does not matter.
+            // A lost request does not matter.
             let _ = clerk.say.try_send(gates::errand(goal));
         }
     }
 
-    // === looking ===
+    // === observation ===
 
-    /// What went wrong so far, where it took effect.
+    /// Returns the counters of the faults that took effect.
     pub fn effects(&self) -> Effects {
         Effects { told: self.world.network.told(), ..self.effects }
     }
 
-    /// Who waits beyond what was to be waited.
+    /// Returns the exchanges that are open beyond their deadlines.
     pub fn overdue(&self) -> Vec<String> {
         let now = Instant::now();
         self.posts.iter().flat_map(|post| post.waits().overdue(now)).collect()
     }
 
-    /// What has come back from the second ecosystem, and must not.
+    /// Returns a message if an agent has come back from the second ecosystem, which must not happen.
     pub fn came_back(&mut self) -> Option<String> {
         let clerk = self.clerk.as_mut()?;
         while clerk.hear.try_recv().is_ok() {}
         gates::came_back(self.posts[0].switchboard()?)
     }
 
-    /// The goals that the acting Plan Requester has, as a person asks for them.
+    /// Returns the goals of the leading Plan Requester, as a person would query them.
     pub async fn goals(&self) -> Vec<GoalStatus> {
         self.ask::<Vec<GoalStatus>>(Resource::Goals).await.into_iter().flatten().collect()
     }
 
-    /// How full all mailboxes are.
+    /// Returns the fill levels of all mailboxes.
     pub async fn mailboxes(&self) -> Vec<Mailboxes> {
         self.ask(Resource::Mailbox).await
     }
@@ -344,7 +344,7 @@ impl City {
         answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
     }
 
-    /// Notes the commands that were begun in the life of a daemon that is over.
+    /// Records the commands that the last incarnation of a daemon has begun.
     pub fn read_begun(&mut self, number: usize) {
         for agent in self.hosted(number) {
             for token in self.posts[number].commands(&agent).0 {
@@ -356,8 +356,8 @@ impl City {
         }
     }
 
-    /// Notes the commands that a former life left open: the next writes them down again, but without
-    /// the guard.
+    /// Records the commands that the last incarnation left open: the next one writes them to its ledger
+    /// again, unless that guard is taken out.
     fn carry_over(&mut self, number: usize) {
         if self.world.without == Some(Guard::Fencing) {
             return;
@@ -376,7 +376,7 @@ impl City {
     }
 }
 
-/// The words of the smart office, and this building's map.
+/// Returns the ontology of the smart office, and the map of this building.
 fn words(script: &Script) -> Result<(pddl::Domain, pddl::Problem), TrialError> {
     const ONTOLOGY: &str = include_str!("../../../domains/smart-office/domain.pddl");
     let ontology = pddl::parse_domain(ONTOLOGY).into_result().map_err(TrialError::words)?;
@@ -385,7 +385,7 @@ fn words(script: &Script) -> Result<(pddl::Domain, pddl::Problem), TrialError> {
     Ok((ontology, map))
 }
 
-/// What holds by default, but for the guard that is out.
+/// Default settings, with one guard taken out.
 fn settings(without: Option<Guard>) -> Settings {
     let mut settings = Settings::default();
     match without {

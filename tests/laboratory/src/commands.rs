@@ -1,5 +1,5 @@
-//! Commands to actuators: which were given, as the wire has it, and in which order they were begun,
-//! as the disks of those who obey have it.
+//! Commands to actuators: which were sent, as seen on the network, and in which order they were begun,
+//! as recorded on the actuators' disks.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
@@ -9,17 +9,17 @@ use acl::{ConversationId, Performative};
 use building::{Event, Truth};
 use substrate::{Addressed, Subject};
 
-/// What is commanded by which token, of whom.
+/// The action of each token, by agent and token.
 #[derive(Default)]
 pub struct Given(Mutex<BTreeMap<(String, ActionToken), String>>);
 
-/// What each agent has begun, in its order; also what it has begun again.
+/// The commands that each agent has begun, in order, with repetitions.
 pub type Begun = BTreeMap<String, Vec<ActionToken>>;
 
 // === impl Given ===
 
 impl Given {
-    /// Notes what goes over the wire.
+    /// Records a message that passes over the network.
     pub fn note(&self, addressed: &Addressed, payload: &[u8]) {
         let Addressed::To(to, Subject::Message(Performative::Request)) = addressed else { return };
         let Ok(message) = acl::decode(payload) else { return };
@@ -29,7 +29,7 @@ impl Given {
         }
     }
 
-    /// From where to where a command moves, if it does.
+    /// Returns start and destination of a command that moves; `None` for other commands.
     fn way(&self, agent: &str, token: &ActionToken) -> Option<[String; 2]> {
         let given = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let action = given.get(&(agent.to_owned(), token.clone()))?;
@@ -46,9 +46,9 @@ impl Given {
     }
 }
 
-// === what must hold ===
+// === checks ===
 
-/// All that is wrong about what was begun and done.
+/// Returns everything that is wrong about the commands begun and the actions done.
 pub fn broken(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
     let mut broken = Vec::new();
     for (agent, tokens) in begun {
@@ -62,7 +62,7 @@ pub fn broken(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
     broken
 }
 
-/// No command is begun twice, says the disk of who obeys.
+/// No command is begun twice, according to the actuator's disk.
 fn twice(agent: &str, tokens: &[ActionToken]) -> Vec<String> {
     let once: BTreeSet<_> = tokens.iter().collect();
     let times = |token: &ActionToken| tokens.iter().filter(|other| *other == token).count();
@@ -70,7 +70,7 @@ fn twice(agent: &str, tokens: &[ActionToken]) -> Vec<String> {
     often.map(|(token, times)| format!("`{agent}` began {token} {times} times")).collect()
 }
 
-/// No command of an older plan for a goal is begun after one of a newer.
+/// No command of an older plan for a goal is begun after one of a newer plan.
 fn overtaken(agent: &str, tokens: &[ActionToken]) -> Option<String> {
     let mut newest: BTreeMap<&ConversationId, (u64, u32)> = BTreeMap::new();
     tokens.iter().find_map(|token| {
@@ -87,8 +87,8 @@ fn overtaken(agent: &str, tokens: &[ActionToken]) -> Option<String> {
     })
 }
 
-/// A robot sets off as it was commanded, in that order, and once for each command. What was begun may
-/// come to nothing: its process may die before it moves.
+/// Every departure of a robot matches a begun command, in order, one departure per command. A begun
+/// command may have no departure: its process may die before the robot moves.
 fn strayed(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
     let mut ways: BTreeMap<&str, Vec<[String; 2]>> = BTreeMap::new();
     for occurrence in truth.occurrences() {
@@ -110,7 +110,7 @@ fn strayed(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
     strayed
 }
 
-/// Nothing is done that the disk of who did it does not know of.
+/// No agent acts more often than its disk records.
 fn unrecorded(begun: &Begun, truth: &Truth) -> Vec<String> {
     let mut done: BTreeMap<&str, usize> = BTreeMap::new();
     for occurrence in truth.occurrences() {

@@ -1,25 +1,25 @@
-//! What went wrong in a trial, counted where it takes effect: a process that is dead already does not
-//! crash, and a cut that stops no message cuts nothing.
+//! Counters of faults, counted only if they took effect: a dead process does not crash, and a cut that
+//! stops no message has no effect.
 
 use substrate::faulty::Told;
 
-/// How often which kind of fault took effect.
+/// Number of faults that took effect, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Effects {
-    /// What happened to messages.
+    /// Faults of messages.
     pub told: Told,
     /// Processes that died.
     pub crashed: u64,
-    /// Processes that were started after they had died.
+    /// Processes that were started again after a crash.
     pub restarted: u64,
     /// Clocks that jumped.
     pub jumped: u64,
-    /// Faults of the script that took effect, of any kind.
+    /// Faults of the script that took effect, of all kinds.
     pub struck: u64,
 }
 
 impl Effects {
-    /// Each kind, and how many messages or processes it hit.
+    /// Returns each kind with the number of messages or processes that it affected.
     pub fn kinds(&self) -> [(&'static str, u64); 9] {
         let Effects { told, crashed, restarted, jumped, struck: _ } = *self;
         let Told { sent: _, lost, cut, doubled, overtaken, delayed, slowed } = told;
@@ -37,7 +37,7 @@ impl Effects {
     }
 }
 
-/// How bad the weather was so far: messages that it has hit.
+/// Returns the number of messages that were affected by bad link conditions so far.
 pub fn stormy(told: &Told) -> u64 {
     let Told { lost, doubled, overtaken, delayed, .. } = told;
     lost + doubled + overtaken + delayed

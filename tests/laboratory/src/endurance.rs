@@ -1,4 +1,4 @@
-//! A long day: one goal after the other in one trial, so that whoever looks on may measure what is held
+//! A long run: one goal after the other in one trial, so that a caller can measure the memory in use
 //! after each.
 
 use std::time::Duration;
@@ -10,21 +10,21 @@ use crate::city::City;
 use crate::script::{Script, Wish};
 use crate::trial::{self, TrialError};
 
-/// How long a measurement counts as known: the next goal about that room needs a plan again.
+/// How long a measured value counts as known: the next goal about that room needs a plan again.
 const VALID_FOR: &str = "1s";
 
-/// How long after a goal has ended before the next is asked for.
+/// Pause between the end of a goal and the request of the next.
 const REST: Duration = Duration::from_millis(1_200);
 
-/// How long a goal may take.
+/// Time limit of a goal.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Asks for so many goals; `look` is told after each. What agents remember of messages is bounded by
-/// `heard_messages_max`, so that its bound is soon reached.
+/// Requests `goals` goals and calls `look` after each. `heard_messages_max` is the size of the
+/// duplicate window, kept small so that it soon fills up. Returns the goals that did not end in time.
 ///
 /// # Errors
 ///
-/// If the trial cannot be set up.
+/// Returns an error if the trial cannot be set up.
 pub fn endure(
     seed: u64,
     goals: usize,
@@ -57,7 +57,7 @@ pub fn endure(
     })
 }
 
-/// Asks for one goal, and waits for its end; what is wrong, if it has none in time.
+/// Requests one goal and waits for its end. Returns an error text if it does not end in time.
 async fn reach(city: &mut City, number: usize, room: &str) -> Option<String> {
     let wish = Wish {
         at: city.now(),
@@ -77,7 +77,7 @@ async fn reach(city: &mut City, number: usize, room: &str) -> Option<String> {
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
     let is_late = !is_over(city);
-    // What people remember is not what is measured.
+    // The stories of the people are not part of the measurement.
     let story = city.people[0].stories.remove(&number);
     tokio::time::sleep(REST).await;
     is_late.then(|| format!("goal {number} about `{room}` never ends: {story:?}"))

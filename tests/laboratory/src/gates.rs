@@ -1,6 +1,6 @@
-//! A second ecosystem, the annex, joined by two interfacing nodes so that what is lent could go round in
-//! a circle: one lends a robot to the annex and passes goals on to it, the other would lend the same
-//! robot back, and pass the same goals back.
+//! A second ecosystem, the annex, joined by two interfacing nodes such that exports could loop: one
+//! exports a robot to the annex and forwards goals to it, the other would export the same robot back
+//! and forward the same goals back.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -19,26 +19,28 @@ use tokio_util::task::TaskTracker;
 use crate::machine::World;
 use crate::script::Guard;
 
-/// Both ecosystems.
+/// Names of both ecosystems.
 pub const LABORATORY: &str = "laboratory";
 const ANNEX: &str = "annex";
 
-/// The robot that is lent, its mirror in the annex, and the mirror of that which must never be.
+/// The exported robot, its proxy agent in the annex, and the proxy of that proxy, which must never
+/// exist.
 const LENT: &str = "robot-1";
 const MIRROR: &str = "lent";
 const GHOST: &str = "ghost";
 
-/// Who takes goals for the annex; in the annex, who takes them has the name that goals are asked of.
+/// Agents that take goals for the other ecosystem. In the annex it has the name of the Plan Requester,
+/// because goals are sent to that name.
 const DESK: &str = "annex-desk";
 const DESK_OF_ANNEX: &str = "plan-requester";
 
-/// Messages a second that pass, each way: a robot's heartbeats and a few more.
+/// Rate limit in each direction, in messages per second: a robot's heartbeats and a few more.
 const RATE: f64 = 20.0;
 
-/// How long an answer of the desk is waited for.
+/// How long to wait for an answer to a goal of the annex.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Which way an interfacing node lets things through.
+/// Direction in which an interfacing node exports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     /// From the laboratory to the annex.
@@ -52,7 +54,7 @@ pub struct Gate {
     way: Way,
     state: PathBuf,
     open: Option<Open>,
-    /// What each of its lives let through.
+    /// The interface of each incarnation, with its counters.
     interfaces: Vec<Interface>,
 }
 
@@ -64,18 +66,18 @@ struct Open {
 // === impl Gate ===
 
 impl Gate {
-    /// A node that is switched off; what it keeps of the annex it keeps in a folder of its own.
+    /// Creates a node that is switched off. It has its own state folder for the annex.
     ///
     /// # Errors
     ///
-    /// If that cannot be made.
+    /// Returns an error if the folder cannot be created.
     pub fn new(way: Way, state: &Path) -> std::io::Result<Gate> {
         let state = state.join(ANNEX);
         std::fs::create_dir_all(&state)?;
         Ok(Gate { way, state, open: None, interfaces: Vec::new() })
     }
 
-    /// Joins both ecosystems.
+    /// Connects both ecosystems.
     pub fn open(
         &mut self,
         world: &World,
@@ -120,15 +122,15 @@ impl Gate {
         self.open = Some(Open { annex, stopping });
     }
 
-    /// As a SIGKILL of its daemon.
+    /// Stops the node as a SIGKILL of its daemon would.
     pub fn kill(&mut self, world: &World, daemon: &DaemonId) {
         let (Some(open), Some(wire)) = (self.open.take(), &world.annex) else { return };
         wire.kill(daemon);
-        // Nothing that it still says is heard by anybody.
+        // Its messages no longer reach any agent.
         open.stopping.cancel();
     }
 
-    /// What is not as it must be in the end.
+    /// Returns what is wrong at the end of the trial.
     pub fn broken(&self) -> Vec<String> {
         let count = |what: fn(&Counters) -> u64| -> u64 {
             self.interfaces.iter().map(|it| what(&it.imported) + what(&it.exported)).sum()
@@ -149,12 +151,12 @@ impl Gate {
     }
 }
 
-/// What must not be here, if it is.
+/// Returns a message if the proxy that must not exist is present.
 pub fn came_back(here: &Switchboard) -> Option<String> {
     here.find(&id(GHOST)).map(|_| format!("`{LENT}` was lent, and came back as `{GHOST}`"))
 }
 
-/// A goal that is asked of the annex, which has nobody for it but us.
+/// Builds a request of a goal to the annex, which needs the laboratory's robot for it.
 pub fn errand(goal: &str) -> Said {
     Said::Send(Draft {
         to: Some(id(DESK)),
@@ -166,7 +168,7 @@ pub fn errand(goal: &str) -> Said {
     })
 }
 
-/// The same words on both sides.
+/// Builds an interface with the same vocabulary on both sides.
 fn entry(way: Way, world: &World) -> InterfaceEntry {
     let same = |words: &mut dyn Iterator<Item = &str>| -> BTreeMap<String, String> {
         words.map(|word| (word.to_owned(), word.to_owned())).collect()

@@ -1,20 +1,21 @@
 //! The fault laboratory: whole ecosystems on simulated machines, under faults that a seed decides.
 //!
 //! A *trial* is one seed: at least five daemons, twenty agents, three goals and thirty faults, on one
-//! thread and in simulated time. The same seed plays the same trial again, to the byte. Afterwards
-//! the building's truth, the Journals and what people heard are held against what is promised
-//! (`docs/reliability.md`). To show that the laboratory sees what it looks for, a *guard* can be
-//! taken out: without it some seed fails.
+//! thread and in simulated time. The same seed plays the same trial again, to the byte. Afterwards the
+//! building's truth, the Journals and the reports to people are checked against the promises of
+//! `docs/reliability.md`. To show that the laboratory can detect failures, a *guard* can be taken out:
+//! without it some seed fails.
 //!
-//! - [`script`]: what a seed decides: who lives where, who asks for what, what goes wrong when.
+//! - [`script`]: everything that a seed decides: agents and their daemons, goals, faults and their
+//!   times.
 //! - [`machine`]: one daemon on one machine, with a clock and a disk that outlive its processes.
-//! - [`city`]: all machines, the wire between them, the building.
+//! - [`city`]: all machines, the network between them, the building.
 //! - [`gates`]: a second ecosystem, and the interfacing nodes between both.
-//! - [`endurance`]: a long day, to see what is held.
-//! - [`people`]: who asks for goals, and what they hear.
-//! - [`checks`]: what must hold afterwards; of [`commands`], that each is obeyed once and in order; of
-//!   [`waits`], that they end.
-//! - [`effects`]: what went wrong, where it took effect.
+//! - [`endurance`]: a long run, to measure the memory in use.
+//! - [`people`]: people that request goals, and the reports that they receive.
+//! - [`checks`]: what must hold afterwards; [`commands`]: that each command is executed once and in
+//!   order; [`waits`]: that exchanges end.
+//! - [`effects`]: counters of the faults that took effect.
 //! - [`trial`]: plays a seed.
 
 pub mod checks;

@@ -1,4 +1,4 @@
-//! One daemon on one machine: its processes die, its disk and its clock go on.
+//! One simulated machine with one daemon: its processes die, its disk and its clock go on.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -28,7 +28,7 @@ use crate::gates::{Gate, LABORATORY};
 use crate::script::{Entry, Guard, Script};
 use crate::waits::Waits;
 
-/// The plugins that live here.
+/// The plugins that run here.
 const PLUGINS: [&PluginEntry; 9] = [
     &domain_maintainer::PLUGIN,
     &plan_requester::PLUGIN,
@@ -41,35 +41,35 @@ const PLUGINS: [&PluginEntry; 9] = [
     &keyboard::PLUGIN,
 ];
 
-/// How long before an agent that ended with an error is launched again, as a daemon does.
+/// Delay before an agent that ended with an error is launched again, the same as in a daemon.
 const RESTART: Duration = Duration::from_millis(500);
 
-/// When every machine's clock began: any time will do that is the same for the same seed.
+/// Start of all machines' clocks: an arbitrary time that is the same for every run of a seed.
 const DAWN: Duration = Duration::from_secs(1_700_000_000);
 
-/// What all machines of a trial share.
+/// State that all machines of a trial share.
 pub struct World {
-    /// The words.
+    /// The ontology.
     pub ontology: Arc<Domain>,
-    /// The rooms.
+    /// The map.
     pub map: Arc<Problem>,
     /// The trial.
     pub script: Script,
     /// Times and bounds.
     pub settings: Settings,
-    /// What connects the machines.
+    /// The network between the machines.
     pub network: Network,
-    /// What connects those that are in a second ecosystem too, if there is one.
+    /// The network of the second ecosystem, if there is one.
     pub annex: Option<Network>,
     /// The building.
     pub building: BuildingHandle,
-    /// Which guard is out.
+    /// The guard that is taken out, if any.
     pub without: Option<Guard>,
-    /// Agents that broke: none may.
+    /// Agents that panicked or failed; there must be none.
     pub broken: Mutex<Vec<String>>,
 }
 
-/// A machine on which one daemon runs, or does not.
+/// A machine, with its daemon if it is switched on.
 pub struct Post {
     /// The daemon's name.
     pub daemon: DaemonId,
@@ -90,19 +90,19 @@ struct Process {
     agents: Vec<JoinHandle<()>>,
 }
 
-/// What a process has of its machine, and what its agents wait for: one that is killed may be woken
-/// once more, and what it says then is of nobody.
+/// Clock of the machine and open exchanges of one process. A killed process may be woken once more; its
+/// late entries then go to a value that is no longer used.
 struct Given {
     clock: Arc<Clock>,
     waits: Arc<Waits>,
 }
 
-/// A machine's wall clock, and how long its disk takes.
+/// A machine's wall clock, and the random delays of its disk.
 struct Clock {
     began: Instant,
-    /// No two machines begin in the same microsecond.
+    /// Offset that keeps any two machines from starting in the same microsecond.
     apart: Duration,
-    /// How far it is off, in seconds.
+    /// Sum of the clock jumps, in seconds.
     jumped: AtomicI64,
     disk: Mutex<Rng>,
 }
@@ -129,11 +129,11 @@ impl Simulated for Given {
 // === impl Post ===
 
 impl Post {
-    /// A machine that is switched off; what it keeps it keeps in `state`.
+    /// Creates a machine that is switched off, with its disk in the folder `state`.
     ///
     /// # Errors
     ///
-    /// If there is no room for that.
+    /// Returns an error if the folder cannot be created.
     pub fn new(world: &Arc<World>, number: usize, state: PathBuf) -> std::io::Result<Post> {
         let name = &world.script.daemons[number];
         let seed = world.script.seed ^ (number as u64 + 1).rotate_left(32);
@@ -163,7 +163,7 @@ impl Post {
         self.process.is_some()
     }
 
-    /// Starts its daemon, with all agents that it may host.
+    /// Starts its daemon, with all agents that are configured for it.
     pub fn start(&mut self) {
         if self.is_up() {
             return;
@@ -193,7 +193,7 @@ impl Post {
         self.process = Some(process);
     }
 
-    /// As a SIGKILL of its daemon.
+    /// Stops its daemon as a SIGKILL would.
     pub fn kill(&mut self) {
         let Some(process) = self.process.take() else { return };
         self.world.network.kill(&self.daemon);
@@ -207,12 +207,12 @@ impl Post {
         }
     }
 
-    /// Lets its clock jump.
+    /// Makes its clock jump.
     pub fn jump(&self, seconds: i64) {
         self.clock.jumped.fetch_add(seconds, Ordering::Relaxed);
     }
 
-    /// A person sits down at it.
+    /// Starts a keyboard for a person; `None` if the daemon does not run.
     pub fn seat(&mut self, name: &str) -> Option<Terminal> {
         let process = self.process.as_mut()?;
         let (keyboard, terminal) = Keyboard::with_terminal();
@@ -223,28 +223,29 @@ impl Post {
         Some(terminal)
     }
 
-    /// What a person at this machine can ask the daemons for.
+    /// Returns the switchboard, through which a person at this machine queries the daemons; `None` if
+    /// the daemon does not run.
     pub fn switchboard(&self) -> Option<&Arc<Switchboard>> {
         self.process.as_ref().map(|process| &process.switchboard)
     }
 
-    /// What makes it an interfacing node, if it is one.
+    /// Returns its interfacing part; `None` if it is no interfacing node.
     pub fn gate(&self) -> Option<&Gate> {
         self.gate.as_ref()
     }
 
-    /// What its agents wait for.
+    /// Returns the open exchanges of its agents.
     pub fn waits(&self) -> &Waits {
         &self.waits
     }
 
-    /// What its Journal has on disk.
+    /// Returns the records that its Journal has on disk.
     pub fn kept(&self) -> Vec<Record> {
         self.shelf.records()
     }
 
-    /// The commands that this agent has begun here, as its disk says, in their order and once for
-    /// every time; and those that have ended.
+    /// Returns the commands that an agent has begun here, according to its disk, in order and with
+    /// repetitions; and those that have ended.
     pub fn commands(&self, agent: &str) -> (Vec<ActionToken>, Vec<ActionToken>) {
         let path = self.state.join(format!("{agent}.tokens"));
         let text = std::fs::read_to_string(path).unwrap_or_default();
@@ -280,7 +281,7 @@ impl Post {
 // === impl Process ===
 
 impl Process {
-    /// Lets an agent live, again and again, as a daemon's supervisor does.
+    /// Runs an agent and launches it again when it fails, as a daemon's supervisor does.
     fn begin(&mut self, entry: &Entry, world: &Arc<World>) {
         let plugin = PLUGINS.into_iter().find(|plugin| plugin.name == entry.plugin);
         let plugin = plugin.expect("invariant: the script names plugins that live here");
@@ -326,11 +327,11 @@ impl Process {
     }
 }
 
-/// A life that ends when nobody waits for its end any more.
+/// A running agent that is aborted when this is dropped.
 struct Aborted(JoinHandle<Result<(), LaunchError>>);
 
 impl Aborted {
-    /// How it ended.
+    /// Waits for the end of the agent and returns how it ended.
     async fn ended(mut self) -> Result<(), String> {
         match (&mut self.0).await {
             Ok(Ok(())) => Ok(()),

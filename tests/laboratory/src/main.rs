@@ -1,4 +1,4 @@
-//! `laboratory`: plays seeds, and says which of them fail.
+//! `laboratory`: plays seeds, and reports which of them fail.
 
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -51,7 +51,7 @@ fn main() -> ExitCode {
     ExitCode::FAILURE
 }
 
-/// Plays one seed, and tells everything about it.
+/// Plays one seed and prints its whole history.
 fn replay(seed: u64, without: Option<Guard>) -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(tracing_subscriber::EnvFilter::from_default_env())
@@ -78,7 +78,7 @@ fn replay(seed: u64, without: Option<Guard>) -> ExitCode {
     }
 }
 
-/// The time of the trial, since its first line.
+/// Log timestamps in the time of the trial, since its first line.
 struct OwnTime(OnceLock<tokio::time::Instant>);
 
 impl FormatTime for OwnTime {
@@ -88,8 +88,8 @@ impl FormatTime for OwnTime {
     }
 }
 
-/// Plays the seeds on all cores; how many were played, and which failed. One that could not be played
-/// has failed too: nobody knows what it would have shown.
+/// Plays the seeds on all cores. Returns how many were played, and which failed. A seed that could not
+/// be played counts as failed: its result is unknown.
 fn play_all(arguments: &Arguments) -> (u64, Vec<u64>) {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let (next, last) = (AtomicU64::new(arguments.from), arguments.from + arguments.seeds);

@@ -1,4 +1,4 @@
-//! Who asks for goals, and what they hear.
+//! People that request goals, and the reports that they receive.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,55 +10,55 @@ use tokio::time::Instant;
 
 use crate::script::Wish;
 
-/// A person at a terminal, who writes down what is heard.
+/// A person at a terminal, with a record of all reports.
 pub struct Person {
-    /// Under this name.
+    /// Name of the person and of the keyboard.
     pub name: String,
     terminal: Option<Terminal>,
-    /// What was wished for at this terminal, whose conversation is not known yet.
+    /// Goals requested at this terminal that have no conversation yet.
     unnamed: Vec<(usize, Wish)>,
-    /// What became of each wish, by its number.
+    /// History of each goal, by its number.
     pub stories: BTreeMap<usize, Story>,
     since: Instant,
 }
 
-/// What a person knows of a goal.
+/// History of a goal, as its person knows it.
 #[derive(Clone, Debug)]
 pub struct Story {
-    /// What was wished for.
+    /// The request.
     pub wish: Wish,
-    /// By which name others know it, once it was said.
+    /// Conversation of the goal, once it is known.
     pub conversation: Option<ConversationId>,
-    /// What was heard, and when.
+    /// Reports received, with their times.
     pub heard: Vec<(Duration, String)>,
-    /// How many reports were heard.
+    /// Number of reports received.
     pub reports: usize,
-    /// Whether it was said that so many Journals have it.
+    /// Whether a report said that Journals have the goal.
     pub is_accepted: bool,
-    /// Whether it was ever said to come to nothing, without a word why.
+    /// Whether a report of a failure had no reason.
     pub has_no_reason: bool,
-    /// How it ended, if it has; a goal to be kept has come to its end when it holds.
+    /// The outcome, if it has ended. A kept goal has ended when it holds.
     pub end: Option<Outcome>,
-    /// Whether the terminal where it was asked for is still there to hear of it.
+    /// Whether the terminal that requested the goal still runs.
     pub is_listening: bool,
 }
 
 // === impl Person ===
 
 impl Person {
-    /// Somebody who has no terminal yet.
+    /// Creates a person without a terminal.
     pub fn new(name: &str, since: Instant) -> Person {
         let name = name.to_owned();
         let (unnamed, stories) = (Vec::new(), BTreeMap::new());
         Person { name, terminal: None, unnamed, stories, since }
     }
 
-    /// Sits down at a terminal.
+    /// Gives the person a terminal.
     pub fn sit(&mut self, terminal: Terminal) {
         self.terminal = Some(terminal);
     }
 
-    /// The terminal is gone, with the process behind it.
+    /// Takes the terminal away, because its process died.
     pub fn lose(&mut self) {
         self.hear();
         self.terminal = None;
@@ -66,7 +66,7 @@ impl Person {
         self.stories.values_mut().for_each(|story| story.is_listening = false);
     }
 
-    /// Wishes for something; whether there was anybody to hear it.
+    /// Requests a goal; returns whether there was a keyboard to take it.
     pub fn wish(&mut self, number: usize, wish: &Wish) -> bool {
         let Some(terminal) = &self.terminal else { return false };
         let said = keyboard::Wish {
@@ -93,13 +93,13 @@ impl Person {
         true
     }
 
-    /// Takes in what was said since.
+    /// Reads the reports that have arrived.
     pub fn hear(&mut self) {
         let at = self.since.elapsed();
         let Some(terminal) = &mut self.terminal else { return };
         while let Ok(heard) = terminal.hear.try_recv() {
             if let Heard::Asked(conversation) = &heard {
-                // A keyboard takes wishes in their order.
+                // A keyboard handles requests in order.
                 if !self.unnamed.is_empty() {
                     let (number, _) = self.unnamed.remove(0);
                     if let Some(story) = self.stories.get_mut(&number) {
@@ -148,7 +148,7 @@ impl Story {
         }
     }
 
-    /// Whether its asker waits for nothing any more.
+    /// Whether the person waits for no further report.
     pub fn is_settled(&self) -> bool {
         match self.wish.keep {
             Keep::Achieve => self.end.is_some_and(Outcome::is_final),

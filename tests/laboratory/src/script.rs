@@ -1,4 +1,4 @@
-//! What a seed decides: who lives where, who asks for what, what goes wrong when.
+//! The script of a trial, drawn from a seed: agents and their daemons, goals, faults and their times.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -10,64 +10,65 @@ use serde_json::{Value, json};
 
 use crate::gates::Way;
 
-/// How long only blinks disturb: nothing may come of them.
+/// End of the first phase, in which the only faults are blinks, which must have no effect.
 pub const BLINKS_UNTIL: Duration = Duration::from_secs(20);
 
-/// How long things go wrong.
+/// End of the faults.
 pub const FAULTS_UNTIL: Duration = Duration::from_secs(75);
 
-/// Of so many seeds, one has a second ecosystem.
+/// One of this many seeds has a second ecosystem.
 const JOINED_EVERY: u64 = 4;
 
-/// The interfacing nodes.
+/// Names of the interfacing nodes.
 const GATES: [&str; 2] = ["gate-there", "gate-back"];
 
-/// What a trial has at least.
+/// Minimum number of daemons in a trial.
 pub const DAEMONS_MIN: usize = 5;
-/// As above: agents of different names, people aside.
+/// Minimum number of agents with different names, without the people.
 pub const AGENTS_MIN: usize = 20;
-/// As above.
+/// Minimum number of goals.
 pub const GOALS_MIN: usize = 3;
-/// As above.
+/// Minimum number of faults.
 pub const FAULTS_MIN: usize = 30;
 
-/// A blink is shorter than the grace, by this margin.
+/// Length of a blink in milliseconds: shorter than the grace, with a margin.
 const BLINK_MS: std::ops::Range<u64> = 20..350;
 
-/// What keeps a promise, and can be taken out to see that the laboratory notices.
+/// A mechanism that keeps a promise. It can be taken out, to test that the laboratory detects its
+/// absence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Guard {
     /// Actuators remember which commands they have begun.
     Fencing,
-    /// Agents remember which messages they have heard.
+    /// Agents remember which messages they have received.
     Duplicates,
-    /// What a Journal has kept outlives its process.
+    /// The records of a Journal outlive its process.
     Journal,
-    /// A plan bears the absence of an agent for a while.
+    /// A plan tolerates the absence of an agent for a while.
     Grace,
-    /// Agents tell through which ecosystems they have come.
+    /// A proxy agent names the ecosystems through which it has come.
     Loops,
 }
 
 /// A trial, drawn from a seed.
 #[derive(Clone, Debug)]
 pub struct Script {
-    /// Who names it.
+    /// The seed.
     pub seed: u64,
-    /// By which flow plans are made.
+    /// The flow by which plans are made.
     pub mode: Mode,
-    /// The daemons; of the first, only the links ever fail: people sit there.
+    /// Names of the daemons. Of the first, only the links ever fail: people have their terminals there.
     pub daemons: Vec<String>,
     /// The agents.
     pub agents: Vec<Entry>,
     /// Rooms and corridors, and the devices in them.
     pub layout: Layout,
-    /// Who asks for what, when.
+    /// Goals to request.
     pub wishes: Vec<Wish>,
-    /// What goes wrong, in its order.
+    /// Faults, in order of time.
     pub faults: Vec<(Duration, Fault)>,
-    /// When goals are asked of a second ecosystem; none if there is none. The last two daemons are
-    /// interfacing nodes then.
+    /// Times at which goals are requested from a second ecosystem; empty if there is none. If there is
+    /// one, the last two daemons are interfacing nodes.
     pub errands: Vec<Duration>,
 }
 
@@ -76,9 +77,9 @@ pub struct Script {
 pub struct Entry {
     /// Its name.
     pub name: String,
-    /// What it is.
+    /// Its plugin.
     pub plugin: &'static str,
-    /// Who may host it.
+    /// Daemons that may host it, by number.
     pub daemons: Vec<usize>,
     /// Its `config`.
     pub config: Value,
@@ -87,57 +88,57 @@ pub struct Entry {
 /// A goal.
 #[derive(Clone, Debug)]
 pub struct Wish {
-    /// When it is asked for.
+    /// Time of the request.
     pub at: Duration,
-    /// By whom.
+    /// Number of the person that requests it.
     pub by: usize,
-    /// A PDDL condition.
+    /// The goal, a PDDL condition.
     pub goal: String,
-    /// The rooms whose temperature it is about.
+    /// The rooms that the goal is about: their temperature is to be known.
     pub rooms: Vec<String>,
-    /// Reach it, or keep it.
+    /// Whether it is to be achieved once or kept.
     pub keep: Keep,
-    /// What becomes of it on an island.
+    /// Behaviour during a partition.
     pub partition: Partition,
 }
 
-/// What goes wrong.
+/// A fault.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
-    /// A process dies, and is started again after a while.
+    /// A process dies, and is started again after this time.
     Crash(usize, Duration),
-    /// All processes but that of the people die at once, and are started again.
+    /// All processes but that of the people die at once, and are started again after this time.
     CrashAll(Duration),
-    /// The links between these and all others break, are seen to be broken after the lease, and are
-    /// mended.
+    /// The links between these daemons and all others break. The break is detected after the lease
+    /// (first time) and mended after the second.
     Cut(BTreeSet<usize>, Duration, Duration),
-    /// All links lose, double and mix for a while, in these hundredths.
+    /// All links lose, double and reorder messages for a while; shares in hundredths.
     Storm {
-        /// That never come.
+        /// Share of messages lost.
         lost: u32,
-        /// That come twice.
+        /// Share of messages delivered twice.
         doubled: u32,
-        /// That come after what was said later.
+        /// Share of messages delivered after later ones.
         overtaken: u32,
-        /// How long.
+        /// Duration of the fault.
         lasts: Duration,
     },
-    /// All messages take up to so long, for a while.
+    /// All messages are delayed by up to the first time, for the second.
     Delay(Duration, Duration),
-    /// A daemon hears everything so much later, for a while.
+    /// All messages to a daemon are delayed by the first time, for the second.
     Slow(usize, Duration, Duration),
-    /// A machine's clock jumps by so many seconds.
+    /// A machine's clock jumps by this many seconds.
     Clock(usize, i64),
 }
 
 // === impl Script ===
 
 impl Script {
-    /// The trial of a seed.
+    /// Draws the trial of a seed.
     ///
     /// # Errors
     ///
-    /// If what was drawn is no building: a mistake of this file.
+    /// Returns an error if the drawn plan is no valid building, which is a mistake of this file.
     pub fn draw(seed: u64) -> Result<Script, LayoutError> {
         let rng = &mut Rng::with_seed(seed);
         let mode = if rng.bool() { Mode::Centralized } else { Mode::Decentralized };
@@ -159,8 +160,8 @@ impl Script {
         Ok(script)
     }
 
-    /// Has more thermometers on walls, until there are enough agents. Drawn apart, so that all else is
-    /// drawn as it was before there had to be so many.
+    /// Adds wall thermometers until there are enough agents. Uses its own random generator, so that
+    /// everything else is drawn as before this step existed.
     fn crowd(&mut self, rooms: &[String]) -> Result<(), LayoutError> {
         let rng = &mut Rng::with_seed(!self.seed);
         for n in 1.. {
@@ -173,7 +174,7 @@ impl Script {
         Ok(())
     }
 
-    /// Joins a second ecosystem by two interfacing nodes, which die and are cut off as others do.
+    /// Joins a second ecosystem by two interfacing nodes, which die and are cut off like other daemons.
     fn join(&mut self, rng: &mut Rng) {
         let (from, until) = (BLINKS_UNTIL.as_millis() as u64, FAULTS_UNTIL.as_millis() as u64);
         let millis = |rng: &mut Rng, range| Duration::from_millis(rng.u64(range));
@@ -194,7 +195,7 @@ impl Script {
         self.errands.sort();
     }
 
-    /// Which way this daemon lets things through between both ecosystems, if it does.
+    /// Returns the direction in which this daemon exports; `None` if it is no interfacing node.
     pub fn way(&self, number: usize) -> Option<Way> {
         let first = self.daemons.len() - GATES.len();
         match number.checked_sub(first).filter(|_| !self.errands.is_empty())? {
@@ -204,7 +205,7 @@ impl Script {
     }
 }
 
-/// Rooms along a corridor that is a ring.
+/// Draws rooms along a circular corridor.
 fn places(rooms: &[String], rng: &mut Rng) -> Result<Layout, LayoutError> {
     let mut layout = Layout::new();
     let corridors: Vec<_> = (1..=3).map(|n| format!("corridor-{n}")).collect();
@@ -223,7 +224,7 @@ fn places(rooms: &[String], rng: &mut Rng) -> Result<Layout, LayoutError> {
     Ok(layout)
 }
 
-/// Those who reason on two or three daemons each, and three Journals.
+/// Draws the reasoning agents, on two or three daemons each, and three Journals.
 fn reasoning(daemons: usize, rng: &mut Rng) -> Vec<Entry> {
     let mut entries = Vec::new();
     for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
@@ -239,7 +240,7 @@ fn reasoning(daemons: usize, rng: &mut Rng) -> Vec<Entry> {
     entries
 }
 
-/// Robots that carry a thermometer, and thermometers on walls.
+/// Draws robots that carry a thermometer, and thermometers on walls.
 fn devices(
     rooms: &[String],
     daemons: usize,
@@ -271,7 +272,7 @@ fn devices(
     Ok(entries)
 }
 
-/// A thermometer on a wall. Of the first room no wall knows anything: a robot has to go there.
+/// Draws a thermometer on a wall. The first room never gets one: a robot has to go there.
 fn wall(
     name: String,
     rooms: &[String],
@@ -302,7 +303,7 @@ fn wish(n: usize, rooms: &[String], rng: &mut Rng) -> Wish {
     let known: Vec<_> = about.iter().map(|room| format!("(known-temperature {room})")).collect();
     let goal =
         if known.len() == 1 { known[0].clone() } else { format!("(and {})", known.join(" ")) };
-    // Two in fair weather: what a blink does to their plans must be seen.
+    // Two goals in the first phase: the effect of a blink on their plans must be seen.
     let until = if n < 2 { 8_000 } else { 50_000 };
     Wish {
         at: Duration::from_millis(rng.u64(4_000..until)),
@@ -318,7 +319,7 @@ fn faults(daemons: usize, robots: &[usize], rng: &mut Rng) -> Vec<(Duration, Fau
     let mut faults = Vec::new();
     let millis = |rng: &mut Rng, range| Duration::from_millis(rng.u64(range));
     for _ in 0..rng.usize(8..12) {
-        // Mostly of those whose plans a blink could tear.
+        // Mostly on daemons with robots: a blink could end the robots' plans.
         let anyone = rng.usize(..daemons);
         let robot = robots[rng.usize(..robots.len())];
         let island = [if rng.u8(..3) == 0 { anyone } else { robot }].into();
@@ -330,7 +331,7 @@ fn faults(daemons: usize, robots: &[usize], rng: &mut Rng) -> Vec<(Duration, Fau
         faults.push((millis(rng, from..until), fault(daemons, rng)));
     }
     faults.sort_by_key(|(at, _)| *at);
-    // Two blinks within a grace are no blink.
+    // Two blinks within one grace would count as a longer absence, so they are moved apart.
     let mut clear = Duration::ZERO;
     for (at, fault) in &mut faults {
         if *at < BLINKS_UNTIL
@@ -371,7 +372,7 @@ fn fault(daemons: usize, rng: &mut Rng) -> Fault {
     }
 }
 
-/// So many of a range, in random order.
+/// Returns `count` numbers of a range, in random order.
 fn some_of(range: std::ops::Range<usize>, count: usize, rng: &mut Rng) -> Vec<usize> {
     let mut all: Vec<_> = range.collect();
     rng.shuffle(&mut all);

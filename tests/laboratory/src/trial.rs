@@ -1,4 +1,4 @@
-//! Plays a seed, and says what came of it.
+//! Plays a seed and returns the result.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,44 +12,44 @@ use crate::city::City;
 use crate::effects::Effects;
 use crate::script::{FAULTS_UNTIL, Guard, Script};
 
-/// How long everything may take to come to its end once nothing goes wrong any more.
+/// Time limit for everything to end after the last fault.
 const SETTLES_WITHIN: Duration = Duration::from_secs(400);
 
-/// How often people look at their terminals.
+/// Interval at which people look at their terminals.
 const LOOKS_EVERY: Duration = Duration::from_millis(50);
 
-/// How long nothing may happen any more after the end.
+/// How long nothing may happen at the end.
 const QUIET: Duration = Duration::from_secs(3);
 
-/// What came of a trial.
+/// Result of a trial.
 #[derive(Debug)]
 pub struct Verdict {
-    /// Which.
+    /// The seed.
     pub seed: u64,
-    /// What was promised and not held; none if all is well.
+    /// The promises that were broken; empty if all is well.
     pub broken: Vec<String>,
-    /// What went wrong, where it took effect.
+    /// Counters of the faults that took effect.
     pub effects: Effects,
-    /// What became of the goals.
+    /// Counts of the goals and their outcomes.
     pub goals: Goals,
-    /// A number that is the same where everything that was ever said is the same, and when.
+    /// Hash of all messages ever sent, with their times.
     pub digest: u64,
-    /// How many daemons, agents of different names, goals and faults there were.
+    /// Numbers of daemons, of agents with different names, of goals and of faults.
     pub size: [usize; 4],
-    /// How long it lasted, in its own time.
+    /// Duration in simulated time.
     pub lasted: Duration,
-    /// What people heard, for those who ask why.
+    /// All reports that people received, for diagnosis.
     pub story: Vec<String>,
 }
 
-/// What became of the goals whose askers were there to the end.
+/// Counts of the goals with a terminal that ran to the end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Goals {
-    /// All of them.
+    /// Goals requested.
     pub asked: usize,
-    /// Those that Journals kept, as their askers heard.
+    /// Goals that Journals kept, according to the reports.
     pub accepted: usize,
-    /// Those that were reached, or are kept and hold.
+    /// Goals that were reached, or are kept and hold.
     pub achieved: usize,
 }
 
@@ -57,11 +57,12 @@ pub struct Goals {
 #[derive(Debug)]
 pub struct TrialError(String);
 
-/// Plays a seed; `without` leaves one guard out.
+/// Plays a seed; `without` takes one guard out.
 ///
 /// # Errors
 ///
-/// If it cannot be set up: there is no place for its files, or what was drawn is no building.
+/// Returns an error if the trial cannot be set up: its files cannot be created, or the drawn plan is no
+/// valid building.
 pub fn play(seed: u64, without: Option<Guard>) -> Result<Verdict, TrialError> {
     let (runtime, folder) = (runtime()?, folder()?);
     runtime.block_on(async {
@@ -71,12 +72,12 @@ pub fn play(seed: u64, without: Option<Guard>) -> Result<Verdict, TrialError> {
     })
 }
 
-/// What plays a trial: one thread, and time that passes as soon as everybody waits for it.
+/// Creates the runtime of a trial: one thread, and simulated time that advances when all tasks wait.
 pub(crate) fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build()
 }
 
-/// A folder in memory where there is one: nothing here has to outlive this process.
+/// Creates a folder, in memory if possible: nothing here has to outlive this process.
 pub(crate) fn folder() -> std::io::Result<tempfile::TempDir> {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir())
 }
@@ -132,7 +133,7 @@ impl Trial {
         self.verdict()
     }
 
-    /// Lets people wish and things go wrong, until that is over.
+    /// Requests goals and injects faults until the phase of faults is over.
     async fn suffer(&mut self) {
         let mut wishes = self.city.world.script.wishes.clone().into_iter().enumerate().peekable();
         let mut faults = self.city.world.script.faults.clone().into_iter().peekable();
@@ -164,7 +165,7 @@ impl Trial {
         }
     }
 
-    /// Waits until everybody has heard how it ended; whether that was so in time.
+    /// Waits until all people have received their outcomes. Returns whether this happened in time.
     async fn settle(&mut self) -> bool {
         let until = self.city.now() + SETTLES_WITHIN;
         while self.city.now() < until {
@@ -181,7 +182,8 @@ impl Trial {
         false
     }
 
-    /// A plan that was given up while its executor was cut off may run to its end, for nobody.
+    /// Waits for plans that were given up while their executor was cut off: they may run to their end
+    /// unobserved.
     async fn let_finish(&mut self, until: Duration) {
         while self.city.now() < until && !checks::waiting(&self.city).is_empty() {
             self.wait_until(self.city.now() + QUIET).await;
@@ -196,7 +198,7 @@ impl Trial {
         }
     }
 
-    /// People look at their terminals; what they are told is done must be so.
+    /// Reads all terminals. A goal that is reported as done must be true in the building.
     fn look(&mut self) {
         let truth = self.city.truth();
         for line in self.city.came_back().into_iter().chain(self.city.overdue()) {
@@ -280,7 +282,7 @@ impl std::ops::AddAssign for Goals {
 // === impl TrialError ===
 
 impl TrialError {
-    /// Words that cannot be read.
+    /// Error for an ontology or a map that cannot be parsed.
     pub(crate) fn words(mistakes: Vec<pddl::Diagnostic>) -> TrialError {
         let mistakes: Vec<_> = mistakes.iter().map(ToString::to_string).collect();
         TrialError(format!("read the words of the trial: {}", mistakes.join("; ")))

@@ -1,4 +1,4 @@
-//! What the agents of a process wait for: exchanges that they have opened and not closed.
+//! Open exchanges of the agents of a process.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -8,16 +8,16 @@ use acl::{AgentId, Incarnation};
 use agent::Exchanges;
 use tokio::time::Instant;
 
-/// How long after its deadline an exchange may be open: whoever waits is woken at the deadline, in
-/// simulated time, and what it then does takes none.
+/// How long after its deadline an exchange may stay open: the waiting agent is woken at the deadline in
+/// simulated time, and its reaction takes no time.
 const MARGIN: Duration = Duration::from_millis(100);
 
-/// What each life of each agent waits for, as it last said.
+/// Open exchanges of each incarnation of each agent, as last reported.
 #[derive(Default)]
 pub struct Waits(Mutex<BTreeMap<(AgentId, Incarnation), Exchanges>>);
 
 impl Waits {
-    /// An agent says what it waits for.
+    /// Records the open exchanges of an agent.
     pub fn note(&self, agent: &AgentId, life: Incarnation, exchanges: Exchanges) {
         self.with(|waits| {
             if exchanges.open_count == 0 {
@@ -28,7 +28,7 @@ impl Waits {
         });
     }
 
-    /// Exchanges that should have been over, by now.
+    /// Returns the exchanges that are open beyond their deadline.
     pub fn overdue(&self, now: Instant) -> Vec<String> {
         self.with(|waits| {
             let late = waits.iter().filter(|(_, it)| it.due.is_none_or(|due| due + MARGIN < now));
@@ -36,7 +36,7 @@ impl Waits {
         })
     }
 
-    /// Who waits, and in how many exchanges.
+    /// Returns the agents that wait, each with its number of open exchanges.
     pub fn open(&self) -> Vec<(AgentId, usize)> {
         self.with(|waits| {
             waits.iter().map(|((agent, _), it)| (agent.clone(), it.open_count)).collect()

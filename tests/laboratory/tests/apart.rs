@@ -1,5 +1,5 @@
-//! What requests change while the network is in two pieces, each with a Domain Maintainer that acts: when
-//! the pieces meet, nothing of it is lost, and who goes on knows it.
+//! Requested changes during a partition, with a leading Domain Maintainer on either side: after the
+//! heal no change is lost, and the remaining leader has all of them.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ const PROBLEM: &str = "(define (problem p) (:domain d)
 const LEASE: Duration = Duration::from_secs(4);
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Asks for a change, and tells the answer.
+/// Requests a change and passes on the answer.
 struct Asker(ChangeState, mpsc::UnboundedSender<Performative>);
 
 impl Agent for Asker {
@@ -59,7 +59,7 @@ struct Machine {
 }
 
 impl Machine {
-    /// A daemon with a Domain Maintainer; the earlier its life, the sooner its turn.
+    /// Creates a daemon with a Domain Maintainer; the smaller its incarnation, the sooner it leads.
     fn new(network: &Network, daemon: &str, life: u64) -> Machine {
         let daemon = DaemonId::new(daemon).expect("a name");
         let ecosystem = EcosystemId::new("home").expect("a name");
@@ -92,7 +92,7 @@ impl Machine {
         }
     }
 
-    /// Somebody here asks for a change in the name of `owner`.
+    /// Requests a change in the name of `owner`, by an agent on this machine.
     async fn change(&mut self, owner: &str, believe: &str, retract: &str) {
         let (told, mut heard) = mpsc::unbounded_channel();
         let (believe, retract) = (believe.to_owned(), retract.to_owned());
@@ -104,7 +104,7 @@ impl Machine {
         assert_eq!(answer, Some(Performative::Confirm));
     }
 
-    /// What the Domain Maintainer of this machine believes.
+    /// Returns the facts that the Domain Maintainer of this machine believes.
     async fn believes(&self) -> BTreeSet<String> {
         let ask = Ask {
             daemon: Some(self.switchboard.daemon().clone()),
@@ -117,7 +117,7 @@ impl Machine {
         facts.map(|fact| fact.fact).collect()
     }
 
-    /// Waits until it acts and believes this.
+    /// Waits until the Domain Maintainer of this machine leads and believes exactly these facts.
     async fn comes_to_believe(&self, expected: &[&str]) {
         let expected: BTreeSet<_> = expected.iter().map(|&fact| fact.to_owned()).collect();
         let mut believed = BTreeSet::new();
@@ -139,15 +139,15 @@ async fn what_was_changed_on_either_side_of_a_partition_is_known_after_it() {
     let mut two = Machine::new(&network, "two", 1_000);
     one.comes_to_believe(&["(lit porch)"]).await;
     one.change("ann", "(lit hall) (= (price hall) 1) (= (price attic) 1)", "").await;
-    // So long that nobody counts as apart.
+    // Long enough for the replicas to count as together.
     tokio::time::sleep(Duration::from_secs(20)).await;
     one.change("cem", "(lit cellar)", "").await;
 
     let cut = network.cut([DaemonId::new("two").expect("a name")].into(), LEASE);
     let before = ["(lit porch)", "(lit hall)", "(= (price hall) 1)", "(= (price attic) 1)"];
     two.comes_to_believe(&[&before[..], &["(lit cellar)"]].concat()).await;
-    // In one piece a price is raised and the hall darkened, in the other another price, and a room
-    // is lit; the attic's price is changed in both.
+    // On one side a price rises and the hall goes dark; on the other side another price changes and a
+    // room is lit. The attic's price changes on both sides.
     one.change("ann", "(= (price attic) 2)", "(lit hall)").await;
     two.change("ann", "(= (price hall) 5) (= (price attic) 9)", "").await;
     two.change("bob", "(lit attic)", "(lit porch)").await;
@@ -156,7 +156,7 @@ async fn what_was_changed_on_either_side_of_a_partition_is_known_after_it() {
     network.mend(cut);
     let after = ["(lit attic)", "(= (price hall) 5)", "(= (price attic) 2)"];
     one.comes_to_believe(&after).await;
-    // Who stands by has heard it, and goes on with it.
+    // The standby has received all changes and keeps them when it takes over.
     tokio::time::sleep(Duration::from_secs(5)).await;
     network.kill(&DaemonId::new("one").expect("a name"));
     two.comes_to_believe(&after).await;

@@ -1,5 +1,5 @@
-//! What a Plan Requester does with a bid that is ahead of it: its agent has announced a newer action model,
-//! which the Domain Maintainer has not heard yet.
+//! Handling of a bid by an action model that the Domain Maintainer does not have yet: the bidder has
+//! announced it, and the announcement is still on its way.
 
 mod house;
 #[path = "house/sayer.rs"]
@@ -27,7 +27,7 @@ const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing)
 const PROBLEM: &str = "(define (problem p) (:domain d) (:objects lamp robot - agent)
     (:init (idle lamp) (idle robot)) (:goal (and)))";
 
-/// Knows that the lamp can light only after it was asked so often.
+/// A Domain Maintainer that offers the lamp's `light` only after `behind` queries.
 struct Maintainer {
     behind: u32,
     asked: Arc<AtomicU32>,
@@ -67,7 +67,7 @@ impl Agent for Maintainer {
     }
 }
 
-/// Proposes to light, at this cost.
+/// A bidder that proposes to light, at this cost.
 struct Bidder(f64);
 
 impl Agent for Bidder {
@@ -82,7 +82,7 @@ impl Agent for Bidder {
     }
 }
 
-/// Tells the plan that it is asked to carry out.
+/// An executor that reports the plans it is asked to execute, and fails them.
 struct Executor(mpsc::UnboundedSender<String>);
 
 impl Agent for Executor {
@@ -98,7 +98,8 @@ impl Agent for Executor {
     }
 }
 
-/// The first plan that is to be carried out where the Domain Maintainer is behind for so many questions.
+/// Returns the first plan to be executed, and the number of queries, if the Domain Maintainer lacks the
+/// new model for `behind` queries.
 async fn first_plan(behind: u32) -> (String, u32) {
     let house = House::new(Mode::Decentralized, DOMAIN, PROBLEM, Vec::new());
     let machine = house.machine("here");
@@ -127,7 +128,7 @@ async fn a_bid_by_a_newer_action_model_is_called_for_again() {
     }
 }
 
-/// Its model never comes: then the others do it.
+/// If the new model never arrives, another agent does it.
 #[tokio::test(start_paused = true)]
 async fn a_bid_by_a_model_that_never_comes_holds_nobody_up() {
     let (plan, asked) = first_plan(u32::MAX).await;

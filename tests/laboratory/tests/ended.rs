@@ -1,5 +1,5 @@
-//! What a Plan Requester believes of goals that another one of its name says something of, which
-//! acted where it could not be seen: what has ended on either side has ended.
+//! Merging of goal records from another replica of the Plan Requester that led in another partition: an
+//! end on either side is final.
 
 mod house;
 #[path = "house/sayer.rs"]
@@ -22,7 +22,7 @@ const DOMAIN: &str = "(define (domain d) (:requirements :strips)
     (:predicates (lit)))";
 const PROBLEM: &str = "(define (problem p) (:domain d) (:init (lit)) (:goal (and)))";
 
-/// Keeps what it is told to keep, and shows it.
+/// A Journal that passes on all records it is asked to keep.
 struct Journal(mpsc::UnboundedSender<Record>);
 
 impl Agent for Journal {
@@ -41,7 +41,7 @@ impl Agent for Journal {
     }
 }
 
-/// Waits for a record of a goal.
+/// Waits for a record that satisfies `is_it`.
 async fn kept(
     records: &mut mpsc::UnboundedReceiver<Record>,
     is_it: impl Fn(&Record) -> bool,
@@ -61,8 +61,8 @@ fn is_goal(record: &Record) -> bool {
     record.key == "goal/g"
 }
 
-/// A machine with a Plan Requester that has been asked for what holds already, and what was kept of
-/// that: as it was taken, and how it ended.
+/// A machine with a Plan Requester that was asked for a goal that already holds, with the goal's
+/// records: when it was accepted, and when it had ended.
 struct Asked {
     house: House,
     here: Arc<Switchboard>,
@@ -90,7 +90,7 @@ impl Asked {
         Asked { house, here, records, heard, open, ended }
     }
 
-    /// One that acted elsewhere stands down, and says what it knew.
+    /// Hands a record over, as a replica does that led elsewhere and stands down.
     async fn is_handed(&self, record: Record) {
         let there = self.house.machine("there");
         let (told, mut heard) = mpsc::unbounded_channel();
@@ -123,7 +123,7 @@ async fn next(heard: &mut mpsc::UnboundedReceiver<Report>) -> Report {
 #[tokio::test(start_paused = true)]
 async fn what_has_ended_is_not_begun_again_from_a_later_copy_that_did_not_know() {
     let mut asked = Asked::open().await;
-    // Who acted elsewhere meanwhile had read the copy from before.
+    // The other leader read the record from before the end.
     let version = Version { term: u64::MAX / 2, count: 7 };
     asked.is_handed(Record { version, ..asked.open.clone() }).await;
     let is_later = |record: &Record| is_goal(record) && record.version > version;
@@ -137,7 +137,7 @@ async fn what_was_given_up_is_not_gone_on_with_by_who_takes_over() {
     let mut asked = Asked::open().await;
     let version = Version { term: u64::MAX / 2, count: 7 };
     let mut other = Record { key: "goal/h".to_owned(), version, ..asked.open.clone() };
-    // Who was told that it is given up was told so before it had come to its end.
+    // The cancellation was confirmed before the goal had ended.
     other.body["engagement"]["conversation"] = "h".into();
     other.body["cancelled"] = true.into();
     asked.is_handed(other).await;

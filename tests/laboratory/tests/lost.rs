@@ -1,5 +1,5 @@
-//! What a goal speaks of goes with whoever brought it, while the goal is pursued: the reason names it,
-//! and a goal that is kept waits for it to come back.
+//! The agent that brought an object of a goal leaves while the goal is pursued: the reason names the
+//! object, and a kept goal waits for the agent to come back.
 
 mod house;
 #[path = "house/sayer.rs"]
@@ -25,10 +25,10 @@ const WITH_LAMP: &str =
     "(define (problem p) (:domain d) (:objects lamp - agent) (:init (idle lamp)) (:goal (and)))";
 const WITHOUT_LAMP: &str = "(define (problem p) (:domain d) (:init) (:goal (and)))";
 
-/// Whether the lamp is here.
+/// Whether the lamp is present.
 type Here = Arc<AtomicBool>;
 
-/// Knows the lamp while it is here.
+/// A Domain Maintainer that knows the lamp while it is present.
 struct Maintainer(Here);
 
 impl Agent for Maintainer {
@@ -57,7 +57,7 @@ impl Agent for Maintainer {
     }
 }
 
-/// The lamp leaves as it is asked to carry a plan out.
+/// An executor; the lamp leaves when it is asked to execute a plan.
 struct Executor {
     lamp: Here,
     asked: mpsc::UnboundedSender<()>,
@@ -74,13 +74,13 @@ impl Agent for Executor {
     }
 }
 
-/// A goal about the lamp, and who is there.
+/// A goal about the lamp, with all agents that it needs.
 struct Trial {
     lamp: Here,
-    /// The plans that were to be carried out.
+    /// Plans to be executed.
     plans: mpsc::UnboundedReceiver<()>,
     heard: mpsc::UnboundedReceiver<Report>,
-    /// Without it there is no wire.
+    /// Keeps the network alive.
     _house: (House, Arc<Switchboard>),
     _lives: [JoinHandle<Result<(), LaunchError>>; 5],
 }
@@ -103,7 +103,7 @@ impl Trial {
         Trial { lamp, plans, heard, _house: (house, machine), _lives: lives }
     }
 
-    /// What is said first with this outcome; before it, only how it goes on.
+    /// Returns the first report with this outcome and text; only progress may come before it.
     async fn told(&mut self, outcome: Outcome, of: &str) -> String {
         let said = async {
             loop {

@@ -1,5 +1,5 @@
-//! Memory stays bounded: what all agents of a trial hold, counted by the allocator, while goal after
-//! goal is asked for.
+//! Memory stays bounded: the allocator counts what all agents of a trial hold, while one goal after the
+//! other is requested.
 
 use laboratory::endurance::endure;
 use peak_alloc::PeakAlloc;
@@ -7,17 +7,18 @@ use peak_alloc::PeakAlloc;
 #[global_allocator]
 static ALLOCATED: PeakAlloc = PeakAlloc;
 
-/// What is remembered by number is full by then: ends of goals and of plans.
+/// Number of goals after which the caches of ended goals and plans are full.
 const FULL_AFTER: usize = 160;
 
-/// Goals that are asked for after that; `ALTHING_GOALS` asks for more.
+/// Number of goals requested after that; `ALTHING_GOALS` requests more.
 const GOALS: usize = 160;
 
-/// What a goal may leave behind in all agents together, in bytes, while what is bounded by thousands is
-/// not full yet: what actuators and Journals remember of it on disk too, and the building's own story.
+/// Maximum number of bytes that a goal may leave behind in all agents together, while caches with room
+/// for thousands of entries are not full yet: the ledgers of actuators, the records of Journals, and
+/// the building's own history.
 const LEFT_BEHIND_MAX: f64 = 6_144.0;
 
-/// How many bytes each goal leaves behind.
+/// Returns how many bytes each goal leaves behind.
 fn left_behind(goals: usize, heard_messages_max: usize) -> f64 {
     let mut held = Vec::new();
     let broken = endure(5, FULL_AFTER + goals, heard_messages_max, |number| {
@@ -30,7 +31,7 @@ fn left_behind(goals: usize, heard_messages_max: usize) -> f64 {
     });
     let broken = broken.unwrap_or_else(|error| panic!("failed to {error}"));
     assert_eq!(broken, [""; 0]);
-    // The middle of each half: what is held goes up and down with every goal.
+    // The median of each half: memory in use goes up and down with every goal.
     let middle = |part: &[f64]| {
         let mut part = part.to_vec();
         part.sort_by(f64::total_cmp);
@@ -40,7 +41,7 @@ fn left_behind(goals: usize, heard_messages_max: usize) -> f64 {
     (middle(&held[half..]) - middle(&held[..half])) / half as f64
 }
 
-/// One test, because what is counted is the whole process.
+/// One test only, because the allocator counts the whole process.
 #[test]
 fn memory_stays_bounded_and_what_has_no_bound_is_noticed() {
     let goals = std::env::var("ALTHING_GOALS").ok().and_then(|goals| goals.parse().ok());

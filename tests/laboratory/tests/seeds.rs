@@ -1,5 +1,5 @@
-//! The laboratory at work: seeds are as big as promised, play the same again, find nothing; and each
-//! guard is missed when it is taken out.
+//! The laboratory at work: seeds have the promised size, repeat exactly, and break no promise; and
+//! taking out any guard makes some seed fail.
 
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
@@ -9,19 +9,19 @@ use laboratory::script::{AGENTS_MIN, DAEMONS_MIN, FAULTS_MIN, GOALS_MIN, Script}
 use laboratory::trial::Goals;
 use laboratory::{Guard, Verdict, play};
 
-/// Seeds that are played each time the tests are. `cargo run --release -p laboratory -- --seeds N`
-/// plays more.
+/// Number of seeds played in each test run. `cargo run --release -p laboratory -- --seeds N` plays
+/// more.
 const SEEDS: u64 = 60;
 
-/// Seeds that found something once, beyond those: plans that gave way to another Plan Requester's,
-/// a plan that outlived its goal, a check that was made twice in the middle of a blink, two blinks that
+/// Further seeds that once revealed a defect: plans that yielded to those of another Plan Requester, a
+/// plan that outlived its goal, a check that was made twice in the middle of a blink, two blinks that
 /// were taken for one long absence, plans that Journals kept for ever.
 const MENDED: [u64; 27] = [
     696, 793, 1_135, 1_314, 1_582, 1_678, 1_943, 2_271, 2_371, 3_137, 4_159, 4_576, 4_699, 4_920,
     5_196, 5_600, 5_945, 6_183, 6_349, 7_322, 7_427, 7_755, 7_816, 7_984, 8_146, 8_300, 8_450,
 ];
 
-/// Within how many seeds a guard that is taken out must be missed.
+/// Number of seeds within which a missing guard must make one fail.
 const MISSED_WITHIN: u64 = 1_000;
 
 fn played(seed: u64, without: Option<Guard>) -> Verdict {
@@ -51,7 +51,7 @@ fn the_same_seed_is_the_same_trial_to_the_byte() {
     assert_ne!(played(0, None).digest, played(1, None).digest);
 }
 
-/// All of them, played once for all tests.
+/// Results of all seeds, played once for all tests.
 fn batch() -> &'static [Verdict] {
     static BATCH: OnceLock<Vec<Verdict>> = OnceLock::new();
     BATCH.get_or_init(|| (0..SEEDS).chain(MENDED).map(|seed| played(seed, None)).collect())
@@ -69,7 +69,7 @@ fn no_seed_breaks_a_promise() {
     );
 }
 
-/// An ecosystem that took nothing on would break no promise.
+/// An ecosystem that accepts no goal would break no promise.
 #[test]
 fn most_goals_are_kept_and_reached() {
     let mut goals = Goals::default();
@@ -78,7 +78,7 @@ fn most_goals_are_kept_and_reached() {
     let Goals { asked, accepted, achieved } = goals;
     assert!(asked >= batch().len(), "{goals:?}");
     assert!(achieved * 3 >= asked * 2, "{goals:?}");
-    // Of those that hold already when they are asked for, nothing is kept.
+    // A goal that holds already when it is requested leaves no record.
     assert!(accepted * 2 >= asked, "{goals:?}");
 }
 
@@ -91,7 +91,7 @@ fn every_kind_of_fault_takes_effect() {
         println!("{kind}: {all} in {hit} of {} seeds", seeds.len());
         assert!(hit * 2 > seeds.len(), "{kind}: only in {hit} of {} seeds", seeds.len());
     }
-    // Who is dead already does not crash, and some cuts stop no message.
+    // A dead process does not crash, and some cuts stop no message.
     let struck: Vec<_> = seeds.iter().map(|verdict| verdict.effects.struck).collect();
     println!("{struck:?} faults of at least {FAULTS_MIN} took effect");
     let drawn: u64 = seeds.iter().map(|verdict| verdict.size[3] as u64).sum();
@@ -99,7 +99,7 @@ fn every_kind_of_fault_takes_effect() {
     assert!(struck * 5 >= drawn * 4, "{struck} of {drawn} faults took effect");
 }
 
-/// What is said of the first seed that misses this guard: it must be what the guard is there for.
+/// Checks that some seed fails without this guard, and for the reason that the guard prevents.
 fn missed_for(guard: Guard, why: &str) {
     let is_missed = |seed: &u64| {
         let broken = played(*seed, Some(guard)).broken;
@@ -114,8 +114,8 @@ fn missed_for(guard: Guard, why: &str) {
 
 #[test]
 fn fencing_is_missed() {
-    // A command is begun again, and one of a plan that was replaced: the memory of commands keeps
-    // both from happening, and each has its own check.
+    // Without fencing a command is begun twice, and a command of a replaced plan is begun. The ledger
+    // prevents both, and each has its own check.
     missed_for(Guard::Fencing, " times");
     missed_for(Guard::Fencing, "of an older plan");
 }

@@ -1,6 +1,6 @@
-//! What a Plan Executor does with a second plan for a goal: of the same Plan Requester it takes the
-//! first one's place; of another, which knew nothing of the first, it does not. What is called off runs
-//! no more, nor is it begun. And who hears of it.
+//! A second plan for a goal at the Plan Executor: one of the same Plan Requester replaces the first;
+//! one of another replica, which did not know of the first, does not. A plan that is called off stops,
+//! or never begins. And all requesters get the reports.
 
 mod house;
 
@@ -23,12 +23,12 @@ const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing)
 const PROBLEM: &str = "(define (problem p) (:domain d) (:objects lamp - agent)
     (:init (idle lamp)) (:goal (lit lamp)))";
 
-/// Asks for a plan, made in this term.
+/// Builds a request to execute a plan of this term and round.
 fn asked(term: u64, round: u32) -> Request {
     Request::Execute(Box::new(execute(term, round)))
 }
 
-/// A plan that lights the lamp, made in this term.
+/// Builds a plan that lights the lamp, of this term and round.
 fn execute(term: u64, round: u32) -> Execute {
     let method = Method {
         method: "light".to_owned(),
@@ -49,7 +49,7 @@ fn execute(term: u64, round: u32) -> Execute {
     }
 }
 
-/// Gives its word, and never lights.
+/// A lamp that agrees and never lights.
 struct Lamp;
 
 impl Agent for Lamp {
@@ -65,10 +65,10 @@ impl Agent for Lamp {
     }
 }
 
-/// Asks for this, one thing after the other, and tells what is answered.
+/// Sends these requests, one per second, and passes on the answers.
 struct Asker {
     asks: Vec<Request>,
-    /// When it asks for the first.
+    /// Delay before the first request.
     after: Duration,
     told: mpsc::UnboundedSender<Message>,
 }
@@ -100,12 +100,12 @@ impl Agent for Asker {
     }
 }
 
-/// The first answer to any of this.
+/// Returns the first answer to any of these requests.
 async fn first_answer(asks: Vec<Request>) -> Message {
     first_answers(asks, 1, Duration::from_secs(30)).await.remove(0)
 }
 
-/// The first answers to this, so many.
+/// Returns the first `many` answers to these requests.
 async fn first_answers(asks: Vec<Request>, many: usize, within: Duration) -> Vec<Message> {
     let house = House::new(Mode::Centralized, DOMAIN, PROBLEM, Vec::new());
     let here = house.machine("here");
@@ -124,7 +124,8 @@ async fn first_answers(asks: Vec<Request>, many: usize, within: Duration) -> Vec
     answers
 }
 
-/// It may have come again, or late, what it asked for first; it listens to one of the two.
+/// A repeated request may arrive late, and the requester still listens in only one of the two
+/// exchanges.
 #[tokio::test(start_paused = true)]
 async fn who_asks_twice_for_a_plan_hears_twice_how_it_ends() {
     let answers = first_answers(vec![asked(5, 1), asked(5, 1)], 2, Duration::from_secs(120)).await;
@@ -132,8 +133,8 @@ async fn who_asks_twice_for_a_plan_hears_twice_how_it_ends() {
     assert_eq!(exchanges.len(), 2, "{answers:?}");
 }
 
-/// Of two Plan Requesters one has stood down. What it had asked for comes after what the other has
-/// asked for; or before.
+/// One of two Plan Requesters has stood down. Its request may arrive after that of the other, or
+/// before.
 #[tokio::test(start_paused = true)]
 async fn whoever_asked_for_a_plan_hears_how_it_ends() {
     for (first, second) in [(1, 2), (2, 1)] {
@@ -152,7 +153,7 @@ async fn whoever_asked_for_a_plan_hears_how_it_ends() {
             launch(stands_by, "plan-requester", &there, true),
         ];
         for mut heard in [first_heard, second_heard] {
-            // The lamp has a minute, and falls silent.
+            // The lamp agrees, and its method times out after a minute.
             let answer = timeout(Duration::from_secs(120), heard.recv()).await.expect("in time");
             let report: Report = answer.expect("it lives").content_as().expect("a report");
             assert_eq!(report.outcome, Outcome::Failed, "{report:?}");
@@ -182,8 +183,8 @@ async fn a_later_plan_of_the_same_takes_the_place_of_the_first() {
     assert_eq!((refusal.reason, refusal.under_way), (Reason::StaleToken, None));
 }
 
-/// Who made it acts no longer; what it asked may come before it is called off, or after. Nobody is told
-/// that it was carried out.
+/// The Plan Requester that made the plan no longer leads. Its request may arrive before the plan is
+/// called off, or after. No report says that the plan was carried out.
 #[tokio::test(start_paused = true)]
 async fn a_plan_that_is_called_off_neither_goes_on_nor_begins() {
     let off = || Request::CallOff(CallOff { term: 5, round: 1 });

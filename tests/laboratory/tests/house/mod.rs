@@ -1,4 +1,4 @@
-//! Machines on one wire, and agents on them, for tests of one plugin alone.
+//! Machines on one network with agents, for tests of a single plugin.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use substrate::memory::Network;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-/// Machines on one wire.
+/// Machines on one network.
 pub(crate) struct House {
     network: Network,
     host: Arc<Host>,
@@ -33,7 +33,7 @@ impl House {
         machine
     }
 
-    /// An agent of a plugin, under the plugin's name.
+    /// Builds an agent of a plugin, under the plugin's name.
     pub(crate) fn built(&self, plugin: &PluginEntry) -> Box<dyn Launch> {
         let (id, config) = (name(plugin.name), serde_json::json!({}).into());
         let host = Arc::clone(&self.host);
@@ -45,7 +45,7 @@ pub(crate) fn name(text: &str) -> AgentId {
     AgentId::new(text).expect("a name")
 }
 
-/// Lets an agent live on a machine.
+/// Launches an agent on a machine.
 pub(crate) fn launch(
     agent: Box<dyn Launch>,
     id: &str,

@@ -1,4 +1,4 @@
-//! Who says one thing to an agent, and tells what is answered.
+//! Agent that sends one request and passes on the answers.
 
 use std::time::Duration;
 
@@ -9,10 +9,10 @@ use tokio::sync::mpsc;
 
 use crate::house::name;
 
-/// How long anything may take.
+/// Time limit of every step.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Says something once, and tells what is answered.
+/// Sends one request and passes on the answers.
 pub(crate) struct Sayer {
     pub(crate) to: AgentId,
     pub(crate) protocol: Protocol,
@@ -24,7 +24,8 @@ pub(crate) struct Sayer {
 // === impl Sayer ===
 
 impl Sayer {
-    /// Asks the Plan Requester for a goal in the conversation `g`; and what it hears of it.
+    /// Creates an agent that requests a goal of the Plan Requester in the conversation `g`; returns it
+    /// with the channel of its reports.
     pub(crate) fn of_goal(goal: &str, keep: Keep) -> (Sayer, mpsc::UnboundedReceiver<Report>) {
         let (goal, partition) = (goal.to_owned(), Partition::Pursue);
         let (told, heard) = mpsc::unbounded_channel();
