@@ -1,10 +1,10 @@
-//! What it takes to ground the tasks of a list, and how large they become: one line per task.
+//! Measures the time and memory of grounding a list of tasks, and their sizes: one line per task.
 //!
 //! `cargo bench -p planner --bench grounding -- FOLDER LIST [--seconds S] [--translator COMMAND]`
 //!
 //! - `LIST` has one task per line, `DOMAIN PROBLEM`, relative to `FOLDER`.
-//! - Every task runs in a process of its own, so that memory is its own. Times are of the
-//!   processor, not of the wall, where the system tells them.
+//! - Every task runs in a process of its own, so that its memory is measured separately. Times are
+//!   processor times, or wall-clock times if the system does not provide the former.
 //! - `COMMAND` is Fast Downward's driver with what its translator needs, as for a shell, for example
 //!   `fast-downward.py --translate`; its own reports of time and memory are printed beside ours.
 
@@ -15,14 +15,14 @@ use std::time::{Duration, Instant};
 
 use planner::{Budget, Cancel, Ground, StopReason, prepare};
 
-/// Work on mutex groups, in units of some ten nanoseconds.
+/// Cap on the work of finding mutex groups, in units of about ten nanoseconds.
 const GROUPS_WORK_MAX: u64 = 100_000_000;
 
-/// Says that this process is to ground one task.
+/// Argument by which this process is told to ground a single task.
 const ONE: &str = "--one";
 
 fn main() -> ExitCode {
-    // Cargo adds `--bench` to what the user says.
+    // Cargo adds `--bench` to the arguments of the user.
     let arguments: Vec<String> = std::env::args().skip(1).filter(|one| one != "--bench").collect();
     let option = |name: &str| {
         let at = arguments.iter().position(|one| one == name)?;
@@ -35,7 +35,7 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         [folder, list, ..] => all(Path::new(folder), list, seconds, option("--translator")),
-        // Whoever runs all benchmarks has no tasks at hand.
+        // A run of all benchmarks passes no tasks.
         _ => {
             eprintln!("usage: grounding FOLDER LIST [--seconds S] [--translator COMMAND]");
             ExitCode::SUCCESS
@@ -77,7 +77,7 @@ fn measure_ours(domain: &Path, problem: &Path, seconds: u64) -> String {
     }
 }
 
-/// What Fast Downward's translator reports of the same task, and the ratios.
+/// Runs Fast Downward's translator on the same task, and returns its report and the ratios.
 fn compare(translator: &str, domain: &Path, problem: &Path, seconds: u64, ours: &str) -> String {
     let folder = std::env::temp_dir().join(format!("grounding-{}", std::process::id()));
     if let Err(err) = std::fs::create_dir_all(&folder) {
@@ -185,13 +185,13 @@ fn within<T>(limit: Duration, work: impl FnOnce(&Cancel) -> T) -> T {
         }
     });
     let result = work(&cancel);
-    // The clock's thread ends either way; a failed send means it already has.
+    // The thread with the clock ends in any case; if sending fails, it has already ended.
     let _ = finished.send(());
     let _ = clock.join();
     result
 }
 
-/// Seconds of this thread on the processor; of the wall, where the system does not tell.
+/// Processor time of this thread in seconds, or wall-clock time if the system does not provide it.
 #[derive(Clone, Copy)]
 struct Clock {
     wall: Instant,
@@ -216,7 +216,7 @@ impl Clock {
     }
 }
 
-/// The most memory that this process ever had.
+/// Returns the peak memory of this process in megabytes; NaN if the system does not provide it.
 fn peak_megabytes() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     number_after(&status.replace([' ', '\t'], ""), "VmHWM:").unwrap_or(f64::NAN) / 1024.0

@@ -1,13 +1,13 @@
-//! How long a building waits for an answer, and for another one when something has changed: medians
-//! and the slowest of a hundred, beside their aims.
+//! Measures how long a building waits for a plan, and for the next one after a change: the median and
+//! the 99th percentile, beside their targets.
 //!
 //! ```text
 //! cargo bench -p planner --bench latency
 //! ```
 //!
-//! The problems are those of `scenarios`. Cold: from texts to a validated plan.
-//! Warm: a planner that has planned before, told that an agent offers nothing any more, is back, or
-//! that a robot stands elsewhere; every agent and every place in turn, solvable or not.
+//! The problems are those of `scenarios`. Cold: from texts to a validated plan. Warm: a planner that
+//! has planned before, after a change: an agent no longer offers anything, is back, or a robot has
+//! moved. Every agent and every place is changed in turn, whether the result is solvable or not.
 
 use std::time::Instant;
 
@@ -17,12 +17,12 @@ use pddl::Problem;
 use planner::{Cancel, Grounding, Options, Replanner, plan};
 use scenarios::{SCENARIOS, events, parse};
 
-/// In milliseconds: the median, and the slowest of a hundred.
+/// Targets in milliseconds: the median, and the 99th percentile.
 const COLD_AIM: (f64, f64) = (0.5, 2.0);
 const WARM_AIM: (f64, f64) = (0.3, 0.3);
 
 fn main() {
-    // Cargo tries whether the benchmark runs when it tests.
+    // Without `--bench`, Cargo only tests that the benchmark runs.
     let is_measured = std::env::args().any(|argument| argument == "--bench");
     let rounds = if is_measured { 2_000 } else { 2 };
     for (name, domain, problem) in SCENARIOS {
@@ -49,7 +49,7 @@ fn main() {
     }
 }
 
-/// The median and the slowest of a hundred, in milliseconds.
+/// Returns the median and the 99th percentile, in milliseconds.
 fn times(rounds: usize, mut answer: impl FnMut(usize)) -> (f64, f64) {
     let mut took: Vec<f64> = Vec::with_capacity(rounds);
     for round in 0..rounds {

@@ -1,9 +1,10 @@
-//! How long a building waits for an answer: from texts to a validated plan, and parts of that way.
+//! Measures how long a building waits for a plan: from texts to a validated plan, and the parts of
+//! that.
 //!
 //! - `office/` is small, and shows the parts: parse, ground, search, validate, deorder.
-//! - `floor` is where the quick climb fails: a floor that must be painted in the right order.
-//! - `scenarios` are the goals of the paper's scenarios, in a whole office; `replans` the same once
-//!   something has changed, by a planner that has planned before. latency.rs tells their slowest.
+//! - `floor` is a task where hill climbing fails: a floor that must be painted in the right order.
+//! - `scenarios` are the goals of the paper's scenarios in a whole office. `replans` are the same after
+//!   a change, by a planner that has planned before. latency.rs measures their 99th percentile.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -84,8 +85,8 @@ const FLOOR: &str = "(define (domain floor)
     :precondition (and (robot ?r) (at ?r ?x) (clear ?y) (or (up ?x ?y) (up ?y ?x)))
     :effect (and (painted ?y) (not (clear ?y)))))";
 
-/// A floor of so many rows and columns, all of it to be painted but the first row, by two robots that
-/// paint what is next to them and never walk on paint.
+/// Returns a task with a floor of this size, where all cells but the first row must be painted. Two
+/// robots paint the cells next to them, and never move onto painted cells.
 fn floor(rows: usize, columns: usize) -> String {
     let tile = |row: usize, column: usize| format!("t{row}-{column}");
     let (mut objects, mut init, mut goal) = (String::new(), String::new(), String::new());

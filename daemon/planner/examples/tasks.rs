@@ -3,7 +3,7 @@
 //! `cargo run --release -p planner --example tasks -- FOLDER LIST [SECONDS] [EVERY] [OFFSET]`
 //!
 //! `LIST` has one task per line, `DOMAIN PROBLEM`, relative to `FOLDER`; every `EVERY`th is taken.
-//! The clock lives here: a thread sets the planner's `Cancel`.
+//! The clock is here: a thread sets the planner's `Cancel`.
 
 use std::path::Path;
 use std::sync::mpsc;
@@ -82,7 +82,7 @@ fn with_deadline<T>(limit: Duration, work: impl FnOnce(&Cancel) -> T) -> T {
         }
     });
     let result = work(&cancel);
-    // The clock's thread ends either way; a failed send means it already has.
+    // The thread with the clock ends in any case; if sending fails, it has already ended.
     let _ = finished.send(());
     let _ = clock.join();
     result

@@ -1,6 +1,6 @@
-//! What bytes get for an answer: the domain, a zero, the problem.
+//! Result of planning for any bytes: a domain, a zero byte, and a problem.
 //!
-//! Shared by the fuzz target and the tests, which bring the bytes.
+//! It is used by the fuzz target and by tests, which supply the bytes.
 
 use pddl::{Document, Domain, Plan, Problem, parse_document, text_from_bytes};
 use planner::{
@@ -8,29 +8,29 @@ use planner::{
     Verdict, plan, validate,
 };
 
-/// Enough for a small building; what asks for more is told so.
+/// Enough for a small building; larger tasks end at a limit.
 const BUDGET: Budget =
     Budget { expansions_max: 2_000, join_steps_max: 200_000, memory_max_bytes: 64 << 20 };
 
-/// How far the bytes came.
+/// How far the processing of the bytes came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Answer {
-    /// They are no domain and problem.
+    /// The bytes are not a domain and a problem.
     Unreadable,
-    /// Somebody's mistake, or more than the planner does.
+    /// The texts contain errors, or use a feature that the planner does not support.
     Refused,
-    /// A limit, or a proof that there is no plan.
+    /// A limit was reached, or there is a proof that there is no plan.
     NoPlan,
     /// A plan that the validator accepts.
     Planned,
 }
 
-/// Reads, plans and checks; then plans again with every other fact gone, and once more with all of
-/// them back, as a planner does that keeps what it has ground.
+/// Parses, plans and validates. Then plans again with a kept ground problem: with every other fact
+/// removed, and once more with all of them.
 ///
 /// # Panics
 ///
-/// If the planner contradicts itself: then it is the planner's mistake, not the text's.
+/// Panics if the planner contradicts itself, which is a defect of the planner, not of the text.
 pub(crate) fn answer(bytes: &[u8]) -> Answer {
     let (domain, problem) = match bytes.iter().position(|byte| *byte == 0) {
         Some(end) => (&bytes[..end], &bytes[end + 1..]),
@@ -55,7 +55,7 @@ pub(crate) fn answer(bytes: &[u8]) -> Answer {
     if outcome.plan.is_some() { Answer::Planned } else { Answer::NoPlan }
 }
 
-/// What is answered, once any plan in it has been checked; `None` where it is refused.
+/// Returns the outcome, after checking any plan in it; `None` if the texts are rejected.
 fn planned(domain: &Domain, problem: &Problem, options: &Options) -> Option<Outcome> {
     judged(domain, problem, plan(domain, problem, options, &Cancel::new()))
 }
@@ -77,7 +77,7 @@ fn judged(
     Some(outcome)
 }
 
-/// Holds a planner that has planned before against one that has not.
+/// Compares a planner that has planned before with one that has not.
 fn replan(domain: &Domain, problem: &Problem, options: &Options) {
     let mut less = problem.clone();
     let mut place = 0;
@@ -95,7 +95,7 @@ fn replan(domain: &Domain, problem: &Problem, options: &Options) {
             let is_proof = matches!(one.stop_reason, StopReason::Unsolvable { .. });
             assert!(!is_proof || other.plan.is_none(), "a proof and a plan\n{domain}\n{problem}");
         }
-        // As if its first step had been taken.
+        // As if the first step of the plan had been executed.
         let steps = again.plan.into_iter().flat_map(|plan| plan.steps).skip(1);
         rest.steps = steps.collect();
     }

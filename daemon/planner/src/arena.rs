@@ -1,12 +1,15 @@
-//! Long arrays that grow: by less than they are long, and known beforehand.
+//! Growth policy for long arrays: they grow by a quarter, and the memory that the growth takes is known
+//! beforehand.
 //!
-//! While an array grows, the old and the new are there at once. Whoever holds memory against a limit
-//! counts both before it happens: an allocation that fails ends the process.
+//! While an array grows, the old and the new allocation exist at once. Code that enforces a memory
+//! limit must count both before the growth happens, because an allocation that fails ends the process.
 
-/// Bytes of an array from which on memory counts more than copying.
+/// Size in bytes from which on an array grows by a quarter instead of doubling: from here on, saved
+/// memory counts more than saved copying.
 const LONG: usize = 64 << 20;
 
-/// Makes room for more items, in a long array for a quarter of those that are there.
+/// Makes room for `more` items. A long array grows by a quarter of its length (by `more` if that is
+/// greater); a shorter one grows as [`Vec`] does.
 #[inline]
 pub(crate) fn make_room<T>(items: &mut Vec<T>, more: usize) {
     if items.len() + more > items.capacity() && is_long(items) {
@@ -14,13 +17,14 @@ pub(crate) fn make_room<T>(items: &mut Vec<T>, more: usize) {
     }
 }
 
-/// Bytes taken; of an array without room for that many more, also those that it grows to.
+/// Returns the bytes that the array takes. If it has no room for `more` items, the bytes of the array
+/// that it will grow to are added.
 #[inline]
 pub(crate) fn bytes<T>(items: &Vec<T>, more: usize) -> usize {
     let (length, capacity) = (items.len(), items.capacity());
     let grown = match length + more > capacity {
         true if is_long(items) => length + (length / 4).max(more),
-        // Nor does an array begin with less.
+        // `Vec` doubles, and begins with room for at least this many items.
         true => (capacity * 2).max(length + more).max(8),
         false => 0,
     };

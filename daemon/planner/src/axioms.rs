@@ -1,33 +1,34 @@
-//! Derived facts: what follows from a state by the axioms, stratum after stratum.
+//! Evaluation of axioms: computes the derived facts of a state, stratum by stratum.
 //!
-//! Within a stratum every axiom counts what it still waits for, so that each literal is looked at
-//! once (Dowling and Gallier, 1984).
+//! Within a stratum every axiom counts its body literals that are still missing, so that each literal
+//! is visited once (Dowling and Gallier, 1984).
 
 use crate::rows::Rows;
 use crate::state::{State, holds, is_true, set};
 use crate::task::{FactId, Literal, Task};
 
-/// The axioms of a task, by what waits for what. Holds scratch space.
+/// Axioms of a task, indexed by the facts in their bodies. Contains scratch space.
 #[derive(Debug)]
 pub(crate) struct Axioms {
-    /// Facts from here on are derived.
+    /// Index of the first derived fact; all facts from here on are derived.
     first_derived: usize,
     /// One past the last axiom of each stratum.
     strata: Vec<u32>,
     heads: Vec<FactId>,
-    /// Per axiom: the literals that are known before its stratum is derived; where they end.
+    /// Per axiom, in one array: body literals that are known before its stratum is evaluated. `ends` has
+    /// their end per axiom.
     known: Vec<Literal>,
     ends: Vec<u32>,
-    /// Per axiom: how many facts of its own stratum it asks for.
+    /// Per axiom: number of its body facts that are derived in its own stratum.
     own: Vec<u32>,
-    /// Per fact: axioms of its own stratum that ask for it.
+    /// Per fact: axioms of the fact's own stratum that have it in their body.
     waiting: Rows,
-    /// Per axiom: how many of these are missing.
+    /// Scratch, per axiom: number of body facts of its own stratum that are not yet derived.
     missing: Vec<u32>,
     queue: Vec<FactId>,
 }
 
-/// Marks axioms whose known literals do not hold.
+/// Value of `missing` for an axiom that cannot fire, because one of its known literals does not hold.
 const DEAD: u32 = u32::MAX;
 
 // === impl Axioms ===
@@ -70,7 +71,7 @@ impl Axioms {
         axioms
     }
 
-    /// Sets the derived facts of a state as its other facts have it.
+    /// Recomputes the derived facts of a state from its basic facts and comparisons.
     pub(crate) fn derive(&mut self, state: &mut State) {
         clear_from(state, self.first_derived);
         let mut start = 0;
@@ -109,7 +110,7 @@ impl Axioms {
     }
 }
 
-/// Clears all bits from an index on.
+/// Clears all bits from the bit `first` on.
 fn clear_from(state: &mut State, first: usize) {
     let (word, bit) = (first / 64, first % 64);
     if let Some((head, tail)) = state.get_mut(word..).and_then(<[u64]>::split_first_mut) {

@@ -1,32 +1,33 @@
-//! The ways to search that can be asked for by name: the one table that defines them.
+//! Search configurations that a caller can choose by name: the one table that defines them.
 
 use crate::search::lazy::List;
 
-/// A way to search; an entry of [`CONFIGURATIONS`].
+/// A search configuration; an entry of [`CONFIGURATIONS`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Configuration {
-    /// What it is called.
+    /// Name by which it is chosen.
     pub name: &'static str,
-    /// One line about it.
+    /// Description in one line.
     pub summary: &'static str,
-    /// The names of the heuristics it uses.
+    /// Names of the heuristics that it uses; entries of [`HEURISTICS`](crate::HEURISTICS).
     pub heuristics: &'static [&'static str],
-    /// Whether its first plan is the cheapest.
+    /// Whether the first plan that it finds is a cheapest one.
     pub optimal: bool,
     pub(crate) method: Method,
 }
 
-/// What a configuration does.
+/// Search algorithm of a configuration, with its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Method {
-    /// Open lists that take turns; after a quick climb, or at once.
+    /// Lazy greedy search with several open lists that alternate; with `climb`, enforced hill climbing
+    /// is tried first.
     Lists { climb: bool, lists: &'static [List] },
     /// A* with an admissible heuristic.
     AStar { heuristic: &'static str },
 }
 
-/// One entry per way to search, the default first. All are complete: where they end without a plan
-/// and without a limit, there is none.
+/// All configurations, the default first. All are complete: if one ends without a plan and without
+/// reaching a limit, no plan exists.
 pub const CONFIGURATIONS: &[Configuration] = &[
     Configuration {
         name: "althing",
@@ -96,10 +97,10 @@ pub const CONFIGURATIONS: &[Configuration] = &[
     },
 ];
 
-/// The lists of the search that runs beside another.
+/// Open lists of the second search, which runs beside the configured one if two threads are asked for.
 pub(crate) const CURIOUS: &[List] = &[List::Ff, List::Novel, List::Landmarks, List::Types];
 
-/// The entry of this name.
+/// Returns the configuration of this name, or `None` if there is none.
 pub fn configuration(name: &str) -> Option<&'static Configuration> {
     CONFIGURATIONS.iter().find(|one| one.name == name)
 }

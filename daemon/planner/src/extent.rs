@@ -1,7 +1,8 @@
-//! How large a problem is: what it is made of once it is ground, without a search.
+//! Size of a planning problem: the numbers of its facts, operators and axioms once it is ground,
+//! without a search.
 //!
-//! [`prepare`], then [`Prepared::ground`], then what one wants to know: each takes its own time, and
-//! whoever has a clock can tell which.
+//! The steps are [`prepare`], [`Prepared::ground`], then [`Ground::extent`] or [`Ground::groups`]. They
+//! are separate calls so that a caller with a clock can measure each.
 
 use pddl::{Domain, Problem};
 
@@ -14,51 +15,54 @@ use crate::outcome::{PlanError, StopReason};
 use crate::plan::refuse_mistakes;
 use crate::task::Task;
 
-/// A domain and a problem whose names have become numbers: all that grounding reads.
+/// A domain and a problem after normalization, with numbers in place of names: the input of grounding.
 #[derive(Clone, Debug)]
 pub struct Prepared(Lifted);
 
-/// A problem once it is ground.
+/// A ground problem, or the reason why grounding ended without one.
 #[derive(Clone, Debug)]
 pub struct Ground {
     task: Result<Task, StopReason>,
     join_steps: u64,
 }
 
-/// What mutex groups say of a problem. Counts, not times: they repeat exactly.
+/// Size of the mutex groups of a problem. Counts, not times: they are the same in every run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Groups {
-    /// Sets of facts, two or more, of which at most one is ever true.
+    /// Number of mutex groups: sets of two or more facts of which at most one is true in any reachable
+    /// state.
     pub groups: usize,
-    /// Variables that suffice for all facts, if each stands for one of a group.
+    /// Number of finite-domain variables that suffice to encode all facts, if each variable stands for
+    /// the facts of one group.
     pub variables: usize,
 }
 
-/// What a ground problem is made of. Counts, not times: they repeat exactly.
+/// Size of a ground problem. Counts, not times: they are the same in every run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Extent {
-    /// Facts that operators change; those that cannot change or cannot matter are gone.
+    /// Basic facts: those that operators change. Facts that cannot change or are irrelevant are not
+    /// counted.
     pub facts: usize,
-    /// Facts that follow from axioms.
+    /// Derived facts, which follow from axioms.
     pub derived: usize,
-    /// Facts that follow from numbers.
+    /// Comparison facts, which follow from numeric fluents.
     pub comparisons: usize,
-    /// Numbers that operators change.
+    /// Numeric fluents that operators change.
     pub fluents: usize,
     /// Ground actions.
     pub operators: usize,
-    /// Conditional effects of all of them.
+    /// Conditional effects of all operators together.
     pub conditional_effects: usize,
     /// Ground axioms.
     pub axioms: usize,
-    /// Candidate tuples that grounding looked at.
+    /// Join steps: candidate tuples that grounding looked at.
     pub join_steps: u64,
-    /// Why grounding ended without a ground problem, if it did: a cap, or a proof that no plan
-    /// exists.
+    /// Why grounding ended without a ground problem: a cap, or a proof that no plan exists. `None` if
+    /// there is a ground problem.
     pub stop_reason: Option<StopReason>,
 }
 
-/// Checks a domain and a problem and numbers their names.
+/// Checks a domain and a problem, and replaces their names by numbers.
 pub fn prepare(domain: &Domain, problem: &Problem) -> Result<Prepared, PlanError> {
     refuse_mistakes(domain, problem)?;
     let mut lifted = normalize(domain, problem)?;
@@ -69,7 +73,8 @@ pub fn prepare(domain: &Domain, problem: &Problem) -> Result<Prepared, PlanError
 // === impl Prepared ===
 
 impl Prepared {
-    /// Grounds the problem.
+    /// Grounds the problem within `budget`. A limit or a proof of unsolvability is not an error here;
+    /// it is the stop reason of the [`Extent`].
     pub fn ground(&self, budget: Budget, cancel: &Cancel) -> Result<Ground, PlanError> {
         let mut join_steps = 0;
         let task = match ground(&self.0, budget, cancel, &mut join_steps) {
@@ -83,7 +88,7 @@ impl Prepared {
 // === impl Ground ===
 
 impl Ground {
-    /// What it is made of.
+    /// Returns the size of the ground problem.
     pub fn extent(&self) -> Extent {
         let extent = match &self.task {
             Ok(task) => Extent::of(task),
@@ -92,7 +97,8 @@ impl Ground {
         Extent { join_steps: self.join_steps, ..extent }
     }
 
-    /// Its mutex groups, as far as `work_max` goes; one unit takes some ten nanoseconds.
+    /// Finds the mutex groups with at most `work_max` units of work; one unit takes about ten
+    /// nanoseconds.
     pub fn groups(&self, work_max: u64, cancel: &Cancel) -> Groups {
         let Ok(task) = &self.task else { return Groups::default() };
         let found = MutexGroups::find(task, work_max, cancel);

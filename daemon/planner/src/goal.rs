@@ -1,4 +1,4 @@
-//! Goals taken apart: what they ask for one by one, and which of it cannot be had.
+//! Splits goals into conjuncts, and finds conjuncts that are unreachable.
 
 use pddl::{Atom, Condition, Derived, Domain, Problem};
 
@@ -13,17 +13,20 @@ use crate::validate::World;
 use crate::validate::bindings::Bindings;
 use crate::validate::model::Model;
 
-/// The parts of a goal that must all hold, each once: `forall` is expanded over the problem's
-/// objects, nested conjunctions are flattened, a disjunction stays one part. What axioms derive is one
-/// part where any of several facts makes it true, and else the parts that it is derived from: that no
-/// lamp in a room is on is one part for each lamp in it, so that each agent can do its own. Of a state
-/// of the problem only its objects matter, and what no action changes.
+/// Splits a goal into the conjuncts that must all hold, without duplicates.
+///
+/// - `forall` is expanded over the objects of the problem, nested conjunctions are flattened, and a
+///   disjunction stays one conjunct.
+/// - A derived fact stays one conjunct if any of several conditions makes it true. Otherwise it is
+///   replaced by the conjuncts that it is derived from: “no lamp in the room is on” becomes one
+///   conjunct per lamp, so that different agents can each achieve one.
+/// - Of the state in `world`, only the objects and the static facts (which no action changes) matter.
 pub fn conjuncts(world: &World, goal: &Condition) -> Vec<Condition> {
     conjuncts_but(world, goal, &|_| false)
 }
 
-/// The same, but what axioms derive stays one part where `stays` says so of the fact: where more is
-/// known of it than its axioms say.
+/// As [`conjuncts`], but a derived fact stays one conjunct if `stays` returns `true` for it. Callers
+/// use this for facts of which more is known than their axioms say.
 pub fn conjuncts_but(
     world: &World,
     goal: &Condition,
@@ -36,9 +39,10 @@ pub fn conjuncts_but(
     parts
 }
 
-/// Which of the conditions cannot hold at any time, whatever is done: their positions.
+/// Returns the positions of the conditions that no reachable state satisfies.
 ///
-/// A proof, by the delete relaxation. That a condition is not listed proves nothing.
+/// This is a proof by the delete relaxation. A condition that is not listed may be unreachable all the
+/// same.
 pub fn unreachable(
     domain: &Domain,
     problem: &Problem,
@@ -66,7 +70,7 @@ fn is_unreachable(
     let lifted = normalize(domain, problem)?;
     let task = match ground(&lifted, options.budget, cancel, &mut 0) {
         Ok(grounded) => grounded.task,
-        // Without an end there is no proof.
+        // A limit ended grounding, so that nothing is proved.
         Err(_) => return Ok(false),
     };
     let Some(task) = task else { return Ok(true) };
@@ -75,7 +79,7 @@ fn is_unreachable(
     Ok(evaluator.evaluate(&initial).is_none())
 }
 
-/// A state, and which derived facts stay one part.
+/// A state, and the predicate that decides which derived facts stay one conjunct.
 type Within<'w> = (&'w World, &'w dyn Fn(&Atom) -> bool);
 
 /// Adds the conjuncts of a condition, or of its negation where `positive` is false.
@@ -112,7 +116,7 @@ fn split(
     }
 }
 
-/// Adds the conjuncts of every instance.
+/// Adds the conjuncts of every instance of a quantified condition.
 fn expand(
     (world, stays): Within<'_>,
     variables: &[pddl::Typed],
@@ -131,7 +135,8 @@ fn expand(
     }
 }
 
-/// The parts of what derives a fact, or of what rules it out; `None` if the fact is one part itself.
+/// Returns the conjuncts of the axioms that derive an atom, or that make it false where `positive` is
+/// false. Returns `None` if the atom itself is one conjunct.
 fn derive(
     (world, stays): Within<'_>,
     atom: &Atom,
@@ -163,12 +168,13 @@ fn derive(
     }
     let open = parts.into_iter().map(|part| fold(world, part)).filter(|part| !part.is_always());
     let open: Vec<Condition> = open.collect();
-    // One part may as well be called what its author calls it.
+    // With exactly one conjunct left, the atom itself is kept, because its name is the one that the
+    // author of the domain chose.
     (open.len() != 1).then_some(open)
 }
 
-/// A closed condition without what no action changes: the empty conjunction is true, the empty
-/// disjunction false.
+/// Simplifies a closed condition by evaluating its static parts. The empty conjunction stands for true,
+/// the empty disjunction for false.
 fn fold(world: &World, condition: Condition) -> Condition {
     match condition {
         Condition::Atom(atom) if world.model().is_static(&atom.predicate) => {
@@ -192,7 +198,7 @@ fn fold(world: &World, condition: Condition) -> Condition {
     }
 }
 
-/// Whether no action changes anything that a condition speaks of.
+/// Whether a condition mentions only static predicates, which no action changes.
 fn is_static(model: &Model, condition: &Condition) -> bool {
     condition.parts().all(|part| match part {
         Condition::Atom(atom) => model.is_static(&atom.predicate),
@@ -205,7 +211,7 @@ fn truth(is_true: bool) -> Condition {
     if is_true { Condition::And(Vec::new()) } else { Condition::Or(Vec::new()) }
 }
 
-/// A conjunction, or a disjunction, without the parts that make no difference.
+/// Builds a conjunction or disjunction without the parts that make no difference to it.
 fn joined(parts: impl Iterator<Item = Condition>, is_and: bool) -> Condition {
     let mut kept = Vec::new();
     for part in parts {

@@ -1,16 +1,16 @@
-//! A hash table that holds ids only; what they stand for lives with the caller.
+//! A hash table that holds ids only; the values that they stand for are kept by the caller.
 //!
-//! States and tuples lie in flat arenas; this finds the one that equals another without storing
-//! anything twice. Lookups never walk the table, so no result depends on its order.
+//! States and tuples are stored in flat arenas. This table finds the id of an equal value without
+//! storing anything twice. Lookups never iterate over the table, so no result depends on its order.
 
 use std::hash::Hasher;
 
 use rustc_hash::FxHasher;
 
-/// Marks a free place.
+/// Marks a free slot.
 const FREE: u32 = u32::MAX;
 
-/// Ids by the hash of what they stand for. At most 7 of 8 places are taken.
+/// Hash table of ids with open addressing. At most 7 of 8 slots are occupied.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct IdTable {
     places: Vec<u32>,
@@ -20,7 +20,8 @@ pub(crate) struct IdTable {
 // === impl IdTable ===
 
 impl IdTable {
-    /// The id whose thing hashes to `hash` and answers `true`.
+    /// Returns the id with this hash for which `is_it` returns `true`; `None` if there is no such id.
+    /// `is_it` is also called for ids with other hashes that occupy the same slots.
     pub(crate) fn find(&self, hash: u64, mut is_it: impl FnMut(u32) -> bool) -> Option<u32> {
         if self.places.is_empty() {
             return None;
@@ -36,7 +37,8 @@ impl IdTable {
         }
     }
 
-    /// Adds an id that is not in the table. `hash_of` gives the hash of those that are.
+    /// Adds an id that is not in the table. `hash_of` returns the hash of an id that is in the table;
+    /// it is called when the table grows.
     pub(crate) fn insert(&mut self, hash: u64, id: u32, hash_of: impl Fn(u32) -> u64) {
         if self.is_full() {
             let grown = self.grown();
@@ -49,7 +51,8 @@ impl IdTable {
         self.count += 1;
     }
 
-    /// Bytes taken; of a full table, also those that it grows to.
+    /// Returns the bytes that the table takes. If it is full, the bytes of the table that it will grow
+    /// to are added.
     pub(crate) fn bytes(&self) -> usize {
         let grown = if self.is_full() { self.grown() } else { 0 };
         (self.places.len() + grown) * size_of::<u32>()
@@ -72,14 +75,15 @@ impl IdTable {
         self.places[place] = id;
     }
 
-    /// Where a hash starts looking: its upper bits, which are the best mixed.
+    /// Returns the first slot to probe for a hash. It is taken from the upper bits of a product, which
+    /// are the best mixed.
     fn home(&self, hash: u64) -> usize {
         let bits = self.places.len().trailing_zeros();
         (hash.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> (64 - bits)) as usize
     }
 }
 
-/// The hash of a sequence of words.
+/// Returns the hash of a sequence of words.
 pub(crate) fn hash_words(words: impl IntoIterator<Item = u64>) -> u64 {
     let mut hasher = FxHasher::default();
     words.into_iter().for_each(|word| hasher.write_u64(word));

@@ -1,19 +1,20 @@
-//! Planning: from PDDL texts to validated plans, in-process.
+//! Planning in-process: from PDDL texts to validated plans.
 //!
 //! Start reading at [`plan()`], then `task`, then `search`.
 //!
-//! - `normalize` numbers names and refuses what is not supported; `ground` makes the `task`;
-//!   `state`, `successors`, `heuristic` and `search` solve it.
-//! - [`mod@validate`] checks plans on the texts themselves and shares nothing with the above.
-//! - [`order`] says which steps of a plan must wait for which; [`goal`] takes goals apart,
-//!   and [`explain`] says what is missing where there is no plan.
+//! - `normalize` replaces names by numbers and rejects features that are not supported. `ground`
+//!   instantiates the `task`. `state`, `successors`, `heuristic` and `search` solve it.
+//! - [`mod@validate`] checks plans against the texts themselves. It shares no code with the modules
+//!   above.
+//! - [`order`] computes which steps of a plan must wait for which. [`goal`] splits goals into
+//!   conjuncts. [`explain`] computes what is missing where there is no plan.
 //!
-//! Leaves to others: composing domains (`capability`), carrying plans out (the Plan Executor), other
-//! planners (adapters).
+//! Left to others: composing domains (`capability`), executing plans (the Plan Executor), running other
+//! planners (`engines`).
 //!
-//! **Invariants:** no async function, no clock, no randomness, no environment, no logging. The same
-//! texts and budget give the same answer everywhere. No plan leaves without having passed the
-//! validator, and nothing is called unsolvable without a proof.
+//! **Invariants:** no async function, no clock, no randomness, no environment variables, no logging.
+//! The same texts and budget give the same answer on every machine. Every plan that is returned has
+//! passed the validator, and a problem is called unsolvable only with a proof.
 
 mod plan;
 

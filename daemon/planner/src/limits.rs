@@ -1,50 +1,51 @@
-//! How much work one planning call may do, and how its caller stops it.
+//! Limits of the work that one planning call may do, and the flag by which its caller stops it.
 //!
-//! - [`Budget`] counts work, never time: the same task and budget give the same answer everywhere.
-//! - [`Cancel`] is the caller's hand on the brake. Whoever wants a deadline sets it from a clock of
-//!   their own.
+//! - [`Budget`] counts work, never time: the same task and budget give the same answer on every
+//!   machine.
+//! - [`Cancel`] is a flag that stops a call. A caller with a deadline sets it by its own clock.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::configuration::{CONFIGURATIONS, Configuration};
 
-/// Caps on work and memory.
+/// Caps on work and memory of one call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// States that search may expand.
+    /// States that the search may expand.
     pub expansions_max: u64,
     /// Candidate tuples that grounding may look at.
     pub join_steps_max: u64,
-    /// Bytes that the tables of grounding and the states of search may take, estimated from below.
+    /// Bytes that the tables of grounding and the states of the search may take. The estimate is a
+    /// lower bound of what they really take.
     pub memory_max_bytes: usize,
 }
 
-/// What a call may spend and how hard it tries.
+/// Budget and effort of a planning call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Caps on work and memory.
     pub budget: Budget,
-    /// Expansions of the cost-optimal search that follows the first plan on small tasks; 0 leaves
-    /// it out.
+    /// Expansions of the cost-optimal search that follows the first plan on small tasks; 0 disables it.
     pub optimal_expansions_max: u64,
-    /// How the first plan is searched for.
+    /// Search configuration for the first plan.
     pub configuration: &'static Configuration,
-    /// What to do after the first plan.
+    /// Whether to go on for better plans after the first one.
     pub effort: Effort,
-    /// How many searches run side by side, 1 or 2. The same number finds the same plan.
+    /// Number of searches that run in parallel, 1 or 2. The result depends on this number, but is the
+    /// same in every run with it.
     pub threads: u32,
 }
 
-/// How good a plan is wanted.
+/// Required quality of the plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Effort {
-    /// The first plan, and the cheapest where that is little work.
+    /// Return the first plan; the cheapest one where finding it takes little work.
     #[default]
     First,
-    /// Cheaper and cheaper plans until a limit is reached.
+    /// Search for cheaper and cheaper plans until a limit is reached.
     Anytime,
-    /// The cheapest plan with a proof, or none, however long it takes.
+    /// Search for the cheapest plan with a proof, however long it takes.
     Optimal,
 }
 
@@ -56,7 +57,7 @@ pub struct Cancel(Arc<AtomicBool>);
 
 impl Default for Budget {
     /// No practical cap on expansions; grounding stops at two billion candidates (a few minutes);
-    /// memory at 2 GiB, the limit that planner comparisons commonly use.
+    /// memory is capped at 2 GiB, the limit that planner comparisons commonly use.
     fn default() -> Budget {
         Budget {
             expansions_max: u64::MAX,
@@ -67,7 +68,8 @@ impl Default for Budget {
 }
 
 impl Default for Options {
-    /// 20,000 expansions of optimal search: enough for a building, milliseconds on a building.
+    /// 20,000 expansions of optimal search: enough for the tasks of a building, which take
+    /// milliseconds.
     fn default() -> Options {
         Options {
             budget: Budget::default(),
@@ -82,17 +84,17 @@ impl Default for Options {
 // === impl Cancel ===
 
 impl Cancel {
-    /// A flag that is not set.
+    /// Returns a flag that is not set.
     pub fn new() -> Cancel {
         Cancel::default()
     }
 
-    /// Asks for the end. It cannot be taken back.
+    /// Asks the calls that share this flag to stop. The flag cannot be unset.
     pub fn set(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the end was asked for.
+    /// Whether [`Cancel::set`] was called on this flag or a clone of it.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

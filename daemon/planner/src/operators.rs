@@ -1,28 +1,29 @@
-//! Ground actions in flat arrays, read through small copies of references.
+//! Ground actions in flat arrays, read through small structs of references.
 //!
-//! A task may have millions of operators: each costs a few numbers here and no allocation of its
-//! own. `ground` fills a table over raw facts first and then the one of the task.
+//! A task may have millions of operators: each costs a few numbers here and no allocation of its own.
+//! `ground` first fills a table over its raw facts, and then the table of the task.
 
 use crate::task::{FactId, Literal, NumericChange, ObjectId};
 
 /// A ground action.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Operator<'t> {
-    /// Which schema it comes from.
+    /// Index of the action schema that it instantiates.
     pub(crate) schema: u32,
-    /// The objects of its parameters, the agent before all.
+    /// Objects for the parameters of the schema; the agent, if any, comes first.
     pub(crate) arguments: &'t [ObjectId],
-    /// What must hold, sorted.
+    /// Literals that must hold, sorted.
     pub(crate) preconditions: &'t [Literal],
-    /// What changes in any case.
+    /// Unconditional effect.
     pub(crate) effect: Changes<'t>,
-    /// What changes where more holds, all read in the state before.
+    /// Conditional effects; all their conditions are evaluated in the state before the operator.
     pub(crate) conditional: ConditionalEffects<'t>,
-    /// In units of the task.
+    /// Cost, in units of [`Task::cost_unit`](crate::task::Task::cost_unit).
     pub(crate) cost: u64,
 }
 
-/// Facts and numbers that change together. A fact both deleted and added is true afterwards.
+/// An effect: changes of facts and numbers that happen together. A fact that is both deleted and added
+/// is true afterwards.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Changes<'t> {
     pub(crate) adds: &'t [FactId],
@@ -30,7 +31,7 @@ pub(crate) struct Changes<'t> {
     pub(crate) numeric: &'t [NumericChange],
 }
 
-/// Changes that happen where conditions hold in the state before.
+/// Changes that happen if the conditions hold in the state before the operator.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ConditionalEffect<'t> {
     pub(crate) conditions: &'t [Literal],
@@ -48,7 +49,7 @@ pub(crate) struct ConditionalEffects<'t> {
 /// All operators of a task.
 #[derive(Clone, Debug)]
 pub(crate) struct Operators {
-    /// Where the parts of each operator end; the first row ends nothing.
+    /// Per operator, the end of its part in each array. The first row is a sentinel of zeros.
     rows: Vec<OperatorRow>,
     arguments: Vec<ObjectId>,
     preconditions: Vec<Literal>,
@@ -67,9 +68,9 @@ struct OperatorRow {
 
 #[derive(Clone, Debug)]
 struct ChangesTable {
-    /// Where the parts of each entry end; the first row ends nothing.
+    /// Per entry, the end of its part in each array. The first row is a sentinel of zeros.
     rows: Vec<ChangesRow>,
-    /// The adds of an entry, then its deletes.
+    /// Adds of each entry, followed by its deletes.
     facts: Vec<FactId>,
     numeric: Vec<NumericChange>,
 }
@@ -83,28 +84,28 @@ struct ChangesRow {
 
 #[derive(Clone, Debug)]
 struct ConditionalTable {
-    /// Where the conditions of each effect end; the first entry ends nothing.
+    /// Per effect, the end of its conditions. The first entry is a sentinel of zero.
     ends: Vec<u32>,
     conditions: Vec<Literal>,
     effects: ChangesTable,
 }
 
-/// What [`Operators::renumber`] does.
+/// A filter and mapping of operators, effects and facts, for [`Operators::renumber`].
 pub(crate) trait Renumbering {
-    /// Whether an operator stays; asked with its old facts.
+    /// Whether an operator is kept. It is passed with its old fact numbers.
     fn keeps(&self, operator: Operator<'_>) -> bool;
 
-    /// Whether a conditional effect of an operator that stays does.
+    /// Whether a conditional effect is kept; asked only for operators that are kept.
     fn keeps_effect(&self, conditions: &[Literal], effect: Changes<'_>) -> bool;
 
-    /// The literal as it is called now; `None` if it need not be asked.
+    /// Returns the renumbered literal, or `None` if the literal is always true and is dropped.
     fn literal(&self, literal: Literal) -> Option<Literal>;
 
-    /// The fact as it is called now; `None` if it does not matter.
+    /// Returns the renumbered fact, or `None` if the fact is irrelevant and is dropped.
     fn fact(&self, fact: FactId) -> Option<FactId>;
 }
 
-/// Entries of a table that are kept.
+/// How much of a [`ChangesTable`] has been kept so far, while it is compacted.
 #[derive(Debug)]
 struct Kept {
     rows: Vec<ChangesRow>,
@@ -118,7 +119,7 @@ impl Default for Kept {
     }
 }
 
-/// Moves literals behind those kept already, sorted.
+/// Renumbers literals in place, moves them behind those kept already, and sorts them.
 fn renumber_literals(
     all: &mut [Literal],
     read: std::ops::Range<usize>,
@@ -135,7 +136,7 @@ fn renumber_literals(
     all[start..*kept].sort_unstable();
 }
 
-/// A length as the end of a row. Lengths stay below: the caps on memory see to it.
+/// Converts a length into the end of a row. The caps on memory keep lengths below the limit of `u32`.
 fn end(length: usize) -> u32 {
     u32::try_from(length).unwrap_or(u32::MAX)
 }
@@ -160,7 +161,7 @@ impl Operators {
         self.costs.len()
     }
 
-    /// The operator at an index below [`Operators::len`].
+    /// Returns the operator at an index below [`Operators::len`].
     #[inline]
     pub(crate) fn get(&self, index: usize) -> Operator<'_> {
         let (from, to) = (&self.rows[index], &self.rows[index + 1]);
@@ -183,7 +184,7 @@ impl Operators {
         (0..self.len()).map(|index| self.get(index))
     }
 
-    /// Adds an operator that costs nothing yet.
+    /// Adds an operator with no effect and a cost of zero.
     pub(crate) fn push(
         &mut self,
         schema: u32,
@@ -202,7 +203,7 @@ impl Operators {
         self.costs.push(0);
     }
 
-    /// Adds an operator like one of another table, with other preconditions.
+    /// Adds a copy of an operator of another table, with other preconditions.
     pub(crate) fn push_with(
         &mut self,
         operator: Operator<'_>,
@@ -224,7 +225,7 @@ impl Operators {
         self.set_cost(operator.cost);
     }
 
-    /// Sets what the last operator changes in any case, once.
+    /// Sets the unconditional effect of the last operator. It must not have been set before.
     pub(crate) fn set_effect(
         &mut self,
         adds: impl IntoIterator<Item = FactId>,
@@ -253,7 +254,7 @@ impl Operators {
         }
     }
 
-    /// Sets what the last operator costs.
+    /// Sets the cost of the last operator.
     pub(crate) fn set_cost(&mut self, cost: u64) {
         if let Some(last) = self.costs.last_mut() {
             *last = cost;
@@ -264,8 +265,8 @@ impl Operators {
         &mut self.costs
     }
 
-    /// Leaves out operators and parts of them, and numbers facts anew. The long arrays are written
-    /// in place: what is kept never overtakes what is read.
+    /// Drops operators and parts of them, and renumbers facts. The long arrays are compacted in place:
+    /// the write position never overtakes the read position.
     pub(crate) fn renumber(&mut self, by: &impl Renumbering) {
         let mut rows = vec![OperatorRow::default()];
         let (mut effects, mut conditional) = (Kept::default(), Kept::default());
@@ -310,14 +311,14 @@ impl Operators {
         self.shrink();
     }
 
-    /// Bytes taken.
+    /// Returns the bytes that the table takes.
     pub(crate) fn bytes(&self) -> usize {
         let rows = self.rows.capacity() * size_of::<OperatorRow>() + self.costs.capacity() * 8;
         let pools = (self.arguments.capacity() + self.preconditions.capacity()) * 4;
         rows + pools + self.effects.bytes() + self.conditional.bytes()
     }
 
-    /// Gives back what was set aside for more operators.
+    /// Returns spare capacity to the allocator.
     fn shrink(&mut self) {
         self.rows.shrink_to_fit();
         self.arguments.shrink_to_fit();
@@ -397,7 +398,7 @@ impl ChangesTable {
         self.rows.push(ChangesRow { adds, deletes, numeric });
     }
 
-    /// Moves an entry behind those kept already.
+    /// Renumbers an entry and moves it behind those kept already.
     fn keep(&mut self, index: usize, kept: &mut Kept, by: &impl Renumbering) {
         let (from, to) = (self.rows[index], self.rows[index + 1]);
         let mut keep = |read: std::ops::Range<u32>| {
@@ -480,7 +481,7 @@ mod tests {
         assert_eq!(conditional[1].effect.deletes, facts(&[9]));
     }
 
-    /// Drops the first operator, effects that add nothing, and fact 9; adds 10 to all others.
+    /// Drops the first operator, effects that add nothing, and fact 9; adds 10 to all other facts.
     struct Shift;
 
     impl Renumbering for Shift {

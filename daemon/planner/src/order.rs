@@ -1,23 +1,24 @@
-//! Deordering: which steps of a plan must wait for which, so that the rest can run side by side.
+//! Deordering: computes which steps of a plan must wait for which, so that the others can run in
+//! parallel.
 //!
-//! Two steps keep their order if one may write what the other reads or writes, in any branch,
-//! through an axiom, or as a number; and if one agent does both. Every order of the steps that
-//! respects this leads to the same end (tests try them all). It is not the weakest such order, which
-//! is hard to find; it is one that always holds.
+//! Two steps keep their order if one of them may write what the other reads or writes (in any branch,
+//! through an axiom, or as a number), or if the same agent executes both. Every linearization that
+//! respects this order leads to the same end state (tests try them all). It is not a minimal
+//! deordering, which is hard to compute; it is an order that is always sound.
 
 use pddl::PlanStep;
 
 use crate::validate::{Footprint, World};
 
-/// A plan's steps with what each waits for.
+/// The steps of a plan, each with the steps it must wait for.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PartialOrder {
-    /// Per step, in the plan's order: the steps it waits for, sorted; those that these wait for
-    /// themselves are left out.
+    /// Per step, in the order of the plan: the steps it directly waits for, sorted. Steps that are
+    /// already predecessors of those are left out (transitive reduction).
     pub predecessors: Vec<Vec<usize>>,
 }
 
-/// Finds the order that the steps of a plan need; of a state of their problem, its facts do not matter.
+/// Computes the partial order of the steps of a plan. The facts of the state in `world` do not matter.
 pub fn deorder(world: &World, steps: &[PlanStep]) -> PartialOrder {
     let footprints: Vec<Footprint> = steps.iter().map(|step| world.footprint(step)).collect();
     let must_wait =
@@ -25,8 +26,8 @@ pub fn deorder(world: &World, steps: &[PlanStep]) -> PartialOrder {
     PartialOrder::reduced(footprints.len(), must_wait)
 }
 
-/// The first pair of steps of two plans, ours and theirs, whose order may matter; `None` if both
-/// plans can run side by side, however their steps interleave.
+/// Returns the positions of the first two steps, one of each plan, that may depend on their order.
+/// Returns `None` if the two plans can run in parallel, however their steps interleave.
 pub fn interference(
     world: &World,
     ours: &[PlanStep],
@@ -49,7 +50,7 @@ pub fn interference(
 // === impl PartialOrder ===
 
 impl PartialOrder {
-    /// The steps that can start once `done` says which are.
+    /// Returns the steps that are not done and have only predecessors that are done.
     pub fn ready(&self, done: &[bool]) -> Vec<usize> {
         let is_done = |step: &usize| done.get(*step).copied().unwrap_or(false);
         let steps = 0..self.predecessors.len();
@@ -58,15 +59,15 @@ impl PartialOrder {
             .collect()
     }
 
-    /// The transitive reduction of a relation between later and earlier steps.
+    /// Builds the transitive reduction of a relation between later and earlier steps.
     fn reduced(count: usize, must_wait: impl Fn(usize, usize) -> bool) -> PartialOrder {
-        // Per step: everything it waits for, directly or not.
+        // Per step: all its predecessors, direct or indirect.
         let mut before: Vec<Vec<bool>> = Vec::with_capacity(count);
         let mut predecessors = Vec::with_capacity(count);
         for later in 0..count {
             let mut all = vec![false; count];
             let mut direct = Vec::new();
-            // Nearest first: what a nearer one waits for need not be waited for again.
+            // Nearest first: a step that is already an indirect predecessor need not be added.
             for earlier in (0..later).rev() {
                 if !all[earlier] && must_wait(later, earlier) {
                     direct.push(earlier);

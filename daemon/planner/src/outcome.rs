@@ -1,6 +1,7 @@
-//! What comes out of a planning call: a plan or the reason why there is none, and what it took.
+//! Result of a planning call: a plan, or the reason why there is none, with statistics.
 //!
-//! A reason tells proof from resignation: only [`StopReason::Unsolvable`] is a proof.
+//! “Unsolvable” (proved) and “gave up” (limit reached) are different reasons: only
+//! [`StopReason::Unsolvable`] is a proof.
 
 use std::fmt;
 
@@ -11,40 +12,42 @@ use crate::validate::Fault;
 /// The result of one call. There is always a reason and always statistics.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// A plan that the independent validator has accepted, with its cost.
+    /// Plan that the independent validator has accepted, with its cost.
     pub plan: Option<Plan>,
     /// Why the call ended; [`StopReason::GoalReached`] if and only if there is a plan.
     pub stop_reason: StopReason,
-    /// Why the plan is not proven to be the cheapest, where [`crate::Effort::Optimal`] asked for that:
-    /// a limit, or [`StopReason::Exhausted`] where the costs allow no proof.
+    /// Why the plan is not proved to be a cheapest one although [`crate::Effort::Optimal`] was asked
+    /// for: a limit, or [`StopReason::Exhausted`] where the costs allow no proof. `None` if it is
+    /// proved, or if there is no plan or a proof was not asked for.
     pub unproven: Option<StopReason>,
-    /// What of the costs allows no proof that a plan is the cheapest; set wherever that is why
-    /// [`Outcome::unproven`] is [`StopReason::Exhausted`].
+    /// Property of the costs that makes a proof of optimality impossible. Always set if it is the
+    /// reason why [`Outcome::unproven`] is [`StopReason::Exhausted`].
     pub unprovable: Option<Unprovable>,
-    /// What it took.
+    /// Work that the call did.
     pub statistics: Statistics,
-    /// What the author of the domain or problem may not have meant.
+    /// Warnings: constructs in the domain or problem that its author probably did not intend.
     pub warnings: Vec<Diagnostic>,
 }
 
-/// What a call tells while it runs.
+/// Progress event of a running call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum News<'n> {
-    /// The texts are ground; now they are solved.
+    /// Grounding is finished; the search begins.
     Ground {
         /// As [`Statistics::facts`].
         facts: usize,
         /// As [`Statistics::operators`].
         operators: usize,
     },
-    /// A search goes on.
+    /// The search makes progress.
     Searching {
-        /// States that this one has expanded; there are several where better plans are wanted.
+        /// States expanded by the current search. The count begins again with each search; there are
+        /// several if better plans are asked for.
         expansions: u64,
     },
-    /// A validated plan, cheaper than those before it. There is more than one only where
-    /// [`crate::Options::effort`] asks for it.
+    /// A validated plan that is cheaper than those before it. There is more than one only if
+    /// [`crate::Options::effort`] asks for better plans.
     Plan(&'n Plan),
 }
 
@@ -56,10 +59,10 @@ pub enum StopReason {
     GoalReached,
     /// No plan exists. This is a proof.
     Unsolvable {
-        /// Whether the relaxation of the initial state already showed it.
+        /// Whether the delete relaxation of the initial state already proved it.
         before_search: bool,
     },
-    /// The search ran dry under pruning or a bound. This is *not* a proof.
+    /// The search ran out of states under pruning or a bound. This is *not* a proof.
     Exhausted,
     /// The cap on expansions was reached.
     ExpansionLimit {
@@ -80,15 +83,15 @@ pub enum StopReason {
     Cancelled,
 }
 
-/// What of a task's costs allows no proof that a plan is the cheapest.
+/// Property of a task's costs that makes a proof of optimality impossible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Unprovable {
-    /// The metric is more than a weighted sum.
+    /// The metric is not a weighted sum.
     NoSum,
-    /// What some step costs depends on the state.
+    /// The cost of some step depends on the state.
     Varies,
-    /// Some step costs less than nothing, so that a plan with more steps may be cheaper.
+    /// Some step has a negative cost, so that a plan with more steps may be cheaper.
     Pays,
     /// Some cost has more than six decimal places.
     TooFine,
@@ -96,10 +99,10 @@ pub enum Unprovable {
     TooLarge,
 }
 
-/// What a call took. Counts, not times: they repeat exactly.
+/// Work that a call did. Counts, not times: they are the same in every run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
-    /// Facts of the ground task, after those that cannot change are gone.
+    /// Facts of the ground task, without those that cannot change.
     pub facts: usize,
     /// Operators of the ground task.
     pub operators: usize,
@@ -111,7 +114,7 @@ pub struct Statistics {
     pub evaluations: u64,
     /// States expanded by the optimal search that followed.
     pub optimal_expansions: u64,
-    /// Whether no cheaper plan exists, and no shorter one of the same cost. This is a proof.
+    /// Whether it is proved that no cheaper plan exists, and no shorter plan of the same cost.
     pub proven_optimal: bool,
 }
 
@@ -119,26 +122,26 @@ pub struct Statistics {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum PlanError {
-    /// The text means something that this planner does not do; it never answers as if it did.
+    /// The texts use a feature that this planner does not support; it never ignores such a feature.
     Unsupported(Unsupported),
-    /// The texts do not make sense: mistakes of the domain or, if it has none, of the problem.
+    /// The texts contain errors. Errors of the problem are reported only if the domain has none.
     BadInput(Vec<Diagnostic>),
-    /// The validator refused a plan of our own making: a defect of the planner.
+    /// The validator rejected a plan of this planner: a defect of the planner.
     Internal(Box<Fault>),
 }
 
-/// A feature of PDDL that this planner does not do.
+/// A feature of PDDL that this planner does not support.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unsupported {
-    /// Its name, in the words of PDDL.
+    /// Name of the feature, in the terms of PDDL.
     pub feature: String,
-    /// Where it is used.
+    /// Place in the text where it is used.
     pub span: Span,
-    /// In which of the two texts.
+    /// Text that `span` refers to.
     pub text: Text,
 }
 
-/// Which of the two texts a place is in.
+/// Selects one of the two texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Text {
     /// The domain.
@@ -150,9 +153,8 @@ pub enum Text {
 // === impl Outcome ===
 
 impl Outcome {
-    /// The exit code that the field's planners use for it. A plan that is not proven to be the
-    /// cheapest, though that was asked for, has one of its own: 1 where memory was the limit, 2 where
-    /// time was, 4 otherwise.
+    /// Returns the process exit code, as Fast Downward uses it. A plan that was to be proved a cheapest
+    /// one and is not has its own codes: 1 if memory was the limit, 2 if time was, 4 otherwise.
     pub fn exit_code(&self) -> u8 {
         match self.unproven {
             None => self.stop_reason.exit_code(),
@@ -166,12 +168,12 @@ impl Outcome {
 // === impl StopReason ===
 
 impl StopReason {
-    /// Whether grounding took more than it may.
+    /// Whether it is a limit that grounding can reach.
     pub(crate) fn is_limit_of_grounding(self) -> bool {
         matches!(self, StopReason::MemoryLimit { .. } | StopReason::JoinStepLimit { .. })
     }
 
-    /// The exit code that the field's planners use for it.
+    /// Returns the process exit code, as Fast Downward uses it.
     pub fn exit_code(self) -> u8 {
         match self {
             StopReason::GoalReached => 0,
@@ -222,7 +224,7 @@ impl fmt::Display for Unprovable {
 // === impl PlanError ===
 
 impl PlanError {
-    /// The exit code of `althing plan` for it.
+    /// Returns the exit code of `althing plan` for this error.
     pub fn exit_code(&self) -> u8 {
         match self {
             PlanError::Unsupported(_) => 34,
@@ -256,7 +258,7 @@ impl From<Unsupported> for PlanError {
 // === impl Unsupported ===
 
 impl Unsupported {
-    /// Whether its name is a plural, so that a sentence about it says `are`.
+    /// Whether the feature's name is a plural, so that a sentence about it needs `are`.
     pub fn is_plural(&self) -> bool {
         let is_one = self.feature.starts_with("a ") || self.feature.starts_with("an ");
         self.feature.ends_with('s') && !is_one

@@ -1,7 +1,7 @@
-//! The planner's front door: from texts to a validated plan.
+//! Entry point of the planner: from texts to a validated plan.
 //!
-//! normalize → ground → [`crate::solve`] → validation. Every plan passes the independent validator;
-//! one that fails is reported as our defect.
+//! Pipeline: normalize → ground → [`crate::solve`] → validation. Every plan is checked by the
+//! independent validator; a plan that fails the check is reported as a defect of the planner.
 
 use pddl::{Diagnostic, Direction, Domain, Number, Plan, Problem};
 
@@ -16,8 +16,9 @@ use crate::validate::{Place, World, cost_from};
 
 /// Plans for a problem.
 ///
-/// Pure: reads no clock, opens nothing, writes nothing. Left alone, the same texts and budget give
-/// the same outcome on every machine; a caller with a deadline sets `cancel`.
+/// The function is pure: it reads no clock, opens no file, writes nothing. Unless `cancel` is set, the
+/// same texts and budget give the same outcome on every machine. A caller with a deadline sets
+/// `cancel`.
 pub fn plan(
     domain: &Domain,
     problem: &Problem,
@@ -27,7 +28,8 @@ pub fn plan(
     plan_and_tell(domain, problem, options, cancel, &mut |_| ())
 }
 
-/// As [`plan()`], and tells how far it is, and every plan as soon as it is found and validated.
+/// As [`plan()`], but also calls `tell` with the progress, and with every plan as soon as it is found
+/// and validated.
 pub fn plan_and_tell(
     domain: &Domain,
     problem: &Problem,
@@ -69,7 +71,8 @@ pub fn plan_and_tell(
     judge.outcome(reason, options.effort, statistics, task.unprovable, grounded.warnings)
 }
 
-/// Grounds a task; one that has wide actions and takes too much, with these applied piece by piece.
+/// Grounds a task. If it has wide actions and its grounding reaches a limit, it is ground again in a
+/// form that applies these actions piecewise (one parameter at a time).
 fn ground_whole_or_piecewise(
     lifted: &Lifted,
     budget: Budget,
@@ -79,7 +82,7 @@ fn ground_whole_or_piecewise(
     if !is_wide(lifted) {
         return Ok((ground(lifted, budget, cancel, join_steps)?, None));
     }
-    // There is a way out, so that not all is spent on the way in.
+    // Half the budget, because the piecewise form is left as a second attempt.
     let half = Budget {
         join_steps_max: budget.join_steps_max / 2,
         memory_max_bytes: budget.memory_max_bytes / 2,
@@ -97,7 +100,7 @@ fn ground_whole_or_piecewise(
     }
 }
 
-/// Whether something of the texts is so wide that [`plan()`] takes it apart, or may.
+/// Whether [`plan()`] decomposes a part of the texts because it is too wide, or may do so.
 pub(crate) fn is_taken_apart(domain: &Domain, problem: &Problem) -> Result<bool, PlanError> {
     let mut lifted = normalize(domain, problem)?;
     let axioms = lifted.axioms.len();
@@ -105,11 +108,11 @@ pub(crate) fn is_taken_apart(domain: &Domain, problem: &Problem) -> Result<bool,
     Ok(lifted.axioms.len() > axioms || is_wide(&lifted))
 }
 
-/// Holds plans against the texts, and keeps the cheapest.
+/// Validates plans against the texts, and keeps the cheapest.
 pub(crate) struct Judge<'j> {
     domain: &'j Domain,
     problem: &'j Problem,
-    /// The initial state, once it was needed.
+    /// Initial state; `None` until it is needed for the first time.
     pub(crate) world: Option<World>,
     pub(crate) best: Option<Plan>,
     pub(crate) defect: Option<PlanError>,
@@ -122,10 +125,11 @@ impl<'j> Judge<'j> {
         Judge { domain, problem, world: None, best: None, defect: None }
     }
 
-    /// Whether a plan is the best so far; then it is told.
+    /// Validates a plan. If it is the best so far, keeps it, calls `found` and returns `true`.
     pub(crate) fn hear(&mut self, plan: Plan, found: &mut dyn FnMut(&Plan)) -> bool {
         match self.validated(plan) {
-            // Where costs depend on the state, the search may take a dearer plan for a cheaper one.
+            // Where costs depend on the state, the search may report a plan that is in truth more
+            // expensive.
             Ok(plan) if self.best.as_ref().is_none_or(|best| self.is_better(&plan, best)) => {
                 found(&plan);
                 self.best = Some(plan);
@@ -139,7 +143,7 @@ impl<'j> Judge<'j> {
         }
     }
 
-    /// The plan with the cost that the validator finds.
+    /// Returns the plan with the cost that the validator computes.
     fn validated(&mut self, plan: Plan) -> Result<Plan, PlanError> {
         let world = match self.world.take() {
             Some(world) => world,
@@ -156,7 +160,7 @@ impl<'j> Judge<'j> {
         }
     }
 
-    /// Whether the metric ranks a plan before another.
+    /// Whether the metric prefers `plan` to `best`.
     fn is_better(&self, plan: &Plan, best: &Plan) -> bool {
         let metric = self.problem.metric.as_ref();
         match metric.is_some_and(|metric| metric.direction == Direction::Maximize) {
@@ -165,7 +169,7 @@ impl<'j> Judge<'j> {
         }
     }
 
-    /// What is answered, if the search ended for this reason.
+    /// Builds the outcome of a search that ended for `reason`.
     pub(crate) fn outcome(
         self,
         reason: StopReason,
@@ -183,7 +187,8 @@ impl<'j> Judge<'j> {
                     StopReason::GoalReached => StopReason::Exhausted,
                     limit => limit,
                 });
-                // Costs that are exact one by one, and prove nothing, are so in sum.
+                // No single cost forbids a proof, and still there is none: so the sum of the costs is
+                // too large.
                 let is_in_vain = unproven == Some(StopReason::Exhausted);
                 let unprovable = unprovable.or(is_in_vain.then_some(Unprovable::TooLarge));
                 let plan = Some(plan);
@@ -194,14 +199,14 @@ impl<'j> Judge<'j> {
     }
 }
 
-/// Refuses texts that make no sense; those of the domain come first and alone, so that all
-/// diagnostics of one answer speak of one text.
+/// Returns an error if the texts contain errors. If the domain has errors, only those are returned, so
+/// that all diagnostics of one answer refer to one text.
 pub(crate) fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), PlanError> {
     refuse(pddl::check_domain(domain))?;
     refuse_mistakes_of_problem(domain, problem)
 }
 
-/// The same, of a domain that has been looked at before.
+/// As [`refuse_mistakes`], for a domain that has been checked before.
 pub(crate) fn refuse_mistakes_of_problem(
     domain: &Domain,
     problem: &Problem,
@@ -209,7 +214,7 @@ pub(crate) fn refuse_mistakes_of_problem(
     refuse(pddl::check_problem(domain, problem))
 }
 
-/// The same, where only the goal is another than in a problem that has been looked at before.
+/// As [`refuse_mistakes`], for a domain and problem that have been checked before with another goal.
 pub(crate) fn refuse_mistakes_of_goal(domain: &Domain, problem: &Problem) -> Result<(), PlanError> {
     refuse(pddl::check::check_condition(domain, problem, &problem.goal))
 }
@@ -228,7 +233,7 @@ fn without_plan(
     Outcome { plan: None, stop_reason, unproven: None, unprovable: None, statistics, warnings }
 }
 
-/// What a validated plan costs.
+/// Returns the cost of a validated plan.
 fn cost(plan: &Plan) -> f64 {
     plan.cost.map_or(f64::INFINITY, |cost| cost.0)
 }

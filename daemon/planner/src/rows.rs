@@ -1,6 +1,6 @@
-//! Lists of numbers in one array: what a `Vec<Vec<u32>>` says, without its detours.
+//! A list of lists of numbers in two flat arrays: like a `Vec<Vec<u32>>`, with fewer allocations.
 
-/// Lists, by number.
+/// Lists of `u32`, indexed by number.
 #[derive(Clone, Debug)]
 pub(crate) struct Rows {
     starts: Vec<u32>,
@@ -16,7 +16,7 @@ impl Default for Rows {
 }
 
 impl Rows {
-    /// Sorts pairs of list and item into `count` lists, each in the order of its pairs.
+    /// Groups pairs of list number and item into `count` lists; each keeps the order of its pairs.
     pub(crate) fn collect(count: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Rows {
         let mut starts = vec![0u32; count + 1];
         for (row, _) in pairs.clone() {
@@ -35,7 +35,7 @@ impl Rows {
         Rows { starts, items }
     }
 
-    /// The lists turned around: of every item below `count`, the lists that hold it.
+    /// Returns the inverse: per item below `count`, the numbers of the lists that contain it.
     pub(crate) fn inverted(&self, count: usize) -> Rows {
         let rows = 0..self.len() as u32;
         Rows::collect(
@@ -50,12 +50,12 @@ impl Rows {
         self.starts.push(self.items.len() as u32);
     }
 
-    /// The number of lists.
+    /// Returns the number of lists.
     pub(crate) fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// The number of items in all lists.
+    /// Returns the number of items in all lists.
     pub(crate) fn item_count(&self) -> usize {
         self.items.len()
     }
@@ -65,20 +65,20 @@ impl Rows {
         &self.items[self.range(row)]
     }
 
-    /// An item, by its place among all.
+    /// Returns an item by its position among the items of all lists.
     #[inline]
     pub(crate) fn item(&self, index: usize) -> u32 {
         self.items[index]
     }
 
-    /// Where a list lies among all items.
+    /// Returns the positions of a list's items among the items of all lists.
     #[inline]
     pub(crate) fn range(&self, row: u32) -> std::ops::Range<usize> {
         let row = row as usize;
         self.starts[row] as usize..self.starts[row + 1] as usize
     }
 
-    /// Bytes taken.
+    /// Returns the bytes that the lists take.
     pub(crate) fn bytes(&self) -> usize {
         (self.starts.len() + self.items.len()) * size_of::<u32>()
     }

@@ -1,4 +1,4 @@
-//! Small tasks, made up by chance or written down, for the tests of what reads ground tasks.
+//! Small tasks, random or written by hand, for unit tests of code that reads ground tasks.
 
 use pddl::{Domain, Plan, Problem};
 use proptest::prelude::*;
@@ -12,26 +12,26 @@ use crate::search::Told;
 use crate::solve::Solver;
 use crate::task::Task;
 
-/// Two texts as trees.
+/// Parses a domain and a problem.
 pub(crate) fn parsed(domain: &str, problem: &str) -> (Domain, Problem) {
     let domain = pddl::parse_domain(domain).into_result().expect("a domain");
     let problem = pddl::parse_problem(problem).into_result().expect("a problem");
     (domain, problem)
 }
 
-/// The lifted task of two texts.
+/// Returns the lifted task of two texts.
 pub(crate) fn lifted(domain: &str, problem: &str) -> Lifted {
     let (domain, problem) = parsed(domain, problem);
     normalize(&domain, &problem).expect("supported")
 }
 
-/// The ground task of two texts; `None` if its goal is out of reach.
+/// Returns the ground task of two texts; `None` if its goal is unreachable.
 pub(crate) fn grounded(domain: &str, problem: &str) -> Option<Task> {
     let lifted = lifted(domain, problem);
     ground(&lifted, Budget::default(), &Cancel::new(), &mut 0).expect("no limit").task
 }
 
-/// A cheapest plan, with its cost.
+/// Returns a cheapest plan with its cost; `None` if there is no plan.
 pub(crate) fn cheapest(lifted: &Lifted) -> Option<Plan> {
     let cancel = Cancel::new();
     let task = ground(lifted, Budget::default(), &cancel, &mut 0).expect("no limit").task?;
@@ -50,21 +50,21 @@ pub(crate) fn task(domain: &str, problem: &str) -> Task {
     grounded(domain, problem).expect("a goal in reach")
 }
 
-/// What actions do, and what is true at first, for [`reached`].
+/// Generates action bodies and initial facts for [`reached`].
 pub(crate) fn texts() -> impl Strategy<Value = (Vec<String>, Vec<&'static str>)> {
     let initial =
         prop_oneof![Just("(z)"), Just("(p a)"), Just("(q b)"), Just("(r a b)"), Just("(r b a)"),];
     (proptest::collection::vec(action(), 1..4), proptest::collection::vec(initial, 0..4))
 }
 
-/// The task of such texts. Every fact matters to some part of its goal, and most such goals are in
-/// reach, if nothing were deleted.
+/// Returns the ground task of such texts; `None` if its goal is unreachable. Every fact is relevant to
+/// some part of the goal, and most such goals are reachable in the delete relaxation.
 pub(crate) fn reached(actions: &[String], initial: &[&str]) -> Option<Task> {
     let goal = "(or (z) (not (z)) (exists (?x ?y) (and (p ?x) (q ?x) (r ?x ?y))))";
     with_goal(actions, initial, goal)
 }
 
-/// The task of such texts with a goal.
+/// As [`reached`], with a given goal.
 pub(crate) fn with_goal(actions: &[String], initial: &[&str], goal: &str) -> Option<Task> {
     let named = actions.iter().enumerate();
     let actions: Vec<String> =
@@ -78,7 +78,7 @@ pub(crate) fn with_goal(actions: &[String], initial: &[&str], goal: &str) -> Opt
     grounded(&domain, &problem)
 }
 
-/// A literal of one of a few atoms; `?v` is a parameter.
+/// Generates an atom from a small set; its arguments are constants or the parameter `?v0`.
 fn atom() -> impl Strategy<Value = String> {
     let term = || prop_oneof![Just("?v0"), Just("?v1"), Just("a"), Just("b")];
     prop_oneof![
@@ -94,7 +94,7 @@ fn literal() -> impl Strategy<Value = String> {
         .prop_map(|(atom, not)| if not { format!("(not {atom})") } else { atom })
 }
 
-/// An action that mostly moves: what it deletes it has asked for.
+/// Generates an action that mostly moves: it deletes only facts that are among its preconditions.
 fn action() -> impl Strategy<Value = String> {
     let conditional = (literal(), atom(), atom())
         .prop_map(|(when, gone, new)| format!("(when {when} (and (not {gone}) {new}))"));

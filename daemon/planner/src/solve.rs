@@ -1,12 +1,13 @@
-//! From a ground task to plans: first any plan, then better ones, as much as is asked for.
+//! Solves a ground task: finds a first plan, then better ones as far as the options ask for them.
 //!
-//! 1. The quick ladder (`search::climbing`), which solves most of what a building asks.
-//! 2. What no plan can use is left out (`prune`).
-//! 3. Search with all that is known (`search::lazy`), on one thread or in two lanes.
-//! 4. Steps that the plan does not need are left out (`search::improve`).
-//! 5. On small tasks, the cheapest plan (`search::optimal`), with a proof.
-//! 6. Anytime: searches with less and less haste, each for a cheaper plan than the last, and between
-//!    them for shortcuts (`search::neighborhood`).
+//! 1. Enforced hill climbing (`search::climbing`), which solves most tasks of a building.
+//! 2. Pruning of facts and operators that no plan can use (`prune`).
+//! 3. Search with several open lists (`search::lazy`), on one thread or on two in parallel
+//!    (`search::lanes`).
+//! 4. Removal of steps that the plan does not need (`search::improve`).
+//! 5. On small tasks, search for a cheapest plan (`search::optimal`), with a proof. 6. Anytime:
+//!    searches with smaller and smaller weights, each for a cheaper plan than the last, and
+//!    between them searches for shortcuts (`search::neighborhood`).
 
 use crate::configuration::Method;
 use crate::heuristic::{Evaluator, FastForward, LandmarkCut, Weights, heuristic};
@@ -21,28 +22,27 @@ use crate::search::{Search, Told, improve, lanes, neighborhood, run};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Work of the optimal search that follows a first plan without being asked for: explorations times
-/// the size of what each looks at. That is about a tenth of a second, and covers a building's
-/// problems.
+/// Cap on the work of the optimal search that follows a first plan without being asked for, in
+/// explorations times the size of the relaxation. It takes about a tenth of a second, and suffices for
+/// the problems of a building.
 const OPTIMAL_WORK_MAX: u64 = 5_000_000;
 
-/// How much estimates count, in the searches for better plans: LAMA's sequence (Richter and
-/// Westphal, 2010).
+/// Weights of the heuristic in the searches for better plans: LAMA's sequence (Richter and Westphal,
+/// 2010). `None` is greedy search.
 const WEIGHTS: [Option<u32>; 5] = [None, Some(5), Some(3), Some(2), Some(1)];
 
-/// Words of pairs that are looked at for what is superfluous, once the quick ladder has failed:
-/// half a second.
+/// Cap on the work of pruning after hill climbing has failed, in words of pairs: about half a second.
 const PRUNING_MAX: u64 = 300_000_000;
 
-/// Expansions after which a search for a better plan makes room for another one, if not more were
-/// made before it.
+/// Smallest cap on the expansions of one search for a better plan, after which the next one follows.
+/// The cap is greater if the searches so far made more expansions.
 const STAGE_MIN: u64 = 10_000;
 
-/// Steps looked at for shortcuts, for each expansion of the searches between: a step is taken in a
-/// hundredth of the time of an expansion with its estimate.
+/// Join steps of the search for shortcuts per expansion of the searches between: such a step takes a
+/// hundredth of the time of an expansion with its evaluation.
 const SHORTCUTS_PER_EXPANSION: u64 = 8;
 
-/// The lists of the searches for better plans.
+/// Open lists of the searches for better plans.
 const LAMA: &[List] = &[List::Ff, List::FfPreferred, List::Landmarks, List::LandmarksPreferred];
 
 /// Solves one task.
@@ -67,7 +67,8 @@ impl<'t> Solver<'t> {
         Solver { task, generator, options, cancel, statistics }
     }
 
-    /// Tells how far it is, and every plan that is worth it; why there is none, or no further one.
+    /// Runs all stages. Calls `tell` with the progress and with every plan that is an improvement.
+    /// Returns why there is no plan, or no further one.
     pub(crate) fn run(&mut self, tell: &mut dyn FnMut(Told<'_>)) -> StopReason {
         let first = match self.climb() {
             Climbed::Plan(plan) if self.options.effort == Effort::First => {
@@ -94,12 +95,12 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Whether the cheapest plan of the task is the cheapest plan of the texts.
+    /// Whether a cheapest plan of the task is also a cheapest plan of the texts.
     fn is_provable(&self) -> bool {
         self.task.unprovable.is_none()
     }
 
-    /// The quick ladder, if the configuration has it.
+    /// Runs hill climbing, if the configuration has it.
     fn climb(&mut self) -> Climbed {
         if !matches!(self.options.configuration.method, Method::Lists { climb: true, .. }) {
             return Climbed::GaveUp;
@@ -112,7 +113,7 @@ impl<'t> Solver<'t> {
         climbed
     }
 
-    /// What is done once nothing superfluous is left: searches, unless a plan is known.
+    /// Continues on the pruned task: searches for a first plan unless one is known, then finishes.
     fn go_on(
         &mut self,
         first: Option<Vec<OperatorId>>,
@@ -124,7 +125,7 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// The first plan, as the configuration has it.
+    /// Searches for a first plan by the method of the configuration.
     fn first(&mut self, tell: &mut dyn FnMut(Told<'_>)) -> Result<Vec<OperatorId>, StopReason> {
         match self.options.configuration.method {
             Method::Lists { lists, .. } => self.search(lists, tell),
@@ -132,15 +133,15 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Tells a first plan, and better ones.
+    /// Reports a first plan after removing superfluous steps, then searches for better ones.
     fn finish(&mut self, first: Vec<OperatorId>, tell: &mut dyn FnMut(Told<'_>)) -> StopReason {
         if self.statistics.proven_optimal {
             tell(Told::Found(&first));
             return StopReason::GoalReached;
         }
         let first = improve::eliminate(self.task, first, self.cancel);
-        // Where costs are not exact, what seems to be cheaper may be dearer: the validator, which
-        // knows the true costs, hears of both.
+        // If costs are not exact, a plan that seems cheaper may be more expensive. So the validator,
+        // which computes the true costs, gets both plans.
         let is_told = self.options.effort == Effort::Anytime || !self.is_provable();
         if is_told {
             tell(Told::Found(&first));
@@ -156,7 +157,7 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Searches with several lists in turn.
+    /// Searches with several alternating open lists.
     fn search(
         &mut self,
         lists: &'static [List],
@@ -193,16 +194,17 @@ impl<'t> Solver<'t> {
                 self.statistics.proven_optimal = self.is_provable();
                 Ok(plan)
             }
-            // What weighs too much to be counted was left out.
+            // The search has dropped states with costs too great to be counted, so this is no proof.
             Err(StopReason::Exhausted) if search.has_overflowed() => Err(StopReason::Exhausted),
-            // Without a bound, nothing else was left out but dead ends of an admissible heuristic.
+            // Without a bound the search drops only states that the admissible heuristic proves to be
+            // dead ends.
             Err(StopReason::Exhausted) => Err(StopReason::Unsolvable { before_search: false }),
             Err(reason) => Err(reason),
         }
     }
 
-    /// The cheapest plan, where it can be found with little work or has been asked for; otherwise
-    /// the given one; and why the search for it ended.
+    /// Returns a cheapest plan, if it is asked for or can be found with little work; otherwise `first`.
+    /// Also returns why the search for it ended.
     fn cheapest(
         &mut self,
         first: Vec<OperatorId>,
@@ -215,8 +217,8 @@ impl<'t> Solver<'t> {
             true => (u64::MAX, self.options.budget.expansions_max),
             false => (OPTIMAL_WORK_MAX / size, self.options.optimal_expansions_max),
         };
-        // A* expands at least the states of a plan, and each takes about as many cuts as there are
-        // steps left.
+        // A* expands at least the states of a plan, and each evaluation takes about as many cuts as
+        // there are steps left.
         let needed = (first.len() as u64).saturating_mul(first.len() as u64);
         if expansions_max == 0 || explorations_max < needed.max(1) {
             return (first, StopReason::Exhausted);
@@ -241,7 +243,8 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Looks for shortcuts near the plan, and near each that is found, until there are none.
+    /// Searches for shortcuts near the plan, then near each plan found, until there are none. Calls
+    /// `tell` with each plan that costs less.
     fn take_shortcuts(
         &mut self,
         best: &mut Vec<OperatorId>,
@@ -265,7 +268,7 @@ impl<'t> Solver<'t> {
 
     /// Searches for cheaper plans until there is none or a limit is reached.
     fn improve(&mut self, mut best: Vec<OperatorId>, tell: &mut dyn FnMut(Told<'_>)) -> StopReason {
-        // Where all steps cost the same, the first search was the first of these.
+        // If all steps cost the same, the first search has already been the greedy stage.
         let stages = WEIGHTS.into_iter().cycle().skip(usize::from(self.task.costs_equal));
         for weight in stages {
             let left = STAGE_MIN.max(self.statistics.expansions);
@@ -292,7 +295,7 @@ impl<'t> Solver<'t> {
                 }
                 Err(StopReason::ExpansionLimit { .. }) if makes_room => (),
                 Err(StopReason::Exhausted) => {
-                    // Where all steps cost the same, the cheapest plan is the shortest.
+                    // If all steps cost the same, a cheapest plan is a shortest one.
                     self.statistics.proven_optimal = self.task.costs_equal && self.is_provable();
                     return StopReason::GoalReached;
                 }

@@ -1,7 +1,7 @@
-//! States: packed bits and numbers in one arena, and how operators change them.
+//! States, stored as packed bits and numbers in one arena, and the progression of operators.
 //!
-//! A state is a run of words: one bit per fact, then one word per numeric fluent. Comparisons and
-//! derived facts follow from the rest; they are stored with it, so that nobody derives them twice.
+//! A state is a sequence of words: one bit per fact, then one word per numeric fluent. Comparisons and
+//! derived facts follow from the others; they are stored too, so that they are not derived twice.
 
 use pddl::Assignment;
 
@@ -14,10 +14,10 @@ use crate::task::{Changes, ConditionalEffect, FactId, Literal, Operator, Operato
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct StateId(pub(crate) u32);
 
-/// A state's words.
+/// Words of one state.
 pub(crate) type State = [u64];
 
-/// Every state seen, each once, with the way to it.
+/// Every state that the search has generated, each once, with the step that led to it.
 #[derive(Debug)]
 pub(crate) struct StateSpace {
     width: usize,
@@ -26,14 +26,15 @@ pub(crate) struct StateSpace {
     ways: Vec<Way>,
 }
 
-/// The step that leads to a state; the first state has one that means nothing.
+/// Parent and operator that lead to a state. For the initial state they have no meaning.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Way {
     pub(crate) parent: StateId,
     pub(crate) operator: OperatorId,
 }
 
-/// Applies operators and derives what follows. Holds scratch space, so one per search.
+/// Applies operators, then evaluates comparisons and axioms. Contains scratch space, so each search has
+/// its own.
 #[derive(Debug)]
 pub(crate) struct Progression<'t> {
     task: &'t Task,
@@ -57,7 +58,7 @@ pub(crate) fn all_hold(state: &State, literals: &[Literal]) -> bool {
     literals.iter().all(|literal| holds(state, *literal))
 }
 
-/// The true facts of a state, in order.
+/// Iterates over the true facts of a state, in ascending order.
 pub(crate) fn true_facts(state: &State, fact_count: usize) -> impl Iterator<Item = FactId> + '_ {
     let words = state[..fact_count.div_ceil(64)].iter().enumerate();
     words.flat_map(|(index, word)| {
@@ -81,7 +82,7 @@ pub(crate) fn set(state: &mut State, fact: FactId, truth: bool) {
 // === impl StateSpace ===
 
 impl StateSpace {
-    /// A space with its first state.
+    /// Returns a space that contains the initial state only.
     pub(crate) fn new(initial: &State) -> StateSpace {
         let mut space = StateSpace {
             width: initial.len(),
@@ -93,7 +94,7 @@ impl StateSpace {
         space
     }
 
-    /// How many states there are.
+    /// Returns the number of states.
     pub(crate) fn len(&self) -> usize {
         self.ways.len()
     }
@@ -103,7 +104,7 @@ impl StateSpace {
         &self.words[start..start + self.width]
     }
 
-    /// The state's id, and whether it is new.
+    /// Inserts a state unless it is there already. Returns its id, and whether it is new.
     pub(crate) fn insert(
         &mut self,
         state: &State,
@@ -128,17 +129,17 @@ impl StateSpace {
         (StateId(id), true)
     }
 
-    /// Replaces the way to a state.
+    /// Replaces the parent and operator of a state.
     pub(crate) fn reparent(&mut self, id: StateId, parent: StateId, operator: OperatorId) {
         self.ways[id.0 as usize] = Way { parent, operator };
     }
 
-    /// The step that led to a state; none to the first.
+    /// Returns the step that led to a state; `None` for the initial state.
     pub(crate) fn way(&self, id: StateId) -> Option<Way> {
         (id.0 != 0).then(|| self.ways[id.0 as usize])
     }
 
-    /// The operators that lead from the first state to this one.
+    /// Returns the operators that lead from the initial state to this one.
     pub(crate) fn path(&self, mut id: StateId) -> Vec<OperatorId> {
         let mut path = Vec::new();
         while id.0 != 0 {
@@ -150,7 +151,7 @@ impl StateSpace {
         path
     }
 
-    /// Bytes taken, and those that the next state may take.
+    /// Returns the bytes that the space takes, including those that inserting one more state may add.
     pub(crate) fn bytes(&self) -> usize {
         arena::bytes(&self.words, self.width) + arena::bytes(&self.ways, 1) + self.ids.bytes()
     }
@@ -168,7 +169,7 @@ impl<'t> Progression<'t> {
         }
     }
 
-    /// The initial state.
+    /// Returns the initial state.
     pub(crate) fn initial(&mut self) -> Vec<u64> {
         let mut state = vec![0; self.fact_words];
         for fact in &self.task.initial {
@@ -179,8 +180,9 @@ impl<'t> Progression<'t> {
         state
     }
 
-    /// Puts the state after an applicable operator into `to`. `false` where a number it needs has
-    /// no value, or its changes of one number contradict each other: it does not apply after all.
+    /// Writes the successor state of an applicable operator into `to`. Returns `false` if the operator
+    /// does not apply after all: a number that it needs is undefined, or it changes one number in
+    /// contradictory ways.
     pub(crate) fn apply(
         &mut self,
         operator: Operator<'_>,
@@ -223,7 +225,7 @@ impl<'t> Progression<'t> {
         for group in self.numeric.chunk_by(|left, right| left.0 == right.0) {
             let fluent = group[0].0;
             let Some(new) = combine(value(fluent), group) else { return false };
-            // Zero has two signs, and they are one number.
+            // Zero has two signs in IEEE 754; adding 0.0 makes both the same word.
             to[self.fact_words + fluent as usize] = (new + 0.0).to_bits();
         }
         true
@@ -241,7 +243,8 @@ impl<'t> Progression<'t> {
     }
 }
 
-/// The number after several changes; `None` where there is none.
+/// Returns the value of a fluent after several simultaneous changes; `None` if they contradict each
+/// other or the result is not finite.
 fn combine(old: f64, group: &[(u32, Assignment, f64)]) -> Option<f64> {
     let kind = |assignment: Assignment| match assignment {
         Assignment::Assign => 0,

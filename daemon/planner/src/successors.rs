@@ -1,12 +1,12 @@
-//! Which operators apply in a state, without asking each.
+//! Successor generator: finds the applicable operators of a state without testing all of them.
 //!
-//! Every operator waits at one of its positive preconditions, the one that fewest operators share;
-//! only those waiting at facts that are true are looked at.
+//! Every operator is indexed under one of its positive preconditions, the one that the fewest operators
+//! share. Only operators that are indexed under a fact that is true are tested.
 
 use crate::state::{State, all_hold, true_facts};
 use crate::task::{OperatorId, Task};
 
-/// Operators by the fact they wait at.
+/// Operators, indexed by one of their preconditions.
 #[derive(Debug)]
 pub(crate) struct SuccessorGenerator {
     fact_count: usize,
@@ -40,7 +40,7 @@ impl SuccessorGenerator {
         generator
     }
 
-    /// Collects the operators whose preconditions hold.
+    /// Collects the applicable operators of `state` into `found`.
     pub(crate) fn applicable(&self, task: &Task, state: &State, found: &mut Vec<OperatorId>) {
         found.clear();
         let applies = |id: &&OperatorId| all_hold(state, task.operator(**id).preconditions);

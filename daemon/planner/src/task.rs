@@ -1,7 +1,7 @@
-//! The ground planning task: facts, operators, axioms, goal, and the names they had.
+//! The ground planning task: facts, operators, axioms and goal, with the original names.
 //!
-//! - Made by `ground`, read by everything that searches. Nothing changes it.
-//! - A [`FactId`] or [`OperatorId`] means something in one task only. Nothing stores it on the wire.
+//! - Built by `ground` and read by all search code. It is never changed afterwards.
+//! - A [`FactId`] or [`OperatorId`] is valid in one task only. It is never sent in a message.
 
 pub(crate) use crate::operators::{Changes, ConditionalEffect, Operator, Operators};
 
@@ -43,7 +43,7 @@ pub(crate) enum GroundExpression {
     Apply(Arithmetic, Vec<GroundExpression>),
 }
 
-/// A comparison whose truth is a fact of its own.
+/// A comparison of numbers; its truth is a fact of its own.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct GroundComparison {
     pub(crate) comparison: Comparison,
@@ -51,7 +51,7 @@ pub(crate) struct GroundComparison {
     pub(crate) right: GroundExpression,
 }
 
-/// A ground axiom: the head holds where the body does.
+/// A ground axiom: the head is true if the body holds.
 #[derive(Clone, Debug)]
 pub(crate) struct Axiom {
     pub(crate) head: FactId,
@@ -59,11 +59,11 @@ pub(crate) struct Axiom {
     pub(crate) stratum: u32,
 }
 
-/// What facts say: a predicate and its arguments.
+/// Atoms of facts: predicate and arguments.
 #[derive(Clone, Debug)]
 pub(crate) struct Atoms {
     predicates: Vec<u32>,
-    /// Where the arguments of each fact end; the first entry ends nothing.
+    /// Per fact, the end of its arguments. The first entry is a sentinel of zero.
     ends: Vec<u32>,
     arguments: Vec<ObjectId>,
 }
@@ -73,26 +73,26 @@ pub(crate) struct Atoms {
 pub(crate) struct Task {
     /// Number of facts of all three kinds.
     pub(crate) fact_count: usize,
-    /// Facts below this are basic.
+    /// Number of basic facts; their indices are the lowest.
     pub(crate) basic_count: usize,
-    /// What the basic facts say.
+    /// Atoms of the basic facts.
     pub(crate) atoms: Atoms,
-    /// The comparisons; their facts follow the basic ones.
+    /// Comparisons; their facts follow the basic ones.
     pub(crate) comparisons: Vec<GroundComparison>,
     pub(crate) operators: Operators,
-    /// Sorted by stratum.
+    /// Axioms, sorted by stratum.
     pub(crate) axioms: Vec<Axiom>,
     pub(crate) goal: Vec<Literal>,
-    /// The basic facts that are true at first.
+    /// Basic facts that are true in the initial state.
     pub(crate) initial: Vec<FactId>,
-    /// The initial values of the numeric fluents; not a number where there is none.
+    /// Initial values of the numeric fluents; NaN where a fluent is undefined.
     pub(crate) values: Vec<f64>,
-    /// One of [`Operator::cost`] in units of the metric.
+    /// Size of one unit of [`Operator::cost`], in units of the metric.
     pub(crate) cost_unit: f64,
-    /// Why the costs prove no plan the cheapest, if so; otherwise every cost is a whole multiple of
-    /// the unit, and no step of the texts costs less than nothing.
+    /// Why no plan can be proved a cheapest one by these costs. If `None`, every cost is a whole
+    /// multiple of the unit, and no step has a negative cost.
     pub(crate) unprovable: Option<Unprovable>,
-    /// Whether all operators cost the same, and something.
+    /// Whether all operators have the same cost, greater than zero.
     pub(crate) costs_equal: bool,
     pub(crate) schema_names: Vec<Name>,
     pub(crate) object_names: Vec<Name>,
@@ -147,7 +147,8 @@ impl Literal {
         Literal(self.0 ^ 1)
     }
 
-    /// The literal of an index: twice the fact's, and one more for what must be false.
+    /// Returns the literal with this index: twice the fact's index, plus one if the literal is
+    /// negative.
     pub(crate) fn from_index(index: usize) -> Literal {
         Literal(u32::try_from(index).unwrap_or(u32::MAX))
     }
@@ -173,12 +174,12 @@ impl Atoms {
         self.ends.push(self.arguments.len() as u32);
     }
 
-    /// The number of basic facts.
+    /// Returns the number of basic facts.
     pub(crate) fn len(&self) -> usize {
         self.predicates.len()
     }
 
-    /// Predicate and arguments of a basic fact.
+    /// Returns the predicate and arguments of a basic fact.
     pub(crate) fn get(&self, fact: FactId) -> (u32, &[ObjectId]) {
         let (start, end) = (self.ends[fact.index()], self.ends[fact.index() + 1]);
         (self.predicates[fact.index()], &self.arguments[start as usize..end as usize])
@@ -188,7 +189,7 @@ impl Atoms {
 // === impl GroundExpression ===
 
 impl GroundExpression {
-    /// The value; not a number where a fluent has none or a division is by zero.
+    /// Returns the value; NaN if a fluent is undefined or a division is by zero.
     pub(crate) fn evaluate(&self, values: &dyn Fn(u32) -> f64) -> f64 {
         match self {
             GroundExpression::Number(number) => *number,
@@ -203,7 +204,7 @@ impl GroundExpression {
         }
     }
 
-    /// Whether it may have no value although all its fluents have one.
+    /// Whether the expression may be undefined although all its fluents are defined.
     pub(crate) fn may_fail(&self) -> bool {
         match self {
             GroundExpression::Number(_) | GroundExpression::Fluent(_) => false,
@@ -213,7 +214,7 @@ impl GroundExpression {
         }
     }
 
-    /// Calls `visit` for every fluent in it.
+    /// Calls `visit` for every fluent in the expression.
     pub(crate) fn fluents(&self, visit: &mut dyn FnMut(u32)) {
         match self {
             GroundExpression::Number(_) => (),
@@ -238,7 +239,7 @@ impl Task {
         self.operators.len()
     }
 
-    /// The operator as a step of a plan, with the author's names.
+    /// Returns the operator as a step of a plan, with the names of the texts.
     pub(crate) fn step(&self, id: OperatorId) -> PlanStep {
         let operator = self.operator(id);
         let arguments =
@@ -246,13 +247,13 @@ impl Task {
         PlanStep::new(self.schema_names[operator.schema as usize].clone(), arguments)
     }
 
-    /// The operators as a plan, with its cost.
+    /// Returns the operators as a plan with its cost.
     pub(crate) fn plan(&self, operators: &[OperatorId]) -> Plan {
         let steps = operators.iter().map(|id| self.step(*id)).collect();
         Plan { steps, cost: Some(Number(self.cost(operators) as f64 * self.cost_unit)) }
     }
 
-    /// The same task with other operators.
+    /// Returns a copy of the task with other operators.
     pub(crate) fn with_operators(&self, operators: Operators) -> Task {
         Task {
             fact_count: self.fact_count,
@@ -272,7 +273,7 @@ impl Task {
         }
     }
 
-    /// The cost of a sequence of operators, in units of [`Task::cost_unit`].
+    /// Returns the cost of a sequence of operators, in units of [`Task::cost_unit`].
     pub(crate) fn cost(&self, operators: &[OperatorId]) -> u64 {
         operators.iter().fold(0, |sum: u64, id| sum.saturating_add(self.operator(*id).cost))
     }

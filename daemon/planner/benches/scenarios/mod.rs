@@ -1,17 +1,17 @@
-//! The goals of the paper's scenarios, in a whole office: two robots with a sensor each, one with a
-//! battery and a dock, one at whose screen people log in; thermometers, a CO₂ sensor, a camera, a
-//! screen, a video-collaboration robot.
+//! Goals of the paper's scenarios, in a whole office: two robots with a sensor each (one with a battery
+//! and a dock, one with a screen where people log in), thermometers, a CO₂ sensor, a camera, a screen,
+//! and a video-collaboration robot.
 //!
-//! Domain and problem are what `althing domain` shows there without the sensors that have died, and
-//! with the goal.
+//! Domain and problem are what `althing domain` prints there, without the sensors that have failed and
+//! with the goal added.
 
 use pddl::{Domain, InitElement, Problem, Term};
 
-/// As in the daemon: a quarter of the time depends on it.
+/// The allocator of the daemon: a quarter of the time depends on it.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// A scenario's name, its domain and its problem.
+/// Name, domain and problem of a scenario.
 macro_rules! scenario {
     ($name:literal) => {
         (
@@ -22,7 +22,7 @@ macro_rules! scenario {
     };
 }
 
-/// All of them.
+/// All scenarios.
 pub(crate) const SCENARIOS: [(&str, &str, &str); 5] = [
     scenario!("1-temperatures"),
     scenario!("2-two-robots"),
@@ -31,14 +31,14 @@ pub(crate) const SCENARIOS: [(&str, &str, &str); 5] = [
     scenario!("4-video-robot"),
 ];
 
-/// Reads both texts.
+/// Parses both texts.
 pub(crate) fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
     let domain = pddl::parse_domain(domain).into_result().expect("it parses");
     (domain, pddl::parse_problem(problem).into_result().expect("it parses"))
 }
 
-/// The problem after each thing that may happen to it: an agent offers nothing any more, is back, or a
-/// robot stands elsewhere.
+/// Returns the problem after each possible change: an agent no longer offers anything, is back, or a
+/// robot has moved.
 pub(crate) fn events(problem: &Problem) -> Vec<Problem> {
     let mut events = vec![problem.clone()];
     let (mut agents, mut places) = (Vec::new(), Vec::new());

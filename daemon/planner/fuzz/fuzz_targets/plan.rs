@@ -1,8 +1,8 @@
-//! Any bytes, read as a domain, a zero and a problem: planning ends within its limits, and every plan
-//! is one.
+//! Fuzz target: any bytes, read as a domain, a zero byte and a problem. Planning must end within its
+//! limits, and every plan must be valid.
 //!
-//! `cargo +nightly fuzz run plan -- -timeout=10` in this folder. A good start are the texts of
-//! `../benches`, a domain and its problem to a file, with a zero between them.
+//! Run `cargo +nightly fuzz run plan -- -timeout=10` in this folder. The texts of `../benches` are good
+//! seeds: a domain and its problem per file, with a zero byte between them.
 
 #![no_main]
 

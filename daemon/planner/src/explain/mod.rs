@@ -1,16 +1,17 @@
-//! Explanations: which parts of a goal cannot be reached, and which capability is missing.
+//! Explanations: which parts of a goal are unreachable, and which capabilities are missing.
 //!
-//! Capabilities are *supposed*: an action of an agent that is here and does not offer it, or of a
-//! new agent of the right type, placed as its own preconditions want it. Every supposition is an
-//! operator of a relaxed task (`suppose`), and the smallest sets of them under which a part of the
-//! goal is reached are found in one pass (`support`).
+//! Missing capabilities are *supposed*: an action of an agent that is present and does not offer it, or
+//! an action of a new agent of the right type, placed as the action's precondition requires. Every
+//! supposition is an operator of a relaxed task (`suppose`). The smallest sets of suppositions under
+//! which a part of the goal is reachable are computed in one pass (`support`).
 //!
-//! Of plain PDDL, where no agents are, [`why_unsolvable`] says what no action makes true.
+//! For plain PDDL without agents, [`why_unsolvable`] explains which facts no action makes true.
 //!
-//! - Nothing here is acted on: what would do in the relaxation is a hint, for people.
+//! - The results are hints for people; no plan is based on what would suffice in the relaxation.
 //! - That a part is listed as an obstacle is a proof; that it is not listed proves nothing.
-//! - Work is counted; where the count ends it, [`Explanation::is_complete`] says so.
-//! - Amounts are left out of the supposing: an action is taken to be possible whatever it costs.
+//! - Work is counted. If a cap ends it, [`Explanation::is_complete`] is `false`.
+//! - Suppositions ignore numbers: an action is assumed to be possible whatever its numeric conditions
+//!   are.
 
 mod places;
 mod plain;
@@ -32,110 +33,111 @@ use crate::limits::{Cancel, Options};
 use crate::normalize::normalize;
 use crate::outcome::PlanError;
 
-/// Alternatives that are worked out and told for one part of a goal: more are no help.
+/// Maximal number of alternatives that are computed and shown for one part of a goal; more are no help.
 const ALTERNATIVES_MAX: usize = 3;
 
-/// What is known, to explain in.
+/// Data that explanations are based on.
 #[derive(Clone, Copy, Debug)]
 pub struct Known<'a> {
-    /// The domain of all who are here.
+    /// Composite domain of all agents that are present.
     pub domain: &'a Domain,
-    /// Its objects and the state.
+    /// Problem, with the objects and the state.
     pub problem: &'a Problem,
-    /// For each action of the domain that only those may take who offer it: how.
+    /// Guard of each action that only agents that offer it may use; by the action's name in `domain`.
     pub guards: &'a BTreeMap<Name, Guard>,
-    /// Models of agents that were here: their actions are offered no longer.
+    /// Models of agents that were present earlier; they no longer offer their actions.
     pub former: &'a [ActionModel],
 }
 
-/// What lets an agent act by a schema.
+/// Guard of an action: the fact that lets an agent use it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Guard {
-    /// The name that agents know the action by.
+    /// Name of the action in the agents' own models.
     pub outside: Name,
-    /// The predicate that holds of the agents that offer it.
+    /// Predicate that is true of the agents that offer the action.
     pub predicate: Name,
 }
 
-/// Why a goal cannot be reached.
+/// Why a goal is unreachable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explanation {
-    /// The parts that cannot be reached, in the order of the question. None: each part can be
-    /// reached alone, as far as the relaxation shows.
+    /// Unreachable parts, in the given order. If empty, each part is reachable by itself, as far as the
+    /// relaxation shows.
     pub obstacles: Vec<Obstacle>,
-    /// How many parts were asked about.
+    /// Number of parts that were asked about.
     pub parts: usize,
-    /// Whether the bounds on work left nothing out.
+    /// Whether the work was finished before a cap was reached.
     pub is_complete: bool,
 }
 
-/// A part of a goal that cannot be reached.
+/// An unreachable part of a goal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Obstacle {
     /// The part.
     pub conjunct: Condition,
-    /// Which facts in it cannot be reached; none, if amounts or falsehoods are the matter.
+    /// Unreachable facts in it; empty if numbers or negated facts are the reason.
     pub unreachable: Vec<Atom>,
-    /// The actions, under their agents' names, that could bring such facts about.
+    /// Actions that could make these facts true, by their names in the agents' own models.
     pub actions: Vec<Name>,
-    /// What would do, the smallest first.
+    /// Missing capabilities that would suffice, the smallest set first.
     pub alternatives: Vec<Alternative>,
-    /// Whether it could be reached if it were not for numbers.
+    /// Whether it would be reachable without numeric conditions.
     pub is_numeric: bool,
 }
 
-/// Capabilities that would do together.
+/// A set of missing capabilities that together would suffice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Alternative {
-    /// One or two.
+    /// The capabilities, one or two.
     pub missing: Vec<Missing>,
 }
 
-/// A capability that nobody offers.
+/// A capability that no agent offers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Missing {
-    /// The action, under its agents' name for it.
+    /// Name of the action in the agents' own models.
     pub action: Name,
-    /// Who would have to offer it.
+    /// Agent that would have to offer it.
     pub agent: Who,
-    /// Where a new agent would have to be, for each fact about it that matters.
+    /// Places where a new agent would have to be, one entry per relevant fact about it.
     pub places: Vec<Placement>,
 }
 
-/// An agent, or another object.
+/// An agent or another object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Who {
-    /// One that is here.
+    /// An agent or object that is present.
     Here(Name),
-    /// One that is not here, of this type.
+    /// An agent that does not exist yet, of this type.
     New(TypeExpr),
 }
 
-/// A fact about a new agent that matters.
+/// A relevant fact about the place of a new agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Placement {
     /// Its predicate.
     pub predicate: Name,
-    /// Whether the new agent comes last in the fact: another is on it, and not it on another.
+    /// Whether the new agent is the last argument: another agent is on it, instead of it on another
+    /// agent.
     pub is_reversed: bool,
-    /// What it says of the agent.
+    /// Place that the fact assigns to the agent.
     pub place: Place,
 }
 
-/// Where something would have to be.
+/// Places where an agent would have to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// Wherever it is put, it will do.
+    /// Any place suffices.
     Anywhere,
-    /// Any of these will do: the other arguments of the fact.
+    /// Each of these places suffices. A place is the list of the fact's other arguments.
     At(Vec<Vec<Who>>),
 }
 
-/// Explains which of `parts`, ground conjuncts of a goal, cannot be reached, and what is missing.
+/// Explains which of `parts`, the ground conjuncts of a goal, are unreachable, and what is missing.
 ///
 /// # Errors
 ///
-/// If the texts make no sense, or mean something that this planner does not do.
+/// Returns an error if the texts contain errors or use a feature that this planner does not support.
 pub fn explain(
     known: Known<'_>,
     parts: &[Condition],
@@ -146,7 +148,7 @@ pub fn explain(
     let lifted = normalize(&supposed.domain, &supposed.problem)?;
     let task = match ground(&lifted, options.budget, cancel, &mut 0) {
         Ok(grounded) => grounded.task,
-        // Without an end nothing is proven, and nothing explained.
+        // A limit ended grounding, so that nothing is proved and nothing can be explained.
         Err(_) => {
             return Ok(Explanation {
                 obstacles: Vec::new(),
@@ -186,7 +188,7 @@ pub fn explain(
     Ok(explanation)
 }
 
-/// The parts that are reached where numbers do not count, and are not where they do.
+/// Returns the parts that are reachable without numeric conditions, but not with them.
 fn reached_but_for_numbers(
     known: Known<'_>,
     parts: &[Condition],

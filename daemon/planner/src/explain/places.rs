@@ -1,7 +1,8 @@
-//! From sets of suppositions to alternatives for people: who, and where it would have to be.
+//! Turns sets of suppositions into alternatives: which agents, and the places where they would have to
+//! be.
 //!
-//! Where a new agent has to be is tried out: the relaxed task is explored with all other places
-//! of it taken away, one after the other.
+//! The places of a new agent are found by trial: the relaxed task is explored once per place, with all
+//! other places of the agent removed.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,13 +10,13 @@ use super::support::{Group, Origin, Rules, Set, Support};
 use super::suppose::Supposed;
 use super::{ALTERNATIVES_MAX, Alternative, Missing, Place, Placement, Who};
 
-/// Places tried for one fact about one new agent; of more, the first are told.
+/// Maximal number of places that are tried for one fact about one new agent.
 const PLACES_MAX: usize = 128;
 
-/// Rules looked at in all explorations: a second or so.
+/// Cap on the rules visited in all explorations: about a second.
 const STEPS_MAX: u64 = 50_000_000;
 
-/// The alternatives for each part of the goal.
+/// Alternatives for each part of the goal.
 pub(super) struct Found {
     pub(super) of: BTreeMap<usize, Vec<Alternative>>,
     pub(super) is_complete: bool,
@@ -28,7 +29,7 @@ struct Search<'a> {
     is_complete: bool,
 }
 
-/// Works out the alternatives for the parts of the goal that are asked about.
+/// Computes the alternatives for the parts of the goal in `asked`.
 pub(super) fn places(
     rules: &Rules,
     support: &Support,
@@ -60,8 +61,8 @@ pub(super) fn places(
 // === impl Search ===
 
 impl Search<'_> {
-    /// The first few sets: small before large, agents that are here before new ones, and of
-    /// several that ask the same of agents here or new, one.
+    /// Selects the first few sets: small ones before large ones, and those with present agents before
+    /// those with new ones.
     fn choose(&self, sets: &[Set]) -> Vec<Set> {
         let new = |set: &&Set| {
             let agents = set.members().iter().map(|member| self.who(*member));
@@ -90,7 +91,7 @@ impl Search<'_> {
         Alternative { missing: missing.collect() }
     }
 
-    /// Where the new agents of a set have to be, for each of `parts`.
+    /// Computes the places of the new agents of a set, for each of `parts`.
     fn place(
         &mut self,
         set: &Set,
@@ -119,7 +120,8 @@ impl Search<'_> {
             for part in wanting {
                 let fits = fits.get(&part).map_or(&[] as &[usize], Vec::as_slice);
                 let possible = self.possible(set, group, tried);
-                // Where no place alone will do, it has to be in several; nobody is told of all.
+                // If no single place suffices, the agent has to be in several places; these are not
+                // listed.
                 let is_anywhere = fits.is_empty() || possible > 1 && fits.len() >= possible;
                 let place = if is_anywhere { Place::Anywhere } else { self.at(group, fits) };
                 let predicate = predicate.clone();
@@ -130,7 +132,7 @@ impl Search<'_> {
         placed
     }
 
-    /// How many of the tried places there are, without those on new agents that are not supposed.
+    /// Returns the number of tried places, without those on new agents that the set does not suppose.
     fn possible(&self, set: &Set, group: &Group, tried: usize) -> usize {
         let is_there = |object| match self.supposed.who(object) {
             Who::Here(_) => true,
@@ -149,7 +151,7 @@ impl Search<'_> {
         Place::At(values.iter().map(who).collect())
     }
 
-    /// The supposition of a set that a group of places belongs to.
+    /// Returns the supposition of a set that a group of places belongs to, if any.
     fn owner(&self, set: &Set, group: &Group) -> Option<u32> {
         let capability = self.supposed.placements[group.placement].capability;
         set.members().iter().copied().find(|member| {
@@ -158,8 +160,8 @@ impl Search<'_> {
         })
     }
 
-    /// The parts that are reached with the suppositions of a set, and of one group of places
-    /// one or none.
+    /// Returns the parts that are reachable with the suppositions of a set. Of the given group of
+    /// places, only `only` is allowed, or none.
     fn reached(&mut self, set: &Set, group: usize, only: Option<usize>) -> Vec<usize> {
         if self.steps >= STEPS_MAX {
             self.is_complete = false;

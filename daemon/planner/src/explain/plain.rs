@@ -1,10 +1,11 @@
-//! Why a problem of plain PDDL has no plan: which part of the goal cannot be reached, and what its
-//! achievers lack, down to what nothing makes true.
+//! Explains why a problem of plain PDDL has no plan: which part of the goal is unreachable, and which
+//! conditions of its achievers are missing, down to a fact that no action makes true.
 //!
-//! - Reads the lifted texts and asks the delete relaxation, part by part: what is said to be out of
-//!   reach is proven to be.
-//! - Where every part can be reached alone, each is planned for alone, with little work.
-//! - Bounded: so many parts, so many links of a chain; what is left out is counted.
+//! - It evaluates the lifted texts with the delete relaxation, part by part: a part that is called
+//!   unreachable is proved to be so.
+//! - If every part is reachable in the relaxation, a plan for each part alone is searched for, within a
+//!   small budget.
+//! - The numbers of parts and of chain links are limited; parts that are left out are counted.
 
 use pddl::{
     Atom, Condition, Domain, Effect, FluentTerm, InitElement, Name, Problem, Term, TypeExpr, Typed,
@@ -17,41 +18,41 @@ use crate::limits::{Budget, Cancel, Options};
 use crate::outcome::{PlanError, StopReason};
 use crate::validate::World;
 
-/// Parts of a goal that are looked at; each is ground anew.
+/// Maximal number of goal parts that are checked; each is ground separately.
 const PARTS_MAX: usize = 64;
 
-/// Parts that are explained; of more, how many.
+/// Maximal number of parts that are explained; the others are counted.
 const TOLD_MAX: usize = 3;
 
-/// Links of a chain from a part of the goal to what nothing makes true.
+/// Maximal number of links in a chain from a part of the goal to a fact that no action makes true.
 const LINKS_MAX: usize = 6;
 
-/// Achievers of one fact that are named.
+/// Maximal number of achievers of one fact that are named.
 const ACHIEVERS_MAX: usize = 3;
 
-/// Characters of a condition that are told.
+/// Maximal number of characters of a condition that are shown.
 const TEXT_CHARS_MAX: usize = 120;
 
-/// Work for one question: a fraction of a second.
+/// Caps on the work for one check: a fraction of a second.
 const JOIN_STEPS_MAX: u64 = 5_000_000;
 const EXPANSIONS_MAX: u64 = 5_000;
 
 /// Why there is no plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unsolvability {
-    /// Parts of the goal that cannot be reached even alone, and why; the first few.
+    /// Parts of the goal that are unreachable even alone, with the reason; the first few.
     pub parts: Vec<(Condition, String)>,
-    /// How many more there are.
+    /// Number of further unreachable parts.
     pub more: usize,
-    /// What is said where each part can be reached alone.
+    /// Reason, if each part is reachable alone.
     pub together: Option<String>,
 }
 
-/// Explains why a problem has no plan, as far as a bounded look shows it.
+/// Explains why a problem has no plan, as far as that can be found with bounded work.
 ///
 /// # Errors
 ///
-/// If the texts make no sense, or mean something that this planner does not do.
+/// Returns an error if the texts contain errors or use a feature that this planner does not support.
 pub fn why_unsolvable(
     domain: &Domain,
     problem: &Problem,
@@ -77,7 +78,7 @@ pub fn why_unsolvable(
     Ok(found)
 }
 
-/// What questions are asked of.
+/// Texts and limits of an explanation.
 struct Why<'w> {
     domain: &'w Domain,
     problem: &'w Problem,
@@ -90,15 +91,16 @@ struct Why<'w> {
 struct Achiever {
     name: Name,
     is_axiom: bool,
-    /// What it asks for, in parts, over the objects of the fact; what is free is quantified.
+    /// Conjuncts of its conditions, with the objects of the fact; free variables are existentially
+    /// quantified.
     needs: Vec<Condition>,
-    /// All of that at once, of the same objects.
+    /// All its conditions together, for the same objects.
     whole: Condition,
-    /// A parameter for which there is no object.
+    /// A parameter of a type without objects, if there is one.
     vacant: Option<Typed>,
 }
 
-/// A variable that stands for the same as another, or for an object.
+/// Terms that variables stand for.
 type Bindings = Vec<(Name, Term)>;
 
 // === impl Why ===
@@ -108,7 +110,7 @@ impl Why<'_> {
         unreachable(self.domain, self.problem, conditions, &self.options, self.cancel)
     }
 
-    /// Plans for each part alone.
+    /// Searches for a plan for each part alone.
     fn alone(&self, parts: &[Condition], found: &mut Unsolvability) -> Result<(), PlanError> {
         let is_one = parts.len() == 1;
         let mut all_reached = parts.len() < PARTS_MAX;
@@ -137,8 +139,8 @@ impl Why<'_> {
         Ok(())
     }
 
-    /// What is known of a part that no sequence of steps reaches, though the relaxation does: where no
-    /// number plays a part, it can only be that steps undo something.
+    /// Explains a part that is reachable in the relaxation but in no sequence of steps. If no number is
+    /// involved, the only possible reason is that steps undo conditions of others.
     fn in_the_way(&self, part: &Condition) -> String {
         if let Some(undefined) = self.undefined(part) {
             return undefined;
@@ -154,7 +156,8 @@ impl Why<'_> {
         }
     }
 
-    /// That a condition compares something that has no value and gets none, if so.
+    /// Returns an explanation if the condition compares a fluent that is undefined and that no action
+    /// assigns.
     fn undefined(&self, condition: &Condition) -> Option<String> {
         let is_missing = |fluent: &&FluentTerm| {
             let is_told = |element: &InitElement| match element {
@@ -171,7 +174,7 @@ impl Why<'_> {
         Some(format!("`{missing}` has no value, and no action assigns it one"))
     }
 
-    /// The way from a condition down to what nothing makes true, as a clause.
+    /// Returns the chain from a condition down to a fact that no action makes true, as a clause.
     fn chain(&self, condition: &Condition) -> Result<String, PlanError> {
         let mut links: Vec<String> = Vec::new();
         let mut seen: Vec<Condition> = Vec::new();
@@ -197,7 +200,8 @@ impl Why<'_> {
         Ok(links.join("; "))
     }
 
-    /// Why nothing makes an atom true: what has its predicate is of other objects, or nothing has.
+    /// Explains why no action makes an atom true: either no action adds its predicate, or only for
+    /// other objects.
     fn nothing_makes(&self, atom: &Atom, subject: &str) -> String {
         let name = &atom.predicate;
         let mut is_changed = self.domain.derived.iter().any(|axiom| axiom.predicate == *name);
@@ -212,7 +216,8 @@ impl Why<'_> {
         }
     }
 
-    /// What the achievers of one fact lack, and the first such condition.
+    /// Describes the missing conditions of the achievers of one fact. Also returns the first such
+    /// condition.
     fn link(
         &self,
         subject: &str,
@@ -254,7 +259,7 @@ impl Why<'_> {
         Ok((words.join(", and "), next))
     }
 
-    /// Why an achiever never applies although each of its conditions can be reached.
+    /// Explains why an achiever is never applicable although each of its conditions is reachable.
     fn why_not(&self, achiever: &Achiever) -> Result<String, PlanError> {
         if let Some(Typed { name, ty }) = &achiever.vacant {
             return Ok(format!("there is no object of type `{ty}` for its `?{name}`"));
@@ -266,7 +271,7 @@ impl Why<'_> {
         })
     }
 
-    /// The first parameter that is not bound and that no object can be.
+    /// Returns the first unbound parameter of a type without objects.
     fn vacant(&self, bindings: &Bindings, parameters: &[&Typed]) -> Option<Typed> {
         let free =
             parameters.iter().filter(|one| !bindings.iter().any(|(name, _)| *name == one.name));
@@ -278,7 +283,7 @@ impl Why<'_> {
         { free }.find(is_empty).map(|one| (**one).clone())
     }
 
-    /// Every action and axiom with an effect that can be this atom.
+    /// Returns every action and axiom with an effect that unifies with this atom.
     fn achievers(&self, atom: &Atom) -> Vec<Achiever> {
         let mut achievers: Vec<Achiever> = Vec::new();
         for action in &self.domain.actions {
@@ -313,7 +318,8 @@ impl Why<'_> {
         achievers
     }
 
-    /// What parameters stand for, so that an effect is the wanted atom; `None` if it cannot be.
+    /// Returns the bindings of parameters under which an effect equals the wanted atom; `None` if there
+    /// are none.
     fn unify(&self, own: &[Term], wanted: &[Term], parameters: &[&Typed]) -> Option<Bindings> {
         if own.len() != wanted.len() {
             return None;
@@ -346,7 +352,8 @@ impl Why<'_> {
         all.any(|one| one.name == *object && self.types.accepts(ty, &one.ty))
     }
 
-    /// The conjuncts of conditions with objects in place of what is bound; what is free is quantified.
+    /// Returns the conjuncts of conditions, with bound variables replaced; free variables are
+    /// quantified.
     fn needs<'c>(
         &self,
         conditions: impl Iterator<Item = &'c Condition>,
@@ -378,7 +385,7 @@ impl Why<'_> {
 }
 
 impl std::fmt::Display for Unsolvability {
-    /// A clause for each part, without a period.
+    /// Writes one clause per part, without a period.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         for (number, (part, why)) in self.parts.iter().enumerate() {
             let separator = if number == 0 { "" } else { "\n" };
@@ -391,7 +398,7 @@ impl std::fmt::Display for Unsolvability {
     }
 }
 
-/// A condition as it is told: of a long one, the beginning.
+/// Returns the text of a condition in quotes, shortened if it is long.
 fn quoted(condition: &Condition) -> String {
     let text = condition.to_string();
     let mut short: String = text.chars().take(TEXT_CHARS_MAX).collect();
@@ -401,7 +408,8 @@ fn quoted(condition: &Condition) -> String {
     format!("`{}`", short.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
-/// The atom that is asked for, with its free variables, where it is one.
+/// Returns the atom of a condition that is an atom, perhaps under `exists`; `None` for other
+/// conditions.
 fn wanted(condition: &Condition) -> Option<&Atom> {
     match condition {
         Condition::Atom(atom) => Some(atom),
@@ -417,7 +425,7 @@ fn flatten<'c>(condition: &'c Condition, parts: &mut Vec<&'c Condition>) {
     }
 }
 
-/// Calls `visit` for every atom that an effect adds, with the conditions it stands under.
+/// Calls `visit` for every atom that an effect adds, with the conditions of the enclosing `when`s.
 fn added<'e>(
     effect: &'e Effect,
     conditions: &mut Vec<&'e Condition>,
@@ -427,7 +435,8 @@ fn added<'e>(
         Effect::And(parts) => parts.iter().for_each(|part| added(part, conditions, visit)),
         Effect::Add(atom) => visit(atom, conditions),
         Effect::Delete(_) | Effect::Assign(_) => (),
-        // Its own variables are not told from others: the conditions on them are left out.
+        // The variables of the `forall` are not distinguished from others, so conditions on them are
+        // left out.
         Effect::Forall(_, inner) => {
             let mut none = Vec::new();
             added(inner, &mut none, &mut |atom, _| visit(atom, &[]));
@@ -448,14 +457,14 @@ fn substituted(condition: &Condition, bindings: &Bindings) -> Condition {
     names.substitute(condition)
 }
 
-/// Whether a condition speaks of a variable: then another stands there once it is bound.
+/// Whether a condition mentions a variable: then substituting the variable changes the condition.
 fn mentions(condition: &Condition, variable: &Name) -> bool {
     let mut names = crate::validate::bindings::Bindings::default();
     names.bind(variable, Name::new(""));
     names.substitute(condition) != *condition
 }
 
-/// All that conditions ask of the objects that are bound and of others together.
+/// Returns all conditions as one, so that they are tested for the same objects together.
 fn whole<'c>(
     conditions: impl Iterator<Item = &'c Condition>,
     bindings: &Bindings,
@@ -470,7 +479,7 @@ fn whole<'c>(
     }
 }
 
-/// Whether an effect changes numbers other than the cost, or asks for some.
+/// Whether an effect changes numbers other than the cost, or has a condition on numbers.
 fn reckons(effect: &Effect) -> bool {
     match effect {
         Effect::And(parts) => parts.iter().any(reckons),

@@ -1,5 +1,5 @@
-//! Under which suppositions a fact is reached: for each literal of the supposed task the smallest
-//! sets, of two at most, carried along the operators until nothing changes.
+//! Computes under which suppositions each literal of the supposed task is reachable: the smallest sets,
+//! with at most two members, propagated along the operators to a fixpoint.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -8,28 +8,29 @@ use pddl::Name;
 use super::suppose::{Meaning, Supposed};
 use crate::task::{Changes, Literal, Task};
 
-/// Sets kept of one literal; more are alternatives that nobody reads.
+/// Maximal number of sets per literal; more would not be shown to the user.
 const SETS_MAX: usize = 12;
 
-/// Body literals looked at, times the sets of each: a second on a building of hundreds of rooms.
+/// Cap on the work, in body literals times the sets of each: about a second for a building of hundreds
+/// of rooms.
 const STEPS_MAX: u64 = 20_000_000;
 
-/// One or two suppositions, or none: everything is as it is.
+/// A set of at most two suppositions. The empty set means: without any supposition.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Set {
-    /// First, so that smaller sets come first.
+    /// Number of members. It is the first field, so that smaller sets are sorted first.
     count: u8,
     members: [u32; 2],
 }
 
-/// What a rule stands for.
+/// Origin of a rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Origin {
-    /// Something that anyone can do already.
+    /// An action that some agent offers, or an axiom: no supposition is needed.
     World,
     /// A supposition, by its number.
     Suppose(u32),
-    /// A fact about a new agent: the group of its alternatives, and which of them.
+    /// A fact about a new agent: number of the group of alternatives, and position in the group.
     Place(usize, usize),
 }
 
@@ -44,26 +45,26 @@ struct Rule {
 #[derive(Default)]
 pub(super) struct Rules {
     rules: Vec<Rule>,
-    /// For each literal the rules that have it in their body.
+    /// Per literal: the rules that have it in their body.
     readers: Vec<Vec<usize>>,
-    /// Literals that hold at first.
+    /// Literals that hold initially.
     initial: Vec<usize>,
-    /// Capability and agent of each supposition.
+    /// Per supposition: number of its capability, and its agent.
     pub(super) suppositions: Vec<(usize, Name)>,
-    /// For each alternative placement of one new agent by one fact: its other arguments.
+    /// Alternative places, grouped by placement and new agent.
     pub(super) groups: Vec<Group>,
     parts: BTreeMap<usize, usize>,
     touches: BTreeMap<(usize, usize), usize>,
 }
 
-/// The alternatives for one fact about one new agent.
+/// Alternatives for one fact about one new agent: the fact's other arguments.
 pub(super) struct Group {
     pub(super) placement: usize,
     pub(super) agent: Name,
     pub(super) values: Vec<Vec<Name>>,
 }
 
-/// For each part of the goal and each fact in it, under which suppositions it is reached.
+/// Result: per part of the goal, and per fact in it, the suppositions under which it is reachable.
 pub(super) struct Support {
     parts: BTreeMap<usize, Vec<Set>>,
     touches: BTreeMap<(usize, usize), bool>,
@@ -81,7 +82,7 @@ impl Set {
         &self.members[..usize::from(self.count)]
     }
 
-    /// Both together; none, if they are too many.
+    /// Returns the union of two sets; `None` if it would have more than two members.
     fn with(self, other: Set) -> Option<Set> {
         let mut both = self;
         for member in other.members() {
@@ -102,7 +103,7 @@ impl Set {
     }
 }
 
-/// Adds a set, unless a smaller one is there; whether anything changed.
+/// Adds a set, unless a subset of it is there. Returns whether anything changed.
 fn insert(sets: &mut Vec<Set>, set: Set, is_complete: &mut bool) -> bool {
     if sets.iter().any(|known| known.is_within(&set)) {
         return false;
@@ -111,7 +112,7 @@ fn insert(sets: &mut Vec<Set>, set: Set, is_complete: &mut bool) -> bool {
     let at = sets.partition_point(|known| *known < set);
     if sets.len() >= SETS_MAX {
         *is_complete = false;
-        // Only a smaller set takes a larger one's place, so that this comes to an end.
+        // Only a smaller set may replace a larger one, so that the iteration terminates.
         if sets.last().is_none_or(|last| last.count <= set.count) {
             return false;
         }
@@ -167,8 +168,8 @@ impl Rules {
         rules
     }
 
-    /// What holds at first. That a derived fact is false, or a number as it should be, is taken
-    /// to hold: the answer errs on the side of reachable.
+    /// Adds the literals that hold initially. Negated derived facts and comparisons are assumed to
+    /// hold, which errs on the side of reachable.
     fn begin(&mut self, task: &Task) {
         let mut holds = vec![false; task.fact_count];
         task.initial.iter().for_each(|fact| holds[fact.index()] = true);
@@ -191,7 +192,7 @@ impl Rules {
         self.rules.push(rule);
     }
 
-    /// A literal of no fact.
+    /// Adds a literal that stands for no fact of the task.
     fn goal(&mut self) -> usize {
         self.readers.push(Vec::new());
         self.readers.len() - 1
@@ -217,7 +218,7 @@ impl Rules {
         Origin::Place(group, values.len() - 1)
     }
 
-    /// The parts of the goal that the allowed rules reach; `steps` counts the work.
+    /// Returns the parts of the goal that are reachable by the allowed rules. `steps` counts the work.
     pub(super) fn reached(&self, allowed: impl Fn(Origin) -> bool, steps: &mut u64) -> Vec<usize> {
         let mut holds = vec![false; self.readers.len()];
         let mut open: Vec<usize> = self.rules.iter().map(|rule| rule.body.len()).collect();
@@ -292,23 +293,23 @@ impl Support {
         Support { parts, touches, is_complete }
     }
 
-    /// Whether a part of the goal is reached as things are.
+    /// Whether a part of the goal is reachable without suppositions.
     pub(super) fn is_reached(&self, part: usize) -> bool {
         self.parts.get(&part).is_some_and(|sets| sets.contains(&Set::default()))
     }
 
-    /// Whether a fact in a part of the goal is reached as things are.
+    /// Whether a fact in a part of the goal is reachable without suppositions.
     pub(super) fn is_touched(&self, part: usize, atom: usize) -> bool {
         self.touches.get(&(part, atom)).copied().unwrap_or(false)
     }
 
-    /// The smallest sets of suppositions under which a part of the goal is reached.
+    /// Returns the smallest sets of suppositions under which a part of the goal is reachable.
     pub(super) fn sets(&self, part: usize) -> &[Set] {
         self.parts.get(&part).map_or(&[], Vec::as_slice)
     }
 }
 
-/// The smallest sets under which the whole body of a rule holds.
+/// Returns the smallest sets under which the whole body of a rule is reachable.
 fn body_sets(rule: &Rule, sets: &[Vec<Set>], steps: &mut u64, is_complete: &mut bool) -> Vec<Set> {
     let own = match rule.origin {
         Origin::Suppose(number) => Set::of(number),

@@ -1,8 +1,8 @@
-//! The relaxed task in which capabilities are supposed, as a domain and a problem.
+//! Builds the relaxed task with supposed capabilities, as a domain and a problem.
 //!
-//! Every action that somebody offers or offered is guarded. An operator `suppose` opens a guard
-//! for one agent, here or new; `place` then lets a new agent satisfy what its own precondition
-//! says of it, and lets an agent that is nowhere yet be put on a new one. `reach` and `touch`
+//! Every action that an agent offers, or has offered, has a guard. An operator `suppose` makes the
+//! guard true for one agent, present or new. `place` then makes facts about a new agent true that its
+//! action's precondition requires, or puts an agent without a place onto a new one. `reach` and `touch`
 //! stand for a part of the goal and for a fact in it.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,44 +15,44 @@ use pddl::{
 
 use super::{Guard, Known, Who};
 
-/// Former models that are looked at: each is checked on its own.
+/// Maximal number of former models that are used; each is checked separately.
 const FORMER_MAX: usize = 64;
 
-/// Names nobody can write in PDDL, so that they never meet an author's.
+/// Names that PDDL does not allow, so that they cannot collide with names in the texts.
 const THERE: &str = "%there";
 const NEW: &str = "%new";
 const EXPLAINED: &str = "%explained";
 
-/// What an operator of the supposed task stands for, by the name of its schema.
+/// Meaning of an operator of the supposed task, by the name of its schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Meaning {
     /// An agent offers this capability.
     Suppose(usize),
-    /// A fact about a new agent: which of [`Supposed::placements`].
+    /// A fact about a new agent: index in [`Supposed::placements`].
     Place(usize),
-    /// A part of the goal.
+    /// The part of the goal with this number.
     Reach(usize),
-    /// A fact in a part of the goal.
+    /// A fact in a part of the goal: numbers of part and fact.
     Touch(usize, usize),
 }
 
-/// A fact about a new agent that may be supposed.
+/// A fact about a new agent that can be supposed.
 pub(super) struct Supposable {
     pub(super) predicate: Name,
-    /// Which capability it belongs to; none, if it is said by another agent's.
+    /// Capability that requires it; `None` if another agent's capability does.
     pub(super) capability: Option<usize>,
 }
 
-/// The domain and the problem, and what is meant by them.
+/// The supposed task, with the meanings of its operators.
 pub(super) struct Supposed {
     pub(super) domain: Domain,
     pub(super) problem: Problem,
     pub(super) meanings: BTreeMap<Name, Meaning>,
     pub(super) capabilities: Vec<Guard>,
     pub(super) placements: Vec<Supposable>,
-    /// The ground facts that each part of the goal wants.
+    /// Ground facts that each part of the goal requires.
     pub(super) atoms: Vec<Vec<Atom>>,
-    /// New agents, each with its type.
+    /// New agents and their types.
     new: BTreeMap<Name, TypeExpr>,
 }
 
@@ -88,7 +88,8 @@ impl Supposed {
         supposed
     }
 
-    /// The actions that could make one of `atoms` true, under their agents' names.
+    /// Returns the actions that could make one of `atoms` true, by their names in the agents' own
+    /// models.
     pub(super) fn adding(&self, atoms: &[Atom]) -> Vec<Name> {
         let adds = |name: &Name| {
             let action = self.domain.actions.iter().find(|action| action.name == *name);
@@ -109,7 +110,7 @@ impl Supposed {
         names.into_iter().collect()
     }
 
-    /// An object as people know it.
+    /// Returns whether an object is present or new, in the form for explanations.
     pub(super) fn who(&self, object: &Name) -> Who {
         match self.new.get(object) {
             Some(ty) => Who::New(ty.clone()),
@@ -134,7 +135,8 @@ impl Supposed {
         ]);
     }
 
-    /// Adds a new agent of every type that acts; nothing happens to it before it is there.
+    /// Adds a new agent for every type of agent that acts. It is in no action until it is supposed to
+    /// be there.
     fn welcome(&mut self, acting: &[(ActionSchema, Guard)]) {
         let objects = self.problem.objects.iter().map(|declared| &declared.object);
         let here: Vec<Name> =
@@ -168,7 +170,8 @@ impl Supposed {
         }
     }
 
-    /// Lets agents offer an action, and new ones be where it wants them.
+    /// Adds the operator by which agents offer an action, and those that make the action's facts about
+    /// a new agent true.
     fn suppose(&mut self, action: &ActionSchema, guard: &Guard, guards: &BTreeMap<Name, Guard>) {
         let Some(agent) = &action.agent else { return };
         let capability = self.capabilities.len();
@@ -202,8 +205,8 @@ impl Supposed {
         }
     }
 
-    /// Lets an agent that is here and says nothing of the kind be put on a new one: a sensor
-    /// whose robot has left.
+    /// Adds an operator that puts a present agent without a place onto a new one, for example a sensor
+    /// after its robot has left.
     fn link(&mut self, acting: &[(ActionSchema, Guard)], guards: &BTreeMap<Name, Guard>) {
         let mut changed = BTreeSet::new();
         let added = acting.iter().flat_map(|(action, _)| action.effect.added());
@@ -266,7 +269,8 @@ impl Supposed {
         self.place(said.clone(), vec![other, agent.clone()], wanted, None);
     }
 
-    /// Lets a fact about a new agent, the first of `parameters`, be supposed.
+    /// Adds an operator that makes a fact about a new agent true. The new agent is the first of
+    /// `parameters`.
     fn place(
         &mut self,
         said: Atom,
@@ -280,7 +284,7 @@ impl Supposed {
         self.act(&name, parameters, Condition::And(wanted), effect, Meaning::Place(number));
     }
 
-    /// Asks about a part of the goal.
+    /// Adds the operators for a part of the goal and for the facts in it.
     fn ask(&mut self, part: &Condition) {
         let number = self.atoms.len();
         let explained = || Effect::Add(atom(EXPLAINED, Vec::new()));
@@ -318,7 +322,7 @@ impl Supposed {
     }
 }
 
-/// Adds what a former agent could do, as far as it fits into the domain of today.
+/// Adds the actions of a former agent's model, if they are compatible with the present domain.
 fn remember(domain: &mut Domain, guards: &mut BTreeMap<Name, Guard>, model: &ActionModel) {
     let mut with = domain.clone();
     let types = Types::of(domain);
@@ -357,7 +361,7 @@ fn remember(domain: &mut Domain, guards: &mut BTreeMap<Name, Guard>, model: &Act
     }
 }
 
-/// Calls `visit` for the facts that a condition wants to be true, whatever else it wants.
+/// Calls `visit` for the atoms that a condition requires to be true; other conditions are ignored.
 fn positive(condition: &Condition, scope: &mut Vec<Typed>, visit: &mut dyn FnMut(&Atom, &[Typed])) {
     match condition {
         Condition::Atom(atom) => visit(atom, scope),
@@ -378,12 +382,12 @@ fn positive(condition: &Condition, scope: &mut Vec<Typed>, visit: &mut dyn FnMut
     }
 }
 
-/// Whether a condition speaks of numbers.
+/// Whether a condition contains a comparison of numbers.
 pub(super) fn counts(condition: &Condition) -> bool {
     condition.parts().any(|part| matches!(part, Condition::Compare(_)))
 }
 
-/// The condition where comparisons come out as it wants them.
+/// Replaces comparisons by the truth value under which the condition is easier to satisfy.
 fn without_numbers(condition: &Condition, positive: bool) -> Condition {
     let all = |parts: &[Condition]| {
         parts.iter().map(|part| without_numbers(part, positive)).collect::<Vec<_>>()

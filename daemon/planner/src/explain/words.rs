@@ -1,4 +1,4 @@
-//! Explanations as sentences, for people.
+//! Explanations as English sentences.
 
 use std::fmt;
 
@@ -6,11 +6,11 @@ use pddl::{Name, Term};
 
 use super::{Alternative, Explanation, Missing, Obstacle, Place, Placement, Who};
 
-/// Things of one kind that are named one by one; of more, the first, and how many follow.
+/// Maximal number of similar things that are named; further ones are counted.
 const NAMED_MAX: usize = 3;
 
 impl fmt::Display for Explanation {
-    /// One sentence for all parts that lack the same, without a period.
+    /// Writes one sentence per group of parts that lack the same, without a final period.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut sentences: Vec<(String, Vec<String>, String)> = Vec::new();
         for obstacle in &self.obstacles {
@@ -45,7 +45,8 @@ impl fmt::Display for Explanation {
 // === impl Obstacle ===
 
 impl Obstacle {
-    /// What all parts have in common that lack the same, this part, and what would do.
+    /// Returns three strings: the beginning of the sentence (shared by parts that lack the same), the
+    /// name of this part, and what would suffice.
     fn sentence(&self) -> (String, String, String) {
         let there = self.there();
         let (lead, subject) = match (self.actions.as_slice(), self.unreachable.as_slice()) {
@@ -97,13 +98,13 @@ impl Obstacle {
         }
     }
 
-    /// The objects that this part is about.
+    /// Returns the objects that this part is about.
     fn there(&self) -> Vec<&Name> {
         let terms = self.unreachable.iter().flat_map(|atom| &atom.arguments);
         terms.map(text).collect()
     }
 
-    /// Whether something new would have to be where this part is about.
+    /// Whether a new agent would have to be at an object that this part is about.
     fn is_place(&self, there: &[&Name]) -> bool {
         let missing = self.alternatives.iter().flat_map(|alternative| &alternative.missing);
         missing.flat_map(|missing| &missing.places).any(|placement| placement.is_there(there))
@@ -113,7 +114,7 @@ impl Obstacle {
 // === impl Alternative ===
 
 impl Alternative {
-    /// `known` is the action that nobody can take, so that it is not said again.
+    /// Describes the alternative. `known` is the action that the sentence has already named.
     fn words(&self, known: Option<&Name>, there: &[&Name]) -> String {
         let mut missing: Vec<&Missing> = self.missing.iter().collect();
         missing.sort_by_key(|missing| known != Some(&missing.action));
@@ -155,7 +156,7 @@ impl Missing {
         words
     }
 
-    /// Whether it is said of this one that it is on the other, which is new too.
+    /// Whether this new agent has to be placed on the other one, which is new too.
     fn is_placed_on(&self, other: &Missing) -> bool {
         let is_other = |place: &Vec<Who>| *place == [other.agent.clone()];
         matches!(other.agent, Who::New(_))
@@ -220,7 +221,7 @@ fn text(term: &Term) -> &Name {
     }
 }
 
-/// `a`, `b`, `c` and 4 more
+/// Joins names, such as “`a`, `b`, `c` and 4 more”.
 fn named(things: &[String]) -> String {
     let (first, rest) = things.split_at(things.len().min(NAMED_MAX));
     match (first, rest) {

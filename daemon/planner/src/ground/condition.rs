@@ -1,4 +1,4 @@
-//! Conditions split into what is read off at once and what must grow into a tree.
+//! Conditions, split into literals that are ground directly and parts that are ground as a tree.
 //!
 //! Most conditions are conjunctions of literals: those go straight into an array. Only disjunctions,
 //! quantifiers and comparisons of numbers become a [`Tree`].
@@ -22,7 +22,8 @@ pub(super) struct Condition {
 // === impl Condition ===
 
 impl Condition {
-    /// `is_joined` says that a join has tested the Horn part of the formula before.
+    /// Compiles a formula. `is_joined` means that a join has already tested its equalities and static
+    /// literals.
     pub(super) fn compile(
         catalog: &mut Catalog<'_>,
         frame: &[TypeIndex],
@@ -59,8 +60,8 @@ impl Condition {
         }
     }
 
-    /// Adds the literals under a binding to `literals`, sorted, and returns what is no literal.
-    /// [`Tree::False`] means that the whole cannot hold.
+    /// Appends the literals under a binding to `literals`, sorted, and returns the parts that are not
+    /// literals. Returns [`Tree::False`] if the condition can never hold.
     #[inline]
     pub(super) fn ground(
         &self,
@@ -107,10 +108,10 @@ impl Condition {
     }
 }
 
-/// Sorts literals, each once; `false` if two contradict each other.
+/// Sorts literals and removes duplicates. Returns `false` if two of them contradict each other.
 pub(super) fn tidy(literals: &mut Vec<Literal>) -> bool {
     literals.sort_unstable();
     literals.dedup();
-    // Literals of one fact are neighbors, the positive one first.
+    // The literals of one fact are adjacent, the positive one first.
     !literals.windows(2).any(|pair| pair[0].negated() == pair[1])
 }

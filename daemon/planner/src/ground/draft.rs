@@ -1,22 +1,23 @@
-//! One action under one binding, while it becomes operators.
+//! A draft of the operators for one binding of a schema.
 
 use rustc_hash::FxHashMap;
 
 use crate::task::{FactId, Literal, NumericChange, ObjectId, Operators};
 
-/// What is known of it so far. Used for one after the other, so that its buffers last.
+/// Preconditions, effects and cost collected so far. One draft is used for all bindings, to reuse its
+/// buffers.
 #[derive(Default)]
 pub(super) struct Draft {
     pub(super) preconditions: Vec<Literal>,
     pub(super) always: Changes,
     conditional: Vec<(Vec<Literal>, Changes)>,
-    /// Where each condition is, once there are many.
+    /// Position of each condition in `conditional`; filled only if there are many.
     positions: FxHashMap<Vec<Literal>, usize>,
     pub(super) cost: f64,
     combined: Changes,
 }
 
-/// Changes in the making.
+/// An effect under construction.
 #[derive(Clone, Default)]
 pub(super) struct Changes {
     pub(super) adds: Vec<FactId>,
@@ -24,7 +25,7 @@ pub(super) struct Changes {
     pub(super) numeric: Vec<NumericChange>,
 }
 
-/// So many conditions are compared one by one.
+/// Up to this number, conditions are compared one by one instead of hashed.
 const FEW_CONDITIONS: usize = 8;
 
 // === impl Draft ===
@@ -38,7 +39,7 @@ impl Draft {
         self.cost = 0.0;
     }
 
-    /// The changes under a sorted condition.
+    /// Returns the changes under a sorted condition; an empty condition means the unconditional effect.
     pub(super) fn under(&mut self, conditions: &[Literal]) -> &mut Changes {
         if conditions.is_empty() {
             return &mut self.always;
@@ -56,7 +57,8 @@ impl Draft {
         &mut self.conditional[position].1
     }
 
-    /// Keeps the map complete from the moment on that it is needed.
+    /// Fills the map when the number of conditions exceeds [`FEW_CONDITIONS`], and keeps it complete
+    /// from then on.
     fn note_positions(&mut self) {
         let count = self.conditional.len();
         let new = match count.cmp(&(FEW_CONDITIONS + 1)) {
@@ -69,7 +71,7 @@ impl Draft {
         }
     }
 
-    /// Adds the operator whose precondition is `preconditions` and nothing else.
+    /// Adds the operator with exactly these preconditions.
     pub(super) fn operator(
         &mut self,
         schema: u32,
@@ -78,7 +80,8 @@ impl Draft {
         operators: &mut Operators,
     ) {
         let Draft { always, conditional, combined, .. } = self;
-        // What the precondition says need not be asked again, and what contradicts it cannot happen.
+        // Conditions that the precondition implies are dropped; effects that it contradicts cannot
+        // happen.
         let is_known = |literal: &Literal| preconditions.binary_search(literal).is_ok();
         let cannot =
             |conditions: &[Literal]| conditions.iter().any(|literal| is_known(&literal.negated()));
@@ -104,7 +107,7 @@ impl Draft {
             }
         }
         let Changes { adds, deletes, numeric } = combined;
-        // What holds already need not be added, what does not hold not be deleted.
+        // Facts that already hold need not be added, and facts that do not hold need not be deleted.
         adds.retain(|fact| !is_known(&Literal::new(*fact, true)));
         deletes.retain(|fact| !is_known(&Literal::new(*fact, false)));
         operators.set_effect(adds.drain(..), deletes.drain(..), numeric.drain(..));
@@ -131,7 +134,8 @@ impl Changes {
         self.adds.is_empty() && self.deletes.is_empty() && self.numeric.is_empty()
     }
 
-    /// Sorts, and leaves out deletes that an add overrules; `added` is added in any case.
+    /// Sorts the changes, and drops deletes that an add overrules. Facts in `added` are added anyway,
+    /// so their adds are dropped too.
     fn tidy(&mut self, added: &[FactId]) {
         self.adds.retain(|fact| added.binary_search(fact).is_err());
         self.adds.sort_unstable();

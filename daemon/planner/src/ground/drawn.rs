@@ -1,7 +1,8 @@
-//! From reachable tuples to operators and axioms over raw facts, at once or more and more of them.
+//! Ground operators and axioms over raw facts, made from reachable tuples. More can be added to them
+//! later.
 //!
-//! A *raw* fact is a row of a relation, a comparison, or an auxiliary; `finish` keeps those that
-//! matter and numbers them anew.
+//! A *raw* fact is a row of a relation, a comparison, or an auxiliary. `finish` keeps those that are
+//! relevant, and renumbers them.
 
 use pddl::Diagnostic;
 
@@ -22,46 +23,46 @@ use crate::task::{FactId, GroundComparison, Literal, Operators};
 
 /// The ground task over raw facts.
 pub(super) struct Raw {
-    /// Their costs are the bits of numbers, in units of the metric.
+    /// Operators. Their costs are the bits of `f64` values, in units of the metric.
     pub(super) operators: Operators,
     pub(super) axioms: Vec<RawAxiom>,
     pub(super) comparisons: Vec<GroundComparison>,
-    /// `None` where the goal cannot hold.
+    /// Goal; `None` if it can never hold.
     pub(super) goal: Option<Vec<Literal>>,
     pub(super) layout: Layout,
-    /// Whether some operator that is not among these, as it cannot serve the goal, costs less than
-    /// nothing.
+    /// Whether some operator that is not in `operators`, because it is irrelevant to the goal, has a
+    /// negative cost.
     pub(super) pays: bool,
     pub(super) warnings: Vec<Diagnostic>,
 }
 
-/// Which raw facts are what.
+/// Layout of the raw fact numbers.
 pub(super) struct Layout {
-    /// The raw fact of each predicate's first row, and one past the last of all.
+    /// Per predicate: the raw fact of its first row. The last entry is the end of all rows.
     pub(super) offsets: Vec<usize>,
     pub(super) comparison_offset: usize,
     pub(super) auxiliary_offset: usize,
-    /// One past the last auxiliary.
+    /// End of the auxiliaries.
     pub(super) end: usize,
-    /// How many comparisons there are.
+    /// Number of comparisons.
     pub(super) comparisons: usize,
 }
 
-/// What has been ground so far, over raw facts whose numbers stay.
+/// Operators and axioms ground so far, over raw facts. The numbers of raw facts do not change.
 #[derive(Debug)]
 pub(super) struct Drawn {
     pub(super) operators: Operators,
     pub(super) auxiliaries: Auxiliaries,
     pub(super) comparisons: Comparisons,
     pub(super) warnings: Vec<Diagnostic>,
-    /// Those of the domain; auxiliaries have their own.
+    /// Axioms of the domain; `auxiliaries` has those that derive auxiliaries.
     axioms: Vec<RawAxiom>,
-    /// The raw fact of each predicate's first row, and one past the last of all.
+    /// Per predicate: the raw fact of its first row. The last entry is the end of all rows.
     offsets: Vec<usize>,
     comparison_offset: usize,
 }
 
-/// Grounds every schema, axiom and the goal over what was reached.
+/// Grounds every schema, every axiom and the goal over the reachable tuples.
 pub(super) fn draw(
     lifted: &Lifted,
     reached: &mut Reached,
@@ -78,17 +79,18 @@ pub(super) fn draw(
 // === impl Layout ===
 
 impl Layout {
-    /// One past the last comparison, by dense index.
+    /// Returns the end of the comparisons, as a dense index.
     pub(super) fn comparison_end(&self) -> usize {
         self.comparison_offset + self.comparisons
     }
 
-    /// One past the last dense index: rows of relations, comparisons, auxiliaries.
+    /// Returns the end of the dense indices of rows, comparisons and auxiliaries.
     pub(super) fn dense_end(&self) -> usize {
         self.comparison_end() + (self.end - self.auxiliary_offset)
     }
 
-    /// The dense index of a raw fact: no room is left for comparisons that there are not.
+    /// Returns the dense index of a raw fact: its number without the gap that is reserved for more
+    /// comparisons.
     #[inline]
     pub(super) fn dense(&self, fact: FactId) -> usize {
         let index = fact.index();
@@ -103,8 +105,8 @@ impl Layout {
 // === impl Drawn ===
 
 impl Drawn {
-    /// Nothing yet; `room` is how many facts each predicate may come to have, and `spare` how many
-    /// those that come later.
+    /// Returns an empty set. `room` is the maximal number of facts of each predicate, and `spare` that
+    /// of all predicates that are added later.
     pub(super) fn new(room: impl Iterator<Item = usize>, spare: usize) -> Drawn {
         let mut offsets = vec![0];
         offsets.extend(room.scan(0, |end, room| {
@@ -123,7 +125,8 @@ impl Drawn {
         }
     }
 
-    /// Whether there is room for so many facts of each predicate; those that are new get some.
+    /// Whether each predicate has room for this number of facts. New predicates are given room by
+    /// `room`.
     pub(super) fn has_room(
         &mut self,
         facts: impl Iterator<Item = usize>,
@@ -141,7 +144,7 @@ impl Drawn {
         self.offsets.last().is_some_and(|end| *end <= self.comparison_offset)
     }
 
-    /// Grounds the tuples of each schema from the row that `rows` says, and every axiom anew.
+    /// Grounds the tuples of each schema from the row on that `rows` gives, and all axioms again.
     pub(super) fn draw(
         &mut self,
         lifted: &Lifted,
@@ -171,7 +174,7 @@ impl Drawn {
         Ok(())
     }
 
-    /// Grounds a goal; `None` if it cannot hold.
+    /// Grounds a goal. Returns `None` if it can never hold.
     pub(super) fn draw_goal(
         &mut self,
         lifted: &Lifted,
@@ -214,12 +217,12 @@ impl Drawn {
         }
     }
 
-    /// How many facts are no rows of relations: comparisons and auxiliaries.
+    /// Returns the number of raw facts that are not rows of relations: comparisons and auxiliaries.
     pub(super) fn made_up(&self) -> usize {
         self.comparisons.all.len() + self.auxiliaries.len()
     }
 
-    /// Which raw facts are what.
+    /// Returns the layout of the raw fact numbers.
     pub(super) fn layout(&self) -> Layout {
         let comparison_offset = self.comparison_offset;
         Layout {
@@ -231,7 +234,7 @@ impl Drawn {
         }
     }
 
-    /// The axioms of the domain and of auxiliaries.
+    /// Iterates over the axioms of auxiliaries and of the domain.
     pub(super) fn axioms(&self) -> impl Iterator<Item = &RawAxiom> {
         self.auxiliaries.axioms.iter().chain(&self.axioms)
     }

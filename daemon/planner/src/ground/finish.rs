@@ -1,5 +1,5 @@
-//! From raw facts to the task: what never changes is folded away, what cannot matter to the goal is
-//! left out, and the rest is numbered without gaps.
+//! Builds the task from raw facts: facts that never change are folded away, facts and operators that
+//! are irrelevant to the goal are dropped, and the remaining facts are numbered without gaps.
 
 use super::drawn::{Layout, Raw};
 use super::relation::Relation;
@@ -11,24 +11,25 @@ use crate::operators::{Operators, Renumbering};
 use crate::outcome::{StopReason, Unprovable};
 use crate::task::{Axiom, Changes, FactId, Literal, Operator, Task};
 
-/// The largest cost that is counted as it is: searches multiply costs to count steps beside them, and
-/// add them up.
+/// Greatest cost that is counted exactly. Searches multiply costs by [`STEPS_PER_COST`] and add them
+/// up.
 const COST_MAX: f64 = (u64::MAX / STEPS_PER_COST / 2) as f64;
 
-/// What the largest cost becomes where some are larger than that: a million such steps can be added.
+/// Value that the greatest cost is scaled to if some cost exceeds [`COST_MAX`]: a million such steps
+/// can still be added up.
 const COST_ROUNDED_MAX: f64 = COST_MAX / 1e6;
 
-/// Where a task starts, over raw facts.
+/// Initial state, over raw facts.
 pub(super) struct Start {
-    /// By row of a relation: whether it holds at first.
+    /// Per row of a relation: whether it holds initially.
     pub(super) initial: Vec<bool>,
-    /// By dense index: whether it is known to hold in no state.
+    /// Per dense index: whether the fact is known to be false in every reachable state.
     pub(super) never: Vec<bool>,
-    /// The values of the numeric fluents; not a number where there is none.
+    /// Initial values of the numeric fluents; NaN where a fluent is undefined.
     pub(super) values: Vec<f64>,
 }
 
-/// The task; `None` if the goal cannot hold.
+/// Builds the task. Returns `None` if the goal can never hold.
 pub(super) fn finish(
     lifted: &Lifted,
     relations: &[Relation],
@@ -81,7 +82,7 @@ pub(super) fn finish(
         }
     }
     task.axioms.sort_by_key(|axiom| axiom.stratum);
-    // What does not serve the goal may serve the metric all the same.
+    // An operator that is irrelevant to the goal may still improve the metric.
     let pays = raw.pays || facts.pays(&raw.operators);
     raw.operators.renumber(&numbering);
     task.operators = raw.operators;
@@ -97,8 +98,8 @@ pub(super) fn finish(
     Ok(Some(task))
 }
 
-/// Costs as whole numbers of the largest unit that fits all, down to a millionth; until now they are
-/// the bits of numbers.
+/// Converts the costs from bits of `f64` into whole multiples of the largest decimal unit that fits all
+/// of them, at the least a millionth.
 fn set_costs(task: &mut Task, is_unit: bool) {
     task.cost_unit = 1.0;
     let all = task.operators.costs_mut();
@@ -107,13 +108,13 @@ fn set_costs(task: &mut Task, is_unit: bool) {
         task.costs_equal = true;
         return;
     }
-    // No more than rounding may be missing: a cost that is small is not none.
+    // Only rounding errors are tolerated, so that a very small cost is not taken for zero.
     let is_whole = |value: f64| (value - value.round()).abs() <= 4.0 * f64::EPSILON * value.abs();
     let scales = [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6];
     let fits = |scale: &&f64| all.iter().all(|cost| is_whole(f64::from_bits(*cost) * **scale));
     let scale = scales.iter().find(fits).copied();
-    // Where some steps pay, all are taken to cost so much more that none does: what pays most is then
-    // preferred. No plan is called the cheapest.
+    // If some costs are negative, all costs are raised by the same amount so that none is. Steps with
+    // the lowest costs are still preferred, but no plan can be proved a cheapest one.
     let lowest = all.iter().map(|cost| f64::from_bits(*cost)).fold(0.0, f64::min);
     let has_negative = lowest < 0.0;
     if has_negative {
@@ -130,8 +131,8 @@ fn set_costs(task: &mut Task, is_unit: bool) {
     task.costs_equal = first > 0 && !has_negative && all.iter().all(|cost| *cost == first);
 }
 
-/// The scale under which costs become whole numbers, and why that is not without loss, if so: `exact`
-/// is a scale under which all are whole numbers.
+/// Returns the scale by which costs become whole numbers, and why that loses precision, if it does.
+/// `exact` is a scale under which all costs are whole numbers, if there is one.
 fn countable(exact: Option<f64>, costs: &[u64]) -> (f64, Option<Unprovable>) {
     let largest = costs.iter().map(|cost| f64::from_bits(*cost)).fold(0.0, f64::max);
     let scale = exact.unwrap_or(1e6);
@@ -142,26 +143,26 @@ fn countable(exact: Option<f64>, costs: &[u64]) -> (f64, Option<Unprovable>) {
     (scale, exact.is_none().then_some(Unprovable::TooFine))
 }
 
-/// What is known of every raw fact, by its dense index: rows of relations, comparisons, auxiliaries.
+/// Properties of every raw fact, by dense index: rows of relations, comparisons, auxiliaries.
 struct Facts<'l> {
     layout: &'l Layout,
-    /// One past the rows of relations.
+    /// End of the rows of relations.
     basic_end: usize,
     comparison_end: usize,
     end: usize,
     derived: Vec<bool>,
-    /// By row of a relation.
+    /// Per row of a relation: whether it holds initially.
     initial: Vec<bool>,
-    /// True in every state.
+    /// Per dense index: whether the fact is true in every state.
     always: Vec<bool>,
-    /// True in no state.
+    /// Per dense index: whether the fact is false in every state.
     never: Vec<bool>,
 }
 
 // === impl Start ===
 
 impl Start {
-    /// The state that the relations started with.
+    /// Returns the initial state that the relations were filled from.
     pub(super) fn initial(
         lifted: &Lifted,
         relations: &[Relation],
@@ -207,7 +208,7 @@ impl<'l> Facts<'l> {
         facts
     }
 
-    /// A basic fact that holds at first and that no operator deletes holds for ever.
+    /// Finds the constant facts: basic facts that hold initially and that no operator deletes.
     fn find_constant(&mut self, operators: &Operators) {
         let holds = self.initial.iter().zip(&self.derived);
         self.always = holds.map(|(initial, derived)| *initial && !derived).collect();
@@ -223,24 +224,24 @@ impl<'l> Facts<'l> {
         operator.preconditions.iter().any(|literal| self.is_impossible(*literal))
     }
 
-    /// Whether some operator that may apply costs less than nothing.
+    /// Whether some operator that may be applicable has a negative cost.
     fn pays(&self, operators: &Operators) -> bool {
         let mut paying = operators.iter().filter(|one| f64::from_bits(one.cost) < 0.0);
         paying.any(|operator| !self.never_applies(operator))
     }
 
-    /// Whether a literal holds in no state.
+    /// Whether a literal is false in every state.
     fn is_impossible(&self, literal: Literal) -> bool {
         let index = self.layout.dense(literal.fact());
         if literal.is_positive() { self.never[index] } else { self.always[index] }
     }
 
-    /// Whether it holds in every state or in none.
+    /// Whether a fact has the same truth in every state.
     fn is_constant(&self, index: usize) -> bool {
         self.always[index] || self.never[index]
     }
 
-    /// Without literals that hold in every state; `None` if one holds in none.
+    /// Removes literals that hold in every state. Returns `None` if one is false in every state.
     fn fold(&self, literals: &[Literal]) -> Option<Vec<Literal>> {
         let mut kept = Vec::with_capacity(literals.len());
         for &literal in literals {
@@ -255,12 +256,12 @@ impl<'l> Facts<'l> {
     }
 }
 
-/// What an operator changes, whatever the condition.
+/// Returns the unconditional effect and all conditional effects of an operator.
 fn all_changes(operator: Operator<'_>) -> impl Iterator<Item = Changes<'_>> {
     std::iter::once(operator.effect).chain(operator.conditional.iter().map(|one| one.effect))
 }
 
-/// What can matter to the goal: facts, by dense index, and operators that change one of them.
+/// Relevance analysis, backwards from the goal: finds the relevant facts, by dense index.
 struct Relevance {
     facts: Vec<bool>,
     waiting: Vec<usize>,
@@ -279,7 +280,7 @@ impl Relevance {
         let changers = Changers::new(facts, raw);
         let mut operators = vec![false; raw.operators.len()];
         relevance.want(facts, goal);
-        // Who changes numbers is kept in any case, and so is what it asks for.
+        // Operators that change numbers are always relevant, and so are their conditions.
         for (index, operator) in raw.operators.iter().enumerate() {
             if all_changes(operator).any(|changes| !changes.numeric.is_empty()) {
                 operators[index] = true;
@@ -300,7 +301,7 @@ impl Relevance {
         Ok(relevance)
     }
 
-    /// Wants all that an operator asks for, unless it never applies.
+    /// Marks all conditions of an operator as relevant, unless it is never applicable.
     fn want_of(&mut self, facts: &Facts<'_>, operator: Operator<'_>) {
         if facts.never_applies(operator) {
             return;
@@ -324,13 +325,14 @@ impl Relevance {
     }
 }
 
-/// Which axioms and operators can change a fact; of a comparison: a number it depends on.
+/// Per fact, the axioms and operators that can change it. For a comparison, the operators that change a
+/// number it depends on.
 struct Changers {
     axioms: Rows,
     operators: Rows,
 }
 
-/// Lists of numbers in one array.
+/// Lists of `u32` in one array.
 struct Rows {
     starts: Vec<u32>,
     items: Vec<u32>,
@@ -354,8 +356,8 @@ impl Changers {
                         visit(fact.index(), index as u32);
                     }
                     for change in changes.numeric {
-                        // What other fluents are set to from this one matters as well; being lavish
-                        // here costs little, so every comparison counts as depending on it.
+                        // Other fluents may be set from this one, and those count as well. To be safe
+                        // at little cost, every comparison counts as depending on it.
                         let own = &readers[change.fluent as usize];
                         let comparisons = if own.is_empty() { &all } else { own };
                         comparisons.iter().for_each(|one| visit(*one, index as u32));
@@ -370,7 +372,7 @@ impl Changers {
     }
 }
 
-/// The comparisons that read each numeric fluent.
+/// Returns, per numeric fluent, the comparisons that read it.
 fn readers(facts: &Facts<'_>, raw: &Raw) -> Vec<Vec<usize>> {
     let mut readers: Vec<Vec<usize>> = Vec::new();
     let mut note = |fluent: u32, comparison: Option<usize>| {
@@ -392,7 +394,8 @@ fn readers(facts: &Facts<'_>, raw: &Raw) -> Vec<Vec<usize>> {
 // === impl Rows ===
 
 impl Rows {
-    /// The lists that `each` tells, pair by pair, every time it is called.
+    /// Builds the lists from pairs of list and item. `each` passes all pairs to its argument; it is
+    /// called twice and must pass the same pairs each time.
     fn new(count: usize, each: impl Fn(&mut dyn FnMut(usize, u32))) -> Rows {
         let mut starts = vec![0u32; count + 1];
         each(&mut |key, _| starts[key] += 1);
@@ -402,7 +405,7 @@ impl Rows {
             *start = sum;
         }
         let mut items = vec![0; sum as usize];
-        // Each list is filled from its end, after which its start is right.
+        // Each list is filled from its end; afterwards its start is right.
         each(&mut |key, item| {
             starts[key] -= 1;
             items[starts[key] as usize] = item;
@@ -415,12 +418,12 @@ impl Rows {
     }
 }
 
-/// New numbers: basic facts, then comparisons, then derived facts.
+/// New fact numbers: basic facts first, then comparisons, then derived facts.
 struct Numbering<'f> {
     facts: &'f Facts<'f>,
     fact_count: usize,
     basic_count: usize,
-    /// By dense index.
+    /// Per dense index: the new number; `None` for facts that are dropped.
     ids: Vec<Option<FactId>>,
 }
 
@@ -444,7 +447,7 @@ impl<'f> Numbering<'f> {
         Numbering { facts, fact_count, basic_count, ids }
     }
 
-    /// Literals of relevant facts.
+    /// Renumbers literals, and drops those of irrelevant facts.
     fn literals(&self, literals: &[Literal]) -> Vec<Literal> {
         literals.iter().filter_map(|literal| self.literal(*literal)).collect()
     }
@@ -456,7 +459,7 @@ impl<'f> Numbering<'f> {
 }
 
 impl Renumbering for Numbering<'_> {
-    /// Operators that may apply and change something that matters.
+    /// Keeps operators that may be applicable and change something relevant.
     fn keeps(&self, operator: Operator<'_>) -> bool {
         let mut conditional = operator.conditional.iter();
         (self.matters(operator.effect)

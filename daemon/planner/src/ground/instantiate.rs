@@ -1,4 +1,5 @@
-//! One tuple of a schema becomes an operator, one binding of an axiom's variables an axiom.
+//! Instantiation: each tuple of a schema becomes an operator, each binding of an axiom's variables an
+//! axiom.
 
 use std::sync::Arc;
 
@@ -18,13 +19,14 @@ use crate::normalize::lifted::{
 use crate::outcome::StopReason;
 use crate::task::{FactId, GroundExpression, Literal, NumericChange, ObjectId, Operators};
 
-/// Ways to satisfy one precondition before disjunctions in it become facts of their own.
+/// Maximal number of conjunctions that a precondition is expanded into. Beyond it, disjunctions in it
+/// become auxiliary facts.
 const PRECONDITION_ALTERNATIVES_MAX: usize = 8;
 
-/// The same for the condition of an effect; each way repeats the effect.
+/// The same for the condition of an effect; each conjunction repeats the effect.
 const CONDITION_ALTERNATIVES_MAX: usize = 4;
 
-/// What grounding one thing after another reads, grows and uses again.
+/// State of the instantiation: the inputs, the outputs, and buffers that are used again.
 pub(super) struct Instantiation<'g, 'w, 'c> {
     pub(super) grounder: Grounder<'g>,
     pub(super) auxiliaries: &'g mut Auxiliaries,
@@ -32,19 +34,19 @@ pub(super) struct Instantiation<'g, 'w, 'c> {
     pub(super) axioms: &'g mut Vec<RawAxiom>,
     pub(super) warnings: &'g mut Vec<Diagnostic>,
     pub(super) work: &'w mut Work<'c>,
-    /// The stratum after those of all axioms: for facts that stand for parts of preconditions.
+    /// Stratum above those of all axioms, for auxiliary facts of preconditions.
     pub(super) top: usize,
-    /// Bytes of axioms.
+    /// Bytes taken by axioms.
     pub(super) bytes: usize,
     pub(super) draft: Draft,
     pub(super) literals: Vec<Literal>,
     pub(super) bindings: Vec<ObjectId>,
 }
 
-/// Called under every binding of an effect's variables.
+/// Callback for every binding of an effect's variables.
 type Instance<'f, I> = &'f mut dyn FnMut(&mut I, &mut [ObjectId]) -> Result<(), StopReason>;
 
-/// A schema ready for grounding.
+/// A schema, compiled for instantiation.
 pub(super) struct Ready<'s> {
     pub(super) index: usize,
     schema: &'s Schema,
@@ -53,26 +55,28 @@ pub(super) struct Ready<'s> {
     numeric: Vec<Guarded<'s, LiftedNumeric>>,
 }
 
-/// A part of an effect, and the condition it stands under.
+/// A part of an effect, with its condition.
 struct Guarded<'s, T> {
-    /// Binds the variables of the effect's own quantifiers; `None` if it has none.
+    /// Join that binds the variables of the effect's own quantifiers; `None` if it has none.
     plan: Option<JoinPlan>,
     condition: Condition,
     part: &'s T,
 }
 
-/// An axiom ready for grounding: each binding of parameters and outer `exists` gives one.
+/// One alternative of an axiom, compiled. Each binding of its parameters and outer `exists` gives an
+/// axiom.
 pub(super) struct ReadyAxiom {
     head: usize,
     parameter_count: usize,
-    /// Shared by all alternatives of one axiom.
+    /// Types of the variables; shared by all alternatives of one axiom.
     frame: Arc<[TypeIndex]>,
     plan: JoinPlan,
     body: Condition,
     stratum: usize,
 }
 
-/// Every alternative of every axiom's body, with its outer `exists` open.
+/// Compiles every disjunct of every axiom's body as an alternative of its own, with its outer `exists`
+/// removed.
 pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
     let mut ready = Vec::new();
     for axiom in &catalog.lifted.axioms {
@@ -101,7 +105,8 @@ pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
     ready
 }
 
-/// The variables of a conjunction's `exists`, if it has but one, and the conjunction without it.
+/// Removes the `exists` from a formula that is one, or from the first one in a conjunction. Returns its
+/// variables and the formula without it; no variables if there is none.
 fn open(formula: &Formula) -> (Vec<Slot>, Formula) {
     match formula {
         Formula::Exists(slots, inner) => (slots.clone(), inner.as_ref().clone()),
@@ -194,7 +199,7 @@ impl Instantiation<'_, '_, '_> {
             self.numeric(guarded, ready, binding, draft, &mut rest)?;
         }
         if self.grounder.lifted.costs.varies {
-            // Seen from the initial state it may even pay; what it costs later is not known.
+            // In the initial state the step may even have a negative cost. Its cost later is unknown.
             draft.cost = draft.cost.max(0.0);
         }
         let schema = ready.index as u32;
@@ -250,7 +255,7 @@ impl Instantiation<'_, '_, '_> {
         })
     }
 
-    /// Grounds a condition into `self.literals` and what is returned.
+    /// Grounds a condition. The literals are left in `self.literals`; the other parts are returned.
     fn condition(
         &mut self,
         condition: &Condition,
@@ -274,7 +279,7 @@ impl Instantiation<'_, '_, '_> {
         let Guarded { plan, condition, part: change } = guarded;
         let frame = &ready.schema.frame;
         let function = change.fluent.function;
-        // Two changes of one fluent may contradict each other; then both must be followed.
+        // Two changes of one fluent may contradict each other, so both must be kept as numeric changes.
         let rivals = ready.numeric.iter().filter(|other| other.part.fluent.function == function);
         let is_fluent = lifted.functions[function].is_numeric_fluent();
         let is_followed = is_fluent || rivals.count() > 1;
@@ -324,7 +329,7 @@ impl Instantiation<'_, '_, '_> {
                 let fluent = this.grounder.values.fluent(&change.fluent, binding);
                 let change = NumericChange { fluent, assignment: change.assignment, value };
                 let whole = this.whole(tree);
-                // One alternative only: increasing twice is not increasing once.
+                // One conjunction only: with several, the amount could be added more than once.
                 for conditions in this.auxiliaries.conjunctions(&whole, 1, this.top) {
                     draft.under(&conditions).numeric.push(change.clone());
                 }
@@ -333,13 +338,13 @@ impl Instantiation<'_, '_, '_> {
         })
     }
 
-    /// The condition grounded last, as one tree.
+    /// Returns the condition that was ground last as one tree; `rest` is its part that is not literals.
     fn whole(&self, rest: Tree) -> Tree {
         let literals = self.literals.iter().map(|literal| Tree::Literal(*literal));
         Tree::and(literals.chain([rest]))
     }
 
-    /// Calls `found` under every binding of an effect's variables.
+    /// Calls `found` for every binding of an effect's variables.
     fn each(
         &mut self,
         plan: Option<&JoinPlan>,
@@ -360,7 +365,7 @@ impl Instantiation<'_, '_, '_> {
 
     pub(super) fn axiom(&mut self, axiom: &ReadyAxiom) -> Result<(), StopReason> {
         let relation = &self.grounder.relations[axiom.head];
-        // Even a binding of no variables leaves a trace.
+        // The binding has at least one entry, so that even a join without variables yields a chunk.
         let mut binding = vec![ObjectId::from_index(0); axiom.frame.len().max(1)];
         let mut bindings = Vec::new();
         let ReadyAxiom { plan, body, frame, stratum, .. } = axiom;
@@ -416,9 +421,9 @@ impl Instantiation<'_, '_, '_> {
     }
 }
 
-/// Whether a change by a fixed amount, done again and again, can leave the range of numbers within any
-/// plan that a machine can hold. Whether a value exists decides whether the action applies; what is
-/// defined stays so otherwise.
+/// Whether repeating a change by a fixed amount can exceed the range of `f64` within any plan that fits
+/// into memory. If so, the fluent must be followed, because an operator is not applicable if the result
+/// is undefined.
 fn may_outgrow(assignment: Assignment, amount: &Grounded) -> bool {
     let &Grounded::Fixed(amount) = amount else { return false };
     match assignment {
@@ -429,7 +434,8 @@ fn may_outgrow(assignment: Assignment, amount: &Grounded) -> bool {
     }
 }
 
-/// What changing a fluent by an amount adds to the cost of a plan; nothing of what sets or scales it.
+/// Returns what a change of a fluent by an amount adds to the cost of a plan; zero for assignments and
+/// scalings.
 fn cost(
     lifted: &Lifted,
     fluent: &LiftedFluent,

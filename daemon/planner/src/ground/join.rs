@@ -1,8 +1,9 @@
-//! Joins: finding every binding under which some atoms hold, without looking at all bindings.
+//! Joins: find all bindings under which a set of atoms holds, without enumerating all combinations of
+//! objects.
 //!
-//! - [`JoinPlan::compile`] fixes the order once: atoms whose arguments are known already come first,
-//!   then those that leave few choices, and objects of a type only where no atom helps.
-//! - [`Join::run`] walks it, counting every candidate in [`Work`].
+//! - [`JoinPlan::compile`] fixes the order once: first atoms with all arguments bound, then those that
+//!   leave few choices; the objects of a type are enumerated only for variables that no atom binds.
+//! - [`Join::run`] executes the plan, and counts every candidate in [`Work`].
 
 use super::relation::{IndexId, Relation};
 use super::sets::Sets;
@@ -12,7 +13,7 @@ use crate::normalize::lifted::{Lifted, LiftedAtom, LiftedExpression, LiftedTerm,
 use crate::outcome::StopReason;
 use crate::task::ObjectId;
 
-/// A test that waits until its variables are bound.
+/// A test that is evaluated as soon as its variables are bound.
 #[derive(Clone, Debug)]
 pub(super) enum Filter {
     Equal {
@@ -20,7 +21,7 @@ pub(super) enum Filter {
         left: LiftedTerm,
         right: LiftedTerm,
     },
-    /// The atom does not hold in the initial state, and no action removes it.
+    /// The atom is false in the initial state, and no action deletes facts of its predicate.
     NotInitially(LiftedAtom),
     /// A comparison of static functions.
     Compare {
@@ -29,7 +30,7 @@ pub(super) enum Filter {
     },
 }
 
-/// An order in which to bind variables.
+/// A join plan: the order in which variables are bound and tests are evaluated.
 #[derive(Clone, Debug, Default)]
 pub(super) struct JoinPlan {
     steps: Vec<Step>,
@@ -37,14 +38,14 @@ pub(super) struct JoinPlan {
 
 #[derive(Clone, Debug)]
 enum Step {
-    /// Binds variables from the rows that agree with what is bound.
+    /// Binds variables from the rows that match the bound arguments.
     Probe(Probe),
-    /// Asks whether the tuple is there.
+    /// Tests whether a fully bound tuple is in the relation.
     Contains {
         atom: LiftedAtom,
         is_new_to: bool,
     },
-    /// Binds a variable to every object of its set.
+    /// Binds a variable to every object of its set in turn.
     Enumerate(Slot),
     Check(Filter),
 }
@@ -59,41 +60,41 @@ struct Probe {
     is_new_to: bool,
 }
 
-/// An atom to be joined.
+/// An atom in a join.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Part<'r> {
     pub(super) atom: &'r LiftedAtom,
-    /// Whether the tuple that sets off the join must not stand for this atom: another join, set off
-    /// by the same tuple at this atom, finds those bindings.
+    /// Whether the triggering tuple is excluded for this atom. The bindings in which it matches here
+    /// are found by another join, which the same tuple triggers at this atom.
     pub(super) is_new_to: bool,
 }
 
-/// What a join reads.
+/// Data that a join reads.
 #[derive(Clone, Copy)]
 pub(super) struct Join<'g> {
     pub(super) relations: &'g [Relation],
     pub(super) sets: &'g Sets,
     pub(super) values: &'g Values,
-    /// The set that each slot ranges over.
+    /// Per slot: the set of objects that it ranges over.
     pub(super) frame: &'g [TypeIndex],
-    /// Relation and row of the tuple that sets off the join.
+    /// Relation and row of the tuple that triggered the join; `None` if there is none.
     pub(super) cause: Option<(usize, usize)>,
 }
 
-/// What planning a join reads.
+/// Data that planning a join reads.
 pub(super) struct Catalog<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g mut [Relation],
     pub(super) sets: &'g Sets,
-    /// Whether relations grow no more, so that their sizes tell something.
+    /// Whether the relations are complete, so that their sizes are meaningful.
     pub(super) is_complete: bool,
 }
 
 // === impl JoinPlan ===
 
 impl JoinPlan {
-    /// Plans a join over `parts` that binds all of `wanted`; `bound` says which slots are bound
-    /// before, and afterwards which are.
+    /// Plans a join over `parts` that binds all slots in `wanted`. `bound` holds which slots are bound
+    /// before, and is updated.
     pub(super) fn compile<'r>(
         catalog: &mut Catalog<'_>,
         frame: &[TypeIndex],
@@ -123,7 +124,7 @@ impl JoinPlan {
         plan
     }
 
-    /// Puts the filters next whose variables are all bound.
+    /// Appends the filters that have all their variables bound.
     fn check_ready(&mut self, filters: &mut Vec<&Filter>, bound: &[bool]) {
         filters.retain(|filter| {
             let mut is_ready = true;
@@ -143,7 +144,7 @@ fn is_bound(term: &LiftedTerm, bound: &[bool]) -> bool {
     }
 }
 
-/// How many rows an atom is likely to match, given what is bound.
+/// Estimates the number of rows that an atom matches, given the bound slots.
 fn estimate(catalog: &Catalog<'_>, frame: &[TypeIndex], atom: &LiftedAtom, bound: &[bool]) -> f64 {
     let open = atom.arguments.iter().enumerate().filter_map(|(column, term)| match term {
         LiftedTerm::Variable(slot) if !bound[*slot as usize] => Some((column, *slot)),
@@ -152,7 +153,7 @@ fn estimate(catalog: &Catalog<'_>, frame: &[TypeIndex], atom: &LiftedAtom, bound
     let size = |slot: Slot| catalog.sets.get(frame[slot as usize]).members.len() as f64;
     let relation = &catalog.relations[atom.predicate];
     if !catalog.is_complete && !is_static(catalog.lifted, atom.predicate) {
-        // Of facts that come and go little is known yet; in the end most combinations may be there.
+        // The relation of a fluent predicate still grows; in the end most combinations may be in it.
         let mut combinations = 1.0;
         let mut seen = Vec::new();
         for (_, slot) in open {
@@ -177,12 +178,12 @@ fn estimate(catalog: &Catalog<'_>, frame: &[TypeIndex], atom: &LiftedAtom, bound
     if is_open { rows } else { 0.0 }
 }
 
-/// Whether a relation is that of a predicate whose facts are those of the initial state.
+/// Whether a relation belongs to a static predicate: its facts never change.
 pub(super) fn is_static(lifted: &Lifted, relation: usize) -> bool {
     lifted.predicates.get(relation).is_some_and(|predicate| predicate.is_static())
 }
 
-/// The step that joins an atom; binds its variables.
+/// Returns the step that joins an atom, and marks its variables as bound.
 fn probe(relations: &mut [Relation], part: Part<'_>, bound: &mut [bool]) -> Step {
     let Part { atom, is_new_to } = part;
     let (mut columns, mut key) = (Vec::new(), Vec::new());
@@ -212,7 +213,7 @@ fn probe(relations: &mut [Relation], part: Part<'_>, bound: &mut [bool]) -> Step
 // === impl Filter ===
 
 impl Filter {
-    /// Calls `visit` for every variable in it.
+    /// Calls `visit` for every variable in the filter.
     pub(super) fn slots(&self, visit: &mut dyn FnMut(Slot)) {
         let mut term = |term: &LiftedTerm| {
             if let LiftedTerm::Variable(slot) = term {
@@ -229,7 +230,7 @@ impl Filter {
         }
     }
 
-    /// Calls `visit` for every term in it.
+    /// Calls `visit` for every term in the filter.
     pub(super) fn terms_mut(&mut self, visit: &mut dyn FnMut(&mut LiftedTerm)) {
         match self {
             Filter::Equal { left, right, .. } => [left, right].into_iter().for_each(visit),
@@ -241,7 +242,7 @@ impl Filter {
         }
     }
 
-    /// Whether it passes a binding of all its variables.
+    /// Whether a binding of all its variables satisfies the filter.
     pub(super) fn passes(
         &self,
         relations: &[Relation],
@@ -269,13 +270,13 @@ impl Filter {
 // === impl Join ===
 
 impl Join<'_> {
-    /// Whether an object may stand in a slot.
+    /// Whether an object is in the set of a slot.
     #[inline]
     pub(super) fn fits(&self, slot: Slot, object: ObjectId) -> bool {
         self.sets.get(self.frame[slot as usize]).contains(object)
     }
 
-    /// Calls `found` for every binding that the plan reaches.
+    /// Calls `found` for every binding that satisfies the plan.
     pub(super) fn run<'c, F>(
         &self,
         plan: &JoinPlan,
@@ -338,7 +339,7 @@ impl Join<'_> {
         Ok(())
     }
 
-    /// Binds the variables of an atom to a row; whether it fits.
+    /// Binds the variables of an atom to a row. Returns `false` if the row does not match.
     #[inline]
     fn take(
         &self,

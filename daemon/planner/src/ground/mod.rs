@@ -1,11 +1,11 @@
 //! Grounding: from the lifted task to facts and operators.
 //!
-//! 1. [`rules`] says what follows from what; [`reach`] finds every tuple that relaxed reachability
-//!    allows, by joins.
-//! 2. [`drawn`] holds what the tuples of actions become, each by [`instantiate`]: operators.
-//! 3. [`finish`] drops what never changes and what cannot matter.
+//! 1. [`rules`] states the Horn rules of the delete relaxation. [`reach`] finds every relaxed-reachable
+//!    tuple by joins.
+//! 2. [`instantiate`] turns each tuple of an action into operators; [`drawn`] holds them.
+//! 3. [`finish`] drops facts that never change and facts and operators that are irrelevant.
 //!
-//! Work is counted in join steps, so the same task stops at the same place everywhere.
+//! Work is counted in join steps, so the same task reaches a limit at the same point on every machine.
 
 mod condition;
 mod draft;
@@ -37,14 +37,16 @@ use crate::normalize::lifted::Lifted;
 use crate::outcome::StopReason;
 use crate::task::Task;
 
-/// A ground task and what its author may not have meant.
+/// A ground task, and warnings about constructs that the author probably did not intend.
 pub(crate) struct Grounded {
-    /// `None` where the goal cannot hold, whatever happens: a proof that there is no plan.
+    /// Ground task; `None` if the goal is unreachable in the delete relaxation, which proves that there
+    /// is no plan.
     pub(crate) task: Option<Task>,
     pub(crate) warnings: Vec<Diagnostic>,
 }
 
-/// Grounds a lifted task, unless a cap is reached or the caller cancels; `join_steps` tells how much work it was, however it ends.
+/// Grounds a lifted task. Returns the reason if a cap is reached or the caller cancels. `join_steps` is
+/// set to the work done in any case.
 pub(crate) fn ground(
     lifted: &Lifted,
     budget: Budget,
@@ -66,7 +68,7 @@ fn grounded(lifted: &Lifted, work: &mut Work<'_>) -> Result<Grounded, StopReason
     Ok(Grounded { task: finish::finish(lifted, &reached.relations, start, raw, work)?, warnings })
 }
 
-/// The relation of a schema's applicable bindings.
+/// Returns the relation of a schema's applicable bindings.
 fn action_relation(lifted: &Lifted, schema: usize) -> usize {
     lifted.predicates.len() + schema
 }

@@ -1,7 +1,7 @@
-//! Lifted conditions made ready for grounding: every quantifier knows its join.
+//! Lifted conditions, compiled for grounding: every quantifier has a join plan.
 //!
-//! An `exists` only visits objects for which the facts it asks for can hold, a `forall` only those
-//! for which its exceptions can.
+//! An `exists` visits only objects for which the facts it requires can hold; a `forall` visits only
+//! objects for which its exceptions can hold.
 
 use pddl::Comparison;
 use rustc_hash::FxHashMap;
@@ -18,7 +18,7 @@ use crate::normalize::lifted::{
 use crate::outcome::StopReason;
 use crate::task::{FactId, GroundComparison, GroundExpression, Literal, ObjectId};
 
-/// A condition ready for grounding.
+/// A compiled condition.
 #[derive(Debug)]
 pub(super) enum Node {
     Constant(bool),
@@ -30,37 +30,37 @@ pub(super) enum Node {
     Quantified { existential: bool, plan: JoinPlan, inner: Box<Node> },
 }
 
-/// What grounding a condition reads and grows.
+/// Grounding context of conditions: the data that is read, and the comparisons found.
 pub(super) struct Grounder<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g [Relation],
     pub(super) sets: &'g Sets,
-    /// The raw fact of each relation's first row.
+    /// Per relation: the raw fact of its first row.
     pub(super) offsets: &'g [usize],
     pub(super) values: &'g mut Values,
-    /// Comparisons found so far; their raw facts start at `comparison_offset`.
+    /// Comparisons found so far; their raw facts begin at `comparison_offset`.
     pub(super) comparisons: &'g mut Comparisons,
     pub(super) comparison_offset: usize,
 }
 
-/// Comparisons whose truth depends on the state, each once.
+/// Comparisons that depend on the state, without duplicates.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Comparisons {
     pub(super) all: Vec<GroundComparison>,
-    /// Where each of them is, by its text.
+    /// Index of each comparison, by its debug text.
     known: FxHashMap<String, usize>,
 }
 
-/// What became of a literal.
+/// Truth of a ground literal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Truth {
     True,
     False,
-    /// It depends on the state.
+    /// The truth of this literal depends on the state.
     Open(Literal),
 }
 
-/// Raw facts for comparisons are set apart before their number is known.
+/// Raw fact numbers reserved for comparisons, as their number is not known in advance.
 pub(super) const COMPARISONS_MAX: usize = 1 << 24;
 
 // === impl Node ===
@@ -127,8 +127,9 @@ impl Node {
     }
 }
 
-/// A join that binds `slots` to all objects for which `formula` is not already decided: false of an
-/// `exists` or a `when`, true of a `forall`.
+/// Plans a join that binds `slots` to all objects for which the truth of `formula` is open. Objects are
+/// skipped for which it is certainly false (for an `exists` or a `when`) or certainly true (for a
+/// `forall`).
 pub(super) fn enumeration(
     catalog: &mut Catalog<'_>,
     frame: &[TypeIndex],
@@ -143,7 +144,8 @@ pub(super) fn enumeration(
     JoinPlan::compile(catalog, frame, parts, &[], slots, bound)
 }
 
-/// The atoms that must hold for a conjunction to be true, or a disjunction to be false.
+/// Collects the atoms that must be true for a conjunction to be true; for a `forall`, those that must
+/// be true for a disjunction to be false.
 fn collect_guards(
     formula: &Formula,
     existential: bool,
@@ -174,7 +176,7 @@ fn collect_guards(
 // === impl Grounder ===
 
 impl Grounder<'_> {
-    /// The condition under a binding.
+    /// Grounds a condition under a binding.
     pub(super) fn tree(
         &mut self,
         node: &Node,
@@ -219,7 +221,7 @@ impl Grounder<'_> {
         })
     }
 
-    /// Runs a join and grounds a condition under each of its bindings.
+    /// Grounds a condition under each binding of a join.
     fn instances(
         &mut self,
         plan: &JoinPlan,
@@ -237,7 +239,8 @@ impl Grounder<'_> {
         Ok(trees)
     }
 
-    /// All bindings of a join, one after the other; none is empty, even where there is no variable.
+    /// Appends all bindings of a join to `found`, one after the other. `binding` must have at least one
+    /// entry, even if there is no variable.
     pub(super) fn bindings(
         &self,
         plan: &JoinPlan,
@@ -254,14 +257,14 @@ impl Grounder<'_> {
         })
     }
 
-    /// The raw fact of an atom, if it can ever hold.
+    /// Returns the raw fact of an atom; `None` if the atom is unreachable.
     #[inline]
     pub(super) fn fact(&self, atom: &LiftedAtom, binding: &[ObjectId]) -> Option<FactId> {
         let row = self.relations[atom.predicate].find_terms(&atom.arguments, binding)?;
         Some(FactId::from_index(self.offsets[atom.predicate] + row))
     }
 
-    /// A literal under a binding.
+    /// Grounds a literal under a binding.
     #[inline]
     pub(super) fn literal(&self, positive: bool, atom: &LiftedAtom, binding: &[ObjectId]) -> Truth {
         let truth = |truth: bool| if truth { Truth::True } else { Truth::False };
@@ -312,7 +315,7 @@ impl Grounder<'_> {
 // === impl Comparisons ===
 
 impl Comparisons {
-    /// Where a comparison is.
+    /// Returns the index of a comparison, and adds it if it is new.
     fn index(&mut self, comparison: GroundComparison) -> usize {
         let Comparisons { all, known } = self;
         *known.entry(format!("{comparison:?}")).or_insert_with(|| {

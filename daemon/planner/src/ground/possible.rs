@@ -1,8 +1,7 @@
-//! What can happen from a state, if nothing is ever deleted: over raw facts and operators that are
-//! there already.
+//! Relaxed reachability from a state, over raw facts and operators that have been ground before.
 //!
-//! Every operator, conditional effect and axiom counts the facts it still waits for (Dowling and
-//! Gallier, 1984): once for each literal, however many states are asked about.
+//! Every operator, conditional effect and axiom counts its unreached preconditions (Dowling and
+//! Gallier, 1984), so each literal is visited once per query. The index is built once for many states.
 
 use super::drawn::Layout;
 use super::tree::RawAxiom;
@@ -10,16 +9,16 @@ use crate::operators::Operators;
 use crate::rows::Rows;
 use crate::task::{FactId, Literal};
 
-/// Who waits for which fact, and what follows.
+/// Index of the delete relaxation: which facts each step requires and adds.
 #[derive(Debug)]
 pub(super) struct Flow {
-    /// By fact: steps that ask for it.
+    /// Per fact: the steps that require it.
     waiting: Rows,
-    /// By step: how many facts it asks for.
+    /// Per step: the number of facts that it requires.
     needs: Vec<u32>,
-    /// By step: the facts that follow.
+    /// Per step: the facts that it adds.
     adds: Rows,
-    /// By step: the operator it belongs to, or [`NO_OPERATOR`] for axioms.
+    /// Per step: the operator it belongs to, or [`NO_OPERATOR`] for axioms.
     operators: Vec<u32>,
     facts: usize,
     operator_count: usize,
@@ -27,13 +26,13 @@ pub(super) struct Flow {
 
 const NO_OPERATOR: u32 = u32::MAX;
 
-/// What can be true, by dense index, and what can be done.
+/// Relaxed-reachable facts, by dense index, and relaxed-applicable operators.
 pub(super) struct Possible {
     pub(super) facts: Vec<bool>,
     pub(super) operators: Vec<bool>,
 }
 
-/// Steps in the making.
+/// Steps under construction.
 struct Steps<'l> {
     layout: &'l Layout,
     preconditions: Rows,
@@ -82,16 +81,16 @@ impl Flow {
         }
     }
 
-    /// Whether it still speaks of all there is.
+    /// Whether the index still covers all facts and operators.
     pub(super) fn covers(&self, layout: &Layout, operators: &Operators) -> bool {
         self.facts == layout.dense_end() && self.operator_count == operators.len()
     }
 
-    /// What can happen from a state, with the operators that are not `masked`.
+    /// Computes what is relaxed reachable from a state, without the operators that are `masked`.
     pub(super) fn possible(&self, layout: &Layout, initial: &[bool], masked: &[bool]) -> Possible {
         let mut facts = vec![false; self.facts];
         facts[..initial.len()].copy_from_slice(initial);
-        // What numbers can come to is not asked here.
+        // Comparisons are assumed to be reachable.
         facts[layout.comparison_offset..layout.comparison_end()].fill(true);
         let mut operators = vec![false; self.operator_count];
         let mut missing = self.needs.clone();

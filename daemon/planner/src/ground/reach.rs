@@ -1,8 +1,7 @@
-//! Relaxed reachability: which facts can ever hold and which actions can ever apply, if nothing is
-//! ever deleted.
+//! Relaxed reachability: finds all facts and applicable actions of the delete relaxation.
 //!
-//! Every newly found tuple is joined once with what came before it (semi-naive evaluation of the
-//! [`super::rules`]). A rule without variables only counts what is missing.
+//! Every new tuple is joined once with the tuples before it (semi-naive evaluation of the
+//! [`super::rules`]). A rule without variables only counts its missing atoms.
 
 use super::action_relation;
 use super::join::{Catalog, Join, JoinPlan, Part, is_static};
@@ -16,18 +15,18 @@ use crate::normalize::lifted::{Lifted, LiftedAtom, LiftedTerm, Slot, TypeIndex};
 use crate::outcome::StopReason;
 use crate::task::ObjectId;
 
-/// All that can be reached.
+/// All relaxed-reachable tuples.
 #[derive(Debug)]
 pub(super) struct Reached {
-    /// Predicates first, then one relation per schema.
+    /// Relations of the predicates, followed by one relation per schema.
     pub(super) relations: Vec<Relation>,
     pub(super) sets: Sets,
 }
 
-/// How often memory is looked at, in tuples.
+/// Interval of the memory checks, in tuples.
 const TUPLES_BETWEEN_MEMORY_CHECKS: usize = 1 << 12;
 
-/// The state of an evaluation.
+/// State of an evaluation.
 struct Reach<'g, 'w, 'c> {
     lifted: &'g Lifted,
     values: &'g Values,
@@ -36,18 +35,18 @@ struct Reach<'g, 'w, 'c> {
     sets: Sets,
     rules: Vec<Rule>,
     triggers: Triggers,
-    /// By schema: the atoms that its tuples add in any case.
+    /// Per schema: the atoms that it adds unconditionally.
     adds: Vec<Vec<&'g LiftedAtom>>,
     binding: Vec<ObjectId>,
-    /// Tuples of one head.
+    /// Buffer for tuples of one head.
     found: Relation,
-    /// Bytes of all relations, when they were counted last.
+    /// Bytes of all relations when they were counted last.
     bytes: usize,
-    /// Triggers of the tuple at hand.
+    /// Buffer for the triggers of the current tuple.
     due: Vec<usize>,
 }
 
-/// All tuples that can be reached.
+/// Computes all relaxed-reachable tuples.
 pub(super) fn reach(
     lifted: &Lifted,
     values: &Values,
@@ -76,9 +75,9 @@ pub(super) fn reach(
     reach.finish()
 }
 
-/// Goes on from what was reached when less was known: new facts wait in `relations`, new objects and
-/// schemas come last in `lifted`, and no fact is static. Nothing is narrowed, as it could not be
-/// widened later.
+/// Continues an evaluation after additions to the task. New facts are in `relations`, not yet indexed;
+/// new objects and schemas follow the old ones in `lifted`; no fact is static. Rules are not narrowed,
+/// because narrowed rules could not be widened later.
 pub(super) fn reach_on(
     lifted: &Lifted,
     values: &Values,
@@ -91,14 +90,14 @@ pub(super) fn reach_on(
     reach.finish()
 }
 
-/// What was known when relations were filled.
+/// Numbers of objects and schemas of the evaluation that is continued.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Before {
     pub(super) objects: usize,
     pub(super) schemas: usize,
 }
 
-/// The relations of predicates and schemas, with the facts of the initial state.
+/// Returns the relations of predicates and schemas, filled with the facts of the initial state.
 pub(super) fn initial_relations(lifted: &Lifted) -> Vec<Relation> {
     let mut relations: Vec<Relation> =
         lifted.predicates.iter().map(|predicate| Relation::new(predicate.arity)).collect();
@@ -115,7 +114,8 @@ pub(super) fn initial_relations(lifted: &Lifted) -> Vec<Relation> {
     relations
 }
 
-/// Finds the schemas whose tuples no two joins find: one rule, and all its variables are parameters.
+/// Finds the schemas for which no tuple can be found twice: those with one rule in which all variables
+/// are parameters. Their relations need no duplicate check.
 fn set_distinct(lifted: &Lifted, rules: &[Rule], relations: &mut [Relation]) {
     let mut counts = vec![0; relations.len()];
     let mut is_seen_twice = vec![false; relations.len()];
@@ -171,7 +171,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         Ok(Reached { relations: self.relations, sets: self.sets })
     }
 
-    /// Notes what each rule waits for, and fires those that wait for nothing.
+    /// Registers the triggers of each rule, and fires rules without fluent atoms.
     fn start(&mut self) -> Result<(), StopReason> {
         for index in 0..self.rules.len() {
             let rule = &self.rules[index];
@@ -187,8 +187,8 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         Ok(())
     }
 
-    /// Notes what each rule waits for, and fires those that have more to say of what had its turn:
-    /// new rules, and old ones whose variables range over new objects.
+    /// Registers the triggers of each rule, and fires those with further consequences of already
+    /// indexed tuples: new rules, and old rules with variables that range over new objects.
     fn resume(&mut self, before: Before) -> Result<(), StopReason> {
         let first_new = action_relation(self.lifted, before.schemas);
         let objects_grew = self.lifted.objects.len() > before.objects;
@@ -216,7 +216,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         Ok(())
     }
 
-    /// Fires a rule for all that had its turn.
+    /// Fires a rule for all indexed tuples.
     fn fire_all(&mut self, rule: usize) -> Result<(), StopReason> {
         let plan = self.plan(rule, None);
         self.binding.clear();
@@ -224,7 +224,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         self.fire(rule, &plan, None)
     }
 
-    /// Takes every waiting tuple once, until none waits.
+    /// Processes every tuple that is not indexed yet, until there is none.
     fn saturate(&mut self) -> Result<(), StopReason> {
         let mut is_waiting = true;
         while is_waiting {
@@ -249,7 +249,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         self.work.check_memory(self.bytes)
     }
 
-    /// Draws all conclusions from a tuple and what came before it.
+    /// Draws all conclusions from a tuple and the tuples indexed before it.
     fn conclude(&mut self, relation: usize, row: usize) -> Result<(), StopReason> {
         let schema = relation.checked_sub(self.lifted.predicates.len());
         if let Some(adds) = schema.map(|schema| &self.adds[schema]) {
@@ -292,7 +292,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
                 let tuple = self.relations[relation].row(row);
                 let fits =
                     unify(&self.sets, frame, &body.atoms[position], tuple, &mut self.binding);
-                // Most triggers of a large domain are never pulled, so plans are made on demand.
+                // Most triggers of a large domain never fire, so join plans are made on demand.
                 let plan = match plan {
                     None if !fits => return Ok(()),
                     None => Box::new(self.plan(rule, Some(position))),
@@ -306,8 +306,8 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         }
     }
 
-    /// Whether what no trigger counts of a rule without variables holds: its tests and its static
-    /// atoms. Narrowing leaves them where the last pass made them free of variables.
+    /// Whether the parts of a rule without variables that no trigger counts hold: its tests and static
+    /// atoms. They remain in the rule if the last narrowing pass made them variable-free.
     fn passes(&self, rule: usize) -> bool {
         let Conjunct { atoms, filters } = &self.rules[rule].body;
         let is_static = |atom: &&LiftedAtom| is_static(self.lifted, atom.predicate);
@@ -318,12 +318,12 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
             && filters.iter().all(|filter| {
                 let mut is_ground = true;
                 filter.slots(&mut |_| is_ground = false);
-                // A test of a variable that nothing binds is left out by joins, too.
+                // Joins also leave out a test with a variable that nothing binds.
                 !is_ground || filter.passes(&self.relations, self.values, &[])
             })
     }
 
-    /// The join of a rule's body, without the atom at `cause`, whose variables are bound already.
+    /// Plans the join of a rule's body. The atom at `cause` is left out; its variables are bound already.
     fn plan(&mut self, rule: usize, cause: Option<usize>) -> JoinPlan {
         let Rule { frame, body, wanted, .. } = &self.rules[rule];
         let mut bound = vec![false; frame.len()];
@@ -345,7 +345,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         JoinPlan::compile(&mut catalog, frame, parts, &body.filters, wanted, &mut bound)
     }
 
-    /// Adds the head's tuples for every binding that the join finds.
+    /// Adds the tuples of the head for every binding that the join finds.
     fn fire(
         &mut self,
         rule: usize,
@@ -354,8 +354,8 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
     ) -> Result<(), StopReason> {
         let head = self.rules[rule].head.predicate;
         if head >= self.lifted.predicates.len() {
-            // No body asks for the action it makes applicable, and there may be millions of tuples:
-            // they go straight into their relation.
+            // The body of such a rule does not read the relation of its own action, and there may be
+            // millions of tuples: they are written into the relation directly.
             let mut tuples = std::mem::replace(&mut self.relations[head], Relation::new(0));
             let result = self.collect(rule, plan, cause, &mut tuples);
             self.relations[head] = tuples;
@@ -371,7 +371,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         result
     }
 
-    /// Runs a join into `found`, which none of its atoms reads.
+    /// Runs a join and writes the head's tuples into `found`, which none of its atoms reads.
     fn collect(
         &mut self,
         rule: usize,
@@ -390,7 +390,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
     }
 }
 
-/// Binds the variables of an atom to a tuple; whether it fits.
+/// Binds the variables of an atom to a tuple. Returns `false` if the tuple does not match.
 fn unify(
     sets: &Sets,
     frame: &[TypeIndex],

@@ -1,4 +1,4 @@
-//! Tuples of objects, found again by any of their columns.
+//! Relations: sets of tuples of objects, with indices over any of their columns.
 
 use std::cell::OnceCell;
 
@@ -7,36 +7,37 @@ use crate::id_table::IdTable;
 use crate::normalize::lifted::LiftedTerm;
 use crate::task::ObjectId;
 
-/// No further row.
+/// End of a list of rows.
 const END: u32 = u32::MAX;
 
-/// The tuples of one predicate, or of one action.
+/// A relation: the tuples of one predicate, or of one action.
 #[derive(Clone, Debug)]
 pub(super) struct Relation {
     arity: usize,
     flat: Vec<ObjectId>,
     count: usize,
-    /// Keeps every tuple from being there twice; a relation whose tuples come but once has none.
+    /// Set that prevents duplicate tuples; `None` if the source of the tuples cannot produce
+    /// duplicates.
     set: Option<IdTable>,
     indices: Vec<Index>,
-    /// Rows below this are in the indices; the rest wait for their turn.
+    /// Number of rows that are in the indices. Later rows are not processed yet.
     indexed: usize,
-    /// Rows below this hold in the initial state.
+    /// Number of rows that hold in the initial state; they come first.
     pub(super) initial: usize,
-    /// How many different values each column has, once somebody asked.
+    /// Number of different values per column; computed on first use.
     distinct: Vec<OnceCell<usize>>,
 }
 
-/// Rows by the values of some columns: a list per combination.
+/// An index: lists of the rows that agree in some columns.
 #[derive(Clone, Debug)]
 struct Index {
     columns: Vec<usize>,
-    /// The first row of each list.
+    /// First row of each list.
     heads: IdTable,
     next: Vec<u32>,
 }
 
-/// Names an index of a relation.
+/// Number of an index within its relation.
 pub(super) type IndexId = usize;
 
 // === impl Relation ===
@@ -55,19 +56,20 @@ impl Relation {
         }
     }
 
-    /// A relation that trusts whoever adds tuples to add none twice, and cannot find them.
+    /// Returns a relation without a duplicate check. The caller must not add a tuple twice, and tuples
+    /// cannot be looked up.
     pub(super) fn of_distinct(arity: usize) -> Relation {
         Relation { set: None, ..Relation::new(arity) }
     }
 
-    /// Takes all tuples out of a relation without set and indices.
+    /// Removes all tuples. Only for a relation without set and indices.
     pub(super) fn clear(&mut self, arity: usize) {
         self.arity = arity;
         self.flat.clear();
         self.count = 0;
     }
 
-    /// Whether tuples can be found without an index.
+    /// Whether tuples can be looked up without an index.
     pub(super) fn has_set(&self) -> bool {
         self.set.is_some()
     }
@@ -80,7 +82,8 @@ impl Relation {
         self.count
     }
 
-    /// Bytes taken, and those that the next tuple may take, without the small change.
+    /// Returns the bytes that the relation takes, including those that one more tuple may add. Small
+    /// fixed parts are not counted.
     pub(super) fn bytes(&self) -> usize {
         let indices =
             self.indices.iter().map(|index| index.heads.bytes() + arena::bytes(&index.next, 1));
@@ -93,14 +96,14 @@ impl Relation {
         &self.flat[row * self.arity..(row + 1) * self.arity]
     }
 
-    /// The row of a tuple.
+    /// Returns the row of a tuple; `None` if it is not there, or the relation has no set.
     pub(super) fn find(&self, tuple: &[ObjectId]) -> Option<usize> {
         let key = hash(tuple.iter().copied());
         let found = self.set.as_ref()?.find(key, |id| self.row(id as usize) == tuple);
         found.map(|id| id as usize)
     }
 
-    /// The row of the tuple that terms stand for.
+    /// Returns the row of the tuple that terms stand for under a binding.
     #[inline]
     pub(super) fn find_terms(&self, terms: &[LiftedTerm], binding: &[ObjectId]) -> Option<usize> {
         let key = hash(terms.iter().map(|term| term.object(binding)));
@@ -132,14 +135,14 @@ impl Relation {
         self.count += 1;
     }
 
-    /// Forgets what was true of fewer rows.
+    /// Drops the cached column statistics, because the relation has grown.
     pub(super) fn forget_statistics(&mut self) {
         self.distinct.iter_mut().for_each(|distinct| {
             distinct.take();
         });
     }
 
-    /// Adds the tuple that terms stand for, unless it is there.
+    /// Adds the tuple that terms stand for under a binding, unless it is there.
     #[inline]
     pub(super) fn insert_terms(&mut self, terms: &[LiftedTerm], binding: &[ObjectId]) {
         if self.set.is_some() {
@@ -158,7 +161,7 @@ impl Relation {
         self.count += 1;
     }
 
-    /// Puts the row that comes next into the set.
+    /// Enters the row that is added next into the set.
     fn note(&mut self, key: u64) {
         let Relation { arity, flat, set, count, .. } = self;
         let row_hash =
@@ -168,28 +171,28 @@ impl Relation {
         }
     }
 
-    /// Whether a tuple is there and has had its turn.
+    /// Whether a tuple is there and has already been indexed.
     pub(super) fn has_indexed(&self, terms: &[LiftedTerm]) -> bool {
         self.find_terms(terms, &[]).is_some_and(|row| self.is_indexed(row))
     }
 
-    /// How many rows have had their turn.
+    /// Returns the number of rows that have been indexed.
     pub(super) fn indexed_len(&self) -> usize {
         self.indexed
     }
 
-    /// Whether a row has had its turn.
+    /// Whether a row has already been processed and entered into the join indices.
     #[inline]
     pub(super) fn is_indexed(&self, row: usize) -> bool {
         row < self.indexed
     }
 
-    /// Whether a row waits for its turn.
+    /// Returns the next row that is not indexed; `None` if all are.
     pub(super) fn next_unindexed(&self) -> Option<usize> {
         (self.indexed < self.count).then_some(self.indexed)
     }
 
-    /// Puts the next waiting row into the indices.
+    /// Enters the next row into the indices.
     pub(super) fn index_next(&mut self) {
         let row = self.indexed;
         self.indexed += 1;
@@ -198,14 +201,14 @@ impl Relation {
         }
     }
 
-    /// Puts all waiting rows into the indices.
+    /// Enters all remaining rows into the indices.
     pub(super) fn index_all(&mut self) {
         while self.next_unindexed().is_some() {
             self.index_next();
         }
     }
 
-    /// The index over these columns, made where there is none.
+    /// Returns the index over these columns, and builds it if there is none.
     pub(super) fn index(&mut self, columns: &[usize]) -> IndexId {
         if let Some(found) = self.indices.iter().position(|index| index.columns == columns) {
             return found;
@@ -217,8 +220,8 @@ impl Relation {
         self.indices.len() - 1
     }
 
-    /// The rows whose indexed columns have these values, in the order of their turns but for the
-    /// first.
+    /// Returns the rows that have these values in the indexed columns: the row that was indexed first, then
+    /// the others in reverse order.
     #[inline]
     pub(super) fn matching(
         &self,
@@ -236,7 +239,7 @@ impl Relation {
         Matching { index, next: first.unwrap_or(END) }
     }
 
-    /// How many different values a column has; asked of relations that grow no more.
+    /// Returns the number of different values in a column. Only for relations that no longer grow.
     pub(super) fn distinct(&self, column: usize) -> usize {
         *self.distinct[column].get_or_init(|| {
             let all = (0..self.count).map(|row| self.row(row)[column]);
@@ -248,7 +251,7 @@ impl Relation {
     }
 }
 
-/// Rows of a list.
+/// Iterator over the rows of one list of an index.
 pub(super) struct Matching<'r> {
     index: &'r Index,
     next: u32,
@@ -279,7 +282,7 @@ impl Index {
             |id: u32| columns.iter().all(|one| column(id as usize, *one) == column(row, *one));
         let row_hash = key_hash(row as u32);
         match heads.find(row_hash, same) {
-            // The head stays where the table knows it; the row goes right behind it.
+            // The head stays, because the table refers to it; the new row is inserted right behind it.
             Some(head) => {
                 next.push(next[head as usize]);
                 next[head as usize] = row as u32;
@@ -292,7 +295,7 @@ impl Index {
     }
 }
 
-/// Mixes as much as the table needs, which multiplies once more.
+/// A cheap hash; sufficient because the table multiplies once more.
 #[inline]
 fn hash(objects: impl Iterator<Item = ObjectId>) -> u64 {
     objects.fold(0, |hash: u64, object| {

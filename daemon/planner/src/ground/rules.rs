@@ -1,9 +1,10 @@
-//! Horn rules: what the delete relaxation concludes from what.
+//! Horn rules of the delete relaxation.
 //!
-//! - [`rules`] makes one rule per way to satisfy a condition. Where a condition has no Horn form, it
-//!   is taken to hold: the answer errs on the side of reachable, never of unreachable.
-//! - [`Rule::narrow`] lets static facts say beforehand which objects a variable can stand for;
-//!   a variable with one object left becomes that object, and facts that only said so are dropped.
+//! - [`rules`] makes one rule per disjunct of a condition. A condition without a Horn form is assumed
+//!   to hold: this errs on the side of reachable, never of unreachable.
+//! - [`Rule::narrow`] uses static facts to restrict the objects that a variable can stand for. A
+//!   variable with a single object left is replaced by it, and atoms that only expressed the
+//!   restriction are dropped.
 
 use super::action_relation;
 use super::join::{Filter, is_static};
@@ -13,34 +14,34 @@ use super::values::Values;
 use crate::normalize::lifted::{Formula, Lifted, LiftedAtom, LiftedTerm, Slot, TypeIndex};
 use crate::task::ObjectId;
 
-/// Alternatives of one condition, beyond which a disjunction is taken to hold.
+/// Maximal number of alternatives of one condition. Beyond it, a disjunction is assumed to hold.
 const DISJUNCTS_MAX: usize = 8;
 
-/// Rows of static facts that narrowing may look at, all in all: some tenth of a second.
+/// Cap on the rows of static facts that narrowing reads in total: about a tenth of a second.
 pub(super) const NARROWING_ROWS_MAX: u64 = 20_000_000;
 
-/// How often each atom of a rule narrows its variables.
+/// Maximal number of narrowing passes over the atoms of a rule.
 const NARROWING_PASSES_MAX: usize = 4;
 
 /// `head(terms) :- body`
 #[derive(Clone, Debug)]
 pub(super) struct Rule {
     pub(super) head: LiftedAtom,
-    /// The set that each slot ranges over.
+    /// Per slot: the set of objects that it ranges over.
     pub(super) frame: Vec<TypeIndex>,
     pub(super) body: Conjunct,
-    /// Variables that no atom of the body may bind, and the head needs.
+    /// Variables of the head that no atom of the body may bind.
     pub(super) wanted: Vec<Slot>,
 }
 
-/// Atoms and tests that hold together.
+/// A conjunction of atoms and tests.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Conjunct {
     pub(super) atoms: Vec<LiftedAtom>,
     pub(super) filters: Vec<Filter>,
 }
 
-/// What narrowing reads and grows.
+/// Narrowing context: the data that is read, and the sets that are added.
 pub(super) struct Narrowing<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g mut [Relation],
@@ -49,8 +50,8 @@ pub(super) struct Narrowing<'g> {
     pub(super) rows_left: u64,
 }
 
-/// Every schema, conditional effect and axiom as rules. Unconditional effects follow from their
-/// schema's tuples directly.
+/// Returns the rules of all schemas, conditional effects and axioms. Unconditional effects need no
+/// rules; they follow directly from the tuples of their schema.
 pub(super) fn rules(lifted: &Lifted) -> Vec<Rule> {
     let mut rules = Vec::new();
     for (index, schema) in lifted.schemas.iter().enumerate() {
@@ -81,7 +82,7 @@ pub(super) fn rules(lifted: &Lifted) -> Vec<Rule> {
     rules
 }
 
-/// Horn bodies of which at least one holds wherever the formula can.
+/// Returns Horn bodies of which at least one holds wherever the formula can hold.
 pub(super) fn relax(lifted: &Lifted, formula: &Formula) -> Vec<Conjunct> {
     match formula {
         Formula::Constant(true) | Formula::Forall(..) => vec![Conjunct::default()],
@@ -119,8 +120,8 @@ fn relax_literal(lifted: &Lifted, positive: bool, atom: &LiftedAtom) -> Conjunct
 
 fn relax_all(lifted: &Lifted, parts: &[Formula]) -> Vec<Conjunct> {
     let mut whole = vec![Conjunct::default()];
-    // A conjunction in a conjunction is taken apart: what grounding does not test again, because a
-    // join has tested it, must never be left out together with a disjunction beside it.
+    // Nested conjunctions are flattened. Grounding does not test again what a join has tested, so such
+    // conditions must never be left out together with a disjunction beside them.
     let mut flat = Vec::new();
     flatten(parts, &mut flat);
     for part in flat {
@@ -174,7 +175,7 @@ impl Conjunct {
 // === impl Rule ===
 
 impl Rule {
-    /// Narrows what the variables range over; `false` if the rule can never fire.
+    /// Narrows the sets of the variables. Returns `false` if the rule can never fire.
     pub(super) fn narrow(&mut self, known: &mut Narrowing<'_>) -> bool {
         self.merge_equal(known);
         for _ in 0..NARROWING_PASSES_MAX {
@@ -191,7 +192,7 @@ impl Rule {
         true
     }
 
-    /// Replaces one of two variables that must be equal by the other.
+    /// For each equality between two variables, replaces one of them by the other.
     fn merge_equal(&mut self, known: &mut Narrowing<'_>) {
         let equal = |filter: &Filter| match *filter {
             Filter::Equal {
@@ -211,7 +212,7 @@ impl Rule {
         }
     }
 
-    /// Puts a term in the place of a variable.
+    /// Replaces a variable by a term.
     fn substitute(&mut self, slot: Slot, by: LiftedTerm) {
         let mut put = |term: &mut LiftedTerm| {
             if *term == LiftedTerm::Variable(slot) {
@@ -230,7 +231,8 @@ impl Rule {
         }
     }
 
-    /// Variables with one object left become that object; `frame` keeps what is left of them.
+    /// Replaces variables with a single object left by that object, and removes atoms that become
+    /// duplicates.
     fn put_single_objects(&mut self, known: &Narrowing<'_>) {
         let mut slots = Vec::new();
         self.slots(&mut |slot| {
@@ -262,7 +264,8 @@ impl Rule {
         self.wanted.iter().for_each(|slot| visit(*slot));
     }
 
-    /// Lets each static atom say what its variables can be; atoms that say nothing more are dropped.
+    /// Narrows variables by each static atom. Atoms with at most one variable are then implied and are
+    /// dropped.
     fn narrow_by_atoms(&mut self, known: &mut Narrowing<'_>) -> bool {
         let mut position = 0;
         while position < self.body.atoms.len() {
@@ -293,7 +296,7 @@ impl Rule {
         true
     }
 
-    /// Sees to it that variables are bound whose atom is dropped; whoever needs them asks for them.
+    /// Adds variables of a dropped atom to `wanted` if a filter still uses them.
     fn want(&mut self, variables: &[Slot]) {
         for slot in variables {
             let mut is_used = false;
@@ -305,7 +308,7 @@ impl Rule {
         }
     }
 
-    /// Lets tests of one variable say what it can be, and drops them.
+    /// Narrows by filters with at most one variable, and drops them.
     fn narrow_by_filters(&mut self, known: &mut Narrowing<'_>) -> bool {
         let mut binding = vec![ObjectId::from_index(0); self.frame.len()];
         let mut position = 0;
@@ -347,7 +350,7 @@ impl Rule {
     }
 }
 
-/// The variables of an atom, each once.
+/// Returns the variables of an atom, without duplicates.
 pub(super) fn variables(atom: &LiftedAtom) -> Vec<Slot> {
     let mut all = Vec::new();
     for term in &atom.arguments {
@@ -363,8 +366,8 @@ pub(super) fn variables(atom: &LiftedAtom) -> Vec<Slot> {
 // === impl Narrowing ===
 
 impl Narrowing<'_> {
-    /// What the variables of a static atom can be, by its facts; `None` if one can be nothing, or
-    /// an atom without variables does not hold.
+    /// Returns the sets that the facts of a static atom allow for its variables. Returns `None` if some
+    /// set is empty, or if an atom without variables is false.
     fn supported(
         &mut self,
         atom: &LiftedAtom,

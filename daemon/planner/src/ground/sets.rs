@@ -1,10 +1,10 @@
-//! Sets of objects that variables range over, each kept once.
+//! Sets of objects that variables range over, stored without duplicates.
 
 use rustc_hash::FxHashMap;
 
 use crate::normalize::lifted::{Lifted, TypeIndex, TypeSet};
 
-/// The sets of all types first, under their numbers, then those that static facts narrow down.
+/// The sets of all types, under their type numbers, followed by sets that static facts narrow down.
 #[derive(Debug)]
 pub(super) struct Sets {
     sets: Vec<TypeSet>,
@@ -18,7 +18,7 @@ impl Sets {
         Sets::of(lifted.types.clone())
     }
 
-    /// These sets, under their numbers.
+    /// Creates a store with these sets, numbered in this order.
     pub(super) fn of(sets: Vec<TypeSet>) -> Sets {
         let known = sets.iter().enumerate().map(|(index, set)| (set.bits().to_vec(), index));
         Sets { known: known.collect(), sets }
@@ -29,7 +29,7 @@ impl Sets {
         &self.sets[index]
     }
 
-    /// The number of the set with these bits.
+    /// Returns the number of the set with these bits, and adds it if it is new.
     pub(super) fn intern(&mut self, bits: Vec<u64>) -> TypeIndex {
         if let Some(&known) = self.known.get(&bits) {
             return known;
@@ -39,7 +39,7 @@ impl Sets {
         self.sets.len() - 1
     }
 
-    /// The number of the set of objects in both.
+    /// Returns the number of the intersection of two sets.
     pub(super) fn both(&mut self, left: TypeIndex, right: TypeIndex) -> TypeIndex {
         let (left, right) = (self.get(left).bits(), self.get(right).bits());
         let bits = left.iter().zip(right).map(|(left, right)| left & right).collect();

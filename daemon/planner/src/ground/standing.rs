@@ -1,11 +1,11 @@
-//! A ground problem that stays while its texts change: what is gone is masked, and only what is new
-//! is ground.
+//! Incremental grounding: a ground problem that is kept while its texts change. Removed objects and
+//! actions are masked; only additions are ground.
 //!
-//! - No fact is static here, as the world may change any of them, and nothing is left out for a
-//!   goal's sake. [`Standing::task`] does both for one state and goal, in one pass.
-//! - Objects, predicates and schemas keep their numbers; those that come are numbered after them.
-//! - Each predicate has room for more facts than there are. Where it is used up, or where a change
-//!   is not one of these, the answer is [`Outgrown`], and the texts are ground afresh.
+//! - No fact is static here, as the world may change any of them, and nothing is dropped as irrelevant.
+//!   [`Standing::task`] simplifies for one state and goal, in one pass.
+//! - Objects, predicates and schemas keep their numbers; new ones get the numbers after them.
+//! - Each predicate has room for more facts than it has now. If the room is used up, or if a change
+//!   cannot be expressed this way, the result is [`Outgrown`], and the caller grounds the texts afresh.
 
 use pddl::{Atom, InitElement, Term};
 
@@ -29,7 +29,7 @@ use crate::operators::Operators;
 use crate::outcome::StopReason;
 use crate::task::{Literal, ObjectId, Task};
 
-/// A ground problem that stays.
+/// A ground problem that follows changes of its texts.
 #[derive(Debug)]
 pub(crate) struct Standing {
     lifted: Lifted,
@@ -39,49 +39,49 @@ pub(crate) struct Standing {
     drawn: Drawn,
     flow: Option<Flow>,
     sources: Option<Sources>,
-    /// Whether some condition ranges over objects, so that one that is gone would still count.
+    /// Whether some condition quantifies over objects. If so, objects cannot be masked.
     is_quantified: bool,
-    /// Comparisons and auxiliaries of the texts alone; those of goals come after them.
+    /// Number of comparisons and auxiliaries of the texts; those of goals are numbered after them.
     made_up: usize,
 }
 
-/// What there is at the moment.
+/// Mask: which objects, schemas and predicates exist now.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Present {
-    /// By object.
+    /// Per object: whether it exists.
     pub(crate) objects: Vec<bool>,
-    /// By schema.
+    /// Per schema: whether it exists.
     pub(crate) schemas: Vec<bool>,
-    /// By predicate, as far as they are declared.
+    /// Per declared predicate: whether it exists.
     pub(crate) predicates: Vec<bool>,
 }
 
-/// What `:init` says, as numbers.
+/// Initial state of a problem (`:init`), as numbers.
 #[derive(Debug, Default)]
 pub(crate) struct Now {
-    /// The facts, each as a predicate and a row of its relation.
+    /// Facts, each as a predicate and a row of its relation.
     facts: Vec<(PredicateIndex, usize)>,
     values: Vec<(usize, Vec<ObjectId>, f64)>,
 }
 
-/// A change that masks and additions cannot follow.
+/// The change cannot be followed by masks and additions; the problem must be ground afresh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Outgrown;
 
-/// Facts that a predicate may come to have beyond twice those it has.
+/// Spare facts per predicate, in addition to twice the present number.
 const ROOM: usize = 8;
 
-/// Comparisons, disjunctions and types that goals may leave behind before all is ground afresh: who
-/// asks for something else every time must not fill the memory.
+/// Cap on comparisons, disjunctions and types that earlier goals have left behind; beyond it, the
+/// problem is ground afresh. It keeps a caller with ever new goals from filling the memory.
 const LEFT_BEHIND_MAX: usize = 1_000;
 
-/// Facts of predicates that nobody knows yet.
+/// Room for facts of predicates that are declared later.
 const ROOM_FOR_PREDICATES: usize = 512;
 
 // === impl Standing ===
 
 impl Standing {
-    /// Grounds a lifted task.
+    /// Grounds a lifted task. `join_steps` is set to the work done in any case.
     pub(crate) fn new(
         mut lifted: Lifted,
         symbols: Symbols,
@@ -116,32 +116,33 @@ impl Standing {
         })
     }
 
-    /// The number of an object, if it is known.
+    /// Returns the number of an object; `None` if it is unknown.
     pub(crate) fn object(&self, name: &pddl::Name) -> Option<ObjectId> {
         self.symbols.known_object(name)
     }
 
-    /// What the author of the domain may not have meant.
+    /// Returns warnings about constructs that the author of the domain probably did not intend.
     pub(crate) fn warnings(&self) -> &[pddl::Diagnostic] {
         &self.drawn.warnings
     }
 
-    /// Whether the texts can be masked with these objects gone.
+    /// Whether objects can be masked, which requires that no condition quantifies over objects.
     pub(crate) fn can_mask_objects(&self) -> bool {
         !self.is_quantified
     }
 
-    /// Whether `:init` gives values to nothing but what had some when this was ground.
+    /// Whether all values in `:init` belong to functions and objects that had a value when this was
+    /// ground.
     pub(crate) fn knows_values(&self, now: &Now) -> bool {
         self.values.know(&now.values)
     }
 
-    /// What `:init` says; `None` if it speaks of facts that are not known here.
+    /// Converts `:init`. Returns `None` if it has facts or values that are unknown here.
     pub(crate) fn now(&mut self, problem: &pddl::Problem) -> Option<Now> {
         let (symbols, relations) = (&mut self.symbols, &self.reached.relations);
         let mut facts = Vec::with_capacity(problem.init.len());
         let mut objects = Vec::new();
-        // Facts of one predicate mostly come one after the other.
+        // Facts of one predicate are mostly adjacent.
         let mut last: Option<(&Atom, PredicateIndex)> = None;
         for element in &problem.init {
             let InitElement::Atom(atom) = element else { continue };
@@ -165,13 +166,13 @@ impl Standing {
         symbols.take_problems().is_empty().then_some(Now { facts, values })
     }
 
-    /// Whether operators would still be the same under these values: those that change may have
-    /// others, if they have any, and the rest must have the same.
+    /// Whether the operators are still valid under these values: numeric fluents may have other values,
+    /// but must have one where they had one; all other functions must have the same values.
     pub(crate) fn agrees(&self, now: &Now, present: &Present) -> bool {
         !self.lifted.costs.varies && self.values.agree(&self.lifted, &now.values, &present.objects)
     }
 
-    /// Grounds what is new. `lifted` says again what is known, in the same order, and then more.
+    /// Grounds additions. `lifted` repeats the known parts in the same order, followed by the new ones.
     pub(crate) fn extend(
         &mut self,
         mut lifted: Lifted,
@@ -226,8 +227,9 @@ impl Standing {
         Ok(Ok(()))
     }
 
-    /// The task of one state and goal; `None` if the goal cannot hold, whatever is done. `Outgrown`
-    /// if the goal asks for numbers that nobody has followed, or goals have left too much behind.
+    /// Builds the task of one state and goal. Returns `None` if the goal can never hold. Returns
+    /// [`Outgrown`] if the goal reads numbers that are not followed, or if earlier goals have left too
+    /// much behind.
     pub(crate) fn task(
         &mut self,
         now: &Now,
@@ -267,7 +269,7 @@ impl Standing {
         finish(&self.lifted, relations, start, raw, &mut work).map(Ok)
     }
 
-    /// Which facts can ever hold, by number; those that nobody knows cannot.
+    /// Returns, per fact, whether it is relaxed reachable. Unknown facts are not.
     pub(crate) fn reaches(
         &mut self,
         now: &Now,
@@ -282,7 +284,8 @@ impl Standing {
         facts.iter().map(can).collect()
     }
 
-    /// A condition that is a single fact, as numbers.
+    /// Converts a condition that is a single fact into numbers; `None` for other conditions and unknown
+    /// names.
     pub(crate) fn fact(&mut self, condition: &pddl::Condition) -> Option<(usize, Vec<ObjectId>)> {
         let pddl::Condition::Atom(atom) = condition else { return None };
         let objects = atom.arguments.iter().map(|term| match term {
@@ -295,7 +298,7 @@ impl Standing {
         Some((predicate?, objects))
     }
 
-    /// What holds, by raw fact, and what can come of it.
+    /// Returns the layout, the facts that hold, by raw fact, and what is relaxed reachable from them.
     fn possible(&mut self, now: &Now, present: &Present) -> (Layout, Vec<bool>, Possible) {
         let layout = self.drawn.layout();
         let mut holds = vec![false; layout.comparison_offset];
@@ -311,7 +314,7 @@ impl Standing {
         (layout, holds, possible)
     }
 
-    /// The operators that are possible and may be needed for a goal.
+    /// Returns the operators that are relaxed applicable and relevant to the goal.
     fn wanted(&mut self, layout: &Layout, goal: &[Literal], possible: &Possible) -> Operators {
         let Drawn { operators, .. } = &self.drawn;
         let sources = self.sources.take().filter(|sources| sources.covers(layout, operators));
@@ -322,13 +325,13 @@ impl Standing {
         chosen(operators, wanted.into_iter())
     }
 
-    /// Whether some possible operator costs less than nothing, wanted or not.
+    /// Whether some relaxed-applicable operator has a negative cost, relevant or not.
     fn pays(&self, possible: &Possible) -> bool {
         let mut all = self.drawn.operators.iter().zip(&possible.operators);
         all.any(|(operator, can)| *can && f64::from_bits(operator.cost) < 0.0)
     }
 
-    /// Grounds a goal over the objects that are there.
+    /// Grounds a goal over the objects that exist now.
     fn goal(
         &mut self,
         goal: &Closed,
@@ -349,7 +352,7 @@ impl Standing {
         drawn
     }
 
-    /// By operator: whether its schema or one of its objects is gone.
+    /// Returns, per operator, whether its schema or one of its objects no longer exists.
     fn masked(&self, present: &Present) -> Vec<bool> {
         let is_here = |object: &ObjectId| present.objects[object.index()];
         let all = self.drawn.operators.iter();
@@ -360,19 +363,19 @@ impl Standing {
     }
 }
 
-/// How many facts a predicate may come to have.
+/// Returns the maximal number of facts of a predicate that has `facts` now.
 fn room(facts: usize) -> usize {
     2 * facts + ROOM
 }
 
-/// The world may change any fact, so none is static.
+/// Marks all basic predicates as changeable, because the world may change any fact.
 fn make_changeable(lifted: &mut Lifted) {
     for predicate in lifted.predicates.iter_mut().filter(|predicate| !predicate.derived) {
         (predicate.added, predicate.deleted) = (true, true);
     }
 }
 
-/// Some of the operators, by their numbers.
+/// Returns a table with some of the operators, by their numbers.
 fn chosen(operators: &Operators, numbers: impl Iterator<Item = usize>) -> Operators {
     let mut chosen = Operators::default();
     for operator in numbers.map(|number| operators.get(number)) {
@@ -381,17 +384,18 @@ fn chosen(operators: &Operators, numbers: impl Iterator<Item = usize>) -> Operat
     chosen
 }
 
-/// Whether all the facts that an axiom asks for can be.
+/// Whether all facts that an axiom requires to be true are reachable.
 fn is_possible(layout: &Layout, facts: &[bool], axiom: &RawAxiom) -> bool {
     let mut asked = axiom.body.iter().filter(|literal| literal.is_positive());
     asked.all(|literal| facts[layout.dense(literal.fact())])
 }
 
-/// Whether what a schema's tuples became is the same still, after predicates and perhaps objects
-/// grew.
+/// Whether the operators of a schema's old tuples are still right after predicates, and perhaps the set
+/// of objects, have grown.
 ///
-/// What a tuple's precondition asks for was there when it was found, and so is what it adds. What
-/// it must not find, deletes, or does under conditions may only be there now.
+/// The facts that a tuple's precondition requires existed when the tuple was found, and so did the
+/// facts that it adds. Facts in negative or conditional parts, and facts that it deletes, may exist
+/// only now.
 fn is_settled(schema: &Schema, grew: &[bool], objects_grew: bool) -> bool {
     let mut required = Vec::new();
     let mut is_settled = settled_conjunct(&schema.precondition, grew, objects_grew, &mut required);
@@ -411,7 +415,7 @@ fn is_settled(schema: &Schema, grew: &[bool], objects_grew: bool) -> bool {
     is_settled && !(objects_grew && is_universal)
 }
 
-/// The same of a part of a precondition; collects the atoms that it asks for in any case.
+/// As [`is_settled`], for a part of a precondition. Collects the atoms that it requires in any case.
 fn settled_conjunct<'s>(
     formula: &'s Formula,
     grew: &[bool],
@@ -438,7 +442,7 @@ fn settled_conjunct<'s>(
     }
 }
 
-/// Whether a formula ranges over objects.
+/// Whether a formula quantifies over objects.
 fn ranges(formula: &Formula) -> bool {
     match formula {
         Formula::Exists(..) | Formula::Forall(..) => true,
@@ -447,7 +451,7 @@ fn ranges(formula: &Formula) -> bool {
     }
 }
 
-/// Whether an object that is gone could matter to one that is there.
+/// Whether some quantifier could refer to an object that no longer exists.
 fn is_quantified(lifted: &Lifted) -> bool {
     let in_schema = |schema: &Schema| {
         let mut effects = schema.effects.iter();

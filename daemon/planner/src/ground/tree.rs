@@ -1,13 +1,14 @@
-//! Ground conditions: simplified as they grow, then flattened into conjunctions of literals.
+//! Ground conditions as trees: simplified while they are built, then expanded into conjunctions of
+//! literals.
 //!
-//! A disjunction is multiplied out while it stays small; beyond that it becomes a fact of its own,
-//! derived by one axiom per alternative. Equal disjunctions share that fact.
+//! A disjunction is multiplied out while that stays small; beyond that it becomes an auxiliary fact,
+//! derived by one axiom per alternative. Equal disjunctions share one fact.
 
 use rustc_hash::FxHashMap;
 
 use crate::task::{FactId, Literal};
 
-/// A ground condition. `And` and `Or` hold at least two parts, none of which is of the same kind.
+/// A ground condition. `And` and `Or` have at least two parts, and no part has the kind of its parent.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Tree {
     True,
@@ -25,7 +26,7 @@ pub(super) struct RawAxiom {
     pub(super) stratum: usize,
 }
 
-/// Facts that stand for disjunctions, and the axioms that derive them.
+/// Auxiliary facts, which stand for disjunctions, and the axioms that derive them.
 #[derive(Debug)]
 pub(super) struct Auxiliaries {
     known: FxHashMap<(usize, Vec<Tree>), FactId>,
@@ -62,7 +63,7 @@ impl Tree {
         Tree::tidy(flat, Tree::False, Tree::Or)
     }
 
-    /// The opposite.
+    /// Returns the negation.
     pub(super) fn negated(&self) -> Tree {
         match self {
             Tree::True => Tree::False,
@@ -98,22 +99,22 @@ impl Tree {
 // === impl Auxiliaries ===
 
 impl Auxiliaries {
-    /// Numbers new facts from `next`.
+    /// Returns an empty set; new facts are numbered from `next` on.
     pub(super) fn new(next: usize) -> Auxiliaries {
         Auxiliaries { known: FxHashMap::default(), next, axioms: Vec::new() }
     }
 
-    /// How many facts there are.
+    /// Returns the number of auxiliary facts.
     pub(super) fn len(&self) -> usize {
         self.known.len()
     }
 
-    /// One past the last fact.
+    /// Returns the end of the fact numbers.
     pub(super) fn end(&self) -> usize {
         self.next
     }
 
-    /// Sorts the axioms by what they derive, each once.
+    /// Sorts the axioms by head, and removes duplicates.
     pub(super) fn tidy(&mut self) {
         let key = |axiom: &RawAxiom| (axiom.head, axiom.stratum);
         self.axioms.sort_by(|left, right| {
@@ -122,8 +123,8 @@ impl Auxiliaries {
         self.axioms.dedup_by(|left, right| key(left) == key(right) && left.body == right.body);
     }
 
-    /// Conjunctions of which at least one holds exactly where the tree does, at most
-    /// `alternatives_max` of them; `stratum` is that of axioms made on the way.
+    /// Expands a tree into at most `alternatives_max` conjunctions, of which at least one holds exactly
+    /// where the tree holds. Axioms made for this purpose get `stratum`.
     pub(super) fn conjunctions(
         &mut self,
         tree: &Tree,
@@ -135,7 +136,7 @@ impl Auxiliaries {
             literals.sort_unstable();
             literals.dedup();
         }
-        // Literals of one fact are neighbors, the positive one first.
+        // The literals of one fact are adjacent, the positive one first.
         all.retain(|literals| !literals.windows(2).any(|pair| pair[0].negated() == pair[1]));
         all
     }
@@ -170,7 +171,7 @@ impl Auxiliaries {
         }
     }
 
-    /// The fact that stands for a disjunction.
+    /// Returns the auxiliary fact of a disjunction, and creates it if needed.
     fn fact(&mut self, parts: &[Tree], stratum: usize) -> Literal {
         let key = (stratum, parts.to_vec());
         if let Some(&fact) = self.known.get(&key) {
@@ -188,10 +189,10 @@ impl Auxiliaries {
     }
 }
 
-/// So many parts are compared with each other; more are hashed.
+/// Up to this number, parts are compared pairwise; beyond it, they are hashed.
 const FEW_PARTS: usize = 8;
 
-/// Alternatives of one part of a disjunction before it, too, gets a fact of its own.
+/// Maximal number of conjunctions for one part of a disjunction, before it gets an auxiliary fact too.
 const AUXILIARY_ALTERNATIVES_MAX: usize = 4;
 
 #[cfg(test)]

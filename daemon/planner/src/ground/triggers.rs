@@ -1,4 +1,4 @@
-//! Which rules wait for which tuples.
+//! Triggers: which rules have to be evaluated for a new tuple.
 
 use rustc_hash::FxHashMap;
 
@@ -7,21 +7,21 @@ use super::rules::{Rule, variables};
 use crate::normalize::lifted::LiftedTerm;
 use crate::task::ObjectId;
 
-/// What to do when a tuple of some relation turns up.
+/// A trigger: what to do for a new tuple of some relation.
 #[derive(Debug)]
 pub(super) struct Trigger {
     pub(super) rule: usize,
-    /// Which atom of the rule's body the tuple stands for.
+    /// Position of the atom in the rule's body that the tuple matches.
     pub(super) position: usize,
     pub(super) action: Action,
 }
 
-/// How a rule goes on from one of its atoms.
+/// How a rule is evaluated, given a tuple for one of its atoms.
 #[derive(Debug)]
 pub(super) enum Action {
-    /// By a join over the others, planned the first time it is needed.
+    /// By a join over the other atoms; planned when it is first needed.
     Join(Option<Box<JoinPlan>>),
-    /// The rule has no variables: it fires when all its atoms have been seen.
+    /// By counting: the rule has no variables, and fires when all its atoms have been found.
     Count,
 }
 
@@ -29,20 +29,20 @@ pub(super) enum Action {
 #[derive(Debug)]
 pub(super) struct Triggers {
     all: Vec<Trigger>,
-    /// By relation.
+    /// Per relation: its triggers.
     waiting: Vec<Waiting>,
-    /// By rule without variables: how many atoms it still waits for.
+    /// Per rule without variables: the number of its atoms that are still missing.
     missing: FxHashMap<usize, usize>,
 }
 
 /// The triggers of one relation.
 #[derive(Debug, Default)]
 struct Waiting {
-    /// Those that any tuple may pull.
+    /// Triggers that any tuple may match.
     open: Vec<usize>,
-    /// Columns in which some trigger asks for one object.
+    /// Columns in which some trigger requires a certain object.
     columns: Vec<usize>,
-    /// Those that ask for an object in a column.
+    /// Triggers that require an object in a column.
     fixed: FxHashMap<(usize, ObjectId), Vec<usize>>,
 }
 
@@ -61,7 +61,7 @@ impl Triggers {
         &mut self.all[id]
     }
 
-    /// Adds the triggers of a rule: one for each of these atoms.
+    /// Adds one trigger of a rule for each of these atoms.
     pub(super) fn add(&mut self, index: usize, rule: &Rule, positions: &[usize]) {
         let has_variables = !rule.wanted.is_empty()
             || rule.body.atoms.iter().any(|atom| !variables(atom).is_empty());
@@ -89,7 +89,7 @@ impl Triggers {
         }
     }
 
-    /// Collects the triggers that a tuple may pull.
+    /// Collects the triggers that a tuple may match.
     pub(super) fn due(&self, relation: usize, tuple: &[ObjectId], due: &mut Vec<usize>) {
         let waiting = &self.waiting[relation];
         due.extend_from_slice(&waiting.open);
@@ -100,7 +100,7 @@ impl Triggers {
         }
     }
 
-    /// Counts one atom of a rule without variables; whether it was the last.
+    /// Counts one atom of a rule without variables. Returns whether it was the last one missing.
     pub(super) fn count_down(&mut self, rule: usize) -> bool {
         let Some(missing) = self.missing.get_mut(&rule) else { return false };
         *missing -= 1;

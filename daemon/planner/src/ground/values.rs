@@ -1,4 +1,5 @@
-//! Numbers while grounding: static functions are looked up, fluents become part of the state.
+//! Numbers during grounding: static functions are replaced by their values, fluents become part of the
+//! state.
 
 use pddl::Operator as Arithmetic;
 
@@ -8,34 +9,34 @@ use crate::normalize::lifted::{
 };
 use crate::task::{GroundComparison, GroundExpression, ObjectId};
 
-/// The values of `:init`, and the numeric fluents found so far.
+/// Values of `:init`, and the numeric fluents found so far.
 #[derive(Debug)]
 pub(super) struct Values {
-    /// By function.
+    /// Per function: its table.
     tables: Vec<Table>,
     fluent_functions: Vec<bool>,
-    /// The initial values of the fluents; not a number where there is none.
+    /// Initial values of the fluents; NaN where a fluent is undefined.
     pub(super) fluents: Vec<f64>,
 }
 
-/// The tuples of one function, and what is known of each.
+/// Tuples of one function, with value and fluent number of each.
 #[derive(Debug)]
 struct Table {
     tuples: Relation,
-    /// The initial value; not a number where there is none.
+    /// Initial values; NaN where there is none.
     values: Vec<f64>,
-    /// The number of the fluent, if it has one.
+    /// Numbers of the fluents; `None` for tuples that are not fluents.
     fluents: Vec<Option<u32>>,
 }
 
-/// What became of an expression.
+/// Result of grounding an expression.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Grounded {
-    /// It has no value, in no state.
+    /// Undefined in every state.
     Undefined,
-    /// It has the same value in every state.
+    /// The same value in every state.
     Fixed(f64),
-    /// Its value depends on the state.
+    /// A value that depends on the state.
     Varying(GroundExpression),
 }
 
@@ -59,8 +60,9 @@ impl Values {
         values
     }
 
-    /// Learns the values of a task that has more to say. Whether all that is known of what was there
-    /// before, the first `objects`, stays: then the rest is new.
+    /// Adds the values of an extended task. Returns `false` if they contradict the earlier ones: a
+    /// tuple of the first `objects` objects gets its first value, or a function becomes or ceases to be
+    /// a numeric fluent.
     pub(super) fn learn(&mut self, lifted: &Lifted, objects: usize) -> bool {
         for (function, arguments, value) in &lifted.values {
             let table = &mut self.tables[*function];
@@ -77,14 +79,14 @@ impl Values {
         matters.eq(self.fluent_functions.iter().copied())
     }
 
-    /// Whether there was a value for all of these.
+    /// Whether all these tuples are known.
     pub(super) fn know(&self, values: &[(FunctionIndex, Vec<ObjectId>, f64)]) -> bool {
         { values.iter() }
             .all(|(function, arguments, _)| self.tables[*function].tuples.find(arguments).is_some())
     }
 
-    /// Whether these values, of the objects that are `present`, leave all expressions as they are:
-    /// fluents have a value where they had one, and everything else that matters has the same.
+    /// Whether these values, of the objects that are `present`, leave all ground expressions valid:
+    /// fluents are defined where they were, and all other relevant functions have the same values.
     pub(super) fn agree(
         &self,
         lifted: &Lifted,
@@ -112,7 +114,7 @@ impl Values {
         let tables = self.tables.iter().enumerate().filter(|(function, _)| matters(*function));
         let known = tables.map(|(function, table)| {
             let count = (0..table.tuples.len()).filter(|row| is_here(table, *row)).count();
-            // Nobody need say that nothing has been spent yet.
+            // The total cost is zero if it is not mentioned.
             let is_implied = is_total_cost(lifted, function)
                 && !values.iter().any(|(other, ..)| *other == function);
             count - usize::from(is_implied)
@@ -120,7 +122,7 @@ impl Values {
         known.sum::<usize>() == told
     }
 
-    /// The values of the fluents in a state.
+    /// Returns the values of the fluents in a state.
     pub(super) fn at(
         &self,
         lifted: &Lifted,
@@ -143,14 +145,14 @@ impl Values {
         all
     }
 
-    /// The value of a fluent in the initial state.
+    /// Returns the value of a function in the initial state; `None` if it has none.
     pub(super) fn initially(&self, fluent: &LiftedFluent, binding: &[ObjectId]) -> Option<f64> {
         let table = &self.tables[fluent.function];
         let row = table.tuples.find_terms(&fluent.arguments, binding)?;
         Some(table.values[row]).filter(|value| !value.is_nan())
     }
 
-    /// The value of an expression over static functions.
+    /// Returns the value of an expression over static functions; `None` if it is undefined.
     pub(super) fn fixed(&self, expression: &LiftedExpression, binding: &[ObjectId]) -> Option<f64> {
         let value = match expression {
             LiftedExpression::Number(number) => *number,
@@ -167,7 +169,7 @@ impl Values {
         value.is_finite().then_some(value)
     }
 
-    /// The expression under a binding.
+    /// Grounds an expression under a binding.
     pub(super) fn ground(
         &mut self,
         expression: &LiftedExpression,
@@ -192,13 +194,13 @@ impl Values {
         }
     }
 
-    /// The value of a ground expression in the initial state.
+    /// Returns the value of a ground expression in the initial state; `None` if it is undefined.
     pub(super) fn at_first(&self, expression: &GroundExpression) -> Option<f64> {
         let value = expression.evaluate(&|fluent| self.fluents[fluent as usize]);
         value.is_finite().then_some(value)
     }
 
-    /// The number of a numeric fluent.
+    /// Returns the number of a numeric fluent, and creates it if needed.
     pub(super) fn fluent(&mut self, fluent: &LiftedFluent, binding: &[ObjectId]) -> u32 {
         let table = &mut self.tables[fluent.function];
         let row = table.tuples.find_terms(&fluent.arguments, binding).unwrap_or_else(|| {
@@ -239,7 +241,7 @@ impl Values {
     }
 }
 
-/// The function that counts costs.
+/// Returns the function that counts the total cost, if there is one.
 fn total_cost(lifted: &Lifted) -> Option<FunctionIndex> {
     (0..lifted.functions.len()).find(|index| is_total_cost(lifted, *index))
 }
@@ -252,7 +254,7 @@ fn is_total_cost(lifted: &Lifted, function: FunctionIndex) -> bool {
 // === impl Table ===
 
 impl Table {
-    /// Sets the value of a tuple; returns its row. The last value counts.
+    /// Sets the value of a tuple, and returns its row. A later value replaces an earlier one.
     fn set(&mut self, arguments: &[ObjectId], value: f64) -> usize {
         if let Some(row) = self.tuples.find(arguments) {
             self.values[row] = value;
@@ -266,7 +268,7 @@ impl Table {
 }
 
 impl GroundComparison {
-    /// Whether it holds; not where a side has no value.
+    /// Whether the comparison holds; `false` if a side is undefined.
     pub(crate) fn holds(&self, values: &dyn Fn(u32) -> f64) -> bool {
         self.comparison.holds(self.left.evaluate(values), self.right.evaluate(values))
     }

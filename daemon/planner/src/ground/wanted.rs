@@ -1,8 +1,8 @@
-//! What a goal can rest on, over raw facts and operators that are there already: the way back through
-//! what [`super::possible`] goes forward through.
+//! Relevance analysis over raw facts and operators that have been ground before: goes backwards from a
+//! goal through the steps that [`super::possible`] goes forwards through.
 //!
-//! `finish` keeps the same and less, but looks at all that it is given. Of a building's thousand
-//! actions a goal may want one.
+//! `finish` also drops irrelevant operators, and more of them, but visits every operator it is given.
+//! Of a thousand actions of a building, a goal may need one.
 
 use super::drawn::Layout;
 use super::tree::RawAxiom;
@@ -10,15 +10,15 @@ use crate::operators::Operators;
 use crate::rows::Rows;
 use crate::task::{FactId, Literal};
 
-/// Who changes which fact, and what that asks for.
+/// Index for relevance: which steps change each fact, and which facts each step has in its conditions.
 #[derive(Debug)]
 pub(super) struct Sources {
-    /// By fact, by dense index: the steps that change it.
+    /// Per fact, by dense index: the steps that change it.
     changers: Rows,
-    /// By step, the operators before the axioms: the facts it asks for, in whichever condition.
+    /// Per step (operators before axioms): the facts in all its conditions.
     asked: Rows,
-    /// The operators that change numbers: whoever compares one, is priced by one or changes one by
-    /// another may need them, also that it has a value at all.
+    /// Operators that change numbers. They are always relevant: a comparison, a cost or another numeric
+    /// change may depend on the number, or on whether it is defined.
     counting: Vec<u32>,
     operator_count: usize,
 }
@@ -60,13 +60,13 @@ impl Sources {
         Sources { changers, asked, counting, operator_count: operators.len() }
     }
 
-    /// Whether it still speaks of all there is.
+    /// Whether the index still covers all facts and operators.
     pub(super) fn covers(&self, layout: &Layout, operators: &Operators) -> bool {
         self.changers.len() == layout.dense_end() && self.operator_count == operators.len()
     }
 
-    /// Those operators of which one or the other may be needed for a goal, among those that `can`
-    /// happen: in order.
+    /// Returns the operators that are relevant to a goal, in ascending order, among those that `can` be
+    /// applied in the relaxation.
     pub(super) fn wanted(&self, layout: &Layout, goal: &[Literal], can: &[bool]) -> Vec<usize> {
         let mut facts = vec![false; self.changers.len()];
         let mut steps = vec![false; self.asked.len()];

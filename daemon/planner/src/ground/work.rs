@@ -1,25 +1,25 @@
-//! The work of grounding: counted, and ended where it is too much.
+//! Counts the work of grounding, and stops it at the limits.
 
 use crate::limits::{Budget, Cancel};
 use crate::outcome::StopReason;
 
-/// Counts work, and knows when it is too much.
+/// Counter of work and memory, with the limits.
 pub(super) struct Work<'c> {
-    /// Candidate tuples looked at.
+    /// Join steps: candidate tuples looked at.
     pub(super) steps: u64,
     budget: Budget,
     cancel: &'c Cancel,
-    /// The step that looks at the limits next.
+    /// Number of the step at which the limits are checked next.
     next_look: u64,
     breaths: u32,
-    /// Bytes of what is done.
+    /// Bytes of finished data structures that are kept.
     held: usize,
 }
 
-/// How often the caller's flag is looked at, in join steps; a step takes some ten nanoseconds.
+/// Interval of the checks of the caller's flag, in join steps. A step takes about ten nanoseconds.
 const STEPS_BETWEEN_CANCEL_CHECKS: u64 = 1 << 14;
 
-/// The same for the units of other work, some hundred nanoseconds each.
+/// The same for units of other work, which take about a hundred nanoseconds each.
 const BREATHS_BETWEEN_CANCEL_CHECKS: u32 = 1 << 12;
 
 // === impl Work ===
@@ -35,7 +35,7 @@ impl<'c> Work<'c> {
         if self.steps < self.next_look { Ok(()) } else { self.look() }
     }
 
-    /// Looks at the limits now, for whoever does not work in steps.
+    /// Checks the limits now, for work that is not counted in steps.
     #[cold]
     pub(super) fn look(&mut self) -> Result<(), StopReason> {
         let limit = self.budget.join_steps_max;
@@ -47,7 +47,8 @@ impl<'c> Work<'c> {
         if self.cancel.is_set() { Err(StopReason::Cancelled) } else { Ok(()) }
     }
 
-    /// For work that is no join: one operator or axiom, say. It does not count.
+    /// Checks the caller's flag once in a while, for work that is no join, such as one operator or
+    /// axiom. It is not counted.
     #[inline]
     pub(super) fn breathe(&mut self) -> Result<(), StopReason> {
         self.breaths = self.breaths.wrapping_add(1);
@@ -57,12 +58,12 @@ impl<'c> Work<'c> {
         Ok(())
     }
 
-    /// Counts what is done and stays: from now on, `check_memory` adds it.
+    /// Adds bytes of data that is finished and stays; `check_memory` includes them from now on.
     pub(super) fn hold(&mut self, bytes: usize) {
         self.held += bytes;
     }
 
-    /// Fails if that many bytes are more than grounding may take.
+    /// Returns an error if `bytes`, together with the bytes held, exceed the limit.
     #[inline]
     pub(super) fn check_memory(&self, bytes: usize) -> Result<(), StopReason> {
         let limit = self.budget.memory_max_bytes;

@@ -1,7 +1,8 @@
-//! h_add: a conjunction costs the sum of what its parts cost in the delete relaxation (Bonet and
-//! Geffner, 2001). Not admissible; here it chooses the best supporters of the FF heuristic.
+//! The additive heuristic h_add: in the delete relaxation, a conjunction costs the sum of the costs of
+//! its parts (Bonet and Geffner, 2001). It is not admissible; here it chooses the best supporters of
+//! the FF heuristic.
 //!
-//! Almost all time of a search is spent here, so what is looked at together lies together.
+//! A search spends almost all its time here, so data that is used together is stored together.
 
 use rustc_hash::FxHashMap;
 
@@ -10,48 +11,49 @@ use super::relaxation::Relaxation;
 use crate::rows::Rows;
 use crate::state::State;
 
-/// A cost that is not reached.
+/// Cost of a proposition that is not reached.
 const UNREACHED: u32 = u32::MAX;
 
-/// Costs saturate here: two of them still have a sum.
+/// Costs saturate at this value, so that the sum of two of them does not overflow.
 const COST_MAX: u32 = 1 << 30;
 
-/// Marks propositions that no operator had to reach.
+/// Supporter of propositions that hold in the state: no relaxed operator has reached them.
 pub(super) const NO_SUPPORTER: u32 = u32::MAX;
 
 const NOT_YET: Reached = Reached { cost: UNREACHED, supporter: NO_SUPPORTER };
 
-/// Costs of propositions, as seen from the state last explored.
+/// Costs and best supporters of propositions, for the state explored last. Contains scratch space.
 #[derive(Debug)]
 pub(super) struct Additive {
     reached: Vec<Reached>,
-    /// Relaxed operators that ask for a proposition and nothing else.
+    /// Per proposition: the relaxed operators that have it as their only precondition.
     alone: Rows,
-    /// By proposition: its clique, if it is in one.
+    /// Per proposition: its clique, if it is in one.
     cliques: Cliques,
-    /// Counters of relaxed operators that ask for a proposition among others.
+    /// Per proposition: the counters of the relaxed operators that have it as one of several
+    /// preconditions.
     among: Rows,
-    /// The relaxed operator of each counter.
+    /// Per counter: its relaxed operator.
     counted: Vec<u32>,
     counters: Vec<Counter>,
-    /// The counters before anything is reached.
+    /// Initial values of the counters, before any proposition is reached.
     fresh: Vec<Counter>,
     base_costs: Vec<u32>,
     is_goal: Vec<bool>,
-    /// By step of a number: how often it must be repeated; empty where nothing is.
+    /// Per numeric step: the number of its repetitions. Empty if the relaxation has no numeric steps.
     repetitions: Vec<u32>,
     initial: Vec<u32>,
     queue: CostQueue,
 }
 
-/// How a proposition is reached best.
+/// Lowest cost at which a proposition is reached, and the relaxed operator that reaches it so.
 #[derive(Clone, Copy, Debug)]
 struct Reached {
     cost: u32,
     supporter: u32,
 }
 
-/// What a relaxed operator waits for, and what it costs so far.
+/// Number of unreached preconditions of a relaxed operator, and the sum of the costs so far.
 #[derive(Clone, Copy, Debug)]
 struct Counter {
     missing: u32,
@@ -93,25 +95,26 @@ impl Additive {
         }
     }
 
-    /// Bytes taken.
+    /// Returns the bytes that the tables take.
     pub(super) fn bytes(&self) -> usize {
         let rows = self.alone.bytes() + self.among.bytes() + self.base_costs.len() * 4;
         self.reached.len() * 9 + self.counters.len() * 16 + rows
     }
 
-    /// What a proposition costs.
+    /// Returns the cost of a proposition.
     #[inline]
     pub(super) fn cost(&self, proposition: u32) -> u32 {
         self.reached[proposition as usize].cost
     }
 
-    /// The relaxed operator that reaches a proposition best.
+    /// Returns the best supporter of a proposition: the relaxed operator that reaches it at the lowest
+    /// cost.
     #[inline]
     pub(super) fn supporter(&self, proposition: u32) -> u32 {
         self.reached[proposition as usize].supporter
     }
 
-    /// How often the operator that reaches a proposition best must be repeated for it.
+    /// Returns how often the best supporter must be repeated to make the proposition true.
     pub(super) fn repetitions(&self, relaxation: &Relaxation, proposition: u32) -> u32 {
         if self.repetitions.is_empty() {
             return 1;
@@ -121,7 +124,8 @@ impl Additive {
         adds.find(|(added, _)| *added == proposition).map_or(1, |(_, times)| times)
     }
 
-    /// Computes the costs of propositions until the goal's are known; whether all of it is reached.
+    /// Computes the costs of propositions until all goal propositions are reached. Returns `false` if
+    /// some goal proposition is unreachable.
     pub(super) fn explore(&mut self, relaxation: &Relaxation, state: &State) -> bool {
         if relaxation.has_numbers() {
             relaxation.repetitions(state, &mut self.repetitions);
@@ -173,7 +177,8 @@ impl Additive {
         false
     }
 
-    /// Tells those who ask for a proposition that it is there.
+    /// Counts a reached proposition for the relaxed operators that have it as a precondition, and fires
+    /// those without missing preconditions.
     #[inline]
     fn open<const NUMBERS: bool>(&mut self, relaxation: &Relaxation, proposition: u32, cost: u32) {
         if self.cliques.enter(proposition) {
@@ -195,7 +200,8 @@ impl Additive {
         }
     }
 
-    /// Notes what a relaxed operator adds at a cost, which counts it once.
+    /// Updates the costs of the propositions that a relaxed operator adds. `cost` includes one
+    /// application of the operator; repetitions are added.
     #[inline]
     fn fire<const NUMBERS: bool>(&mut self, relaxation: &Relaxation, relaxed: u32, cost: u32) {
         if NUMBERS {
@@ -228,7 +234,7 @@ fn reach(
     }
 }
 
-/// By proposition: the relaxed operators that ask for nothing else.
+/// Returns, per proposition, the relaxed operators that have it as their only precondition.
 fn alone(relaxation: &Relaxation) -> Rows {
     let all = 0..relaxation.relaxed_count() as u32;
     let pairs = all.filter_map(|relaxed| match relaxation.preconditions(relaxed) {
@@ -238,7 +244,8 @@ fn alone(relaxation: &Relaxation) -> Rows {
     Rows::collect(relaxation.proposition_count(), pairs)
 }
 
-/// By proposition: the counters of the relaxed operators that ask for it.
+/// Returns, per proposition, the counters of the relaxed operators that have it among several
+/// preconditions.
 fn among(relaxation: &Relaxation, counted: &[u32]) -> Rows {
     let pairs = counted.iter().zip(0..).flat_map(|(relaxed, index)| {
         relaxation.preconditions(*relaxed).iter().map(move |one| (*one, index))
@@ -246,12 +253,12 @@ fn among(relaxation: &Relaxation, counted: &[u32]) -> Rows {
     Rows::collect(relaxation.proposition_count(), pairs)
 }
 
-/// Propositions from each of which all others of the same clique are reached at one price: places
-/// that are all next to each other, say. Once one of them is reached, the others bring nothing new:
-/// what they lead to has been reached from the first, and no dearer.
+/// Cliques: sets of propositions from each of which all others are reached at the same cost, such as
+/// places that are all adjacent. Once one proposition of a clique is reached, the others need not fire
+/// their operators: what these add has been reached from the first, at no greater cost.
 #[derive(Debug)]
 struct Cliques {
-    /// By proposition; [`NO_CLIQUE`] where it is in none.
+    /// Per proposition: its clique, or [`NO_CLIQUE`].
     of: Vec<u32>,
     entered: Vec<bool>,
 }
@@ -264,7 +271,7 @@ impl Cliques {
     fn new(relaxation: &Relaxation, alone: &Rows, base_costs: &[u32]) -> Cliques {
         let mut of = vec![NO_CLIQUE; relaxation.proposition_count()];
         if relaxation.has_numbers() {
-            // One price is not all that counts.
+            // With numbers, additions of one operator differ in cost.
             return Cliques { of, entered: Vec::new() };
         }
         let mut known: FxHashMap<(u32, Vec<u32>), u32> = FxHashMap::default();
@@ -278,7 +285,7 @@ impl Cliques {
         Cliques { of, entered: vec![false; known.len()] }
     }
 
-    /// Whether a proposition is the first of its clique.
+    /// Returns `true` if the proposition is in no clique, or is the first of its clique to be reached.
     #[inline]
     fn enter(&mut self, proposition: u32) -> bool {
         match self.of[proposition as usize] {
@@ -288,7 +295,9 @@ impl Cliques {
     }
 }
 
-/// A proposition and all that it leads to alone, at the one price; `None` where there are several.
+/// Returns the cost of the operators with this proposition as their only precondition, and the set of
+/// the proposition and all that they add. Returns `None` if there is no such operator or their costs
+/// differ.
 fn members(
     relaxation: &Relaxation,
     alone: &Rows,

@@ -7,13 +7,14 @@ use super::relaxation::{Relaxation, Weights};
 use crate::state::{State, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// How long a relaxed plan is written down; what is longer is not carried out as it is anyway.
+/// Maximal length of the relaxed plan that is stored. A longer one would not be executable as it is
+/// anyway.
 const PLAN_MAX: usize = 10_000;
 
-/// How often an operator is in a relaxed plan.
+/// Number of times that an operator occurs in a relaxed plan.
 #[derive(Clone, Copy, Debug, Default)]
 struct Mark {
-    /// The evaluation that made it.
+    /// Number of the evaluation that set the mark; older marks count as zero.
     evaluation: u32,
     times: u32,
 }
@@ -25,9 +26,9 @@ pub(crate) struct FastForward<'t> {
     relaxation: Relaxation,
     additive: Additive,
     preferred: Vec<OperatorId>,
-    /// The relaxed plan, in no order, each operator as often as numbers ask for.
+    /// Relaxed plan, unordered; an operator occurs as often as its repetitions require.
     plan: Vec<OperatorId>,
-    /// Propositions already looked at, by the number of the evaluation that did.
+    /// Per proposition: number of the evaluation that last visited it.
     marks: Vec<u32>,
     operator_marks: Vec<Mark>,
     evaluation: u32,
@@ -52,28 +53,30 @@ impl<'t> FastForward<'t> {
         }
     }
 
-    /// How much there is to look at in one evaluation.
+    /// Returns the size of the relaxation, as a measure of the work of one evaluation.
     pub(crate) fn size(&self) -> usize {
         self.relaxation.size()
     }
 
-    /// The relaxation it explores.
+    /// Returns the delete relaxation that it evaluates.
     pub(crate) fn relaxation(&self) -> &Relaxation {
         &self.relaxation
     }
 
-    /// The operators of the last relaxed plan, in no order.
+    /// Returns the operators of the last relaxed plan, unordered.
     pub(crate) fn relaxed_plan(&self) -> &[OperatorId] {
         &self.plan
     }
 
-    /// What the last relaxed plan makes true, besides what holds.
+    /// Returns the propositions that the last relaxed plan makes true and that do not hold in the
+    /// state.
     pub(crate) fn relaxed_propositions(&self) -> Vec<u32> {
         let marked = (0..self.marks.len()).filter(|one| self.marks[*one] == self.evaluation);
         marked.map(|one| one as u32).filter(|one| !self.is_given(*one)).collect()
     }
 
-    /// How dear each operator of the last relaxed plan was to reach, by h_add.
+    /// Returns the h_add cost of the most expensive positive precondition of an operator. Sorting by it
+    /// orders a relaxed plan.
     pub(crate) fn depth(&self, operator: OperatorId) -> u64 {
         let preconditions = self.task.operator(operator).preconditions.iter();
         let costs = preconditions
@@ -90,8 +93,8 @@ impl<'t> FastForward<'t> {
         }
     }
 
-    /// Walks back from the goal; returns the size of the relaxed plan and notes the operators in it
-    /// that can be applied at once.
+    /// Extracts the relaxed plan backwards from the goal. Returns its cost, and collects its operators
+    /// that are applicable in `state` as preferred operators.
     fn extract(&mut self, state: &State) -> u64 {
         let mut size: u64 = 0;
         self.evaluation += 1;
@@ -126,7 +129,7 @@ impl<'t> FastForward<'t> {
         size
     }
 
-    /// Whether a proposition holds, rather than follows.
+    /// Whether a proposition holds in the state, so that it needs no supporter.
     fn is_given(&self, proposition: u32) -> bool {
         self.additive.supporter(proposition) == NO_SUPPORTER
     }

@@ -1,11 +1,13 @@
-//! LM-cut: a sum of landmarks, each a set of operators one of which every plan needs (Helmert and
-//! Domshlak, 2009). Admissible; sees goals that must be paid for one by one, which h_max does not.
+//! LM-cut: the sum of the costs of disjunctive action landmarks, sets of operators of which every plan
+//! contains at least one (Helmert and Domshlak, 2009). It is admissible. Unlike h_max, it accounts for
+//! several goals that each have a cost.
 //!
-//! A landmark of a state is one of the state that a step leads to as well, if the step is not in it:
-//! most of what an evaluation finds, it has from the state before (Pommerening and Helmert, 2013).
+//! A landmark of a state is also a landmark of its successor, unless it contains the operator that
+//! leads there. So most landmarks of an evaluation are taken over from the parent state (Pommerening
+//! and Helmert, 2013).
 //!
-//! Relaxed operators of one operator share its cost, so that an action with several conditional
-//! effects is never charged twice for one application.
+//! Relaxed operators of one operator share its cost, so that an action with several conditional effects
+//! is not charged twice for one application.
 
 use super::queue::CostQueue;
 use super::relaxation::{Relaxation, UNREACHED, Weights};
@@ -16,23 +18,24 @@ use crate::rows::Rows;
 use crate::state::{State, StateId, Way};
 use crate::task::Task;
 
-/// LM-cut, counting costs first and steps second.
+/// LM-cut, with costs that count first and steps second. Contains scratch space.
 #[derive(Debug)]
 pub(crate) struct LandmarkCut {
     relaxation: Relaxation,
-    /// Relaxed operators that add a proposition.
+    /// Per proposition: the relaxed operators that add it.
     adding: Rows,
-    /// What is left of each operator's weight.
+    /// Per operator: its cost minus what earlier cuts were charged.
     remaining: Vec<u64>,
     costs: Vec<u64>,
     missing: Vec<u32>,
-    /// The dearest precondition of each relaxed operator.
+    /// Per relaxed operator: its supporter, a precondition of greatest h_max cost.
     supporters: Vec<u32>,
-    /// What that costs.
+    /// Per relaxed operator: the cost of its supporter.
     supported: Vec<u64>,
-    /// By relaxed operator: the operator whose weight it shares, or one that costs nothing.
+    /// Per relaxed operator: the operator that it shares the cost of. Axioms share an additional entry of
+    /// cost zero.
     origins: Vec<u32>,
-    /// By operator: its relaxed operators.
+    /// Per operator: its relaxed operators.
     parts: Rows,
     charged: Vec<u32>,
     queue: CostQueue,
@@ -46,33 +49,36 @@ pub(crate) struct LandmarkCut {
     known: Landmarks,
 }
 
-/// The landmarks of states, as far as they are kept.
+/// Landmarks of evaluated states, as far as memory allows to keep them.
 #[derive(Debug, Default)]
 struct Landmarks {
-    /// By state: where its landmarks begin and end.
+    /// Per state: the range of its landmarks.
     ranges: Vec<(u32, u32)>,
-    /// What each was charged, and where its operators end; they begin where the last one's do.
+    /// Per landmark: its cost, and the end of its operators. They begin where those of the previous one
+    /// end.
     prices: Vec<(u64, u32)>,
     operators: Vec<u32>,
 }
 
-/// Operators of kept landmarks, all in all: some 64 MiB. States that come later find theirs alone.
+/// Cap on the operators of kept landmarks in total, about 64 MiB. Landmarks of later states are not
+/// kept.
 const KEPT_MAX: usize = 1 << 24;
 
-/// Where a proposition lies, as seen from a cut.
+/// Zone of a proposition in the justification graph, relative to a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Zone {
     Unseen,
-    /// The goal follows from it without further cost.
+    /// Goal zone: the goal is reached from here at no further cost.
     Goal,
-    /// Reached from the state without crossing the cut.
+    /// Before zone: reached from the state without crossing the cut.
     Before,
 }
 
-/// Cuts in one evaluation: many more than the goals of a task that is small enough for this.
+/// Cap on the cuts of one evaluation: far more than the goals of a task that is small enough for
+/// LM-cut.
 const CUTS_MAX: u64 = 500;
 
-/// The supporter of relaxed operators without preconditions.
+/// Supporter of relaxed operators without preconditions.
 const NOTHING: u32 = u32::MAX;
 
 // === impl LandmarkCut ===
@@ -91,12 +97,12 @@ impl LandmarkCut {
             origins,
             charged: Vec::new(),
             adding: relaxation.adding(),
-            // The last is that of axioms.
+            // The last entry belongs to the axioms.
             remaining: vec![0; operators + 1],
             costs: Vec::new(),
             missing: Vec::new(),
             supporters: vec![NOTHING; relaxation.relaxed_count()],
-            // A single cost weighs more than most plans have steps.
+            // With these weights a single cost is already greater than most plan lengths.
             queue: CostQueue::of_great_costs(),
             initial: Vec::new(),
             zones: vec![Zone::Unseen; relaxation.proposition_count()],
@@ -110,7 +116,7 @@ impl LandmarkCut {
         }
     }
 
-    /// How much an exploration looks at.
+    /// Returns the size of the relaxation, as a measure of the work of one exploration.
     pub(crate) fn size(&self) -> usize {
         self.relaxation.size()
     }
@@ -119,7 +125,7 @@ impl LandmarkCut {
         self.remaining[self.origins[relaxed as usize] as usize]
     }
 
-    /// Computes h_max over what is left of the weights.
+    /// Computes h_max with the remaining costs.
     fn explore(&mut self) {
         self.costs.clear();
         self.costs.resize(self.relaxation.proposition_count(), UNREACHED);
@@ -149,7 +155,7 @@ impl LandmarkCut {
         }
     }
 
-    /// The same after some weights have sunk: only what gets cheaper is looked at.
+    /// Updates h_max after some costs were reduced: only propositions that become cheaper are visited.
     fn explore_again(&mut self) {
         self.queue.clear();
         for index in 0..self.charged.len() {
@@ -175,7 +181,7 @@ impl LandmarkCut {
         }
     }
 
-    /// Finds the dearest precondition of a relaxed operator whose dearest has become cheaper.
+    /// Chooses the supporter of a relaxed operator again, after its old supporter has become cheaper.
     fn support_again(&mut self, relaxed: u32) {
         let preconditions = self.relaxation.preconditions(relaxed).iter();
         let dearest = preconditions.map(|one| (self.costs[*one as usize], *one)).max();
@@ -201,13 +207,13 @@ impl LandmarkCut {
         }
     }
 
-    /// The dearest proposition of the goal, and its cost.
+    /// Returns the goal proposition of greatest h_max cost, and that cost. `None` if there is no goal.
     fn dearest_goal(&self) -> Option<(u64, u32)> {
         let goal = self.relaxation.goal().iter();
         goal.map(|goal| (self.costs[*goal as usize], *goal)).max()
     }
 
-    /// Marks what leads to `goal` without cost.
+    /// Marks the goal zone: the propositions from which `goal` is reached at no cost.
     fn mark_goal_zone(&mut self, goal: u32) {
         self.zones.fill(Zone::Unseen);
         self.zones[goal as usize] = Zone::Goal;
@@ -227,7 +233,7 @@ impl LandmarkCut {
         }
     }
 
-    /// Collects the relaxed operators that lead from before the cut into the goal zone.
+    /// Collects the cut: the relaxed operators that lead from the before zone into the goal zone.
     fn find_cut(&mut self) {
         self.cut.clear();
         for index in 0..self.initial.len() {
@@ -266,7 +272,7 @@ impl LandmarkCut {
         }
     }
 
-    /// Charges the cut; returns what it costs.
+    /// Subtracts the cost of the cut, its cheapest operator, from its operators. Returns that cost.
     fn charge(&mut self) -> u64 {
         let price = self.cut.iter().map(|relaxed| self.cost(*relaxed)).min().unwrap_or(0);
         self.charged.clear();
@@ -279,12 +285,13 @@ impl LandmarkCut {
         price
     }
 
-    /// Finds cuts until the goal costs nothing any more, over what is left of the weights.
+    /// Finds cuts with the remaining costs until the goal costs nothing, and adds their costs to
+    /// `total`. Returns `None` for a dead end.
     fn cuts(&mut self, mut total: u64) -> Option<u64> {
         self.explorations = 0;
         loop {
             if self.explorations >= self.explorations_max {
-                // What is left out makes the estimate lower, and so keeps it admissible.
+                // Leaving out further cuts only lowers the estimate, so it stays admissible.
                 return Some(total);
             }
             self.explorations += 1;
@@ -296,7 +303,7 @@ impl LandmarkCut {
             match self.dearest_goal() {
                 Some((UNREACHED, _)) => return None,
                 None | Some((0, _)) => return Some(total),
-                // What the dearest goal still costs, later cuts would find at least.
+                // The remaining h_max cost is a lower bound of what later cuts would add.
                 Some((rest, _)) if total.saturating_add(rest) >= self.enough => {
                     return Some(total.saturating_add(rest));
                 }
@@ -305,7 +312,7 @@ impl LandmarkCut {
             self.find_cut();
             let price = self.charge();
             if price == 0 {
-                // Cannot happen while weights are finite; stopping here stays admissible.
+                // This cannot happen with finite costs; to stop here keeps the estimate admissible.
                 return Some(total);
             }
             total = total.saturating_add(price);
@@ -313,14 +320,15 @@ impl LandmarkCut {
         }
     }
 
-    /// Starts from a state with all weights whole.
+    /// Prepares the evaluation of a state with the full costs.
     fn start(&mut self, state: &State) {
         self.initial.clear();
         self.relaxation.initial(state, &mut self.initial);
         self.relaxation.weights(&mut self.remaining);
     }
 
-    /// Charges the landmarks of another state that a step has not met; returns what they cost.
+    /// Takes over the landmarks of the parent state that do not contain the operator of `way`. Returns
+    /// the sum of their costs.
     fn inherit(&mut self, way: Way) -> u64 {
         let mut total: u64 = 0;
         for landmark in self.known.of(way.parent) {
@@ -371,18 +379,18 @@ impl Evaluator for LandmarkCut {
 // === impl Landmarks ===
 
 impl Landmarks {
-    /// The landmarks of a state, by index; none where they are not kept.
+    /// Returns the range of a state's landmarks; empty if they are not kept.
     fn of(&self, state: StateId) -> Range<usize> {
         let (start, end) = self.ranges.get(state.0 as usize).copied().unwrap_or((0, 0));
         start as usize..end as usize
     }
 
-    /// What a landmark was charged, and its operators.
+    /// Returns the cost of a landmark and its operators.
     fn get(&self, landmark: usize) -> (u64, &[u32]) {
         (self.prices[landmark].0, &self.operators[self.place(landmark)])
     }
 
-    /// Where the operators of a landmark are.
+    /// Returns the range of a landmark's operators.
     fn place(&self, landmark: usize) -> Range<usize> {
         let start = landmark.checked_sub(1).map_or(0, |before| self.prices[before].1);
         start as usize..self.prices[landmark].1 as usize
@@ -393,13 +401,13 @@ impl Landmarks {
         self.prices.push((price, self.operators.len() as u32));
     }
 
-    /// Adds one that is here already.
+    /// Adds a copy of a landmark.
     fn push_again(&mut self, landmark: usize) {
         self.operators.extend_from_within(self.place(landmark));
         self.prices.push((self.prices[landmark].0, self.operators.len() as u32));
     }
 
-    /// Those from `first` on are a state's, unless there are too many already.
+    /// Assigns the landmarks from `first` on to a state. Drops them instead if the cap is exceeded.
     fn keep(&mut self, state: StateId, first: u32) {
         if self.operators.len() > KEPT_MAX {
             self.prices.truncate(first as usize);

@@ -1,12 +1,12 @@
-//! h_max: the cost of the dearest goal in the delete relaxation, where a conjunction costs what its
-//! dearest part costs (Bonet and Geffner, 2001). Admissible and consistent.
+//! h_max: the cost of the most expensive goal proposition in the delete relaxation, where a conjunction
+//! costs as much as its most expensive part (Bonet and Geffner, 2001). It is admissible and consistent.
 
 use super::Evaluator;
 use super::relaxation::{Exploration, Relaxation, Weights};
 use crate::state::State;
 use crate::task::Task;
 
-/// h_max, counting costs first and steps second.
+/// h_max, with costs that count first and steps second.
 #[derive(Debug)]
 pub(crate) struct Max {
     relaxation: Relaxation,

@@ -1,6 +1,6 @@
-//! Heuristics: how far a state is from the goal.
+//! Heuristics: estimates of the distance from a state to the goal.
 //!
-//! All of them work on the delete relaxation, which never calls a state hopeless that is not; so a
+//! All of them use the delete relaxation. If the relaxation has no plan, the task has none either, so a
 //! dead end found here is a proof.
 
 mod additive;
@@ -24,54 +24,55 @@ use crate::task::{OperatorId, Task};
 
 /// Estimates the cost from a state to the nearest goal state.
 pub(crate) trait Evaluator {
-    /// `None` means a dead end: no plan passes through `state`.
+    /// Estimates the cost from `state` to the goal. Returns `None` for a dead end: no plan passes
+    /// through it.
     fn evaluate(&mut self, state: &State) -> Option<u64>;
 
-    /// The same of a state that a step leads to from another; `id` names it for steps that lead on.
-    /// What was found out about the other one need not be found again.
+    /// As [`Evaluator::evaluate`], for a state that was reached by the step `way`. `id` names the state
+    /// for later calls. Findings about the parent state may be used again.
     fn evaluate_after(&mut self, state: &State, _id: StateId, _way: Option<Way>) -> Option<u64> {
         self.evaluate(state)
     }
 
-    /// Sets how often the next evaluation may explore the relaxation, if it does so more than once,
-    /// and which estimate is enough: none need be higher. With less it says less.
+    /// Limits the next evaluation to `explorations_max` explorations of the relaxation. It may also
+    /// stop as soon as the estimate is at least `enough`. Fewer explorations give a lower estimate.
     fn limit(&mut self, _explorations_max: u64, _enough: u64) {}
 
-    /// How often the last evaluation explored the relaxation: the unit its work is counted in.
+    /// Returns how often the last evaluation explored the relaxation; this is the unit of its work.
     fn explorations(&self) -> u64 {
         1
     }
 
-    /// Operators that look helpful in the state last evaluated.
+    /// Returns the preferred operators of the state evaluated last.
     fn preferred(&self) -> &[OperatorId] {
         &[]
     }
 
-    /// About how many bytes it takes.
+    /// Returns about how many bytes the evaluator takes.
     fn bytes(&self) -> usize {
         0
     }
 }
 
-/// Makes a heuristic for a task.
+/// Builds the evaluator of a heuristic for a task.
 pub(crate) type Build = for<'t> fn(&'t Task) -> Box<dyn Evaluator + 't>;
 
 /// An entry of [`HEURISTICS`].
 #[derive(Clone, Copy)]
 pub struct Heuristic {
-    /// What it is called.
+    /// Name by which it is chosen.
     pub name: &'static str,
-    /// One line about it.
+    /// Description in one line.
     pub summary: &'static str,
-    /// Whether it never overestimates.
+    /// Whether it is admissible: it never overestimates.
     pub admissible: bool,
-    /// Whether it never drops by more than a step costs.
+    /// Whether it is consistent: along a step it never drops by more than the cost of the step.
     pub consistent: bool,
-    /// What A* builds; only admissible ones have it.
+    /// Builds the evaluator for A*; `None` if the heuristic is not admissible.
     pub(crate) build: Option<Build>,
 }
 
-/// One entry per heuristic; what is listed here is what there is.
+/// All heuristics of this crate.
 pub const HEURISTICS: &[Heuristic] = &[
     Heuristic {
         name: "blind",
@@ -117,7 +118,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     },
 ];
 
-/// The entry of this name.
+/// Returns the heuristic of this name, or `None` if there is none.
 pub(crate) fn heuristic(name: &str) -> Option<&'static Heuristic> {
     HEURISTICS.iter().find(|heuristic| heuristic.name == name)
 }

@@ -1,19 +1,19 @@
-//! Novelty: how small the smallest set of facts is that no state before had together, among the
-//! states of the same partition (Lipovetzky and Geffner, 2012; partitions: 2017).
+//! Novelty of a state: the size of the smallest set of its facts that no earlier state of the same
+//! partition had (Lipovetzky and Geffner, 2012; partitions: 2017).
 
 use rustc_hash::FxHashMap;
 
 use crate::state::{State, is_true, true_facts};
 use crate::task::Task;
 
-/// Up to this many facts, pairs are looked at as well; beyond, their table and the time for it grow
-/// too large.
+/// Maximal number of facts for which pairs are checked as well. Beyond it, the table of pairs and the
+/// time to check them grow too large.
 const PAIR_FACTS_MAX: usize = 700;
 
-/// Tables together may take this much; then new partitions share the last one.
+/// Cap on the bytes of all tables. When it is reached, new partitions share the last table.
 const BYTES_MAX: usize = 256 << 20;
 
-/// What has been seen, by partition.
+/// Facts and pairs of facts seen so far, per partition.
 #[derive(Debug)]
 pub(crate) struct Novelty {
     fact_count: usize,
@@ -33,7 +33,7 @@ struct Table {
     pairs: Vec<u64>,
 }
 
-/// A state that has nothing new.
+/// Novelty of a state without a new fact or pair.
 pub(crate) const NOT_NOVEL: u32 = 3;
 
 // === impl Novelty ===
@@ -51,8 +51,8 @@ impl Novelty {
         }
     }
 
-    /// 1 if a fact is new in its partition, 2 if a pair is, [`NOT_NOVEL`] otherwise. What the parent
-    /// had in the same partition need not be looked at again.
+    /// Returns 1 if a fact is new in its partition, 2 if only a pair is, [`NOT_NOVEL`] otherwise. If
+    /// the parent is in the same partition, only facts that it lacks are checked.
     pub(crate) fn evaluate(
         &mut self,
         state: &State,
@@ -92,7 +92,7 @@ impl Novelty {
         novelty
     }
 
-    /// The table of a partition, and whether it is empty yet.
+    /// Returns the table of a partition, and whether the table was created by this call.
     fn table(&mut self, partition: u32) -> (usize, bool) {
         if let Some(&table) = self.of_partition.get(&partition) {
             return (table, false);
@@ -112,13 +112,13 @@ impl Novelty {
         (table, is_new)
     }
 
-    /// Bytes taken.
+    /// Returns the bytes that the tables take.
     pub(crate) fn bytes(&self) -> usize {
         self.bytes
     }
 }
 
-/// Sets a bit; whether it was not set.
+/// Sets a bit. Returns whether it was not set before.
 fn set(bits: &mut [u64], index: usize) -> bool {
     let (word, bit) = (&mut bits[index / 64], 1 << (index % 64));
     let is_new = *word & bit == 0;

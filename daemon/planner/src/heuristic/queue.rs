@@ -1,16 +1,16 @@
-//! A queue for Dijkstra's algorithm over costs that are mostly small.
+//! A priority queue for Dijkstra's algorithm, for costs that are mostly small.
 //!
-//! Small costs have a bucket each, large ones share a heap. Costs never fall below the last one
-//! taken out, and who has found the queue empty clears it before anything is pushed again.
+//! Small costs have a bucket each; large ones share a heap. A pushed cost must not be smaller than the
+//! last one popped. After the queue has been found empty, it must be cleared before the next push.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Costs below this have buckets: relaxed plans of a hundred thousand steps are rare.
+/// Costs below this have buckets. Relaxed plans of a hundred thousand steps are rare.
 const BUCKETS_MAX: u64 = 100_000;
 
-/// Where most costs are great: buckets up to the first of them would be made, and passed over each
-/// time, for nothing.
+/// As [`BUCKETS_MAX`], for tasks with mostly great costs, where creating and scanning many empty
+/// buckets would be wasted time.
 const BUCKETS_WHERE_COSTS_ARE_GREAT_MAX: u64 = 1_000;
 
 #[derive(Debug)]
@@ -18,7 +18,7 @@ pub(super) struct CostQueue {
     buckets_max: u64,
     buckets: Vec<Vec<u32>>,
     current: usize,
-    /// One past the highest bucket that was filled since the queue was cleared.
+    /// One past the highest bucket that was filled since the queue was last cleared.
     filled: usize,
     large: BinaryHeap<Reverse<(u64, u32)>>,
 }
@@ -38,13 +38,13 @@ impl Default for CostQueue {
 // === impl CostQueue ===
 
 impl CostQueue {
-    /// For costs that are great, mostly.
+    /// Returns a queue for costs that are mostly great.
     pub(super) fn of_great_costs() -> CostQueue {
         CostQueue { buckets_max: BUCKETS_WHERE_COSTS_ARE_GREAT_MAX, ..CostQueue::default() }
     }
 
     pub(super) fn clear(&mut self) {
-        // What lies below was taken out.
+        // Buckets below `current` are empty already.
         for bucket in self.buckets.iter_mut().take(self.filled).skip(self.current) {
             bucket.clear();
         }
@@ -87,8 +87,8 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// What costs least comes first, and of what costs the same, what came last; also after the
-        /// queue was cleared with things in it.
+        /// Items come out by ascending cost, and among equal costs the last one pushed comes first.
+        /// This also holds after the queue was cleared with items in it.
         #[test]
         fn it_is_a_stack_for_each_cost(
             rounds in prop::collection::vec(

@@ -1,40 +1,41 @@
-//! Whether operators keep a set of facts at one true fact at most.
+//! Balance check: whether all operators keep a set of facts at one true fact at most.
 //!
-//! By induction: at most one fact of the set is true before. An effect that adds one must then ask
-//! for another, or for the same, and delete it; two effects that add different ones must not happen
-//! together.
+//! The proof is by induction. At most one fact of the set is true before an operator. An effect that
+//! adds a fact of the set must then require another fact of the set and delete it, or require the same
+//! fact. Two effects that add different facts must not happen together.
 
 use crate::task::{FactId, Literal, Operator, Task};
 
 /// Checks sets of facts against all operators of a task.
 pub(super) struct Balance<'t> {
     task: &'t Task,
-    /// Where the list of each fact starts in `adders`.
+    /// Per fact: start of its list in `adders`.
     starts: Vec<u32>,
-    /// Operators that may add a fact.
+    /// Operators that may add a fact, in one array.
     adders: Vec<u32>,
-    /// Parts of effects looked at.
+    /// Work done so far: the number of effect parts visited.
     pub(super) work: u64,
 }
 
-/// What became of a set.
+/// Result of the check of a set.
 #[derive(Debug)]
 pub(super) enum Verdict {
     Holds,
-    /// Some operator may add two of its facts at once.
+    /// Some operator may add two facts of the set at once.
     TooHeavy,
-    /// Some operator adds a fact and takes none away; it asks for these facts and deletes them.
+    /// Some operator adds a fact of the set and deletes none. `deleted` are the facts that it requires
+    /// and deletes.
     Unbalanced {
         deleted: Vec<FactId>,
     },
 }
 
-/// An addition to the set.
+/// An effect that adds a fact of the set.
 struct Addition<'t> {
     fact: FactId,
-    /// What it asks for beyond the operator's precondition.
+    /// Conditions of the effect, in addition to the operator's precondition.
     conditions: &'t [Literal],
-    /// What it deletes beyond what the operator does in any case.
+    /// Deletes of the effect, in addition to those of the unconditional effect.
     deletes: &'t [FactId],
 }
 
@@ -65,7 +66,7 @@ impl<'t> Balance<'t> {
         Balance { task, starts, adders, work: 0 }
     }
 
-    /// Checks the set of `facts`, which are those with this instance.
+    /// Checks the set `facts`: the facts with the entry `instance` in `instance_of`.
     pub(super) fn check(
         &mut self,
         facts: &[FactId],
@@ -89,7 +90,7 @@ impl<'t> Balance<'t> {
     }
 }
 
-/// Finds what an operator may add to the set; returns how much there was to look at.
+/// Finds the effects of an operator that add a fact of the set. Returns the number of parts visited.
 fn collect<'t>(
     operator: Operator<'t>,
     is_in: &impl Fn(FactId) -> bool,
@@ -115,7 +116,7 @@ fn judge(
     additions: &[Addition<'_>],
     is_in: &impl Fn(FactId) -> bool,
 ) -> Verdict {
-    // Facts of the set that an addition asks for; two different ones are never true together.
+    // Facts of the set that an addition requires. Two different ones are never true together.
     let asked = |addition: &Addition<'_>| {
         let all = operator.preconditions.iter().chain(addition.conditions);
         let positive = all.filter(|literal| literal.is_positive() && is_in(literal.fact()));
@@ -147,7 +148,7 @@ fn judge(
     Verdict::Holds
 }
 
-/// Which facts of the set an addition asks for.
+/// Number of facts of the set that an addition requires.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Asked {
     Nothing,
@@ -155,7 +156,7 @@ enum Asked {
     Two,
 }
 
-/// Whether two additions cannot happen together, by what they ask for.
+/// Whether two additions cannot happen together, because they require different facts of the set.
 fn excludes(left: Asked, right: Asked) -> bool {
     match (left, right) {
         (Asked::One(left), Asked::One(right)) => left != right,
@@ -168,8 +169,8 @@ fn contradict(left: &[Literal], right: &[Literal]) -> bool {
     left.iter().any(|literal| right.contains(&literal.negated()))
 }
 
-/// Whether a fact is deleted whenever an addition happens. Should another effect add it again, that
-/// effect is an addition itself.
+/// Whether a fact is deleted whenever an addition happens. If another effect adds it again, that effect
+/// is an addition itself.
 fn is_deleted(operator: Operator<'_>, addition: &Addition<'_>, fact: FactId) -> bool {
     let follows = |literal: &Literal| {
         addition.conditions.contains(literal) || operator.preconditions.contains(literal)
@@ -182,7 +183,7 @@ fn is_deleted(operator: Operator<'_>, addition: &Addition<'_>, fact: FactId) -> 
             .any(|one| one.effect.deletes.contains(&fact) && one.conditions.iter().all(follows))
 }
 
-/// The facts that an addition asks for and that are then deleted.
+/// Returns the facts that an addition requires and that are deleted when it happens.
 fn deleted(operator: Operator<'_>, addition: &Addition<'_>) -> Vec<FactId> {
     let all = operator.preconditions.iter().chain(addition.conditions);
     let positive = all.filter(|literal| literal.is_positive()).map(|literal| literal.fact());

@@ -1,28 +1,28 @@
-//! Candidates for invariants, and how one grows into another.
+//! Candidates for lifted invariants, and their refinement.
 
 use rustc_hash::FxHashSet;
 
 use crate::task::{Atoms, FactId, ObjectId};
 
-/// Atoms that share parameters: of all facts that agree on the parameters at most one may be true.
+/// A candidate invariant: of all facts of its parts with the same parameters, at most one is true.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) struct Candidate {
-    /// Sorted; at most one of each predicate.
+    /// Parts, sorted; at most one per predicate.
     pub(super) parts: Vec<Part>,
 }
 
-/// An atom whose arguments are the parameters, in some order, and perhaps one more.
+/// An atom with the parameters as arguments, in some order, and at most one counted argument.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) struct Part {
     pub(super) predicate: u32,
-    /// For each parameter, where it stands.
+    /// Per parameter: its argument position.
     places: Vec<usize>,
 }
 
 // === impl Candidate ===
 
 impl Candidate {
-    /// The candidates of one predicate alone: nothing is counted, or one argument.
+    /// Returns the initial candidates of one predicate: without a counted argument, or with one.
     pub(super) fn seeds(predicate: u32, arity: usize) -> impl Iterator<Item = Candidate> {
         (0..=arity).map(move |counted| {
             let places = (0..arity).filter(|place| *place != counted).collect();
@@ -30,14 +30,14 @@ impl Candidate {
         })
     }
 
-    /// The parameters of the instance that a fact belongs to.
+    /// Returns the parameters of the instance that a fact belongs to.
     pub(super) fn key(&self, atoms: &Atoms, fact: FactId) -> Vec<ObjectId> {
         let (predicate, arguments) = atoms.get(fact);
         let part = self.parts.iter().find(|part| part.predicate == predicate);
         part.map_or_else(Vec::new, |part| part.key(arguments))
     }
 
-    /// The candidates that cover `fact` as well, in the instance with the parameters `key`.
+    /// Collects the candidates that also cover `fact`, in the instance with the parameters `key`.
     pub(super) fn refinements(
         &self,
         atoms: &Atoms,
@@ -47,7 +47,7 @@ impl Candidate {
     ) {
         let (predicate, arguments) = atoms.get(fact);
         let is_known = self.parts.iter().any(|part| part.predicate == predicate);
-        // One argument may be counted, no more.
+        // At most one argument may be counted.
         if is_known || arguments.len() < key.len() || arguments.len() > key.len() + 1 {
             return;
         }
@@ -75,7 +75,7 @@ impl Candidate {
 // === impl Part ===
 
 impl Part {
-    /// The parameters, given all arguments.
+    /// Returns the parameters, given all arguments of an atom.
     pub(super) fn key(&self, arguments: &[ObjectId]) -> Vec<ObjectId> {
         self.places.iter().map(|place| arguments[*place]).collect()
     }

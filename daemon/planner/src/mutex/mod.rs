@@ -1,14 +1,14 @@
-//! Mutex groups: sets of facts of which at most one is true in any state that can be reached from
-//! the initial one.
+//! Mutex groups: sets of facts of which at most one is true in any state that is reachable from the
+//! initial state.
 //!
-//! Candidates are lifted invariants (Helmert, 2009): atoms that share parameters, each with at most
-//! one argument that is counted over. Where his synthesis proves a candidate on the schemas, for all
-//! its instances at once, [`balance`] proves each instance on the ground operators: instances that
-//! fail do not spoil the others, and static facts count. An operator that adds to an instance
-//! without taking away suggests, by what it deletes, which atom to add to the candidate.
+//! Candidates are lifted invariants (Helmert, 2009): atoms that share parameters, each with at most one
+//! counted argument. Helmert's synthesis proves a candidate on the schemas, for all its instances at
+//! once. Here [`balance`] proves each instance on the ground operators: an instance that fails does not
+//! invalidate the others, and static facts are taken into account. If an operator adds to an instance
+//! without deleting from it, its other deletes suggest which atom to add to the candidate.
 //!
-//! Groups follow from the initial state. A state that came about otherwise, say by a report from
-//! outside, may violate them.
+//! Groups hold for states that are reachable from the initial state. A state that comes from elsewhere,
+//! such as a report from outside, may violate them.
 
 mod balance;
 mod candidate;
@@ -25,27 +25,27 @@ use crate::task::{FactId, Task};
 /// Mutex groups of a task.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MutexGroups {
-    /// Every group found, none within another.
+    /// All groups found; none is a subset of another.
     groups: Vec<Vec<FactId>>,
-    /// All basic facts, each once: parts of groups, chosen greedily, the largest first, then the
-    /// facts left over, one by one.
+    /// A partition of the basic facts: subsets of groups, chosen greedily, the largest first, then the
+    /// remaining facts as groups of one.
     variables: Vec<Vec<FactId>>,
 }
 
-/// Candidates that are looked at.
+/// Maximal number of candidates to check.
 const CANDIDATES_MAX: usize = 2_000;
 
-/// Atoms of one candidate.
+/// Maximal number of atoms in one candidate.
 const PARTS_MAX: usize = 16;
 
-/// No instance.
+/// Marks facts that belong to no instance.
 const NONE: u32 = u32::MAX;
 
 // === impl MutexGroups ===
 
 impl MutexGroups {
-    /// Looks for groups until none is left to find, or `work_max` parts of effects were looked at;
-    /// one takes some ten nanoseconds. What is found until then is right.
+    /// Searches for groups until all candidates are checked or `work_max` effect parts have been
+    /// visited; one takes about ten nanoseconds. The groups found until then are valid.
     pub(crate) fn find(task: &Task, work_max: u64, cancel: &Cancel) -> MutexGroups {
         let mut finder = Finder::new(task, work_max, cancel);
         finder.search();
@@ -54,23 +54,23 @@ impl MutexGroups {
         MutexGroups { groups, variables }
     }
 
-    /// Every group found, each sorted, none within another.
+    /// Returns all groups found. Each is sorted; none is a subset of another.
     pub(crate) fn groups(&self) -> &[Vec<FactId>] {
         &self.groups
     }
 
-    /// A partition of the basic facts into groups, each sorted; many of one fact only.
+    /// Returns a partition of the basic facts into sorted groups; many of them have one fact only.
     pub(crate) fn variables(&self) -> &[Vec<FactId>] {
         &self.variables
     }
 }
 
-/// The state of a search for groups.
+/// State of a search for groups.
 struct Finder<'t> {
     task: &'t Task,
     cancel: &'t Cancel,
     balance: Balance<'t>,
-    /// Basic facts by predicate.
+    /// Per predicate: its basic facts.
     facts: FxHashMap<u32, Vec<FactId>>,
     is_initial: Vec<bool>,
     waiting: VecDeque<Candidate>,
@@ -123,7 +123,7 @@ impl<'t> Finder<'t> {
         }
     }
 
-    /// Keeps the instances of a candidate that hold, and queues what may mend the others.
+    /// Keeps the instances of a candidate that hold, and queues refinements for those that do not.
     fn examine(&mut self, candidate: &Candidate) {
         let mut keys = FxHashMap::default();
         let mut instances: Vec<Vec<FactId>> = Vec::new();
@@ -163,14 +163,14 @@ impl<'t> Finder<'t> {
                 Verdict::Unbalanced { .. } => (),
             }
         }
-        // Sorted, so that a cap meets the same candidates everywhere.
+        // Sorted, so that the cap admits the same candidates in every run.
         let mut refined: Vec<Candidate> = refined.into_iter().collect();
         refined.sort_unstable();
         self.waiting.extend(refined);
     }
 }
 
-/// Without groups that lie within others.
+/// Removes groups that are subsets of others.
 fn without_parts(mut groups: Vec<Vec<FactId>>, facts: usize) -> Vec<Vec<FactId>> {
     groups.sort_unstable_by(|left, right| right.len().cmp(&left.len()).then(left.cmp(right)));
     groups.dedup();
@@ -189,7 +189,8 @@ fn without_parts(mut groups: Vec<Vec<FactId>>, facts: usize) -> Vec<Vec<FactId>>
     kept
 }
 
-/// Takes the group with the most facts not yet taken, again and again.
+/// Partitions the facts greedily: repeatedly takes the group with the most facts that are not yet
+/// taken.
 fn cover(groups: &[Vec<FactId>], facts: usize) -> Vec<Vec<FactId>> {
     let mut of: Vec<Vec<usize>> = vec![Vec::new(); facts];
     for (index, group) in groups.iter().enumerate() {

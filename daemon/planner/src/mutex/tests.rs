@@ -1,4 +1,4 @@
-//! Groups in small tasks that are well known, and walks that never leave them.
+//! Mutex groups of small, well-known tasks, and random walks that must not violate them.
 
 use proptest::prelude::*;
 
@@ -11,7 +11,7 @@ fn find(task: &Task) -> MutexGroups {
     MutexGroups::find(task, u64::MAX, &Cancel::new())
 }
 
-/// The sizes of all groups, the largest first, and the number of variables.
+/// Checks the sizes of all groups, the largest first, and the number of variables.
 #[track_caller]
 fn check(domain: &str, problem: &str, sizes: &[usize], variables: usize) {
     let task = task(domain, problem);
@@ -41,7 +41,7 @@ fn balls_are_somewhere_or_in_a_hand_and_hands_hold_one() {
       (:init (room a) (room b) (ball x) (ball y) (ball z) (hand l) (hand r) (robot a)
         (at x a) (at y a) (at z a) (free l) (free r))
       (:goal (and (at x b) (at y b) (at z b))))";
-    // Each ball: two rooms, two hands. Each hand: three balls, free. The robot: two rooms.
+    // Each ball: two rooms, two hands. Each hand: three balls, or free. The robot: two rooms.
     check(GRIPPER, problem, &[4, 4, 4, 4, 4, 2], 6);
 }
 

@@ -1,4 +1,4 @@
-//! Effects: from the tree to a flat list of guarded literals and numeric changes.
+//! Flattens effects: from the syntax tree to a list of conditional literals and numeric changes.
 
 use pddl::{ActionSchema, Assign, Effect};
 
@@ -6,14 +6,15 @@ use super::formula::Scope;
 use super::lifted::{Formula, LiftedEffect, LiftedNumeric, Schema, Slot};
 use super::symbols::Symbols;
 
-/// What surrounds an effect: the variables of its `forall`s and the conditions of its `when`s.
+/// Context of an effect: the variables of the enclosing `forall`s and the conditions of the enclosing
+/// `when`s.
 #[derive(Clone, Default)]
 struct Guard {
     variables: Vec<Slot>,
     conditions: Vec<Formula>,
 }
 
-/// An action in flat form.
+/// Normalizes an action.
 pub(super) fn schema(symbols: &mut Symbols, action: &ActionSchema) -> Schema {
     let mut scope = Scope::new(symbols, action.all_parameters());
     let parameter_count = scope.frame.len();

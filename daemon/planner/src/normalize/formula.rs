@@ -1,4 +1,5 @@
-//! Conditions and expressions: from the tree to negation normal form over numbered symbols.
+//! Converts conditions and expressions from the syntax tree to negation normal form over numbered
+//! symbols.
 
 use pddl::{Comparison, Condition, Diagnostic, Expression, FluentTerm, Name, Term, Typed};
 
@@ -7,7 +8,7 @@ use super::lifted::{
 };
 use super::symbols::Symbols;
 
-/// The variables in scope and the frame they live in.
+/// Scope of a conversion: the visible variables, and the frame with the slots of all variables.
 pub(super) struct Scope<'s> {
     pub(super) symbols: &'s mut Symbols,
     pub(super) frame: Vec<TypeIndex>,
@@ -28,13 +29,13 @@ impl<'s> Scope<'s> {
         scope
     }
 
-    /// The condition, easier to ground.
+    /// Converts a condition, and rearranges its quantifiers for grounding.
     pub(super) fn rearranged(&mut self, condition: &Condition) -> Formula {
         let formula = self.formula(condition, true);
         self.symbols.rearranging.rearrange(formula)
     }
 
-    /// The condition, or its negation where `positive` is false.
+    /// Converts a condition, or its negation if `positive` is false.
     pub(super) fn formula(&mut self, condition: &Condition, positive: bool) -> Formula {
         match condition {
             Condition::Atom(atom) => match self.atom(atom) {
@@ -70,13 +71,14 @@ impl<'s> Scope<'s> {
         }
     }
 
-    /// Brings variables into scope; also returns what [`Scope::leave`] wants to know.
+    /// Brings variables into scope. Returns the argument for [`Scope::leave`] and the slots of the
+    /// variables.
     pub(super) fn enter(&mut self, variables: &[Typed]) -> (usize, Vec<Slot>) {
         let outside = self.visible.len();
         (outside, variables.iter().map(|variable| self.declare(variable)).collect())
     }
 
-    /// Takes the variables of the matching [`Scope::enter`] out of scope.
+    /// Removes the variables of the matching [`Scope::enter`] from the scope.
     pub(super) fn leave(&mut self, outside: usize) {
         self.visible.truncate(outside);
     }
@@ -164,7 +166,7 @@ impl<'s> Scope<'s> {
     }
 }
 
-/// A comparison or its negation, as comparisons: none of them holds of a number that is not defined.
+/// Returns a comparison, or its negation as a comparison. Neither of them holds if a side is undefined.
 fn comparison(
     comparison: Comparison,
     positive: bool,

@@ -7,7 +7,7 @@ use pddl::{Assignment, Comparison, Name, Operator as Arithmetic, Span};
 
 use crate::task::ObjectId;
 
-/// A slot of a frame.
+/// Index of a variable in a frame.
 pub(crate) type Slot = u32;
 
 /// Index of a predicate.
@@ -16,7 +16,7 @@ pub(crate) type PredicateIndex = usize;
 /// Index of a function.
 pub(crate) type FunctionIndex = usize;
 
-/// Index of a set of objects that a type expression stands for.
+/// Index of a set of objects; type expressions stand for such sets.
 pub(crate) type TypeIndex = usize;
 
 /// A variable or an object.
@@ -49,7 +49,7 @@ pub(crate) enum LiftedExpression {
     Apply(Arithmetic, Vec<LiftedExpression>),
 }
 
-/// A condition in negation normal form. By default it says nothing.
+/// A condition in negation normal form. The default is the empty conjunction, which always holds.
 #[derive(Clone, Debug)]
 pub(crate) enum Formula {
     Constant(bool),
@@ -62,7 +62,7 @@ pub(crate) enum Formula {
         left: LiftedTerm,
         right: LiftedTerm,
     },
-    /// It holds where both sides have a value.
+    /// Holds only if both sides are defined.
     Compare {
         comparison: Comparison,
         sides: Box<(LiftedExpression, LiftedExpression)>,
@@ -77,9 +77,11 @@ pub(crate) enum Formula {
 #[derive(Clone, Debug)]
 pub(crate) struct Schema {
     pub(crate) name: Name,
-    /// The action of which it is a piece, and no step of a plan yet.
+    /// Name of the action in the text, if this schema is only a piece of it (see
+    /// [`Piecewise`](super::Piecewise)).
     pub(crate) piece_of: Option<Name>,
-    /// The first slots of the frame are the parameters, the agent before all.
+    /// Number of parameters. They are the first slots of the frame; the agent, if any, is the first of
+    /// them.
     pub(crate) parameter_count: usize,
     pub(crate) frame: Vec<TypeIndex>,
     pub(crate) precondition: Formula,
@@ -125,7 +127,7 @@ pub(crate) struct Closed {
     pub(crate) formula: Formula,
 }
 
-/// The objects that a type expression stands for.
+/// A set of objects, which a type expression stands for.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TypeSet {
     pub(crate) members: Vec<ObjectId>,
@@ -133,7 +135,7 @@ pub(crate) struct TypeSet {
     bits: Vec<u64>,
 }
 
-/// A predicate, and how it comes to change.
+/// A predicate, and what changes its facts.
 #[derive(Clone, Debug)]
 pub(crate) struct PredicateUse {
     pub(crate) name: Name,
@@ -143,28 +145,28 @@ pub(crate) struct PredicateUse {
     pub(crate) derived: bool,
 }
 
-/// A function, and whether it changes in a way that planning must follow.
+/// A function, and whether its values must be part of the state.
 #[derive(Clone, Debug)]
 pub(crate) struct FunctionUse {
     pub(crate) name: Name,
     pub(crate) arity: usize,
-    /// Some effect changes it.
+    /// Whether some effect changes it.
     pub(crate) changed: bool,
-    /// Some condition reads it, or some value that a condition depends on.
+    /// Whether some condition reads it, or a value that a condition depends on.
     pub(crate) read: bool,
 }
 
-/// What makes a plan cheap.
+/// Cost of a plan, derived from the metric.
 #[derive(Clone, Debug)]
 pub(crate) struct Costs {
-    /// `None`: every step costs one. Otherwise how much one unit of a ground fluent costs.
+    /// Cost of one unit of each ground fluent; `None` means that every step costs one.
     pub(crate) weights: Option<Vec<(FunctionIndex, Vec<ObjectId>, f64)>>,
-    /// How much every step costs beside that: the weight of `total-time`, where a plan takes as long
-    /// as it has steps.
+    /// Additional cost of every step: the weight of `total-time`, as a sequential plan takes one unit
+    /// of time per step.
     pub(crate) per_step: f64,
-    /// Whether some step may cost more or less than in the initial state.
+    /// Whether the cost of some step depends on the state.
     pub(crate) varies: bool,
-    /// Whether the metric is a weighted sum at all.
+    /// Whether the metric is a weighted sum.
     pub(crate) is_sum: bool,
 }
 
@@ -202,7 +204,7 @@ impl TypeSet {
         TypeSet { members, bits }
     }
 
-    /// The set with these bits.
+    /// Returns the set with these bits.
     pub(crate) fn from_bits(bits: Vec<u64>) -> TypeSet {
         let all = (0..bits.len() * 64).filter(|index| bits[index / 64] >> (index % 64) & 1 == 1);
         TypeSet { members: all.map(ObjectId::from_index).collect(), bits }
@@ -213,7 +215,7 @@ impl TypeSet {
         self.bits[object.index() / 64] >> (object.index() % 64) & 1 == 1
     }
 
-    /// One bit per object.
+    /// Returns the set as bits, one per object.
     pub(crate) fn bits(&self) -> &[u64] {
         &self.bits
     }
@@ -222,7 +224,7 @@ impl TypeSet {
 // === impl PredicateUse ===
 
 impl PredicateUse {
-    /// Whether its facts are those of the initial state, for ever.
+    /// Whether no action and no axiom changes its facts, so that they are those of the initial state.
     pub(crate) fn is_static(&self) -> bool {
         !self.added && !self.deleted && !self.derived
     }
@@ -245,7 +247,7 @@ impl FunctionUse {
 // === impl LiftedTerm ===
 
 impl LiftedTerm {
-    /// The object under a binding.
+    /// Returns the object that the term stands for under a binding.
     #[inline]
     pub(crate) fn object(self, binding: &[ObjectId]) -> ObjectId {
         match self {
@@ -255,7 +257,7 @@ impl LiftedTerm {
     }
 }
 
-/// The objects of several terms under a binding.
+/// Returns the objects that terms stand for under a binding.
 pub(crate) fn objects<'a>(
     terms: &'a [LiftedTerm],
     binding: &'a [ObjectId],
@@ -264,14 +266,14 @@ pub(crate) fn objects<'a>(
 }
 
 impl Schema {
-    /// The name of the action in the text.
+    /// Returns the name of the action in the text.
     pub(crate) fn action(&self) -> &Name {
         self.piece_of.as_ref().unwrap_or(&self.name)
     }
 }
 
 impl LiftedEffect {
-    /// Whether it happens whenever its action does.
+    /// Whether the effect always happens when its action is applied.
     pub(crate) fn is_unconditional(&self) -> bool {
         self.variables.is_empty() && self.condition.is_true()
     }
@@ -284,7 +286,7 @@ impl Default for Formula {
 }
 
 impl Formula {
-    /// Whether it says nothing.
+    /// Whether the formula trivially holds.
     pub(crate) fn is_true(&self) -> bool {
         match self {
             Formula::Constant(truth) => *truth,
@@ -305,7 +307,7 @@ impl Formula {
         }
     }
 
-    /// The variables that the formula mentions and does not bind, some of them more than once.
+    /// Returns the free variables of the formula; the list may contain duplicates.
     pub(crate) fn free_slots(&self) -> Vec<Slot> {
         let mut free = Vec::new();
         let mut term = |term: &LiftedTerm| match term {
@@ -331,7 +333,7 @@ impl Formula {
         free
     }
 
-    /// Calls `visit` for every place where a variable stands, those of quantifiers included.
+    /// Calls `visit` for every occurrence of a variable, including those in quantifiers.
     pub(crate) fn slots_mut(&mut self, visit: &mut dyn FnMut(&mut Slot)) {
         let mut term = |term: &mut LiftedTerm| {
             if let LiftedTerm::Variable(slot) = term {
@@ -373,7 +375,7 @@ impl Formula {
 }
 
 impl LiftedExpression {
-    /// Whether some part of it is a division.
+    /// Whether the expression contains a division.
     pub(crate) fn divides(&self) -> bool {
         match self {
             LiftedExpression::Number(_) | LiftedExpression::Fluent(_) => false,
@@ -383,7 +385,7 @@ impl LiftedExpression {
         }
     }
 
-    /// Calls `visit` for every term in it.
+    /// Calls `visit` for every term in the expression.
     pub(crate) fn terms(&self, visit: &mut dyn FnMut(&LiftedTerm)) {
         match self {
             LiftedExpression::Number(_) => (),
@@ -395,7 +397,7 @@ impl LiftedExpression {
         }
     }
 
-    /// Calls `visit` for every term in it, to change it.
+    /// As [`LiftedExpression::terms`], with mutable terms.
     pub(crate) fn terms_mut(&mut self, visit: &mut dyn FnMut(&mut LiftedTerm)) {
         match self {
             LiftedExpression::Number(_) => (),

@@ -1,9 +1,9 @@
-//! What a plan costs: the metric as a weighted sum of fluents that only ever grow step by step.
+//! Costs: reads the metric as a weighted sum of fluents, to which each step adds a constant amount.
 //!
-//! A metric is additive if it is linear and every change of its fluents is an unconditional increase
-//! or decrease by an amount that no step changes. Planning is then for the cheapest plan. Any other
-//! metric ranks plans all the same, and makes none wrong: planning counts what it can of it, as seen
-//! from the initial state, and proves no cost. What a plan costs is told by the validator.
+//! A metric is additive if it is linear, and every change of its fluents is an unconditional increase
+//! or decrease by an amount that no step changes. Planning then looks for a cheapest plan. With any
+//! other metric, plans are valid all the same: planning uses the step costs in the initial state, and
+//! does not prove optimality. The validator computes the true cost of a plan.
 
 use pddl::{
     Assignment, Diagnostic, Direction, Expression, FluentTerm, InitElement, Metric,
@@ -16,7 +16,7 @@ use super::symbols::Symbols;
 use crate::outcome::{PlanError, Unsupported};
 use crate::task::ObjectId;
 
-/// The weights of the metric, if there is one.
+/// Returns the costs that the metric defines; unit costs if there is no metric.
 pub(super) fn costs(
     symbols: &mut Symbols,
     problem: &Problem,
@@ -28,7 +28,7 @@ pub(super) fn costs(
     let mut linear = Linear { weights: Vec::new(), per_step: 0.0, is_linear: true };
     linear.add(&metric.expression, sign)?;
     if !linear.is_linear {
-        // How much a step counts is not known: all count the same.
+        // The cost of a step is unknown: all steps count the same.
         return Ok(Costs { weights: Some(Vec::new()), per_step: 1.0, varies: true, is_sum: false });
     }
     let (mut weights, per_step) = (Vec::new(), linear.per_step);
@@ -45,8 +45,8 @@ pub(super) fn costs(
     Ok(Costs { weights: Some(weights), per_step, varies: false, is_sum: true })
 }
 
-/// Notes whether what a step costs depends on more than the step: where fluents of the metric are set
-/// or scaled, or change under conditions or by amounts that change.
+/// Sets `varies` if the cost of a step depends on the state: if fluents of the metric are assigned or
+/// scaled, or change under conditions or by amounts that change.
 pub(super) fn note_variation(costs: &mut Costs, schemas: &[Schema], functions: &[FunctionUse]) {
     let weights = costs.weights.as_deref().unwrap_or_default();
     let mut varies = costs.varies;
@@ -61,7 +61,7 @@ pub(super) fn note_variation(costs: &mut Costs, schemas: &[Schema], functions: &
     costs.varies = varies;
 }
 
-/// Reports a fluent of the metric that has no value, and that no step gives one.
+/// Reports fluents of the metric that are undefined in the initial state and that no action assigns.
 fn refuse_what_has_no_value(
     symbols: &mut Symbols,
     problem: &Problem,
@@ -91,7 +91,7 @@ fn refuse_what_has_no_value(
     }
 }
 
-/// All fluents of an expression.
+/// Collects all fluents of an expression.
 fn collect<'e>(expression: &'e Expression, fluents: &mut Vec<&'e FluentTerm>) {
     match expression {
         Expression::Fluent(fluent) => fluents.push(fluent),
@@ -104,12 +104,12 @@ fn collect<'e>(expression: &'e Expression, fluents: &mut Vec<&'e FluentTerm>) {
     }
 }
 
-/// A sum of weighted fluents; constants do not tell plans apart and are dropped.
+/// A weighted sum of fluents. Constants are dropped, because they do not distinguish plans.
 struct Linear<'m> {
     weights: Vec<(&'m FluentTerm, f64)>,
     /// The weight of `total-time`.
     per_step: f64,
-    /// Whether it is such a sum at all.
+    /// Whether the metric is such a sum.
     is_linear: bool,
 }
 
@@ -155,7 +155,8 @@ impl<'m> Linear<'m> {
         }
     }
 
-    /// `(* NUMBER E)`, `(* E NUMBER)`, `(/ E NUMBER)`
+    /// Adds `(* NUMBER E)`, `(* E NUMBER)` or `(/ E NUMBER)`; other products and quotients are not
+    /// linear.
     fn scale(
         &mut self,
         operator: Arithmetic,

@@ -1,8 +1,9 @@
-//! From trees to the normalized lifted task that grounding reads.
+//! Normalization: from syntax trees to the lifted task that grounding reads.
 //!
-//! - Names become numbers, conditions go into negation normal form, effects into flat lists.
-//! - What this planner cannot do is refused here, by name and place, before any work.
-//! - Leaves to `ground`: static facts, quantifiers, disjunctions; they need the reachable facts.
+//! - Names become numbers, conditions are put into negation normal form, effects into flat lists.
+//! - Features that this planner does not support are rejected here, by name and place, before any work.
+//! - Left to `ground`: static facts, quantifiers and disjunctions, because they need the reachable
+//!   facts.
 
 mod effects;
 mod formula;
@@ -24,7 +25,8 @@ pub(crate) use self::wide::split_wide;
 use crate::outcome::{PlanError, Text, Unsupported};
 use crate::task::ObjectId;
 
-/// The lifted task of a domain and a problem.
+/// Normalizes a domain and a problem. Returns an error if they use an unsupported feature or contain
+/// mistakes.
 pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, PlanError> {
     let mut symbols = Symbols::default();
     let lifted = lift(&mut symbols, domain, problem)?;
@@ -32,7 +34,8 @@ pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, Pl
     Ok(Lifted { objects, predicates, functions, types, ..lifted })
 }
 
-/// The lifted task, and its names for what is said of it later.
+/// As [`normalize`], but also returns the symbols, so that later texts can be converted with the same
+/// numbers.
 pub(crate) fn normalize_named(
     domain: &Domain,
     problem: &Problem,
@@ -43,7 +46,7 @@ pub(crate) fn normalize_named(
     Ok((Lifted { objects, predicates, functions, types, ..lifted }, symbols))
 }
 
-/// Everything but what the symbols hold.
+/// Normalizes everything except the parts that the symbols hold.
 fn lift(symbols: &mut Symbols, domain: &Domain, problem: &Problem) -> Result<Lifted, PlanError> {
     refuse_nonclassical(domain, problem)?;
     *symbols = Symbols::new(domain, problem);
@@ -74,8 +77,8 @@ fn lift(symbols: &mut Symbols, domain: &Domain, problem: &Problem) -> Result<Lif
     Ok(Lifted { schemas, axioms, goal, init, values, costs, ..Lifted::default() })
 }
 
-/// Variables that one action, axiom or goal may have, those of its quantifiers included: every binding
-/// has a place for each. No author writes a hundredth of it.
+/// Maximal number of variables of one action, axiom or goal, including those of its quantifiers: every
+/// binding has a place for each. Texts by people have less than a hundredth of it.
 const VARIABLES_MAX: usize = 10_000;
 
 fn bound_frame(
@@ -92,16 +95,16 @@ fn bound_frame(
     Err(Unsupported { feature, span, text })
 }
 
-/// A condition of its own, such as the goal, over a problem's objects.
+/// Normalizes a condition without parameters, such as a goal, over the objects of a problem.
 pub(crate) fn closed(symbols: &mut Symbols, condition: &pddl::Condition) -> Closed {
     let mut scope = Scope::new(symbols, []);
     let formula = scope.rearranged(condition);
     Closed { frame: scope.frame, formula }
 }
 
-/// Refuses what neither this planner nor the engines do: actions and facts that take or tell time, and
-/// what is beyond classical planning, observations and facts that are not known. A running ecosystem
-/// says the latter two in other words before it plans (`pddl::knowledge`).
+/// Returns an error if the texts use a feature that neither this planner nor the engines support:
+/// durative actions, timed initial literals, observations, and unknown facts. A running ecosystem
+/// compiles the last two away before it plans (`pddl::knowledge`).
 pub fn refuse_nonclassical(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
     if let Some(action) = domain.durative_actions.first() {
         return Err(Unsupported::in_domain("durative actions", action.span));
@@ -143,8 +146,8 @@ fn mark_predicates(symbols: &mut Symbols, schemas: &[Schema], axioms: &[LiftedAx
     }
 }
 
-/// Finds the functions that change, and those that planning must follow: what conditions read, and
-/// what the values of those depend on.
+/// Finds the functions that change, and those that must be part of the state: functions that conditions
+/// read, and functions that these depend on.
 fn mark_functions(
     symbols: &mut Symbols,
     schemas: &[Schema],
@@ -165,13 +168,14 @@ fn mark_functions(
             schema.effects.iter().for_each(|effect| effect.condition.functions(&mut visit));
             for change in &schema.numeric {
                 change.condition.functions(&mut visit);
-                // Whether the value exists decides whether the action applies.
+                // An action is applicable only if the value is defined.
                 change.value.functions(&mut visit);
             }
         }
     }
     read.into_iter().for_each(|function| functions[function].read = true);
-    // A fluent that one action defines and another increases: whether it has a value is state.
+    // One action assigns the fluent and another increases it: whether it is defined is part of the
+    // state.
     let changes = || schemas.iter().flat_map(|schema| &schema.numeric);
     for defining in changes().filter(|one| one.assignment == Assignment::Assign) {
         let function = defining.fluent.function;
@@ -182,11 +186,11 @@ fn mark_functions(
     }
 }
 
-/// The facts that `:init` says hold.
+/// Returns the facts that are true in `:init`.
 fn initial_facts(symbols: &mut Symbols, problem: &Problem) -> Vec<(usize, Vec<ObjectId>)> {
     let mut scope = Scope::new(symbols, []);
     let fact = |element: &InitElement| match element {
-        // As with values below.
+        // Unknown predicates are skipped, as unknown functions are below.
         InitElement::Atom(atom) if scope.symbols.has_predicate(&atom.predicate) => {
             scope.atom(atom).map(|atom| (atom.predicate, ground(&atom.arguments)))
         }
@@ -195,14 +199,15 @@ fn initial_facts(symbols: &mut Symbols, problem: &Problem) -> Vec<(usize, Vec<Ob
     problem.init.iter().filter_map(fact).collect()
 }
 
-/// The values that `:init` gives.
+/// Returns the values of functions in `:init`.
 pub(crate) fn initial_values(
     symbols: &mut Symbols,
     problem: &Problem,
 ) -> Vec<(usize, Vec<ObjectId>, f64)> {
     let mut scope = Scope::new(symbols, []);
     let value = |element: &InitElement| match element {
-        // Competition problems carry values that no domain asks for; `check` warns of them.
+        // Competition problems contain values of functions that the domain does not declare; `check`
+        // warns of them.
         InitElement::Assign(fluent, number) if scope.symbols.has_function(&fluent.function) => {
             let fluent = scope.fluent(fluent)?;
             Some((fluent.function, ground(&fluent.arguments), number.0))
@@ -212,7 +217,7 @@ pub(crate) fn initial_values(
     problem.init.iter().filter_map(value).collect()
 }
 
-/// The objects of an argument list without variables.
+/// Returns the objects of an argument list without variables.
 fn ground(terms: &[LiftedTerm]) -> Vec<ObjectId> {
     let object = |term: &LiftedTerm| match term {
         LiftedTerm::Object(object) => Some(*object),

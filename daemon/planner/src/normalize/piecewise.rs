@@ -1,15 +1,16 @@
-//! Wide actions applied piece by piece: one parameter is chosen after the other, then all happens.
+//! Piecewise application of wide actions: the parameters are chosen one after the other, then the
+//! effects happen.
 //!
-//! An action of thirty parameters has more ground forms than memory has room for, though few of them
-//! can be applied in any one state. Here each parameter becomes an action of its own, which holds what
-//! of the precondition speaks of it and of those chosen before; a last one has the effects, each under
-//! the condition that its objects are those chosen. Between them nothing else happens, so that the
-//! plans are those of before, with more steps (after Areces, Bustos, Dominguez and Hoffmann, 2014,
-//! “Optimizing Planning Domains by Automatic Action Schema Splitting”, whose pieces share the effects,
-//! too).
+//! An action with thirty parameters has more ground instances than fit into memory, though few of them
+//! are applicable in any one state. Here each parameter becomes an action of its own, which tests the
+//! part of the precondition that is about it and the parameters chosen before. A last action has the
+//! effects, each under the condition that its objects are the chosen ones. No other action is
+//! applicable between the pieces, so the plans are the same as before, with more steps (after Areces,
+//! Bustos, Dominguez and Hoffmann, 2014, “Optimizing Planning Domains by Automatic Action Schema
+//! Splitting”, where the effects are split, too).
 //!
-//! What is lost is guidance: the relaxation of a choice knows little of the choices before it. So this
-//! is for tasks that do not ground otherwise.
+//! The drawback is weaker guidance: the relaxation of a choice knows little of the choices before it.
+//! So this is used only for tasks that cannot be ground otherwise.
 
 use pddl::{Name, Plan, PlanStep};
 use rustc_hash::FxHashMap;
@@ -20,53 +21,54 @@ use super::lifted::{
 };
 use super::wide::{renumber, scope};
 
-/// Parameters from which on an action is expected to have too many ground forms.
+/// Number of parameters from which on an action is expected to have too many ground instances.
 const WIDE: usize = 8;
 
-/// Parameters of actions that stay whole. Few, as chosen objects are more loosely related than
-/// parameters are: more facts seem reachable, and whoever joins four of them joins too many.
+/// Maximal number of parameters of actions that stay whole. It is small, because chosen objects are
+/// more loosely related than parameters: more facts are relaxed reachable, and joins of four of them
+/// are too large.
 const WHOLE_MAX: usize = 3;
 
-/// Parameters that one piece speaks of, where it need not speak of more.
+/// Number of parameters that one piece mentions, unless a single test needs more.
 const PIECE_MAX: usize = 2;
 
-/// A lifted task whose wide actions are applied piece by piece.
+/// A lifted task with its wide actions split into pieces.
 #[derive(Debug)]
 pub(crate) struct Piecewise {
     pub(crate) lifted: Lifted,
-    /// By the names of the pieces, which no text can have.
+    /// Role of each piece, by its name. These names contain spaces, so no text can have them.
     roles: FxHashMap<Name, Role>,
 }
 
-/// What a piece of an action does.
+/// Role of a piece of an action.
 #[derive(Clone, Debug)]
 enum Role {
-    /// Chooses a parameter: its first argument.
+    /// Chooses this parameter; its object is the first argument of the piece.
     Chooses(usize),
-    /// Tests or costs.
+    /// Only tests or adds cost.
     Tests,
-    /// Has the effects of the action of that name.
+    /// Has the effects of the action of this name.
     Applies(Name),
 }
 
-/// Some of the precondition of an action, in terms of its own frame.
+/// A part of an action's precondition, over the frame of the action.
 #[derive(Debug, Default)]
 struct Piece {
     chooses: Option<Slot>,
-    /// The parameters it speaks of, the one that it chooses first.
+    /// Parameters that it mentions; if it chooses one, that is the first.
     scope: Vec<Slot>,
     tests: Vec<Formula>,
     costs: Vec<LiftedNumeric>,
 }
 
-/// Whether some action is so wide that its task may not ground, and can be taken apart.
+/// Whether some action is so wide that its task may not ground, and can be split.
 pub(crate) fn is_wide(lifted: &Lifted) -> bool {
     let is_one = |schema: &Schema| schema.parameter_count >= WIDE && comes_apart(lifted, schema);
     lifted.schemas.iter().any(is_one)
 }
 
-/// Whether an action can be taken apart: what it changes of numbers is cost alone, which does not
-/// matter to the pieces that follow.
+/// Whether an action can be split: its only numeric effects are costs, which do not affect the pieces
+/// that follow.
 fn comes_apart(lifted: &Lifted, schema: &Schema) -> bool {
     schema.numeric.iter().all(|change| {
         !lifted.functions[change.fluent.function].read
@@ -78,17 +80,17 @@ fn comes_apart(lifted: &Lifted, schema: &Schema) -> bool {
 // === impl Piecewise ===
 
 impl Piecewise {
-    /// Takes all actions apart that have more than a few parameters.
+    /// Splits all actions that have more than [`WHOLE_MAX`] parameters.
     pub(crate) fn new(lifted: &Lifted) -> Piecewise {
         Piecewise::above(lifted, WHOLE_MAX)
     }
 
-    /// The same, of actions with more parameters than that.
+    /// As [`Piecewise::new`], for actions with more than `whole_max` parameters.
     fn above(lifted: &Lifted, whole_max: usize) -> Piecewise {
         let mut whole = lifted.clone();
         let schemas = std::mem::take(&mut whole.schemas);
         if whole.costs.weights.is_none() {
-            // Every action costs one, and not every piece.
+            // Every action costs one, but not every piece.
             whole.costs.weights = Some(Vec::new());
             whole.costs.per_step = 1.0;
         }
@@ -108,7 +110,7 @@ impl Piecewise {
         Piecewise { lifted: made, roles }
     }
 
-    /// A plan in the actions of the text.
+    /// Translates a plan back into the actions of the text.
     pub(crate) fn whole(&self, plan: Plan) -> Plan {
         let mut chosen: Vec<Option<Name>> = Vec::new();
         let mut steps = Vec::new();
@@ -130,9 +132,9 @@ impl Piecewise {
     }
 }
 
-/// What is made of the actions.
+/// Splitting of the actions in progress.
 struct Taker {
-    /// Says that no action has begun.
+    /// Fact that no action is partly applied.
     idle: PredicateIndex,
     made: Lifted,
     roles: FxHashMap<Name, Role>,
@@ -141,7 +143,7 @@ struct Taker {
 // === impl Taker ===
 
 impl Taker {
-    /// A predicate of our own, which actions add and delete.
+    /// Adds an auxiliary predicate, which pieces add and delete.
     fn predicate(&mut self, name: &str, arity: usize) -> PredicateIndex {
         let name = Name::new(name);
         let (added, deleted, derived) = (true, true, false);
@@ -149,7 +151,7 @@ impl Taker {
         self.made.predicates.len() - 1
     }
 
-    /// Whole, but not while another has begun.
+    /// Keeps an action whole; it is applicable only while no other action is partly applied.
     fn keep(&mut self, mut schema: Schema) {
         let precondition = std::mem::take(&mut schema.precondition);
         schema.precondition = Formula::And(vec![holds(self.idle, &[]), precondition]);
@@ -158,7 +160,7 @@ impl Taker {
 
     fn take_apart(&mut self, schema: &Schema) {
         let name = schema.name.as_str();
-        // By parameter: whether an object is the one that was chosen.
+        // Per parameter: a predicate that an object is the chosen one.
         let chosen: Vec<PredicateIndex> = (0..schema.parameter_count)
             .map(|parameter| self.predicate(&format!("{name} chosen {parameter}"), 1))
             .collect();
@@ -171,7 +173,7 @@ impl Taker {
         self.last(schema, &chosen, stage);
     }
 
-    /// One piece, from a stage to the next.
+    /// Adds one piece, which leads from a stage to the next.
     fn piece(
         &mut self,
         schema: &Schema,
@@ -199,7 +201,7 @@ impl Taker {
             effects.push(happens(true, chosen[slot as usize], &[0]));
             role = Role::Chooses(slot as usize);
         }
-        // No name of a text has a space.
+        // Names in a text contain no spaces.
         let name = Name::new(&format!("{} {number}", schema.name));
         self.roles.insert(name.clone(), role);
         self.made.schemas.push(Schema {
@@ -214,7 +216,7 @@ impl Taker {
         });
     }
 
-    /// The last piece: without parameters, as they are chosen.
+    /// Adds the last piece. It has no parameters, because all of them have been chosen.
     fn last(&mut self, schema: &Schema, chosen: &[PredicateIndex], stage: PredicateIndex) {
         let is_parameter = |slot: &Slot| (*slot as usize) < schema.parameter_count;
         let mut effects: Vec<LiftedEffect> = Vec::new();
@@ -254,8 +256,8 @@ impl Taker {
     }
 }
 
-/// In which order parameters are chosen, and what is tested when: first those of which the
-/// precondition says most in terms of what is chosen already, as a join would take them.
+/// Determines the order in which parameters are chosen and tests are made: first the parameters with
+/// the most preconditions over parameters that are chosen already, as in a join.
 fn pieces(schema: &Schema, chosen: &[PredicateIndex]) -> Vec<Piece> {
     let mut open = Vec::new();
     conjuncts(&schema.precondition, &mut open);
@@ -285,7 +287,8 @@ fn pieces(schema: &Schema, chosen: &[PredicateIndex]) -> Vec<Piece> {
         }
         for part in different {
             let other = unequal_to(&part, slot).filter(|other| !piece.scope.contains(other));
-            // That another was chosen says as much without a further parameter.
+            // That the object was chosen for the other parameter can be tested without a further
+            // parameter.
             let test = other.map(|other| not(holds(chosen[other as usize], &[slot])));
             piece.tests.push(test.unwrap_or(part));
         }
@@ -310,7 +313,7 @@ fn pieces(schema: &Schema, chosen: &[PredicateIndex]) -> Vec<Piece> {
     pieces
 }
 
-/// The parameter that is chosen next.
+/// Returns the parameter to choose next.
 fn next(schema: &Schema, bound: &[Slot], open: &[Formula]) -> Slot {
     let parameters = (0..schema.parameter_count as Slot).filter(|slot| !bound.contains(slot));
     let atoms = || {
@@ -325,14 +328,14 @@ fn next(schema: &Schema, bound: &[Slot], open: &[Formula]) -> Slot {
         let joined = atoms().filter(speaks).filter(is_joined).count();
         (joined, atoms().filter(speaks).count())
     };
-    // Of those that are worth the same, the first of the text.
+    // Among parameters of equal worth, the first in the text.
     parameters.rev().max_by_key(worth).unwrap_or_default()
 }
 
 // === impl Piece ===
 
 impl Piece {
-    /// Whether a test fits, without a parameter too many.
+    /// Whether a test can be added without mentioning too many parameters.
     fn has_room_for(&self, test: &Formula) -> bool {
         let mut scope = self.scope.clone();
         extend(&mut scope, test);
@@ -353,7 +356,7 @@ fn extend(scope: &mut Vec<Slot>, test: &Formula) {
     }
 }
 
-/// What must hold together.
+/// Collects the conjuncts of a formula.
 fn conjuncts(formula: &Formula, parts: &mut Vec<Formula>) {
     match formula {
         Formula::And(all) => all.iter().for_each(|part| conjuncts(part, parts)),
@@ -362,7 +365,7 @@ fn conjuncts(formula: &Formula, parts: &mut Vec<Formula>) {
     }
 }
 
-/// The two variables that a formula says are different.
+/// Returns the two variables that a formula requires to be different; `None` for other formulas.
 fn unequal(part: &Formula) -> Option<(Slot, Slot)> {
     match part {
         Formula::Equal {
@@ -374,7 +377,7 @@ fn unequal(part: &Formula) -> Option<(Slot, Slot)> {
     }
 }
 
-/// From which other variable this one must differ.
+/// Returns the other variable that `slot` is required to differ from.
 fn unequal_to(part: &Formula, slot: Slot) -> Option<Slot> {
     let (left, right) = unequal(part)?;
     if left == slot { Some(right) } else { Some(left) }
@@ -400,7 +403,7 @@ fn happens(adds: bool, predicate: PredicateIndex, slots: &[Slot]) -> LiftedEffec
     LiftedEffect { variables, condition, adds, atom: atom(predicate, slots) }
 }
 
-/// Gives a variable the number of its place in `slots`.
+/// Replaces a variable by its position in `slots`.
 fn renumber_term(term: &mut LiftedTerm, slots: &[Slot]) {
     if let LiftedTerm::Variable(slot) = term
         && let Some(place) = slots.iter().position(|one| one == slot)
@@ -420,7 +423,7 @@ mod tests {
     const PREDICATES: &str =
         "(:predicates (p ?x - t) (q ?x - t) (r ?x ?y - t) (link ?x ?y - t) (won))";
 
-    /// A part of the precondition of an action with the parameters ?a to ?d.
+    /// Generates a part of the precondition of an action with the parameters ?a to ?d.
     fn part() -> impl Strategy<Value = String> {
         prop_oneof![
             4 => (variable(), variable()).prop_map(|(one, two)| format!("(r {one} {two})")),
@@ -441,7 +444,7 @@ mod tests {
         prop_oneof![Just("?a"), Just("?b"), Just("?c"), Just("?d")]
     }
 
-    /// An effect of it; what is deleted and added at once is there afterwards.
+    /// Generates an effect of that action. A fact that is deleted and added at once is true afterwards.
     fn effect() -> impl Strategy<Value = String> {
         prop_oneof![
             3 => (variable(), variable()).prop_map(|(one, two)| format!("(not (r {one} {two}))")),
@@ -522,7 +525,7 @@ mod tests {
         }
     }
 
-    /// Rings of atoms, as chemists know them: as many ground forms as there are ways round.
+    /// Checks which actions count as wide, and which can be split.
     #[test]
     fn what_is_wide_and_what_can_be_taken_apart() {
         let task = |parameters: &str, effect: &str| {
@@ -537,7 +540,7 @@ mod tests {
         };
         assert!(!is_wide(&task("?a ?b ?c ?d ?e ?f ?g", "")));
         assert!(is_wide(&task("?a ?b ?c ?d ?e ?f ?g ?h", "")));
-        // Numbers that conditions read change between the pieces.
+        // Conditions would read numbers that change between the pieces.
         let numeric = task("?a ?b ?c ?d ?e ?f ?g ?h", "(decrease (left) 1)");
         assert!(!is_wide(&numeric));
         assert_eq!(Piecewise::new(&numeric).lifted.schemas.len(), 1, "it stays whole");

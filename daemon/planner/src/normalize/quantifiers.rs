@@ -1,26 +1,26 @@
-//! Quantifiers rearranged, so that each ranges over no more than it must.
+//! Rearranges quantifiers, so that each ranges over as few variables and conditions as possible.
 //!
-//! - `exists` moves into `or`, `forall` into `and`; what does not mention a variable leaves its
-//!   quantifier; variables that no part connects get quantifiers of their own.
-//! - A disjunction inside an `exists` is multiplied out while it stays small, so that a join can
-//!   use the facts of each alternative; dually for `forall`.
+//! - `exists` moves into `or`, `forall` into `and`. Parts that do not mention a variable are moved out
+//!   of its quantifier. Variables that no part connects get separate quantifiers.
+//! - A disjunction inside an `exists` is multiplied out while that stays small, so that a join can use
+//!   the facts of each alternative; dually for `forall`.
 //!
-//! All of it holds for empty types as well. It costs more than it saves where conditions are large and
-//! deep, as a text from outside may be: what is looked at and copied is counted, and once the count is
-//! used up the rest stays as it is.
+//! All rules are valid for empty types as well. For large and deep conditions, which an external text
+//! may have, this costs more than it saves. So the parts that are visited and copied are counted, and
+//! when the cap is reached the rest stays as it is.
 
 use rustc_hash::FxHashMap;
 
 use super::lifted::{Formula, LiftedTerm, Slot};
 
-/// Alternatives that one quantifier may be split into.
+/// Maximal number of alternatives that one quantifier is split into.
 const ALTERNATIVES_MAX: usize = 8;
 
-/// Parts of conditions that may be looked at and copied, all in all: a fraction of a second, and of a
-/// gigabyte.
+/// Cap on the parts of conditions that are visited and copied in total: a fraction of a second, and a
+/// fraction of a gigabyte.
 const WORK_MAX: u64 = 3_000_000;
 
-/// Rearranges the conditions of one task, within a bound on work.
+/// Rearrangement of the conditions of one task, with a cap on work.
 #[derive(Clone, Debug)]
 pub(super) struct Rearranging {
     work_left: u64,
@@ -35,7 +35,7 @@ impl Default for Rearranging {
 // === impl Rearranging ===
 
 impl Rearranging {
-    /// The same condition, easier to ground.
+    /// Returns an equivalent condition that is easier to ground.
     pub(super) fn rearrange(&mut self, formula: Formula) -> Formula {
         match formula {
             Formula::And(parts) => {
@@ -60,7 +60,7 @@ impl Rearranging {
         }
     }
 
-    /// `exists` over a conjunction, or `forall` over a disjunction, once all else is taken apart.
+    /// Rearranges a quantifier; its inner formula is rearranged already.
     fn quantified(&mut self, mut slots: Vec<Slot>, inner: Formula, existential: bool) -> Formula {
         if self.work_left == 0 {
             return as_it_is(slots, inner, existential);
@@ -86,7 +86,7 @@ impl Rearranging {
         junction(parts, !existential)
     }
 
-    /// Takes the variables of inner quantifiers of the same kind.
+    /// Merges inner quantifiers of the same kind into this one.
     fn pull_up(&mut self, slots: &mut Vec<Slot>, parts: &mut Vec<Formula>, existential: bool) {
         let mut position = 0;
         while position < parts.len() {
@@ -120,15 +120,16 @@ impl Rearranging {
         }
     }
 
-    /// A conjunction as a disjunction of a few, or dually; `None` if there is nothing to multiply out
-    /// or too much.
+    /// Multiplies out a conjunction into a disjunction of a few conjunctions, or dually. Returns `None`
+    /// if there is nothing to multiply out, or too much.
     fn alternatives(
         &mut self,
         slots: &[Slot],
         parts: &[Formula],
         existential: bool,
     ) -> Option<Vec<Formula>> {
-        // How many there would be is found first, as most conditions are not split, and copies cost.
+        // The number of alternatives is computed first: most conditions are not split, and copies are
+        // expensive.
         let mut choices: Vec<&[Formula]> = Vec::new();
         let (mut count, mut is_split) = (1, false);
         for part in parts {
@@ -165,9 +166,10 @@ impl Rearranging {
         Some(all.into_iter().map(|parts| junction(parts, existential)).collect())
     }
 
-    /// One quantifier per group of variables that parts connect; what mentions none stays outside.
+    /// Returns one quantifier per group of variables that parts connect. Parts that mention no variable
+    /// stay outside.
     fn components(&mut self, slots: Vec<Slot>, parts: Vec<Formula>, existential: bool) -> Formula {
-        // Slots that some part mentions together are one group.
+        // Slots that occur in the same part form one group (union-find).
         let places: FxHashMap<Slot, usize> =
             slots.iter().enumerate().map(|(place, slot)| (*slot, place)).collect();
         let mut leader: Vec<usize> = (0..slots.len()).collect();
@@ -189,7 +191,7 @@ impl Rearranging {
         }
         let mut groups: Vec<(Vec<Slot>, Vec<Formula>)> =
             vec![(Vec::new(), Vec::new()); slots.len()];
-        // The group that a later part speaks of comes later.
+        // Groups are sorted by the position of their last part.
         let mut last = vec![0; slots.len()];
         for (place, slot) in slots.iter().enumerate() {
             groups[find(&mut leader, place)].0.push(*slot);
@@ -228,7 +230,7 @@ impl Rearranging {
     }
 }
 
-/// The parts as one conjunction, or disjunction, without another of its kind inside.
+/// Joins the parts into one conjunction or disjunction, flattened by one level.
 fn junction(parts: impl IntoIterator<Item = Formula>, conjunction: bool) -> Formula {
     let mut flat = Vec::new();
     for part in parts {
@@ -245,13 +247,13 @@ fn junction(parts: impl IntoIterator<Item = Formula>, conjunction: bool) -> Form
     }
 }
 
-/// A quantifier that is left alone.
+/// Returns a quantifier without rearranging it.
 fn as_it_is(slots: Vec<Slot>, inner: Formula, existential: bool) -> Formula {
     let inner = Box::new(inner);
     if existential { Formula::Exists(slots, inner) } else { Formula::Forall(slots, inner) }
 }
 
-/// The first slot of a group.
+/// Returns the representative of a group: its first slot.
 fn find(leader: &mut [usize], mut place: usize) -> usize {
     while leader[place] != place {
         leader[place] = leader[leader[place]];
@@ -260,12 +262,13 @@ fn find(leader: &mut [usize], mut place: usize) -> usize {
     place
 }
 
-/// How many parts a formula has.
+/// Returns the number of parts of a formula.
 fn size(formula: &Formula) -> u64 {
     each_slot(formula, &mut |_| ())
 }
 
-/// Calls `visit` for every variable in a formula; returns how many parts it has.
+/// Calls `visit` for every occurrence of a variable in a formula. Returns the number of parts of the
+/// formula.
 fn each_slot(formula: &Formula, visit: &mut dyn FnMut(Slot)) -> u64 {
     let mut variable = |term: &LiftedTerm| {
         if let LiftedTerm::Variable(slot) = term {

@@ -1,10 +1,10 @@
-//! Stratification: an axiom may negate only what has been settled before it.
+//! Stratification: an axiom may negate only predicates of lower strata.
 
 use pddl::{Diagnostic, Domain};
 
 use super::lifted::LiftedAxiom;
 
-/// Gives every axiom its stratum, or says which one depends on its own negation.
+/// Assigns a stratum to every axiom. Returns an error if an axiom depends on its own negation.
 pub(super) fn assign(axioms: &mut [LiftedAxiom], domain: &Domain) -> Result<(), Box<Diagnostic>> {
     let heads: Vec<usize> = axioms.iter().map(|axiom| axiom.head).collect();
     let mut dependencies = Vec::new();
@@ -18,7 +18,7 @@ pub(super) fn assign(axioms: &mut [LiftedAxiom], domain: &Domain) -> Result<(), 
             }
         });
     }
-    // A stratum higher than there are axioms can only come from a cycle through a negation.
+    // A stratum higher than the number of axioms can only come from a cycle through a negation.
     for _ in 0..=axioms.len() * axioms.len() {
         let mut changed = false;
         for &(index, other, step) in &dependencies {

@@ -7,7 +7,7 @@ use super::lifted::{FunctionUse, PredicateUse, TypeIndex, TypeSet};
 use super::quantifiers::Rearranging;
 use crate::task::ObjectId;
 
-/// Who is called what, and every name that nobody declared.
+/// Symbol table: numbers of names, and the errors found while names were resolved.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Symbols {
     pub(super) objects: Vec<Name>,
@@ -17,7 +17,8 @@ pub(crate) struct Symbols {
     pub(super) problems: Vec<Diagnostic>,
     object_ids: FxHashMap<Name, ObjectId>,
     object_types: Vec<TypeExpr>,
-    /// Of objects that are declared again with another type: they belong to all of them.
+    /// Further types of objects that are declared again with another type; an object belongs to all its
+    /// types.
     more_types: FxHashMap<ObjectId, Vec<TypeExpr>>,
     predicate_ids: FxHashMap<Name, usize>,
     function_ids: FxHashMap<Name, usize>,
@@ -55,7 +56,7 @@ impl Symbols {
         for function in &domain.functions {
             symbols.declare_function(&function.name, function.parameters.len());
         }
-        // Domains forget to declare it; `check` warns of that.
+        // Some domains do not declare it; `check` warns of that.
         symbols.declare_function(&Name::new("total-cost"), 0);
         symbols
     }
@@ -68,17 +69,18 @@ impl Symbols {
         found
     }
 
-    /// The object of this name; one that is unknown is nobody's mistake.
+    /// Returns the object of this name. An unknown name is not reported as an error.
     pub(crate) fn known_object(&self, name: &Name) -> Option<ObjectId> {
         self.object_ids.get(name).copied()
     }
 
-    /// What was reported since this was asked last.
+    /// Returns the errors reported since the last call.
     pub(crate) fn take_problems(&mut self) -> Vec<Diagnostic> {
         std::mem::take(&mut self.problems)
     }
 
-    /// The predicate of this name, if it takes that many arguments.
+    /// Returns the predicate of this name. If there is none with this number of arguments, reports an
+    /// error and returns `None`.
     pub(crate) fn predicate(&mut self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.predicate_ids.get(name).copied();
         match found {
@@ -88,13 +90,14 @@ impl Symbols {
         found.filter(|index| self.predicates[*index].arity == arity)
     }
 
-    /// The same; one that is unknown is nobody's mistake.
+    /// As [`Symbols::predicate`], but an unknown name is not reported as an error.
     pub(crate) fn known_predicate(&self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.predicate_ids.get(name).copied();
         found.filter(|index| self.predicates[*index].arity == arity)
     }
 
-    /// The function of this name, if it takes that many arguments.
+    /// Returns the function of this name. If there is none with this number of arguments, reports an
+    /// error and returns `None`.
     pub(super) fn function(&mut self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.function_ids.get(name).copied();
         match found {
@@ -112,12 +115,12 @@ impl Symbols {
         self.function_ids.contains_key(name)
     }
 
-    /// The set of objects that a type expression stands for.
+    /// Returns the set of objects that a type expression stands for.
     pub(super) fn type_set(&mut self, ty: &TypeExpr) -> TypeIndex {
         if let Some(&index) = self.type_ids.get(ty) {
             return index;
         }
-        // Many objects share few types.
+        // Cached per type, because many objects share few types.
         let mut accepted = FxHashMap::<&TypeExpr, bool>::default();
         let mut members = Vec::new();
         for (index, own) in self.object_types.iter().enumerate() {

@@ -1,11 +1,11 @@
-//! Wide conditions taken apart: an `exists` over many variables becomes several over few.
+//! Splits wide conditions: an `exists` over many variables becomes several over few.
 //!
-//! `exists ?x ?y ?z: (p ?a ?x), (q ?x ?y), (r ?y ?z)` asks for a join of four variables. But ?z
-//! matters to `r` alone: with a derived predicate for `exists ?z: (r ?y ?z)` three are left, and so
-//! on, like a tree decomposition of the join (Helmert, 2009, section 6.3; Corrêa and others, 2023).
-//! What took a product of all types then takes a sum of smaller ones.
+//! `exists ?x ?y ?z: (p ?a ?x), (q ?x ?y), (r ?y ?z)` is a join of four variables. But ?z occurs only
+//! in `r`: with a derived predicate for `exists ?z: (r ?y ?z)` three variables are left, and so on,
+//! like a tree decomposition of the join (Helmert, 2009, section 6.3; Corrêa and others, 2023). The
+//! work is then a sum of small products instead of the product of all types.
 //!
-//! Only conditions are split: the parameters of an action all have their place in a plan.
+//! Only conditions are split: the parameters of an action are all part of a plan's steps.
 
 use pddl::Name;
 
@@ -13,22 +13,22 @@ use super::lifted::{
     Formula, Lifted, LiftedAtom, LiftedAxiom, LiftedTerm, PredicateUse, Slot, TypeIndex, TypeSet,
 };
 
-/// Bindings that a join may have before it is taken apart, about a second of work: a derived predicate
-/// costs something in every state of a search.
+/// Number of bindings from which on a join is split; joining them takes about a second. Smaller joins
+/// stay, because a derived predicate adds work to every state of a search.
 const BINDINGS_MAX: f64 = 10_000_000.0;
 
-/// Bindings that are few enough to be left as they are, once a join is taken apart.
+/// Number of bindings at which the splitting of a join ends.
 const BINDINGS_FEW: f64 = 10_000.0;
 
-/// How many times fewer the bindings of a part must be than those of the whole.
+/// Minimal factor by which the bindings of a part must be fewer than those of the whole.
 const GAIN_MIN: f64 = 10.0;
 
-/// Takes all conditions of actions and axioms apart that have too many bindings.
+/// Splits all conditions of actions and axioms that have too many bindings.
 pub(crate) fn split_wide(lifted: &mut Lifted) {
     split_above(lifted, BINDINGS_MAX, GAIN_MIN);
 }
 
-/// The same, with limits of one's own.
+/// As [`split_wide`], with the given limits.
 fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
     let Lifted { schemas, axioms, predicates, types, init, .. } = lifted;
     let mut rows = vec![0; predicates.len()];
@@ -58,12 +58,12 @@ fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
 
 struct Splitter<'l> {
     types: &'l [TypeSet],
-    /// By predicate: how many facts of it there are at first.
+    /// Per predicate: number of its facts in the initial state.
     rows: Vec<usize>,
-    /// By predicate: its stratum; that of facts which are not derived is the first.
+    /// Per predicate: its stratum; 0 if it is not derived.
     strata: Vec<usize>,
     predicates: &'l mut Vec<PredicateUse>,
-    /// Those that are new.
+    /// New axioms.
     axioms: Vec<LiftedAxiom>,
     bindings_max: f64,
     gain_min: f64,
@@ -77,7 +77,8 @@ impl Splitter<'_> {
             Formula::And(parts) | Formula::Or(parts) => {
                 parts.iter_mut().for_each(|part| self.formula(part, frame));
             }
-            // What it denies would have to be derived, which negates where nothing was negated.
+            // To split a `forall` would require a derived predicate for its negation, and so a new
+            // negated condition.
             Formula::Forall(_, inner) => self.formula(inner, frame),
             Formula::Exists(slots, inner) => {
                 self.formula(inner, frame);
@@ -89,7 +90,7 @@ impl Splitter<'_> {
         }
     }
 
-    /// Eliminates variables, the cheapest first, until few bindings are left or nothing is gained.
+    /// Eliminates variables, the cheapest first, until few bindings are left or nothing more is gained.
     fn exists(&mut self, slots: &mut Vec<Slot>, parts: &mut Vec<Formula>, frame: &[TypeIndex]) {
         let mut bindings_max = self.bindings_max;
         loop {
@@ -117,7 +118,8 @@ impl Splitter<'_> {
         }
     }
 
-    /// A literal that says that there is an object for which the parts hold.
+    /// Adds a derived predicate “there is an object for `slot` such that the parts hold”. Returns its
+    /// literal.
     fn derive(
         &mut self,
         slot: Slot,
@@ -136,7 +138,7 @@ impl Splitter<'_> {
         let mut slots = parameters.clone();
         renumber(&mut body, &mut slots);
         self.predicates.push(PredicateUse {
-            // No name of a text has a space.
+            // Names in a text contain no spaces.
             name: Name::new(&format!("exists {head}")),
             arity: parameters.len(),
             added: false,
@@ -156,8 +158,8 @@ impl Splitter<'_> {
         Formula::Literal { positive: true, atom: LiftedAtom { predicate: head, arguments } }
     }
 
-    /// How many bindings a conjunction may have at most: facts that never change bind their variables
-    /// together, where that is less than each for itself.
+    /// Returns an upper bound of the number of bindings of a conjunction. The number of facts of a
+    /// static predicate bounds its variables together, if that is less than the product of their types.
     fn bindings<'f>(
         &self,
         scope: &[Slot],
@@ -181,7 +183,7 @@ impl Splitter<'_> {
     }
 }
 
-/// The variables that formulas mention and do not bind, in order.
+/// Returns the free variables of formulas, sorted, without duplicates.
 pub(super) fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<Slot> {
     let mut scope = Vec::new();
     parts.for_each(|part| scope.extend(part.free_slots()));
@@ -190,7 +192,7 @@ pub(super) fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<Slot> {
     scope
 }
 
-/// Gives variables the numbers of their places in `slots`, which grows by those that it has not.
+/// Replaces variables by their positions in `slots`; variables that are missing there are appended.
 pub(super) fn renumber(formula: &mut Formula, slots: &mut Vec<Slot>) {
     formula.slots_mut(&mut |slot| {
         let known = slots.iter().position(|one| one == slot);
@@ -213,7 +215,7 @@ mod tests {
     use crate::limits::{Budget, Cancel};
     use crate::small_tasks::{cheapest, lifted};
 
-    /// Where one thing leads to another in four steps, from a place that an action can change.
+    /// Returns a task with a chain of four joins, which starts at an object that an action can change.
     fn chain(objects: usize) -> Lifted {
         let mut problem = String::from("(define (problem p) (:domain d) (:objects");
         (0..objects).for_each(|one| write!(problem, " o{one}").expect("it fits"));
@@ -251,7 +253,7 @@ mod tests {
         let mut narrow = chain(25);
         split_wide(&mut narrow);
         assert!(narrow.axioms.is_empty());
-        // As wide, but each of them leads to two others only.
+        // As wide, but each object is related to only two others.
         let mut sparse = chain(40);
         sparse.init.truncate(80);
         split_wide(&mut sparse);
@@ -261,7 +263,7 @@ mod tests {
         assert!(!wide.axioms.is_empty());
     }
 
-    /// A part of a condition over ?a to ?d, of which ?a is free.
+    /// Generates a part of a condition over ?a to ?d, where ?a is free.
     fn part() -> impl Strategy<Value = String> {
         let term = || prop_oneof![Just("?a"), Just("?b"), Just("?c"), Just("?d")];
         prop_oneof![

@@ -1,4 +1,5 @@
-//! Which pairs of literals can be true together in a state from which the goal can be reached.
+//! Backward h²: finds the pairs of literals that can be true together in a state from which the goal is
+//! reachable.
 
 use super::fixpoint::{Direction, Reached, settle};
 use super::pairs::{Pairs, Set};
@@ -6,11 +7,11 @@ use super::view::OperatorView;
 use super::{Exceeded, Prune, Work};
 use crate::task::Literal;
 
-/// From the goal back, through pairs that can be reached.
+/// Regression from the goal, through pairs that are forward reachable.
 pub(super) struct Backward<'a>(pub(super) &'a Pairs);
 
-/// What leads to the goal, among the pairs that can be `reached`; `None` if the initial state does
-/// not.
+/// Computes the pairs that lead to the goal, among the forward-`reached` ones. Returns `None` if the
+/// initial state does not lead to the goal.
 pub(super) fn reach(
     prune: &Prune<'_>,
     reached: &Pairs,
@@ -38,7 +39,7 @@ impl Direction for Backward<'_> {
         if !before.contains_all(operator.after) {
             return None;
         }
-        // What it touches may have been different before.
+        // Facts that the operator changes may have had another value before it.
         for touched in operator.sure.iter().chain(operator.possible) {
             before.remove(*touched);
             before.remove(touched.negated());

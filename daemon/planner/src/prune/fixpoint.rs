@@ -1,40 +1,42 @@
-//! Looking at operators again and again, until none of them has anything new to say.
+//! Fixpoint iteration: applies operators repeatedly until none of them adds a pair.
 
 use super::pairs::{Pairs, Set};
 use super::view::OperatorView;
 use super::{Exceeded, Prune, Work};
 use crate::task::Literal;
 
-/// What can be reached, in one direction.
+/// Result of the reachability analysis in one direction.
 pub(super) struct Reached {
     pub(super) pairs: Pairs,
-    /// By operator: whether it can be used.
+    /// Per operator: whether it can be used.
     pub(super) fired: Vec<bool>,
 }
 
-/// The direction in which operators are looked at.
+/// Direction of the analysis: forward or backward.
 pub(super) trait Direction {
-    /// The pairs that may be added.
+    /// Pairs that may be added.
     fn allowed(&self) -> &Pairs;
 
-    /// What an operator needs of the pairs: it has nothing new to say until these have.
+    /// Literals that an operator requires in this direction. It can add nothing new until their pairs
+    /// change.
     fn needed<'v>(&self, operator: &OperatorView<'v>) -> &'v [Literal];
 
-    /// What may be true together on the other side of an operator; `None` if it cannot be used.
+    /// Literals that may be true together on the far side of an operator; `None` if the operator cannot
+    /// be used.
     fn beyond(&self, operator: &OperatorView<'_>, pairs: &Pairs) -> Option<Set>;
 
-    /// The literals that an operator may change: those of which it says something.
+    /// Literals that an operator may change; only for them are pairs added.
     fn changed<'v>(&self, operator: &OperatorView<'v>) -> impl Iterator<Item = &'v Literal>;
 }
 
-/// When the partners of literals have changed, and when operators have last looked at them.
+/// Logical clock: when the pairs of each literal last changed, and when each operator was last applied.
 struct Clock {
     now: u64,
     changed: Vec<u64>,
     looked: Vec<Option<u64>>,
 }
 
-/// Adds to `pairs` all that useful operators, looked at in this `order`, say in a direction.
+/// Extends `pairs` to the fixpoint under all useful operators, which are applied in this `order`.
 pub(super) fn settle(
     prune: &Prune<'_>,
     direction: &impl Direction,
@@ -60,7 +62,7 @@ pub(super) fn settle(
                     pairs.insert(*literal, &beyond, allowed, |one| clock.change(one));
                 }
             }
-            // Rows are read, and each new pair is written in two of them.
+            // Rows are read, and each new pair is written into two of them.
             work.spend((pairs.width() * operator.size()) as u64 + clock.now - before)?;
         }
         if clock.now == begun {
@@ -72,8 +74,8 @@ pub(super) fn settle(
 // === impl Clock ===
 
 impl Clock {
-    /// Whether an operator has something new to look at, among the partners of `literals`; without
-    /// any, among all. It then looks.
+    /// Whether the pairs of one of `literals` have changed since the operator was last applied; without
+    /// literals, whether any pair has. If so, records that it is applied now.
     fn must_look(&mut self, operator: usize, literals: &[Literal]) -> bool {
         let changed = literals.iter().map(|one| self.changed[one.index()]).max();
         let changed = changed.unwrap_or(self.now);
@@ -84,7 +86,7 @@ impl Clock {
         must
     }
 
-    /// Notes that a literal has a new partner.
+    /// Records that a literal has a new partner.
     fn change(&mut self, literal: Literal) {
         self.now += 1;
         self.changed[literal.index()] = self.now;

@@ -1,4 +1,4 @@
-//! Which pairs of literals can be true together in a state that can be reached.
+//! Forward h²: finds the pairs of literals that can be true together in a reachable state.
 
 use super::fixpoint::{Direction, Reached, settle};
 use super::pairs::{Pairs, Set};
@@ -6,10 +6,11 @@ use super::view::OperatorView;
 use super::{Exceeded, Prune, Work};
 use crate::task::Literal;
 
-/// From the initial state on, through pairs that are alive.
+/// Progression from the initial state, through pairs that are alive.
 struct Forward<'a>(&'a Pairs);
 
-/// What can be reached through what is alive; `None` if the goal cannot.
+/// Computes the pairs that are reachable through alive pairs. Returns `None` if the goal is
+/// unreachable.
 pub(super) fn reach(prune: &Prune<'_>, work: &mut Work<'_>) -> Result<Option<Reached>, Exceeded> {
     let view = &prune.view;
     let first = Pairs::among(view.initial.iter().copied(), &prune.alive);
@@ -35,7 +36,8 @@ impl Direction for Forward<'_> {
         }
         operator.sure.iter().for_each(|made| after.remove(made.negated()));
         self.changed(operator).for_each(|made| after.insert(*made));
-        // What cannot be after it, because no way leads on from there.
+        // Removes literals that are impossible after the operator, because the goal is unreachable from
+        // there.
         after.intersect(&self.0.with_all(operator.after));
         after.contains_all(operator.after).then_some(after)
     }

@@ -1,17 +1,17 @@
-//! A smaller task with the same plans: operators that no plan can use are left out, and what they
-//! take for granted is written into their preconditions.
+//! Pruning: computes a smaller task with the same plans. Operators that no plan can use are removed.
+//! Facts that always hold when a plan uses an operator are added to the operator's precondition.
 //!
-//! 1. [`forward`]: which pairs of literals can be true together in a state that can be reached: the
+//! 1. [`forward`]: the pairs of literals that can be true together in a reachable state. This is the
 //!    fixpoint of h² (Haslum and Geffner, “Admissible Heuristics for Optimal Planning”, 2000).
-//! 2. [`backward`]: which of them can be true in a state from which the goal can be reached.
-//! 3. Again, each with what the other has found, until nothing more goes.
+//! 2. [`backward`]: those of the pairs from which the goal is reachable.
+//! 3. Both are repeated, each with the results of the other, until nothing more is pruned.
 //!
-//! After Alcázar and Torralba, “A Reminder about the Importance of Computing and Exploiting
-//! Invariants in Planning” (2015). Literals take the place of their variables' values: that `f` is
-//! implied is that `not f` cannot be.
+//! After Alcázar and Torralba, “A Reminder about the Importance of Computing and Exploiting Invariants
+//! in Planning” (2015). Literals take the place of finite-domain values: that `f` is implied means that
+//! `not f` is impossible.
 //!
-//! What derives from axioms and numbers is not looked at, and a conditional effect counts as one
-//! that may happen or not: less is found, nothing wrong.
+//! Derived facts and comparisons are not analysed, and a conditional effect counts as one that may or
+//! may not happen. So less is pruned, but the result is sound.
 
 mod backward;
 mod fixpoint;
@@ -27,44 +27,44 @@ use self::fixpoint::Direction as _;
 use self::pairs::{Pairs, Set};
 use self::view::View;
 
-/// How often both directions are looked at. The second time around usually finds the last.
+/// Maximal number of rounds in both directions. The second round usually finds the last changes.
 const ROUNDS_MAX: usize = 8;
 
-/// What is left of a task.
+/// Result of pruning.
 #[derive(Debug)]
 pub(crate) enum Pruned {
-    /// As much as there was, or there was too much to look at.
+    /// Nothing was pruned, or the task is too large for the limits.
     Everything,
-    /// A task with the same plans.
+    /// A smaller task with the same plans.
     Smaller(Box<Smaller>),
-    /// No plan exists.
+    /// No plan exists; this is a proof.
     Nothing,
 }
 
-/// A task with the same plans as another, which has more operators or weaker ones.
+/// A task with the same plans as the original one, with fewer operators or stronger preconditions.
 #[derive(Debug)]
 pub(crate) struct Smaller {
     pub(crate) task: Task,
-    /// For each operator, what it is in the other task.
+    /// Per operator: its id in the original task.
     origins: Vec<OperatorId>,
 }
 
-/// How much has been done, in words of 64 pairs, and how much may be.
+/// Remaining work, in words of 64 pairs.
 #[derive(Debug)]
 pub(super) struct Work<'c> {
     left: u64,
     cancel: &'c Cancel,
 }
 
-/// The work was more than was allowed.
+/// The cap on work is exceeded, or the call was cancelled.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Exceeded;
 
-/// How many sets of pairs there are at once, at most.
+/// Maximal number of pair sets that exist at the same time.
 const SETS: u64 = 4;
 
-/// Looks for what is superfluous, in `bytes_max` of memory. `work_max` counts words of 64 pairs; one
-/// takes a nanosecond or two.
+/// Prunes a task within `bytes_max` of memory. `work_max` counts words of 64 pairs; one takes a
+/// nanosecond or two.
 pub(crate) fn prune(task: &Task, work_max: u64, bytes_max: usize, cancel: &Cancel) -> Pruned {
     let words = Pairs::words(task.basic_count).saturating_mul(SETS);
     if words > work_max / 2 || words.saturating_mul(8) > bytes_max as u64 {
@@ -74,25 +74,26 @@ pub(crate) fn prune(task: &Task, work_max: u64, bytes_max: usize, cancel: &Cance
     Prune::new(task).run(&mut work).unwrap_or(Pruned::Everything)
 }
 
-/// The state of the work on one task.
+/// State of the pruning of one task.
 struct Prune<'t> {
     task: &'t Task,
     view: View,
-    /// By operator: whether a plan may use it, as far as is known.
+    /// Per operator: whether a plan may use it, as far as is known.
     is_useful: Vec<bool>,
-    /// Pairs that are true together in a state on the way to the goal, as far as is known.
+    /// Pairs that may be true together in a state on the way to the goal, as far as is known.
     alive: Pairs,
 }
 
 // === impl Smaller ===
 
 impl Smaller {
-    /// The steps as operators of the other task.
+    /// Translates a plan of the smaller task into operators of the original one.
     pub(crate) fn original(&self, plan: &[OperatorId]) -> Vec<OperatorId> {
         plan.iter().map(|id| self.origins[id.index()]).collect()
     }
 
-    /// A plan of the other task in terms of this one, if it has all its steps.
+    /// Translates a plan of the original task into this one. Returns `None` if one of its operators was
+    /// removed.
     pub(crate) fn translate(&self, plan: &[OperatorId]) -> Option<Vec<OperatorId>> {
         let place = |id: &OperatorId| self.origins.binary_search(id).ok();
         plan.iter().map(|id| place(id).map(|place| OperatorId(place as u32))).collect()
@@ -102,7 +103,8 @@ impl Smaller {
 // === impl Work ===
 
 impl Work<'_> {
-    /// Notes work to be done now.
+    /// Subtracts work that is about to be done. Returns an error if the cap is exceeded or the call is
+    /// cancelled.
     fn spend(&mut self, words: u64) -> Result<(), Exceeded> {
         let left = self.left.checked_sub(words).filter(|_| !self.cancel.is_set());
         self.left = left.ok_or(Exceeded)?;
@@ -142,7 +144,7 @@ impl<'t> Prune<'t> {
         self.is_useful.iter().filter(|is_useful| **is_useful).count()
     }
 
-    /// The task of what is left, given what could be `reached` at first.
+    /// Builds the smaller task; `reached` are the pairs of the first forward pass.
     fn smaller(&self, reached: &Pairs) -> Pruned {
         let alive = self.alive.possible();
         let mut operators = Operators::default();
@@ -166,8 +168,8 @@ impl<'t> Prune<'t> {
         Pruned::Smaller(Box::new(Smaller { task, origins }))
     }
 
-    /// The facts that are true whenever a plan uses an operator, beyond what it asks for and what
-    /// follows from that in any state.
+    /// Returns the facts that are true whenever a plan uses an operator, except its preconditions and
+    /// the facts that these imply in every reachable state.
     fn implied(&self, operator: usize, reached: &Pairs, alive: &Set) -> Vec<Literal> {
         let view = self.view.operator(operator);
         let Some(mut before) = Backward(reached).beyond(&view, &self.alive) else {
@@ -175,7 +177,7 @@ impl<'t> Prune<'t> {
         };
         before.intersect(&self.alive.with_all(view.preconditions));
         let with = reached.with_all(view.preconditions);
-        // What is always true on the way to the goal need not be asked.
+        // A fact that is always true on the way to the goal is left out.
         let is_news = |not: &Literal| !not.is_positive() && alive.contains(*not);
         let gone = with.without(&before).filter(is_news);
         gone.map(Literal::negated).filter(|fact| before.contains(*fact)).collect()

@@ -1,4 +1,4 @@
-//! Sets of literals, and of pairs of literals, as bits.
+//! Sets of literals, and sets of pairs of literals, as bit sets.
 
 use fixedbitset::FixedBitSet;
 
@@ -8,20 +8,20 @@ use crate::task::Literal;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Set(FixedBitSet);
 
-/// A symmetric set of pairs: for each literal its partners. A literal is its own partner where it
-/// can be true at all.
+/// A symmetric set of pairs: per literal, its partners. A literal is its own partner if it can be true
+/// at all.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Pairs(Vec<Set>);
 
 // === impl Set ===
 
 impl Set {
-    /// No literal of so many.
+    /// Returns the empty set over `count` literals.
     fn none(count: usize) -> Set {
         Set(FixedBitSet::with_capacity(count))
     }
 
-    /// These literals, of so many.
+    /// Returns the set of these literals, over `count` literals.
     fn of(literals: impl IntoIterator<Item = Literal>, count: usize) -> Set {
         let mut set = Set::none(count);
         literals.into_iter().for_each(|literal| set.insert(literal));
@@ -52,7 +52,7 @@ impl Set {
         self.0.ones().map(Literal::from_index)
     }
 
-    /// Those that are not in the other set.
+    /// Returns the literals that are not in the other set.
     pub(super) fn without<'s>(&'s self, other: &'s Set) -> impl Iterator<Item = Literal> + 's {
         self.0.difference(&other.0).map(Literal::from_index)
     }
@@ -61,13 +61,14 @@ impl Set {
 // === impl Pairs ===
 
 impl Pairs {
-    /// How many words of 64 pairs those of so many facts take.
+    /// Returns the number of words of 64 pairs that a set over this number of facts takes.
     pub(super) fn words(fact_count: usize) -> u64 {
         let count = 2 * fact_count as u64;
         count * count.div_ceil(64)
     }
 
-    /// All pairs of so many facts' literals, but those of a literal and its negation.
+    /// Returns all pairs of literals of this number of facts, except those of a literal and its
+    /// negation.
     pub(super) fn full(fact_count: usize) -> Pairs {
         let count = 2 * fact_count;
         let all = (0..count).map(Literal::from_index);
@@ -79,7 +80,7 @@ impl Pairs {
         Pairs(rows.collect())
     }
 
-    /// The pairs of these literals that are `allowed`.
+    /// Returns the pairs of these literals that are `allowed`.
     pub(super) fn among(literals: impl IntoIterator<Item = Literal>, allowed: &Pairs) -> Pairs {
         let count = allowed.0.len();
         let set = Set::of(literals, count);
@@ -92,23 +93,23 @@ impl Pairs {
         pairs
     }
 
-    /// Words of one row: what it takes to look at it.
+    /// Returns the number of words of one row: the work of reading it.
     pub(super) fn width(&self) -> usize {
         self.0.len().div_ceil(64)
     }
 
-    /// How many pairs there are, each counted twice.
+    /// Returns the number of pairs; each is counted twice.
     pub(super) fn count(&self) -> usize {
         self.0.iter().map(|row| row.0.count_ones(..)).sum()
     }
 
-    /// The literals that can be true at all.
+    /// Returns the literals that can be true at all.
     pub(super) fn possible(&self) -> Set {
         let all = (0..self.0.len()).map(Literal::from_index);
         Set::of(all.filter(|one| self.0[one.index()].contains(*one)), self.0.len())
     }
 
-    /// The literals that can be true with each of these, these included.
+    /// Returns the literals that can be true together with each of these, including themselves.
     pub(super) fn with_all(&self, literals: &[Literal]) -> Set {
         let Some((first, rest)) = literals.split_first() else { return self.possible() };
         let mut with = self.0[first.index()].clone();
@@ -116,8 +117,8 @@ impl Pairs {
         with
     }
 
-    /// Adds the pairs of a literal and a set, as far as they are `allowed`. Calls `changed` for
-    /// each literal that has a new partner.
+    /// Adds the pairs of a literal with the literals of a set, as far as they are `allowed`. Calls
+    /// `changed` for each literal that has a new partner.
     pub(super) fn insert(
         &mut self,
         literal: Literal,

@@ -1,4 +1,4 @@
-//! Pruned tasks have the same plans.
+//! Tests that pruned tasks have the same plans.
 
 use std::collections::VecDeque;
 
@@ -12,7 +12,7 @@ fn pruned(task: &Task) -> Pruned {
     prune(task, u64::MAX, usize::MAX, &Cancel::new())
 }
 
-/// The shortest plan, found by looking at every state.
+/// Returns a shortest plan, found by breadth-first search over all states.
 fn shortest(task: &Task) -> Option<Vec<OperatorId>> {
     let mut progression = Progression::new(task);
     let mut space = StateSpace::new(&progression.initial());
@@ -35,7 +35,7 @@ fn shortest(task: &Task) -> Option<Vec<OperatorId>> {
     None
 }
 
-/// A robot that paints the floor it stands beside, and never walks on paint.
+/// A robot paints the floor next to it, and never moves onto painted floor.
 const FLOOR: &str =
     "(define (domain floor) (:predicates (at ?x) (clear ?x) (painted ?x) (up ?x ?y))
   (:action walk-up :parameters (?x ?y) :precondition (and (at ?x) (up ?x ?y) (clear ?y))
@@ -59,7 +59,7 @@ fn what_shuts_the_way_to_the_goal_is_left_out() {
         all.map(|id| task.step(id).to_string()).filter(|step| step.contains("paint")).collect()
     };
     assert_eq!(steps(&task).len(), 6);
-    // What lies below is painted later, from further below.
+    // The robot walks backwards while it paints: each cell is painted from below.
     assert_eq!(steps(&smaller.task), ["(paint-up a b)", "(paint-up b c)", "(paint-up c d)"]);
     let last = smaller.task.operators.iter().find(|one| smaller_step(&smaller.task, *one, "a b"));
     let asked = last.expect("it is painted").preconditions.len();

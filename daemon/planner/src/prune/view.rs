@@ -1,13 +1,13 @@
-//! Operators as both directions read them: literals of basic facts, and what becomes of them.
+//! View of the operators for both directions: their literals of basic facts, before and after.
 
 use crate::task::{FactId, Literal, Operator, Task};
 
-/// All operators of a task.
+/// Views of all operators of a task, in one array.
 #[derive(Debug)]
 pub(super) struct View {
     fact_count: usize,
     literals: Vec<Literal>,
-    /// Where the parts of each operator end; the first row ends nothing.
+    /// Per operator, the end of its parts. The first row is a sentinel of zeros.
     rows: Vec<Row>,
     pub(super) initial: Vec<Literal>,
     pub(super) goal: Vec<Literal>,
@@ -22,18 +22,19 @@ struct Row {
     free: usize,
 }
 
-/// One operator.
+/// View of one operator.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OperatorView<'v> {
-    /// What must hold before.
+    /// Preconditions.
     pub(super) preconditions: &'v [Literal],
-    /// What it makes true in any case.
+    /// Literals that it makes true in any case.
     pub(super) sure: &'v [Literal],
-    /// What it may make true.
+    /// Literals that it may make true, by conditional effects.
     pub(super) possible: &'v [Literal],
-    /// What holds after it: what it makes true, and preconditions that it does not touch.
+    /// Literals that hold after it: those of `sure`, and preconditions that it does not change.
     pub(super) after: &'v [Literal],
-    /// Literals of facts that it may change and does not ask for: they may have been so before.
+    /// Both literals of facts that it may change and that are not in its precondition: either may hold
+    /// before it.
     pub(super) free: &'v [Literal],
 }
 
@@ -97,7 +98,8 @@ impl View {
     }
 }
 
-/// What an operator makes true in any case, and what it may make true; each sorted.
+/// Returns the literals that an operator makes true in any case, and those that it may make true; each
+/// sorted.
 fn outcomes(operator: Operator<'_>) -> (Vec<Literal>, Vec<Literal>) {
     let literals = |facts: &[FactId], positive| -> Vec<Literal> {
         facts.iter().map(|fact| Literal::new(*fact, positive)).collect()
@@ -114,7 +116,7 @@ fn outcomes(operator: Operator<'_>) -> (Vec<Literal>, Vec<Literal>) {
         possible.extend(literals(one.effect.deletes, false));
     }
     tidy(&mut possible);
-    // Adding wins over deleting.
+    // Adds take precedence over deletes.
     possible.retain(|one| sure.binary_search(&Literal::new(one.fact(), true)).is_err());
     let mut deletes = literals(operator.effect.deletes, false);
     deletes.retain(|delete| sure.binary_search(&delete.negated()).is_err());
@@ -131,7 +133,7 @@ fn outcomes(operator: Operator<'_>) -> (Vec<Literal>, Vec<Literal>) {
 // === impl OperatorView ===
 
 impl OperatorView<'_> {
-    /// How many rows of pairs one look at it reads and writes, roughly.
+    /// Returns roughly the number of rows of pairs that one application of it reads and writes.
     pub(super) fn size(&self) -> usize {
         self.preconditions.len() + self.after.len() + self.possible.len() + self.free.len() + 2
     }

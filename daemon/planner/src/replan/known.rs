@@ -1,5 +1,5 @@
-//! What a [`super::Replanner`] knows of its texts: everything that was in them since it was ground
-//! afresh, in the order in which it came.
+//! The known texts of a [`super::Replanner`]: everything that has been in them since the last full
+//! grounding, in the order in which it came.
 
 use std::sync::Arc;
 
@@ -8,18 +8,18 @@ use rustc_hash::FxHashSet;
 
 use crate::ground::{Present, Standing};
 
-/// The texts of the past as one domain, and the objects of all their problems.
+/// Union of the texts so far: one domain, and the objects of all problems.
 #[derive(Debug)]
 pub(super) struct Known {
-    /// Without constants: they are objects.
+    /// Domain, without constants: these are in `objects`.
     domain: Domain,
     objects: Arc<Vec<ObjectDeclaration>>,
     metric: Option<pddl::Metric>,
-    /// What was looked at last: as long as nobody comes or goes, it is the same.
+    /// Objects of the last comparison; reused as long as the objects stay the same.
     seen: Option<Seen>,
 }
 
-/// The objects of a text, and which of all that are known those are.
+/// Objects of a text, and which of the known objects are among them.
 #[derive(Debug)]
 struct Seen {
     constants: Vec<Typed>,
@@ -27,7 +27,7 @@ struct Seen {
     present: Vec<bool>,
 }
 
-/// What texts have that is not known.
+/// Parts of the texts that are not known yet.
 #[derive(Debug, Default)]
 pub(super) struct Additions {
     actions: Vec<ActionSchema>,
@@ -35,11 +35,13 @@ pub(super) struct Additions {
     objects: Vec<ObjectDeclaration>,
 }
 
-/// A difference that additions cannot follow: a type, an axiom, the metric, or the meaning of a name.
+/// A difference that additions cannot express: in types, functions, axioms, the metric, or the meaning
+/// of a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Other;
 
-/// So much may be gone before it is dropped, beside as much as there is.
+/// Number of known objects or actions that may be absent, in addition to half of all, before everything
+/// is ground afresh.
 const GONE_MAX: usize = 16;
 
 // === impl Known ===
@@ -56,14 +58,14 @@ impl Known {
         known
     }
 
-    /// Adds objects that are new, each once.
+    /// Adds new objects, without duplicates.
     fn add(&mut self, objects: impl Iterator<Item = ObjectDeclaration>) {
         let mut seen = FxHashSet::default();
         let new = objects.filter(|one| seen.insert(one.object.name.clone()));
         Arc::make_mut(&mut self.objects).extend(new);
     }
 
-    /// What the texts have beyond what is known, and what of that they have.
+    /// Compares texts with what is known. Returns the additions, and which known parts are present.
     pub(super) fn compare(
         &mut self,
         domain: &Domain,
@@ -94,7 +96,7 @@ impl Known {
         Ok((additions, present))
     }
 
-    /// Which of the known objects the texts have.
+    /// Returns, per known object, whether the texts declare it. New objects are put into `additions`.
     fn compare_objects(
         &mut self,
         domain: &Domain,
@@ -116,7 +118,7 @@ impl Known {
                 None => additions.objects.push(declaration(object)),
             }
         }
-        // Who brings new ones is seen when they are learned.
+        // The result is not cached if there are new objects, because they have not been learned yet.
         self.seen = additions.objects.is_empty().then(|| Seen {
             constants: domain.constants.clone(),
             objects: Arc::clone(&problem.objects),
@@ -125,7 +127,8 @@ impl Known {
         Ok(present)
     }
 
-    /// Texts mostly keep their order, so each action is looked for where the last one's successor is.
+    /// Compares the actions. Texts mostly keep their order, so the search for each action starts after
+    /// the last match.
     fn compare_actions(&self, domain: &Domain, additions: &mut Additions, present: &mut Present) {
         let all = &self.domain.actions;
         let mut next = 0;
@@ -164,7 +167,7 @@ impl Known {
         Ok(())
     }
 
-    /// Learns what is new; it is present.
+    /// Adds new parts to what is known, and marks them as present.
     pub(super) fn learn(&mut self, additions: Additions, present: &mut Present) {
         self.domain.actions.extend(additions.actions);
         self.domain.predicates.extend(additions.predicates);
@@ -174,12 +177,12 @@ impl Known {
         present.objects.resize(self.objects.len(), true);
     }
 
-    /// All that is known, in the state of a problem.
+    /// Returns the union domain, and a problem with all known objects in the state of `problem`.
     pub(super) fn texts(&self, problem: &Problem) -> (&Domain, Problem) {
         (&self.domain, Problem { objects: Arc::clone(&self.objects), ..problem.clone() })
     }
 
-    /// All of it, as it was when it was learned.
+    /// Returns the mask in which everything is present.
     pub(super) fn everything(&self) -> Present {
         Present {
             objects: vec![true; self.objects.len()],
@@ -192,7 +195,7 @@ impl Known {
 // === impl Additions ===
 
 impl Additions {
-    /// Whether the domain says nothing new.
+    /// Whether only objects are new.
     pub(super) fn are_objects_only(&self) -> bool {
         self.actions.is_empty() && self.predicates.is_empty()
     }
@@ -202,7 +205,7 @@ impl Additions {
     }
 }
 
-/// The objects of a problem, those of its domain first.
+/// Returns the objects of a problem; the constants of its domain come first.
 fn objects<'t>(domain: &'t Domain, problem: &'t Problem) -> impl Iterator<Item = &'t Typed> {
     domain.constants.iter().chain(problem.objects.iter().map(|declared| &declared.object))
 }

@@ -1,11 +1,13 @@
-//! Planning again: a planner that keeps what it has ground, and an old plan where it can.
+//! Replanning: a planner that keeps its ground problem between calls, and reuses an old plan where it
+//! can.
 //!
-//! - What left is masked, what came is ground, and all else stays ([`crate::ground::Standing`]). Where
-//!   that cannot be, the texts are ground afresh; the answer says which it was.
-//! - The rest of the old plan is checked from the state as it is; then suffixes of it are among the
-//!   steps that a search may take (`repair`), beside all others.
-//! - What is answered is what [`crate::plan()`] would answer, but for which of several equally good
-//!   plans: every plan passes the validator, on the texts as they are.
+//! - Removed objects and actions are masked, additions are ground, and the rest is kept
+//!   ([`crate::ground::Standing`]). If that is not possible, the texts are ground afresh; the result
+//!   tells which of these it was.
+//! - The rest of the old plan is checked from the present state. If it fails, its suffixes are offered
+//!   to the search as macro operators (`repair`), beside all others.
+//! - The result is that of [`crate::plan()`], except that another one of several equally good plans may
+//!   be returned. Every plan is validated against the texts as they are.
 
 mod known;
 mod repair;
@@ -52,71 +54,71 @@ pub struct Replanner {
     held: Option<Held>,
 }
 
-/// What is answered, and how it was come by.
+/// Result of a call, and how it was found.
 #[derive(Clone, Debug)]
 pub struct Replanned {
-    /// As of [`crate::plan()`].
+    /// Outcome, as of [`crate::plan()`].
     pub outcome: Outcome,
     /// How much of the old plan is in the new one.
     pub course: Course,
-    /// How much of the ground problem was there already.
+    /// How much of the kept ground problem was reused.
     pub grounding: Grounding,
 }
 
 /// How much of the old plan is in the new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Course {
-    /// The rest of the old plan is the plan.
+    /// The plan is the rest of the old plan.
     Kept,
-    /// The plan ends with steps of the old one.
+    /// The plan ends with steps of the old plan.
     Repaired {
-        /// How many.
+        /// Number of these steps.
         kept: usize,
     },
-    /// There is no old plan, no plan, or the last step is another.
+    /// There is no old plan, there is no plan, or the plans differ in the last step.
     Planned,
 }
 
-/// How much of the ground problem was there already.
+/// How much of the kept ground problem was reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Grounding {
-    /// Everything; some of it may be masked.
+    /// All of it; parts may be masked.
     Kept,
-    /// Everything but what is new.
+    /// All of it; additions were ground.
     Extended,
-    /// Nothing, or nothing that could be used.
+    /// None of it: there was none, or it could not be used.
     Afresh,
-    /// It was not asked for.
+    /// No ground problem was needed.
     Unneeded,
 }
 
-/// What is kept.
+/// State that is kept between calls.
 #[derive(Debug)]
 struct Held {
     known: Known,
     standing: Standing,
-    /// The goal that was looked at last, and found to make sense with what was there.
+    /// Goal that was checked last and found correct, with the mask of that time.
     checked: Option<(Condition, Present)>,
-    /// What was there then, and the state it was in.
+    /// Mask of the last call, and its state.
     last: Option<(Present, World)>,
 }
 
-/// How texts differ from what is held.
+/// Difference between texts and the kept state.
 struct Difference {
     additions: Additions,
     present: Present,
-    /// The state, if all its facts are known.
+    /// Initial state; `None` if some of its facts are unknown.
     now: Option<Now>,
 }
 
-/// A ground problem in a state.
+/// A ground problem, ready for one state.
 struct Ready {
     now: Now,
     present: Present,
     grounding: Grounding,
 }
 
-/// One call.
+/// State of one call.
 struct Call<'c> {
     domain: &'c Domain,
     problem: &'c Problem,
@@ -129,11 +131,11 @@ struct Call<'c> {
 // === impl Replanner ===
 
 impl Replanner {
-    /// Plans for the texts as they are now. `rest` is what is left of the plan so far, or nothing:
-    /// whoever would rather have the best plan than the one that is under way leaves it out.
+    /// Plans for the texts as they are now. `rest` is the rest of the plan so far. A caller that
+    /// prefers the best plan to the current one passes an empty `rest`.
     ///
-    /// As [`crate::plan()`], it reads no clock and writes nothing; the same calls in the same order
-    /// give the same answers.
+    /// As [`crate::plan()`], it reads no clock and writes nothing. The same sequence of calls gives the
+    /// same results.
     pub fn plan(
         &mut self,
         domain: &Domain,
@@ -157,7 +159,8 @@ impl Replanner {
         loop {
             let (mut held, ready) = match self.ready(&mut call, difference.take()) {
                 Ok(ready) => ready,
-                // What is held grows with the texts and is not taken apart; what is asked once is.
+                // The kept ground problem follows the texts, and is not split. A problem that is ground
+                // only once can be.
                 Err(GroundFailure::Stopped(reason))
                     if reason.is_limit_of_grounding() && is_taken_apart(domain, problem)? =>
                 {
@@ -173,7 +176,8 @@ impl Replanner {
             let goal = &problem.goal;
             let task = held.standing.task(&now, &present, goal, options.budget, cancel);
             match task {
-                // The goal is over numbers that nobody has followed, say; afresh, they are.
+                // For example, the goal reads numbers that were not followed; after grounding afresh
+                // they are.
                 Ok(Err(Outgrown)) if grounding != Grounding::Afresh => (),
                 Ok(Err(Outgrown)) => return call.once(),
                 Ok(Ok(task)) => {
@@ -192,11 +196,11 @@ impl Replanner {
         }
     }
 
-    /// Which of the conditions are facts that cannot hold at any time: their positions.
+    /// Returns the positions of the conditions that are facts and are unreachable.
     ///
-    /// Weaker than [`crate::goal::unreachable`], and much cheaper: one pass looks at all of them, so
-    /// it can be asked about the whole of a large goal. Conditions that are no single facts are never
-    /// listed. The problem's own goal does not matter.
+    /// This is weaker than [`crate::goal::unreachable`], and much cheaper: one pass covers all facts,
+    /// so it can be used for a large goal. Conditions that are not single facts are never listed. The
+    /// problem's own goal does not matter.
     pub fn facts_out_of_reach(
         &mut self,
         domain: &Domain,
@@ -212,7 +216,7 @@ impl Replanner {
         let mut call = Call::new(domain, problem, options, cancel);
         let (mut held, ready) = match self.ready(&mut call, difference) {
             Ok(ready) => ready,
-            // Without an end there is no proof.
+            // A limit ended grounding, so that nothing is proved.
             Err(GroundFailure::Stopped(_)) => return Ok(Vec::new()),
             Err(GroundFailure::Refused(error)) => return Err(error),
         };
@@ -225,8 +229,8 @@ impl Replanner {
         Ok(missing.map(|(position, _)| position).collect())
     }
 
-    /// Refuses texts that make no sense, of which only what is new is looked at; and how they differ
-    /// from what is held, if that can be followed.
+    /// Checks the texts for errors, as far as they are new. Returns the difference from the kept state,
+    /// or `None` if there is none kept or it cannot follow.
     fn difference(
         &mut self,
         domain: &Domain,
@@ -261,7 +265,7 @@ impl Replanner {
         Ok(Some(difference))
     }
 
-    /// What is held, once it has followed a difference, or anew.
+    /// Updates the kept state by a difference, or grounds afresh.
     fn ready(
         &mut self,
         call: &mut Call<'_>,
@@ -289,21 +293,23 @@ impl Replanner {
 // === impl Held ===
 
 impl Held {
-    /// How texts differ from what is known, if that can be followed.
+    /// Returns the difference between texts and the known ones; `None` if additions and masks cannot
+    /// express it.
     fn difference(&mut self, domain: &Domain, problem: &Problem) -> Option<Difference> {
         let (additions, present) = self.known.compare(domain, problem, &self.standing).ok()?;
         let now = if additions.is_empty() { self.standing.now(problem) } else { None };
         Some(Difference { additions, present, now })
     }
 
-    /// The state of a problem, by the texts of the last one, if they say the same else.
+    /// Returns the initial state of a problem, reusing the model of the last call. Returns `None` if
+    /// other parts of the texts have changed.
     fn world(&mut self, difference: &Difference, problem: &Problem) -> Option<World> {
         let (last, world) = self.last.take()?;
         let is_same = difference.additions.is_empty() && difference.present == last;
         if is_same { world.again(problem) } else { None }
     }
 
-    /// Follows the texts to what they say now; `None` if that takes a new beginning.
+    /// Updates the kept state. Returns `None` if the texts must be ground afresh.
     fn follow(
         &mut self,
         difference: Difference,
@@ -326,7 +332,7 @@ impl Held {
         Ok(now.filter(fits).map(|now| Ready { now, present, grounding }))
     }
 
-    /// Grounds what is new; whether that could be.
+    /// Grounds the additions. Returns `false` if that is not possible.
     fn extend(&mut self, call: &mut Call<'_>) -> Result<bool, GroundFailure> {
         let (union, state) = self.known.texts(call.problem);
         let Ok((lifted, symbols)) = normalize_named(union, &state) else { return Ok(false) };
@@ -348,19 +354,19 @@ impl<'c> Call<'c> {
         Call { domain, problem, options, cancel, statistics, judge }
     }
 
-    /// As if it were asked once and never again.
+    /// Plans without the kept state, as [`crate::plan()`].
     fn once(&self) -> Result<Replanned, PlanError> {
         let outcome = crate::plan(self.domain, self.problem, self.options, self.cancel)?;
         Ok(Replanned { outcome, course: Course::Planned, grounding: Grounding::Afresh })
     }
 
-    /// The rest of the old plan, if there is one and it still leads to the goal.
+    /// Returns the rest of the old plan, if it is not empty and still leads to the goal.
     fn rest(&mut self, rest: &[PlanStep]) -> Option<Replanned> {
         if rest.is_empty() {
             return None;
         }
         self.judge.hear(Plan { steps: rest.to_vec(), cost: None }, &mut |_| ());
-        // That it does not is nobody's fault.
+        // An old plan that no longer works is not a defect of the planner.
         self.judge.defect = None;
         let plan = Some(self.judge.best.take()?);
         let (stop_reason, statistics) = (StopReason::GoalReached, self.statistics);
@@ -378,7 +384,7 @@ impl<'c> Call<'c> {
         })
     }
 
-    /// What is found, and the state that it was held against.
+    /// Searches for a plan. Also returns the initial state that plans were validated from.
     fn solve(
         mut self,
         task: &Task,
@@ -403,7 +409,7 @@ impl<'c> Call<'c> {
                 resumes = is_resumed;
             }
         });
-        // It may be the cheapest, but nobody has looked for a shorter one.
+        // The plan may be a cheapest one, but a shorter one of equal cost was not searched for.
         self.statistics.proven_optimal &= !resumes;
         let world = self.judge.world.take();
         let effort = self.options.effort;
@@ -435,7 +441,7 @@ impl<'c> Call<'c> {
     }
 }
 
-/// Why there is no ground problem.
+/// Reason why there is no ground problem.
 enum GroundFailure {
     Stopped(StopReason),
     Refused(PlanError),

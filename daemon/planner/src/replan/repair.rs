@@ -1,21 +1,21 @@
-//! Plans that go back to the rest of an old one as soon as they can.
+//! Plan repair: plans that return to the rest of an old plan as soon as possible.
 //!
-//! For each suffix of the rest there is an operator that stands for all its steps: it asks for what
-//! they need (the goal, regressed through them: Fritz and McIlraith, 2007; Muise, McIlraith and
-//! Beck, 2011), costs what they cost, and reaches the goal. A search with these finds repairs and new
-//! plans alike, and takes the cheaper.
+//! For each suffix of the rest there is a macro operator that stands for all its steps. Its
+//! precondition is the goal, regressed through these steps (Fritz and McIlraith, 2007; Muise, McIlraith
+//! and Beck, 2011). Its cost is their total cost, and its effect is the goal. A search with these
+//! operators finds repairs and new plans alike, and takes the cheaper one.
 
 use pddl::{Plan, PlanStep};
 use rustc_hash::FxHashMap;
 
 use crate::task::{FactId, Literal, Operator, OperatorId, Task};
 
-/// A task whose last operators stand for suffixes of an old plan.
+/// A task with additional operators at its end: macros for suffixes of an old plan.
 pub(super) struct Resumable<'r> {
     pub(super) task: Task,
-    /// The first operator that is a suffix.
+    /// Index of the first macro operator.
     first: usize,
-    /// Where each suffix starts.
+    /// Per macro operator: position in `rest` at which its suffix begins.
     starts: Vec<usize>,
     rest: &'r [PlanStep],
 }
@@ -23,8 +23,9 @@ pub(super) struct Resumable<'r> {
 // === impl Resumable ===
 
 impl<'r> Resumable<'r> {
-    /// The task with an operator for each suffix of `rest` that can be regressed: of steps that are
-    /// known, whose effects are facts that change in any case.
+    /// Returns the task with a macro operator for each suffix of `rest` that can be regressed: its
+    /// steps must be operators of the task without conditional effects. Returns `None` if there is no
+    /// such suffix.
     pub(super) fn new(task: &Task, rest: &'r [PlanStep]) -> Option<Resumable<'r>> {
         let suffixes = suffixes(task, rest);
         if suffixes.is_empty() {
@@ -52,7 +53,7 @@ impl<'r> Resumable<'r> {
         Some(Resumable { task, first, starts, rest })
     }
 
-    /// The plan that operators stand for, and whether one of them is a suffix.
+    /// Expands operators into a plan. Also returns whether one of them is a macro.
     pub(super) fn plan(&self, operators: &[OperatorId]) -> (Plan, bool) {
         let (mut steps, mut resumes) = (Vec::new(), false);
         for id in operators {
@@ -68,15 +69,15 @@ impl<'r> Resumable<'r> {
     }
 }
 
-/// What a suffix asks for, and what it costs.
+/// Precondition and cost of a suffix.
 struct Suffix {
     start: usize,
-    /// Sorted.
+    /// Precondition, sorted.
     asked: Vec<Literal>,
     cost: u64,
 }
 
-/// The suffixes of the rest from the shortest on, as far back as regression goes.
+/// Returns the suffixes of the rest, from the shortest on, as long as regression succeeds.
 fn suffixes(task: &Task, rest: &[PlanStep]) -> Vec<Suffix> {
     let first_derived = task.basic_count;
     if task.goal.iter().any(|literal| literal.fact().index() >= first_derived) {
@@ -96,7 +97,7 @@ fn suffixes(task: &Task, rest: &[PlanStep]) -> Vec<Suffix> {
     suffixes
 }
 
-/// The operator of each step, where there still is one.
+/// Returns the operator of each step; `None` for steps that are no longer possible.
 fn operators(task: &Task, rest: &[PlanStep]) -> Vec<Option<OperatorId>> {
     let mut wanted: FxHashMap<&PlanStep, Option<OperatorId>> =
         rest.iter().map(|step| (step, None)).collect();
@@ -109,15 +110,16 @@ fn operators(task: &Task, rest: &[PlanStep]) -> Vec<Option<OperatorId>> {
         }
         let id = OperatorId(index as u32);
         if let Some(found) = wanted.get_mut(&task.step(id)) {
-            // Several stand for one step where its precondition has alternatives; one is enough.
+            // A precondition with alternatives gives several operators for one step; one of them is
+            // enough.
             found.get_or_insert(id);
         }
     }
     rest.iter().map(|step| wanted.get(step).copied().flatten()).collect()
 }
 
-/// What must hold before an operator so that `asked` holds after it; `None` if it cannot be told, or
-/// never does.
+/// Regresses `asked` through an operator: returns the literals that must hold before it. Returns `None`
+/// if that cannot be computed, or if `asked` never holds after the operator.
 fn regressed(task: &Task, asked: &[Literal], operator: Operator<'_>) -> Option<Vec<Literal>> {
     let is_basic = |literal: &Literal| literal.fact().index() < task.basic_count;
     let comparisons = task.basic_count..task.basic_count + task.comparisons.len();
@@ -144,7 +146,7 @@ fn regressed(task: &Task, asked: &[Literal], operator: Operator<'_>) -> Option<V
     }
     before.sort_unstable();
     before.dedup();
-    // Literals of one fact are neighbors, the positive one first.
+    // The literals of one fact are adjacent, the positive one first.
     let contradicts = before.windows(2).any(|pair| pair[0].negated() == pair[1]);
     (!contradicts).then_some(before)
 }

@@ -1,6 +1,6 @@
-//! The quick ladder in front of the search, for problems that are easier than they look: the
-//! relaxed plan carried out as it is, or as much of it as leads nearer to the goal (Vidal, 2004);
-//! where it does not, a step of enforced hill-climbing (Hoffmann and Nebel, 2001).
+//! Hill climbing before the search, for problems that are easier than they seem. Each round applies the
+//! relaxed plan, or as much of it as leads nearer to the goal (Vidal, 2004). If that does not help, it
+//! does a step of enforced hill climbing (Hoffmann and Nebel, 2001).
 //!
 //! Neither is complete; both give up after little work.
 
@@ -9,34 +9,34 @@ use crate::limits::Cancel;
 use crate::state::{Progression, State, StateId, StateSpace, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// States to look at without coming closer to the goal.
+/// Cap on the states of one breadth-first search for a better state.
 const PLATEAU_MAX: usize = 100;
 
-/// Work of the whole climb, in evaluations times the size of what each looks at: some hundredths of
-/// a second.
+/// Cap on the work of the whole climb, in evaluations times the size of the relaxation: some hundredths
+/// of a second.
 const WORK_MAX: usize = 20_000_000;
 
-/// Climbs towards the goal.
+/// Climbs from the initial state towards the goal.
 pub(crate) struct Climb<'t, 'h> {
     task: &'t Task,
     ff: &'h mut FastForward<'t>,
     progression: Progression<'t>,
     /// States evaluated so far.
     pub(crate) evaluations: u64,
-    /// States gone on from so far.
+    /// States expanded so far.
     pub(crate) expansions: u64,
 }
 
-/// Steps, the state after them, and its estimate.
+/// Steps, the state after them, and the estimate of that state.
 type Way = (Vec<OperatorId>, Vec<u64>, u64);
 
-/// What the climb has found when it ends.
+/// Result of the climb.
 pub(crate) enum Climbed {
     /// A plan.
     Plan(Vec<OperatorId>),
-    /// The goal is out of reach, even if nothing is ever deleted: a proof.
+    /// The goal is unreachable in the delete relaxation. This is a proof that there is no plan.
     DeadEnd,
-    /// Nothing.
+    /// No plan found within the caps. This is no proof.
     GaveUp,
 }
 
@@ -76,8 +76,8 @@ impl<'t, 'h> Climb<'t, 'h> {
         self.ff.evaluate(state)
     }
 
-    /// The steps of the relaxed plan last found, as many as apply one after the other, if they lead
-    /// nearer to the goal.
+    /// Applies the steps of the last relaxed plan, one after the other, as long as some are applicable.
+    /// Returns `None` if they do not lead to a better estimate.
     fn leap(&mut self, from: &State, estimate: u64) -> Option<Way> {
         let mut left: Vec<OperatorId> = self.ff.relaxed_plan().to_vec();
         left.sort_by_key(|operator| (self.ff.depth(*operator), *operator));
@@ -95,7 +95,7 @@ impl<'t, 'h> Climb<'t, 'h> {
                 return Some((steps, state, 0));
             }
         }
-        // A single step is what `ascend` looks at anyway.
+        // A single step is not evaluated here, because `ascend` tries it anyway.
         let better = if steps.len() > 1 { self.evaluate(&state)? } else { estimate };
         if better >= estimate {
             return None;
@@ -104,7 +104,7 @@ impl<'t, 'h> Climb<'t, 'h> {
         Some((steps, state, better))
     }
 
-    /// A way, over preferred operators only, to a state nearer to the goal; breadth first.
+    /// Searches breadth first, by preferred operators only, for a state with a better estimate.
     fn ascend(
         &mut self,
         from: &State,
@@ -137,7 +137,8 @@ impl<'t, 'h> Climb<'t, 'h> {
                 if found.is_some_and(|found| found < estimate) {
                     return Some((space.path(child), successor, found.unwrap_or(0)));
                 }
-                // A dead end has no way on; it keeps its place in the numbering.
+                // A dead end gets no operators; it is pushed all the same, to keep the index equal to
+                // the state's id.
                 preferred.push(found.map_or_else(Vec::new, |_| self.ff.preferred().to_vec()));
             }
         }

@@ -1,13 +1,13 @@
-//! Action elimination: leaves out steps that a plan does not need (Nakhost and Müller, 2010).
+//! Action elimination: removes steps that a plan does not need (Nakhost and Müller, 2010).
 
 use crate::limits::Cancel;
 use crate::state::{Progression, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// Plans longer than this stay as they are: the check is quadratic.
+/// Plans with more steps than this are not checked, because the check is quadratic.
 const STEPS_MAX: usize = 1_000;
 
-/// The plan without steps that the goal does not need. It never costs more.
+/// Returns the plan without superfluous steps. It never costs more than the given plan.
 pub(crate) fn eliminate(
     task: &Task,
     mut plan: Vec<OperatorId>,
@@ -27,8 +27,8 @@ pub(crate) fn eliminate(
     plan
 }
 
-/// The plan without one step and without all that no longer applies after it, if that still reaches
-/// the goal.
+/// Returns the plan without one step and without all later steps that are then no longer applicable.
+/// Returns `None` if the rest does not reach the goal.
 fn without(
     task: &Task,
     progression: &mut Progression<'_>,

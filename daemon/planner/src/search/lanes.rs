@@ -1,5 +1,5 @@
-//! Two searches side by side, in step: after every round of expansions they wait for each other, so
-//! that who is first does not depend on the machine.
+//! Two searches in parallel, in lockstep: after every round of steps they wait for each other, so that
+//! the result does not depend on the speed of the machine.
 
 use super::lazy::{Lazy, List, Manner};
 use super::{Search, Step, Told};
@@ -10,13 +10,13 @@ use crate::outcome::{Statistics, StopReason};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Steps between two meetings: some milliseconds of work.
+/// Steps of a search per round: some milliseconds of work.
 const ROUND: usize = 500;
 
 type Found = Result<Vec<OperatorId>, StopReason>;
 
-/// Runs a search and a curious one beside it. The first to find a plan wins, the former where both
-/// do in the same round; either may prove that there is none.
+/// Runs the given search and one with the lists of [`CURIOUS`] in parallel. The first to find a plan or
+/// a proof ends both; if both end in the same round, the given one counts.
 pub(crate) fn run<'t>(
     task: &'t Task,
     generator: &'t SuccessorGenerator,
@@ -40,7 +40,7 @@ pub(crate) fn run<'t>(
         let (first, second) = std::thread::scope(|scope| {
             let beside = scope.spawn(|| round(curious));
             let first = round(greedy);
-            // A lane that panics takes the search with it, as it would on one thread.
+            // A panic of the second thread is passed on, as if it had happened on this thread.
             let second = beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             (first, second)
         });

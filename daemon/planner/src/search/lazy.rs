@@ -1,14 +1,15 @@
-//! Best-first search with deferred evaluation over several open lists that take turns.
+//! Best-first search with deferred evaluation and several open lists that alternate.
 //!
-//! The lists are those of NOLAN (Corrêa and Seipp, 2025): the FF heuristic; the same and landmark
-//! counting, each for preferred operators only (LAMA: Richter and Westphal, 2010); and novelty,
-//! partitioned by landmark count. LAMA's landmark counting for all operators finds the way where
-//! the relaxation is blind, and types where all are led astray. Lists of preferred operators get a
-//! thousand turns in advance for each progress.
+//! The open lists are those of NOLAN (Corrêa and Seipp, 2025): one by the FF heuristic for all
+//! operators; two for preferred operators only, by the FF heuristic and by landmark count (LAMA:
+//! Richter and Westphal, 2010); and one by novelty, partitioned by landmark count. Two more can be
+//! added: LAMA's landmark count for all operators, for tasks where the FF heuristic is uninformative,
+//! and type-based buckets, for tasks where all heuristics mislead. Lists of preferred operators get a
+//! boost of a thousand turns at each progress.
 //!
-//! Without a weight the search is greedy and ends with its first plan. With a weight, costs count,
-//! states to which a cheaper way is found are looked at again, and only plans below a bound count:
-//! one stage of LAMA's improvement.
+//! Without a weight the search is greedy and ends with its first plan. With a weight, path costs count,
+//! states that are reached again at a lower cost are evaluated again, and only plans below a bound are
+//! returned: this is one stage of LAMA's anytime search.
 
 use super::open::{Entry, OpenList};
 use super::types::TypeList;
@@ -21,49 +22,51 @@ use crate::state::{Progression, StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Turns that lists of preferred operators get in advance for each progress.
+/// Turns by which the lists of preferred operators are boosted at each progress.
 const BOOST: i64 = 1_000;
 
 /// An open list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum List {
-    /// By the FF heuristic.
+    /// Sorted by the FF heuristic, all operators.
     Ff,
-    /// By the FF heuristic, preferred operators only.
+    /// Sorted by the FF heuristic, preferred operators only.
     FfPreferred,
-    /// By landmark count, preferred operators only.
+    /// Sorted by landmark count, preferred operators only.
     LandmarksPreferred,
-    /// By novelty among the states of the same landmark count; what is not new is left out.
+    /// Sorted by novelty among the states with the same landmark count. States that are not novel are
+    /// not added.
     Novel,
-    /// By landmark count.
+    /// Sorted by landmark count, all operators.
     Landmarks,
-    /// Drawn by type.
+    /// Type-based: a random state of a random type.
     Types,
 }
 
-/// Lists that are sorted by a key.
+/// Number of open lists that are sorted by a key.
 const SORTED: usize = 5;
 
-/// All lists.
+/// Number of all open lists.
 const LISTS: usize = 6;
 
-/// Work of looking for mutex groups: some hundredths of a second.
+/// Cap on the work of finding mutex groups: some hundredths of a second.
 const MUTEX_WORK_MAX: u64 = 5_000_000;
 
-/// How a search weighs what it finds.
+/// Parameters of a search.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Manner {
-    /// What operators count.
+    /// Weights of operators in path costs and in the FF heuristic.
     pub(crate) weights: Weights,
-    /// How much an estimate counts against what was spent; without one, what was spent does not.
+    /// Factor of the estimate relative to the path cost. `None` means greedy search: path costs do not
+    /// count.
     pub(crate) weight: Option<u32>,
-    /// Only plans that cost less, in units of the task.
+    /// Only plans that cost less than this are returned, in units of the task.
     pub(crate) bound: u64,
-    /// The lists, in the order in which they are asked when it is everyone's turn.
+    /// Open lists; the first one goes first if several have had the same number of turns.
     pub(crate) lists: &'static [List],
 }
 
-/// Searches for a plan.
+/// A best-first search in progress.
 pub(crate) struct Lazy<'t> {
     task: &'t Task,
     manner: Manner,
@@ -73,11 +76,11 @@ pub(crate) struct Lazy<'t> {
     landmarks: LandmarkCount,
     novelty: Novelty,
     space: StateSpace,
-    /// Per state: which landmarks it has passed.
+    /// Per state: its landmark status.
     statuses: Vec<u64>,
-    /// Per state: its landmark count, by which novelty is partitioned.
+    /// Per state: its landmark count, which is its partition for novelty.
     counts: Vec<u32>,
-    /// Per state: what the way to it costs, in units of the task, and as the search counts.
+    /// Per state: the cost of the path to it, in units of the task, and its weight.
     spent: Vec<Spent>,
     preferred: Preferred,
     sorted: [OpenList; SORTED],
@@ -98,7 +101,7 @@ struct Spent {
     weight: u64,
 }
 
-/// The preferred operators of every state.
+/// Preferred operators of every state.
 #[derive(Debug, Default)]
 struct Preferred {
     ranges: Vec<(u32, u32)>,
@@ -108,7 +111,7 @@ struct Preferred {
 // === impl Manner ===
 
 impl Manner {
-    /// The first plan, as fast as can be: every step counts one.
+    /// Returns the parameters of greedy search for a first plan: every step weighs one.
     pub(crate) fn greedy(lists: &'static [List]) -> Manner {
         Manner { weights: Weights::Unit, weight: None, bound: u64::MAX, lists }
     }
@@ -160,7 +163,7 @@ impl<'t> Lazy<'t> {
         }
     }
 
-    /// What it took so far.
+    /// Returns the counts of expansions and evaluations so far.
     pub(crate) fn statistics(&self) -> Statistics {
         let (expansions, evaluations) = (self.expansions, self.evaluations);
         Statistics { expansions, evaluations, ..Statistics::default() }
@@ -192,7 +195,8 @@ impl<'t> Lazy<'t> {
         Step::InProgress
     }
 
-    /// The list whose turn it is gives an operator to apply.
+    /// Pops an entry from the open list that has had the fewest turns. Returns `None` if all lists are
+    /// empty.
     fn next(&mut self) -> Option<Entry> {
         let Lazy { sorted, types, manner, turns, space, generator, task, preferred, .. } = self;
         let mut all = |state, operators: &mut Vec<OperatorId>| {
@@ -221,7 +225,7 @@ impl<'t> Lazy<'t> {
         }
     }
 
-    /// Notes a state that the search has not seen.
+    /// Stores landmark status, landmark count and path cost of a new state.
     fn enter(&mut self, id: StateId, parent: StateId, spent: Spent) {
         let state = self.space.state(id);
         let relaxation = self.ff.relaxation();
@@ -231,7 +235,7 @@ impl<'t> Lazy<'t> {
         self.spent.push(spent);
     }
 
-    /// Evaluates a state and queues it, unless it is a dead end.
+    /// Evaluates a state and adds it to the open lists, unless it is a dead end.
     fn evaluate(&mut self, id: StateId, parent: StateId) {
         self.evaluations += 1;
         match self.ff.evaluate(self.space.state(id)) {
@@ -282,7 +286,7 @@ impl<'t> Lazy<'t> {
         self.novelty.evaluate(self.space.state(id), count(id), before)
     }
 
-    /// What a way costs that goes on from a state by an operator.
+    /// Returns the cost and weight of the path that extends the path to `parent` by one operator.
     fn spent(&self, parent: StateId, operator: OperatorId) -> Spent {
         let operator = self.task.operator(operator);
         let before = self.spent[parent.0 as usize];
@@ -340,8 +344,8 @@ impl Search for Lazy<'_> {
             + self.ff.bytes()
     }
 
-    /// Only dead ends of the relaxation and what is too dear are left out, so an empty list is a
-    /// proof that there is no plan below the bound.
+    /// Only dead ends of the relaxation and paths at or above the bound are pruned. So empty open lists
+    /// prove that there is no plan below the bound.
     fn exhausted(&self) -> StopReason {
         if self.manner.bound == u64::MAX {
             StopReason::Unsolvable { before_search: self.dead_end_at_start }

@@ -1,11 +1,12 @@
 //! Search: from a ground task to a sequence of operators.
 //!
-//! A search is a `step`; the loop around it, with its limits, is the same for all and lives here.
+//! A search implements [`Search::step`]. The loop around it, with its limits, is the same for all
+//! searches and is [`run`].
 //!
-//! - [`climbing`] tries what is quick, [`lazy`] finds a plan wherever there is one.
-//! - [`lanes`] runs two searches in step.
-//! - [`optimal`] finds the cheapest where the task is small; it proves that there is none cheaper.
-//! - [`improve`] drops steps that a plan does not need, [`neighborhood`] finds shortcuts.
+//! - [`climbing`] is quick and incomplete; [`lazy`] is complete.
+//! - [`lanes`] runs two searches in lockstep.
+//! - [`optimal`] finds a cheapest plan of a small task, with a proof.
+//! - [`improve`] removes steps that a plan does not need; [`neighborhood`] finds shortcuts.
 
 pub(crate) mod climbing;
 pub(crate) mod improve;
@@ -20,30 +21,30 @@ use crate::limits::{Budget, Cancel};
 use crate::outcome::StopReason;
 use crate::task::OperatorId;
 
-/// What one step of a search led to.
+/// Result of one step of a search.
 #[derive(Debug)]
 pub(crate) enum Step {
-    /// Nothing yet.
+    /// Neither a plan nor a proof so far.
     InProgress,
     /// A plan.
     Solved(Vec<OperatorId>),
-    /// No state is left to look at.
+    /// No state is left to expand.
     Exhausted,
 }
 
-/// What is told while it is searched.
+/// Progress event of a search.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Told<'p> {
-    /// This search goes on; it has expanded so many states.
+    /// The search goes on; it has expanded this number of states.
     Searching(u64),
-    /// A plan.
+    /// A plan is found.
     Found(&'p [OperatorId]),
 }
 
-/// Expansions between two tellings.
+/// Expansions between two progress events.
 const TELL_EVERY: u64 = 1_000;
 
-/// A search that goes on by steps.
+/// A search that runs step by step.
 pub(crate) trait Search {
     /// Expands at most one state.
     fn step(&mut self) -> Step;
@@ -51,15 +52,15 @@ pub(crate) trait Search {
     /// States expanded so far.
     fn expansions(&self) -> u64;
 
-    /// Bytes taken so far.
+    /// Bytes that the search takes so far.
     fn bytes(&self) -> usize;
 
-    /// What it means when no state is left.
+    /// Returns what it means that no state is left to expand.
     fn exhausted(&self) -> StopReason;
 }
 
-/// Steps a search until it ends or a limit is reached; tells now and then how far it is, the first
-/// time once it is set up.
+/// Runs a search until it ends or a limit is reached. Calls `tell` with the progress every
+/// [`TELL_EVERY`] expansions, and once after the first step.
 pub(crate) fn run(
     search: &mut dyn Search,
     budget: Budget,

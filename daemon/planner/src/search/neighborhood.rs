@@ -1,8 +1,9 @@
-//! Plan neighborhood graph search: shortcuts between the states of a plan (Nakhost and Müller, 2010).
+//! Plan neighborhood graph search: finds shortcuts between the states of a plan (Nakhost and Müller,
+//! 2010).
 //!
-//! First all states near those of the plan are gathered, breadth first from all of them at once, as
-//! many as are allowed; then the cheapest way through what was gathered is taken. There is no
-//! heuristic that could be led astray: where a plan goes round in circles, this finds it.
+//! First the states near those of the plan are gathered, breadth first from all of them at once, as
+//! many as the limits allow. Then the cheapest path through the gathered states is taken. No heuristic
+//! is used, so none can mislead: where a plan makes a detour, this finds the shortcut.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -15,25 +16,27 @@ use crate::state::{Progression, StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// How far it is looked around.
+/// Limits of the neighborhood.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Extent {
-    /// Steps from one state to another that are looked at.
+    /// Maximal number of transitions to generate.
     pub(crate) steps_max: u64,
-    /// Memory for all of it.
+    /// Maximal number of bytes for states and transitions.
     pub(crate) bytes_max: usize,
 }
 
-/// States near a plan, and the steps between them.
+/// States near a plan, and the transitions between them.
 struct Neighborhood<'t> {
     task: &'t Task,
     space: StateSpace,
-    /// By state that was looked at, in the order of their ids: where its steps begin; and the end.
+    /// Per expanded state, in the order of ids: the start of its transitions. The last entry is the end
+    /// of all.
     starts: Vec<usize>,
     steps: Vec<(StateId, OperatorId)>,
 }
 
-/// A plan that is cheaper, or as cheap and shorter, by states near those of the given one.
+/// Returns a plan that is cheaper, or as cheap and shorter, within the neighborhood of the given plan;
+/// `None` if there is none.
 pub(crate) fn cheaper(
     task: &Task,
     generator: &SuccessorGenerator,
@@ -66,7 +69,7 @@ impl<'t> Neighborhood<'t> {
         }
         let mut gathered = Neighborhood { task, space, starts: vec![0], steps: Vec::new() };
         let mut applicable = Vec::new();
-        // Ids are given in the order of arrival, so that going through them is going breadth first.
+        // Ids ascend in the order of insertion, so that to iterate over them is to go breadth first.
         for id in (0..).map(StateId) {
             let is_end = id.0 as usize >= gathered.space.len() || cancel.is_set();
             if is_end || gathered.steps.len() as u64 >= extent.steps_max {
@@ -89,13 +92,14 @@ impl<'t> Neighborhood<'t> {
         gathered
     }
 
-    /// With what Dijkstra's algorithm will take.
+    /// Returns the bytes that the neighborhood takes, including those that Dijkstra's algorithm will
+    /// need.
     fn bytes(&self) -> usize {
         let per_state = size_of::<u64>() + 2 * size_of::<(u64, StateId)>();
         self.space.bytes() + self.space.len() * per_state + arena::bytes(&self.steps, 1)
     }
 
-    /// The cheapest way to a goal, if it weighs less than `bound`.
+    /// Returns the cheapest path to a goal state, if it weighs less than `bound`.
     fn cheapest(mut self, bound: u64, cancel: &Cancel) -> Option<Vec<OperatorId>> {
         let mut weights = vec![u64::MAX; self.space.len()];
         let mut open = BinaryHeap::from([Reverse((0, StateId(0)))]);
@@ -142,7 +146,8 @@ mod tests {
         cheaper(task, &SuccessorGenerator::new(task), plan, extent, &Cancel::new())
     }
 
-    /// A plan that goes wherever the choices lead, if that is a goal at last.
+    /// Returns the plan of a random walk that `choices` decide, or `None` if it does not reach the
+    /// goal.
     fn strolled(task: &Task, choices: &[usize]) -> Option<Vec<OperatorId>> {
         let generator = SuccessorGenerator::new(task);
         let mut progression = Progression::new(task);
@@ -163,8 +168,8 @@ mod tests {
     }
 
     proptest! {
-        /// Where all is looked at, what is found is the cheapest there is; nothing, where that is
-        /// the plan.
+        /// With no limits, the result is a cheapest plan; there is no result if the given plan is one
+        /// already.
         #[test]
         fn the_whole_neighborhood_has_the_cheapest_plan(
             (actions, initial) in texts(),

@@ -1,38 +1,38 @@
-//! Open lists: what to look at next.
+//! Open lists: sorted queues of states to expand next.
 //!
-//! With deferred evaluation all successors of a state wait under the same key, so a list holds
-//! states, not successors. Which operators a state offers is asked when its turn comes, and asked
-//! again should something better have come between.
+//! With deferred evaluation all successors of a state have the same key, so a list stores states, not
+//! successors. The operators of a state are computed when it is popped, and again if a better state was
+//! expanded in between.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use crate::state::StateId;
 use crate::task::OperatorId;
 
-/// An operator to be applied in a state.
+/// An operator to apply in a state.
 pub(super) type Entry = (StateId, OperatorId);
 
-/// The keys by which a list is sorted, the lowest first.
+/// Sort key of an open list; the lowest comes first.
 pub(super) type Key = (u32, u32, u32);
 
-/// A state, and how many of its operators had their turn.
+/// A state, and how many of its operators have been returned.
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
     state: StateId,
     done: u32,
 }
 
-/// States by key, first in, first out among equals.
+/// An open list: states by key, first in, first out among equal keys.
 #[derive(Debug, Default)]
 pub(super) struct OpenList {
     buckets: BTreeMap<Key, VecDeque<Waiting>>,
     count: usize,
     current: Option<Current>,
-    /// The operators of the current state.
+    /// Operators of the current state.
     operators: Vec<OperatorId>,
 }
 
-/// The state whose operators are having their turn.
+/// The state that is being expanded: its operators are returned one by one.
 #[derive(Clone, Copy, Debug)]
 struct Current {
     key: Key,
@@ -47,8 +47,8 @@ impl OpenList {
         self.count += 1;
     }
 
-    /// The next operator of the best state; `operators` tells which ones a state offers, the same
-    /// ones whenever it is asked.
+    /// Returns the next operator of the best state. `operators` computes the operators of a state; it
+    /// must return the same ones each time.
     pub(super) fn pop(
         &mut self,
         mut operators: impl FnMut(StateId, &mut Vec<OperatorId>),
@@ -76,7 +76,7 @@ impl OpenList {
         self.count == 0 && self.current.is_none()
     }
 
-    /// Puts the current state back in front where a better one has come.
+    /// Puts the current state back to the front of its bucket if a better state has been pushed.
     fn give_way(&mut self) {
         let Some(Current { key, waiting }) = self.current else { return };
         let best = self.buckets.first_key_value().map(|(key, _)| *key);
@@ -98,7 +98,7 @@ impl OpenList {
         waiting.map(|waiting| Current { key, waiting })
     }
 
-    /// Bytes taken.
+    /// Returns the bytes that the list takes.
     pub(super) fn bytes(&self) -> usize {
         self.count * size_of::<Waiting>() + self.operators.len() * size_of::<OperatorId>()
     }

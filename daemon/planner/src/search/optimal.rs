@@ -1,6 +1,7 @@
-//! A* with an admissible heuristic: the cheapest plan, and the shortest among the cheapest.
+//! A* with an admissible heuristic: finds a cheapest plan, and a shortest one among the cheapest.
 //!
-//! Given a plan to beat, it looks only for better ones; if none is left, that plan was optimal.
+//! With a bound, only better plans are searched for. If none is left, the plan with the weight of the
+//! bound is optimal.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -12,39 +13,40 @@ use crate::state::{Progression, StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// What waits: by `f`, then by `h`, then the newest state; with the `g` it was queued under.
+/// Entry of the open list: `f`, then `h`, then the newest state; last, the `g` under which it was
+/// queued.
 type Entry = Reverse<(u64, u64, Reverse<StateId>, u64)>;
 
-/// The estimate of a state that has not been evaluated.
+/// Estimate of a state that has not been evaluated.
 const UNKNOWN: u64 = u64::MAX;
 
-/// The estimate of a state from which there is no way.
+/// Estimate of a dead end.
 const DEAD_END: u64 = u64::MAX - 1;
 
-/// Searches for a plan that weighs less than a bound, within a number of explorations of
-/// the relaxation.
+/// An A* search for a plan that weighs less than a bound, with a cap on the explorations of the
+/// relaxation.
 pub(crate) struct AStar<'t> {
     task: &'t Task,
     evaluator: Box<dyn Evaluator + 't>,
     progression: Progression<'t>,
     generator: &'t SuccessorGenerator,
     space: StateSpace,
-    /// Per state: the least weight of a way to it.
+    /// Per state: the least weight of a path to it so far.
     distances: Vec<u64>,
-    /// Per state: its estimate, once it was evaluated.
+    /// Per state: its estimate, or [`UNKNOWN`] until it is evaluated.
     estimates: Vec<u64>,
     open: BinaryHeap<Entry>,
     bound: u64,
     explorations_max: u64,
     explorations: u64,
     expansions: u64,
-    /// Whether a state was left out for a weight beyond what can be counted.
+    /// Whether a state was dropped because its weight exceeds the range of the number.
     has_overflowed: bool,
     successor: Vec<u64>,
     applicable: Vec<OperatorId>,
 }
 
-/// The weight of a sequence of operators, as A* counts.
+/// Returns the weight of a sequence of operators, as A* counts it.
 pub(crate) fn weight(task: &Task, operators: &[OperatorId]) -> u64 {
     let weights =
         operators.iter().map(|id| Weights::CostThenSteps.weight(task, task.operator(*id)));
@@ -92,13 +94,14 @@ impl<'t> AStar<'t> {
         }
     }
 
-    /// Whether a state was left out although there is no bound, as it weighs more than a number holds.
+    /// Whether a state was dropped although there is no bound, because its weight exceeds the range of
+    /// `u64`.
     pub(crate) fn has_overflowed(&self) -> bool {
         self.has_overflowed
     }
 
-    /// The estimate of a state that is reached at a weight: what it would take to leave it out is
-    /// enough.
+    /// Returns the estimate of a state that is reached with weight `g`. The evaluator may stop as soon
+    /// as the estimate suffices to reach the bound.
     fn estimate(&mut self, id: StateId, g: u64) -> u64 {
         let known = self.estimates[id.0 as usize];
         if known != UNKNOWN {
@@ -114,8 +117,8 @@ impl<'t> AStar<'t> {
         estimate
     }
 
-    /// Queues a successor under what its parent promises: a step lowers no estimate by more than
-    /// it weighs. Most states are never evaluated.
+    /// Queues a successor under the estimate of its parent minus the weight of the step, which stays a
+    /// lower bound (pathmax). Most states are never evaluated themselves.
     fn generate(&mut self, parent: StateId, operator: OperatorId, (f, h, g): (u64, u64, u64)) {
         let from = self.space.state(parent);
         let ground = self.task.operator(operator);
@@ -183,7 +186,7 @@ impl Search for AStar<'_> {
         self.space.bytes() + open + per_state + self.evaluator.bytes()
     }
 
-    /// Nothing is left below the bound; whether anything is left above it was not asked.
+    /// No state is left below the bound; states above it were not searched.
     fn exhausted(&self) -> StopReason {
         if self.explorations > self.explorations_max {
             StopReason::ExpansionLimit { limit: self.expansions }

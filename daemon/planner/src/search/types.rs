@@ -1,6 +1,6 @@
-//! Type-based exploration: states are put together that look alike, a kind of states is drawn, and
-//! then a state of that kind (Xie, Müller, Holte and Imai, 2014). However wrong the estimates are,
-//! every corner of what is known gets its turn.
+//! Type-based exploration: states are grouped by type, first a random type is drawn, then a random
+//! state of it (Xie, Müller, Holte and Imai, 2014). However misleading the heuristics are, all parts of
+//! the known state space are explored.
 
 use rustc_hash::FxHashMap;
 
@@ -8,13 +8,13 @@ use super::open::Entry;
 use crate::state::StateId;
 use crate::task::OperatorId;
 
-/// States by estimate and distance.
+/// States by type: the pair of estimate and path weight.
 #[derive(Debug)]
 pub(super) struct TypeList {
     of_type: FxHashMap<(u32, u32), usize>,
-    /// The states of each type, and how many of their operators had their turn.
+    /// Per type: its states, and how many operators of each have been returned.
     types: Vec<Vec<(StateId, u32)>>,
-    /// Types with a state.
+    /// Types that have a state.
     open: Vec<usize>,
     count: usize,
     random: u64,
@@ -28,7 +28,7 @@ impl Default for TypeList {
             types: Vec::new(),
             open: Vec::new(),
             count: 0,
-            // Any number but zero; always the same, for the same plan.
+            // Seed: any number but zero. It is constant, so that the same plan is found in every run.
             random: 0x9E37_79B9_7F4A_7C15,
             operators: Vec::new(),
         }
@@ -55,7 +55,7 @@ impl TypeList {
         self.open.is_empty()
     }
 
-    /// The next operator of some state.
+    /// Returns the next operator of a random state. Returns `None` if the list is empty.
     pub(super) fn pop(
         &mut self,
         mut operators: impl FnMut(StateId, &mut Vec<OperatorId>),
@@ -84,12 +84,12 @@ impl TypeList {
         None
     }
 
-    /// Bytes taken.
+    /// Returns the bytes that the list takes.
     pub(super) fn bytes(&self) -> usize {
         self.count * size_of::<(StateId, u32)>() + self.types.len() * 64
     }
 
-    /// A number below `end`, by Marsaglia's xorshift (2003).
+    /// Returns a pseudo-random number below `end`, by Marsaglia's xorshift (2003).
     fn draw(&mut self, end: usize) -> usize {
         self.random ^= self.random << 13;
         self.random ^= self.random >> 7;

@@ -1,8 +1,9 @@
-//! The axioms: which predicates they derive, what those depend on, and in which order they settle.
+//! Dependencies of the axioms: which predicates they derive, what these read, and the order of
+//! evaluation.
 //!
-//! Predicates that derive each other are one component and settle together; a component rests on
-//! others that settle before it. Components settle when somebody asks, and again only after
-//! something has changed that they read.
+//! Predicates that derive each other form a component and are evaluated together, after the components
+//! that they read. A component is evaluated lazily, when its facts are needed, and again only after a
+//! change of something that it reads.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -12,40 +13,41 @@ use pddl::{Condition, Derived, Diagnostic, Domain, Expression};
 use super::rules::Rule;
 use super::symbols::{Relation, Relations};
 
-/// The axioms of a domain.
+/// Axioms of a domain, grouped into components.
 #[derive(Debug, Default)]
 pub(super) struct Axioms {
-    /// By predicate: its component and its position there, if it is derived. Empty without axioms.
+    /// Per predicate: its component and its position there; `None` if it is not derived. Empty without
+    /// axioms.
     places: Vec<Option<(usize, usize)>>,
     pub(super) components: Vec<Component>,
-    /// By predicate: the components that read it.
+    /// Per predicate: the components that read it.
     fact_readers: Vec<Vec<usize>>,
-    /// By function: the components that read it.
+    /// Per function: the components that read it.
     value_readers: Vec<Vec<usize>>,
-    /// The components that read the time.
+    /// Components that read the time.
     time_readers: Vec<usize>,
 }
 
-/// Derived predicates that settle together.
+/// Derived predicates that are evaluated together.
 #[derive(Debug, Default)]
 pub(super) struct Component {
     pub(super) relations: Vec<Relation>,
-    /// Positions in the domain's axioms.
+    /// Positions of its axioms in the domain.
     pub(super) axioms: Vec<usize>,
-    /// The components it reads.
+    /// Components that it reads.
     pub(super) below: Vec<usize>,
-    /// The components that read it.
+    /// Components that read it.
     pub(super) above: Vec<usize>,
-    /// Compiled when first needed.
+    /// Compiled rules; compiled on first use.
     pub(super) rules: OnceLock<Vec<Rule>>,
 }
 
-/// What an axiom reads.
+/// Predicates and functions that an axiom reads.
 struct Reads<'m> {
     predicates: &'m Relations,
     functions: &'m Relations,
     facts: Vec<Relation>,
-    /// Those of the facts that must be false somewhere.
+    /// Subset of `facts` that occurs negated.
     negated: Vec<Relation>,
     values: Vec<Relation>,
     time: bool,
@@ -54,7 +56,7 @@ struct Reads<'m> {
 // === impl Axioms ===
 
 impl Axioms {
-    /// Fails if an axiom depends on its own negation.
+    /// Returns an error if an axiom depends on its own negation.
     pub(super) fn of(
         domain: &Domain,
         predicates: &Relations,
@@ -92,27 +94,28 @@ impl Axioms {
         Ok(axioms)
     }
 
-    /// The component of a derived predicate, and its position there.
+    /// Returns the component of a derived predicate and its position there; `None` if it is not
+    /// derived.
     pub(super) fn place(&self, relation: Relation) -> Option<(usize, usize)> {
         self.places.get(relation.index()).copied().flatten()
     }
 
-    /// The components that rest on the facts of a predicate that no axiom derives.
+    /// Returns the components that read the stored facts of a predicate.
     pub(super) fn fact_readers(&self, relation: Relation) -> &[usize] {
         self.fact_readers.get(relation.index()).map_or(&[], Vec::as_slice)
     }
 
-    /// The components that read a function's values.
+    /// Returns the components that read the values of a function.
     pub(super) fn value_readers(&self, function: Relation) -> &[usize] {
         self.value_readers.get(function.index()).map_or(&[], Vec::as_slice)
     }
 
-    /// The components that read the time.
+    /// Returns the components that read the time.
     pub(super) fn time_readers(&self) -> &[usize] {
         &self.time_readers
     }
 
-    /// Gives every head its place: those of one circle come together.
+    /// Assigns a place to every derived predicate. Predicates of one cycle get the same component.
     fn place_all(&mut self, heads: &[Relation], circles: &[usize]) {
         let mut component_of_circle = BTreeMap::new();
         for head in heads {
@@ -127,12 +130,13 @@ impl Axioms {
             let relations = &mut self.components[component].relations;
             self.places[head.index()] = Some((component, relations.len()));
             relations.push(*head);
-            // Facts of a derived predicate that a text claims outright.
+            // A text may also list facts of a derived predicate directly.
             self.fact_readers[head.index()].push(component);
         }
     }
 
-    /// Notes what an axiom reads; whether it negates what settles together with it.
+    /// Registers what an axiom reads. Returns `true` if it reads a predicate of its own component
+    /// negated.
     fn connect(&mut self, axiom: usize, head: Relation, reads: &Reads<'_>) -> bool {
         let Some((component, _)) = self.place(head) else { return false };
         self.components[component].axioms.push(axiom);

@@ -1,8 +1,8 @@
-//! Names for variables: conditions as a person reads them, with objects in place of variables.
+//! Bindings by name: conditions in the form that the user reads, with objects in place of variables.
 
 use pddl::{Atom, Compare, Condition, Expression, FluentTerm, Name, Term, Typed};
 
-/// What the variables in scope stand for, innermost last.
+/// Objects that the variables in scope stand for, innermost variable last.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bindings(Vec<(Name, Name)>);
 
@@ -21,7 +21,8 @@ impl Bindings {
         self.0.iter().rev().find(|(name, _)| name == variable).map(|(_, object)| object)
     }
 
-    /// The object a term stands for. An unbound variable stands for itself, which no fact holds of.
+    /// Returns the object that a term stands for. An unbound variable stands for its own name, and no
+    /// fact holds for that.
     pub(crate) fn object<'t>(&'t self, term: &'t Term) -> &'t Name {
         match term {
             Term::Object(name) => name,
@@ -51,12 +52,12 @@ impl Bindings {
         FluentTerm { arguments: self.terms(&fluent.arguments), ..fluent.clone() }
     }
 
-    /// The atom with objects in place of the variables that are bound.
+    /// Returns the atom with bound variables replaced by their objects.
     pub(crate) fn atom(&self, atom: &Atom) -> Atom {
         Atom { arguments: self.terms(&atom.arguments), ..atom.clone() }
     }
 
-    /// The condition with objects in place of the variables that are bound.
+    /// Returns the condition with bound variables replaced by their objects.
     pub(crate) fn substitute(&self, condition: &Condition) -> Condition {
         let all = |parts: &[Condition]| parts.iter().map(|part| self.substitute(part)).collect();
         match condition {
@@ -101,7 +102,7 @@ impl Bindings {
         }
     }
 
-    /// Without the variables that a quantifier binds anew.
+    /// Returns the bindings without the variables that a quantifier binds again.
     fn hiding(&self, variables: &[Typed]) -> Bindings {
         let hidden = |name: &Name| variables.iter().any(|variable| variable.name == *name);
         Bindings(self.0.iter().filter(|(name, _)| !hidden(name)).cloned().collect())

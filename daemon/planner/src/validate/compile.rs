@@ -1,4 +1,4 @@
-//! From the lifted tree to its compiled form: one walk, in which all names are looked up.
+//! Compiles the lifted syntax tree in one pass that resolves all names.
 
 use pddl::{ActionSchema, Comparison, Condition, Effect, FluentTerm, Name, Span, Term, Typed};
 use rustc_hash::FxHashMap;
@@ -10,17 +10,17 @@ use super::compiled::{
 use super::model::Model;
 use super::symbols::Object;
 
-/// Variables times alternatives up to which a quantifier is shared out over `or`: many times what
-/// anybody writes.
+/// Maximal product of variables and alternatives up to which a quantifier is distributed over `or`: far
+/// more than texts contain.
 const SHARED_MAX: usize = 4_096;
 
-/// The variables in scope, and what has been met on the way.
+/// Scope of a compilation: the variables, and the slots and unknown names used so far.
 pub(super) struct Scope<'m> {
     model: &'m Model,
-    /// Innermost last.
+    /// Variables in scope, innermost last.
     variables: Vec<(Name, Slot)>,
     slot_count: usize,
-    /// What no text names, by its number. A variable that nothing binds stands for its name.
+    /// Numbers of names that the texts do not declare. An unbound variable stands for its own name.
     strangers: FxHashMap<Name, usize>,
 }
 
@@ -31,7 +31,7 @@ impl<'m> Scope<'m> {
         Scope { model, variables: Vec::new(), slot_count: 0, strangers: FxHashMap::default() }
     }
 
-    /// A frame for everything compiled so far, in which nothing is bound.
+    /// Returns a frame for everything compiled so far, with all slots unbound.
     pub(super) fn frame(&self) -> Vec<Object> {
         vec![Object::UNBOUND; self.slot_count]
     }
@@ -40,7 +40,7 @@ impl<'m> Scope<'m> {
         self.slot_count
     }
 
-    /// Gives variables slots of their own and brings them into scope.
+    /// Assigns slots to variables and brings them into scope.
     pub(super) fn declare(&mut self, variables: &[Typed]) -> Vec<Variable> {
         let declare = |variable: &Typed| {
             let slot = Slot(self.slot_count as u32);
@@ -51,19 +51,19 @@ impl<'m> Scope<'m> {
         variables.iter().map(declare).collect()
     }
 
-    /// Takes as many variables out of scope.
+    /// Removes the last `count` variables from the scope.
     pub(super) fn forget(&mut self, count: usize) {
         self.variables.truncate(self.variables.len() - count);
     }
 
-    /// The condition, or its negation.
+    /// Compiles a condition, or its negation if `positive` is false.
     pub(super) fn node(&mut self, condition: &Condition, positive: bool) -> Node {
         match condition {
             Condition::Atom(atom) => {
                 let arguments = self.arguments(&atom.arguments);
                 match self.model.predicates.find(&atom.predicate, arguments.len()) {
                     Some(relation) => Node::Fact(Fact { relation, arguments }, positive),
-                    // No text says any such fact.
+                    // The texts cannot make such a fact true.
                     None => Node::Constant(!positive),
                 }
             }
@@ -77,7 +77,7 @@ impl<'m> Scope<'m> {
                 if positive {
                     return Node::Compare(Box::new(Compare { comparison, left, right }), true);
                 }
-                // A number that is not defined satisfies a negation as little as a comparison.
+                // If a number is undefined, neither the comparison nor its negation holds.
                 let other = |comparison: &Comparison| {
                     let (comparison, left, right) = (*comparison, left.clone(), right.clone());
                     Node::Compare(Box::new(Compare { comparison, left, right }), true)
@@ -105,8 +105,8 @@ impl<'m> Scope<'m> {
         if all { Node::all(nodes) } else { Node::any(nodes) }
     }
 
-    /// That the condition (its negation, where it is not `positive`) holds for some binding, or that
-    /// it does for all: then there is none for which it does not.
+    /// Compiles a quantifier over a condition (over its negation, if `positive` is false). “For all”
+    /// becomes: there is no binding for which it does not hold.
     fn quantified(
         &mut self,
         variables: &[Typed],
@@ -189,8 +189,8 @@ impl<'m> Scope<'m> {
         }
     }
 
-    /// A universal effect. It shares out over `and` where a part has a condition or variables of its
-    /// own, so that each part is tried for its own bindings only.
+    /// Compiles a universal effect. It is distributed over `and` if a part has its own condition or
+    /// variables, so that each part is evaluated for its own bindings only.
     fn each(&mut self, variables: &[Typed], inner: &Effect) -> Change {
         let is_limited = |part: &Effect| matches!(part, Effect::When(..) | Effect::Forall(..));
         if let Effect::And(parts) = inner
@@ -216,13 +216,13 @@ impl<'m> Scope<'m> {
         }
         let change = self.change(inner);
         self.forget(self.variables.len() - before);
-        // What the conditions say to exist stays apart: the effect happens once for a binding, in
-        // however many ways its condition holds.
+        // Existential quantifiers in the conditions are not merged into the query: the effect happens
+        // once per binding, however many ways its condition holds in.
         Change::Each(Box::new((Query::new(declared, conditions), change)))
     }
 }
 
-/// Compiles an action's schema.
+/// Compiles an action schema.
 pub(super) fn schema(model: &Model, action: &ActionSchema) -> Schema {
     let mut scope = Scope::new(model);
     let parameters: Vec<Typed> = action.all_parameters().cloned().collect();
@@ -237,9 +237,11 @@ pub(super) fn schema(model: &Model, action: &ActionSchema) -> Schema {
     }
 }
 
-/// The queries of which one has a binding where the node holds for some binding of the variables.
+/// Returns queries of which one has a binding if and only if the node holds for some binding of the
+/// variables.
 ///
-/// Shares out over `or`, and takes in the variables of what exists inside.
+/// The quantifier is distributed over `or`, and the variables of inner existential quantifiers are
+/// merged.
 fn existential(variables: Vec<Variable>, node: Node) -> Vec<Query> {
     match node {
         Node::Constant(false) => Vec::new(),

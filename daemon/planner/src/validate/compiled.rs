@@ -1,8 +1,8 @@
-//! Conditions, expressions and effects of the texts with slots for variables and numbers for names:
-//! the same lifted tree, read without comparing a string.
+//! Compiled conditions, expressions and effects: the lifted tree with slots for variables and numbers
+//! for names, evaluated without comparing strings.
 //!
-//! Negations stand at the leaves, and every quantifier is a [`Query`]: the bindings under which all
-//! of several parts hold. `forall` asks that there is none under which the negation does.
+//! Negations are at the leaves. Every quantifier is a [`Query`]: a search for bindings under which all
+//! of several parts hold. A `forall` requires that its negation has no binding.
 
 use std::sync::Arc;
 
@@ -10,18 +10,18 @@ use pddl::{Assignment, Comparison, FluentTerm, Operator};
 
 use super::symbols::{Extension, Object, Relation};
 
-/// A variable's place among the values of all variables, of which each has its own.
+/// Index of a variable in a frame. Each variable of a compiled text has its own slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Slot(pub(super) u32);
 
-/// What stands in argument position.
+/// An argument: a variable or an object.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Argument {
     Slot(Slot),
     Object(Object),
 }
 
-/// A predicate applied to arguments, or a function.
+/// A predicate or a function applied to arguments.
 #[derive(Clone, Debug)]
 pub(super) struct Fact {
     pub(super) relation: Relation,
@@ -32,15 +32,15 @@ pub(super) struct Fact {
 #[derive(Clone, Debug)]
 pub(super) enum Node {
     Constant(bool),
-    /// The fact is true, or false.
+    /// The fact has this truth value.
     Fact(Fact, bool),
-    /// The arguments are one object, or two.
+    /// Whether the arguments are the same object has this truth value.
     Equal(Argument, Argument, bool),
-    /// The comparison holds, or not; it does not where a side has no value.
+    /// Whether the comparison holds has this truth value. It does not hold if a side is undefined.
     Compare(Box<Compare>, bool),
     All(Vec<Node>),
     Any(Vec<Node>),
-    /// There is a binding, or there is none.
+    /// Whether the query has a binding has this truth value.
     Exists(Box<Query>, bool),
 }
 
@@ -52,15 +52,15 @@ pub(super) struct Compare {
     pub(super) right: Expression,
 }
 
-/// What is asked of several variables together.
+/// A conjunctive query: variables, and the parts that must hold for them.
 #[derive(Clone, Debug)]
 pub(super) struct Query {
     pub(super) variables: Vec<Variable>,
-    /// At most [`PARTS_MAX`], cheap ones first.
+    /// At most [`PARTS_MAX`] parts, cheap ones first.
     pub(super) parts: Vec<Part>,
 }
 
-/// A query keeps the parts it still has to look at in as many bits.
+/// Maximal number of parts: the evaluation keeps its open parts as the bits of one `u64`.
 pub(super) const PARTS_MAX: usize = 64;
 
 /// A variable of a query.
@@ -74,7 +74,7 @@ pub(super) struct Variable {
 #[derive(Clone, Debug)]
 pub(super) struct Part {
     pub(super) node: Node,
-    /// Those of the query's variables that it speaks of.
+    /// Variables of the query that occur in the part.
     pub(super) slots: Box<[Slot]>,
 }
 
@@ -86,17 +86,17 @@ pub(super) enum Expression {
     Negate(Box<Expression>),
     Apply(Operator, Vec<Expression>),
     TotalTime,
-    /// Time that only durative actions know; it has no value here.
+    /// A time that only durative actions have; it is undefined here.
     Unknown(Box<FluentTerm>),
 }
 
 /// A function applied to arguments.
 #[derive(Clone, Debug)]
 pub(super) struct Fluent {
-    /// `None` where no text gives any such fluent a value.
+    /// Number of the function; `None` if no fluent of this name and arity can have a value.
     pub(super) function: Option<Relation>,
     pub(super) arguments: Box<[Argument]>,
-    /// As the author wrote it.
+    /// The fluent as it is written in the text.
     pub(super) told: FluentTerm,
 }
 
@@ -104,11 +104,11 @@ pub(super) struct Fluent {
 #[derive(Clone, Debug)]
 pub(super) enum Change {
     All(Vec<Change>),
-    /// The fact becomes true, or false.
+    /// Sets the truth value of a fact.
     Set(Fact, bool),
     Assign(Box<Assign>),
     When(Box<(Node, Change)>),
-    /// For every binding under which the parts hold.
+    /// The change for every binding under which all parts hold.
     Each(Box<(Query, Change)>),
 }
 
@@ -123,7 +123,7 @@ pub(super) struct Assign {
 /// An action's schema.
 #[derive(Debug)]
 pub(super) struct Schema {
-    /// The types of its parameters, whose slots come first.
+    /// Types of the parameters. Their slots come first.
     pub(super) parameters: Vec<Arc<Extension>>,
     pub(super) precondition: Node,
     pub(super) effect: Change,
@@ -133,7 +133,7 @@ pub(super) struct Schema {
 // === impl Argument ===
 
 impl Argument {
-    /// The object it stands for: [`Object::UNBOUND`] for a variable that has none yet.
+    /// Returns the object that it stands for; [`Object::UNBOUND`] if it is an unbound variable.
     pub(super) fn value(self, frame: &[Object]) -> Object {
         match self {
             Argument::Slot(slot) => frame[slot.index()],
@@ -153,7 +153,7 @@ impl Slot {
 // === impl Node ===
 
 impl Node {
-    /// The conjunction, flat.
+    /// Returns the conjunction, flattened and simplified.
     pub(super) fn all(nodes: impl IntoIterator<Item = Node>) -> Node {
         let mut flat = Vec::new();
         for node in nodes {
@@ -171,7 +171,7 @@ impl Node {
         }
     }
 
-    /// The disjunction, flat.
+    /// Returns the disjunction, flattened and simplified.
     pub(super) fn any(nodes: impl IntoIterator<Item = Node>) -> Node {
         let mut flat = Vec::new();
         for node in nodes {
@@ -189,8 +189,8 @@ impl Node {
         }
     }
 
-    /// The node that holds where this one does not. That is not its negation as texts mean it: where a
-    /// number has no value, neither a comparison nor its negation holds.
+    /// Returns the node that holds if and only if this one does not. This is not the negation of PDDL:
+    /// if a number is undefined, neither a comparison nor its negation holds.
     pub(super) fn complement(self) -> Node {
         match self {
             Node::Constant(truth) => Node::Constant(!truth),
@@ -203,7 +203,7 @@ impl Node {
         }
     }
 
-    /// The conjuncts.
+    /// Returns the conjuncts.
     pub(super) fn into_parts(self) -> Vec<Node> {
         match self {
             Node::All(parts) => parts,
@@ -212,7 +212,7 @@ impl Node {
         }
     }
 
-    /// Calls `visit` for every argument, those inside of quantifiers included.
+    /// Calls `visit` for every argument, including those inside quantifiers.
     pub(super) fn arguments(&self, visit: &mut dyn FnMut(Argument)) {
         match self {
             Node::Constant(_) => (),
@@ -245,7 +245,7 @@ impl Node {
         }
     }
 
-    /// How much work it is to look, roughly.
+    /// Returns a rough rank of the work to evaluate the node.
     fn effort(&self) -> u8 {
         match self {
             Node::Constant(_) | Node::Equal(..) => 0,

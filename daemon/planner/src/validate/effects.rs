@@ -1,4 +1,4 @@
-//! What a step does: its effects, all read in the state before it.
+//! Effects of a step; all their conditions and values are evaluated in the state before it.
 
 use pddl::{Assignment, FluentTerm, Name, Span, Term};
 
@@ -8,7 +8,7 @@ use super::numbers::combine;
 use super::query::View;
 use super::symbols::{Object, Relation};
 
-/// What the effects of one step do.
+/// Collected effects of one step.
 #[derive(Debug, Default)]
 pub(super) struct Changes {
     pub(super) deletes: Tuples,
@@ -16,7 +16,7 @@ pub(super) struct Changes {
     updates: Vec<Update>,
 }
 
-/// Tuples of several predicates.
+/// Tuples of several predicates, in one array.
 #[derive(Debug, Default)]
 pub(super) struct Tuples {
     relations: Vec<(Relation, usize)>,
@@ -93,7 +93,7 @@ impl View<'_> {
             }
             Change::Each(inner) => {
                 let (query, then) = &**inner;
-                // Told is the fault of the first binding in the order of the texts.
+                // The fault that is reported is that of the first binding in the order of the texts.
                 let mut earliest: Option<(Vec<Object>, FaultReason)> = None;
                 self.each(query, frame, &mut |frame| {
                     if let Err(reason) = self.collect(then, frame, changes) {
@@ -128,9 +128,9 @@ impl View<'_> {
         Ok(())
     }
 
-    /// The values after a step.
+    /// Returns the new values of the fluents that a step changes.
     pub(super) fn new_values(self, changes: &mut Changes) -> Result<Vec<NewValue>, FaultReason> {
-        // Stable: updates of one fluent stay in the order of the text.
+        // The sort is stable: updates of one fluent stay in the order of the text.
         changes.updates.sort_by(|left, right| left.key().cmp(&right.key()));
         let (mut values, mut endless, mut conflicts) = (Vec::new(), Vec::new(), Vec::new());
         for same in changes.updates.chunk_by(|left, right| left.key() == right.key()) {
@@ -152,7 +152,7 @@ impl View<'_> {
         }
     }
 
-    /// The first of these fluents by name.
+    /// Returns the first of these fluents in the order of names; `None` if there are none.
     fn first(self, fluents: Vec<(Relation, &[Object])>) -> Option<FluentTerm> {
         let names = |(function, objects)| self.names(function, objects);
         let (function, objects) = fluents.into_iter().map(names).min()?;

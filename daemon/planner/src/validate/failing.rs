@@ -1,4 +1,4 @@
-//! Which part of a condition does not hold, told with objects in place of variables.
+//! Finds the part of a condition that does not hold, with objects in place of variables.
 
 use pddl::{Condition, Typed};
 
@@ -10,7 +10,7 @@ use super::query::View;
 use super::symbols::Object;
 use super::world::World;
 
-/// Looks for the part; knows every variable by its name and by its slot.
+/// Search for the failing part. It keeps every binding twice: by variable name and by slot.
 pub(super) struct Failing<'w> {
     view: View<'w>,
     model: &'w Model,
@@ -26,7 +26,7 @@ impl<'w> Failing<'w> {
         Failing { view, model, scope, frame: Vec::new(), bindings: Bindings::default() }
     }
 
-    /// Puts objects, by the names that somebody calls them, in place of variables.
+    /// Binds variables to objects, given by their names.
     pub(super) fn bind<'n>(
         &mut self,
         variables: impl Iterator<Item = (&'n Typed, &'n pddl::Name)>,
@@ -43,7 +43,8 @@ impl<'w> Failing<'w> {
         }
     }
 
-    /// The smallest part of a condition that keeps it from holding, ground as far as it can be.
+    /// Returns the smallest part of a condition that keeps it from holding, with bound variables
+    /// replaced by objects. Returns `None` if the condition holds.
     pub(super) fn part(&mut self, condition: &Condition) -> Option<Condition> {
         if self.holds(condition) {
             return None;
@@ -69,12 +70,12 @@ impl<'w> Failing<'w> {
         node
     }
 
-    /// The part of the first instance, in the order of the texts, that does not hold.
+    /// Returns the failing part of the first instance, in the order of the texts, that does not hold.
     fn instance(&mut self, variables: &[Typed], inner: &Condition) -> Option<Condition> {
         let declared = self.scope.declare(variables);
         let node = self.compiled(inner);
         let mut found = None;
-        // As a clock counts: the last variable goes round first.
+        // Enumerates all bindings; the last variable changes fastest.
         let mut at = vec![0; declared.len()];
         let is_possible = declared.iter().all(|variable| variable.extension.len() > 0);
         let mut counting = is_possible.then_some(0);
@@ -99,7 +100,7 @@ impl<'w> Failing<'w> {
         found
     }
 
-    /// The part of the instance in the frame.
+    /// Returns the failing part of the instance that is bound in the frame.
     fn named(
         &mut self,
         variables: &[Typed],

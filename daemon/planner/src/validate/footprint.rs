@@ -1,8 +1,9 @@
-//! What a step may read and write, in whatever state it is applied.
+//! Footprint of a step: the facts and numbers that it may read and write, in whatever state it is
+//! applied.
 //!
-//! Every branch counts, whether its condition holds or not; a derived fact counts as all facts of
-//! the predicates that it may follow from. `total-cost` does not count: all steps add to it, and
-//! none waits for another because of that.
+//! Every branch counts, whether its condition holds or not. A derived fact counts as all facts of the
+//! predicates that it may depend on. `total-cost` does not count: all steps add to it, and no step has
+//! to wait for another because of that.
 
 use std::collections::BTreeSet;
 
@@ -13,27 +14,28 @@ use super::model::Model;
 use super::steps::schema_of;
 use super::world::World;
 
-/// A fact or a fluent, by the objects it is about.
+/// A fact or a fluent: its name and objects.
 type Cell = (Name, Vec<Name>);
 
-/// What a step may read and write.
+/// Facts and numbers that a step may read and write.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Footprint {
     facts_read: BTreeSet<Cell>,
     facts_written: BTreeSet<Cell>,
     fluents_read: BTreeSet<Cell>,
     fluents_written: BTreeSet<Cell>,
-    /// Predicates any fact of which may be read, through an axiom.
+    /// Predicates of which any fact may be read, through an axiom.
     predicates_read: BTreeSet<Name>,
     functions_read: BTreeSet<Name>,
-    /// Who acts, if the action says so.
+    /// Agent of the step; `None` if the action declares no agent.
     agent: Option<Name>,
 }
 
 // === impl Footprint ===
 
 impl Footprint {
-    /// Whether the order of two steps may matter, or one agent does both.
+    /// Whether this step must wait for the earlier one: their order may matter, or the same agent
+    /// executes both.
     pub(crate) fn must_wait_for(&self, earlier: &Footprint) -> bool {
         let same_agent = self.agent.is_some() && self.agent == earlier.agent;
         same_agent || self.conflicts(earlier)
@@ -44,7 +46,7 @@ impl Footprint {
         self.overwrites(other) || other.overwrites(self)
     }
 
-    /// Whether this step may write what the other reads or writes.
+    /// Whether this step may write a fact or number that the other one reads or writes.
     fn overwrites(&self, other: &Footprint) -> bool {
         let touched =
             |written: &BTreeSet<Cell>, sets: [&BTreeSet<Cell>; 2], whole: &BTreeSet<Name>| {
@@ -62,7 +64,7 @@ impl Footprint {
 // === impl World ===
 
 impl World {
-    /// What a step may read and write. A step of no known action touches nothing.
+    /// Computes the footprint of a step. It is empty if the action is unknown.
     pub(crate) fn footprint(&self, step: &PlanStep) -> Footprint {
         let mut footprint = Footprint::default();
         let Some(schema) = schema_of(&self.model, step) else { return footprint };
@@ -168,7 +170,7 @@ fn reads_numbers(expression: &Expression, bindings: &Bindings, found: &mut Footp
     found.fluents_read.extend(expression.fluents().map(|fluent| cell(fluent, bindings)));
 }
 
-/// The predicates and functions that a derived predicate may follow from, itself among them.
+/// Returns the predicates and functions that a derived predicate may depend on, including itself.
 fn sources(axioms: &[Derived], derived: &Name) -> (Vec<Name>, Vec<Name>) {
     let (mut predicates, mut functions) = (vec![derived.clone()], Vec::new());
     let mut next = 0;

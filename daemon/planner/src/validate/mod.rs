@@ -1,9 +1,10 @@
-//! An independent check of plans: does every step apply, and does the goal hold at the end?
+//! Independent plan validation: checks that every step is applicable, and that the goal holds at the
+//! end.
 //!
-//! - Reads the lifted texts directly: all of ADL, axioms, numbers. It shares no code with grounding
-//!   and search, so a mistake there is caught here.
-//! - Every plan of this crate passes through it before anybody sees it.
-//! - Leaves out time: durative actions and timed initial literals are faults.
+//! - It interprets the lifted texts directly, with all of ADL, axioms and numbers. It shares no code
+//!   with grounding and search, so that mistakes there are found here.
+//! - Every plan of this crate is validated before it is returned.
+//! - Time is not supported: durative actions and timed initial literals are faults.
 
 mod axioms;
 pub(crate) mod bindings;
@@ -31,30 +32,30 @@ use pddl::{
 
 pub use world::World;
 
-/// What the check found.
+/// Result of the validation.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Every step applies and the goal holds at the end.
+    /// Every step is applicable and the goal holds at the end.
     Valid {
-        /// What the metric says; the number of steps where there is none.
+        /// Value of the metric; the number of steps if there is no metric.
         cost: f64,
-        /// How many steps.
+        /// Number of steps.
         steps: usize,
     },
-    /// Something does not hold.
+    /// The plan is not valid.
     Fault(Box<Fault>),
-    /// The texts have no initial state to start from.
+    /// The texts do not define an initial state.
     BadInput(Vec<Diagnostic>),
 }
 
-/// Why a plan does not work.
+/// Why a plan is not valid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fault {
-    /// Where in the plan.
+    /// Place in the plan.
     pub place: Place,
-    /// Why.
+    /// Reason.
     pub reason: FaultReason,
-    /// The step in the plan's text, or the metric in the problem's.
+    /// Place in a text: of the step in the plan, or of the metric in the problem.
     pub span: Span,
 }
 
@@ -65,52 +66,52 @@ pub enum Place {
     Step {
         /// Its position, from 0.
         index: usize,
-        /// Itself.
+        /// The step.
         step: PlanStep,
     },
-    /// The end, where the goal must hold.
+    /// The end, where the goal is checked.
     Goal,
-    /// The end, where the metric is read.
+    /// The end, where the metric is evaluated.
     Metric,
 }
 
-/// Why a step does not apply, or the end is not the wanted one.
+/// Why a step is not applicable, or the end does not satisfy the goal.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum FaultReason {
     /// No action has this name.
     UnknownAction,
-    /// The action is durative; this check knows no time.
+    /// The action is durative; the validator does not support time.
     Durative,
-    /// Too few or too many arguments.
+    /// Wrong number of arguments.
     ArgumentCount {
-        /// What the action has, its agent included.
+        /// Number of parameters of the action, including its agent.
         expected: usize,
-        /// What the step has.
+        /// Number of arguments of the step.
         found: usize,
     },
     /// No object has this name.
     UnknownObject(Name),
-    /// The object is of another type.
+    /// The object does not have the type of the parameter.
     WrongType {
         /// The object.
         object: Name,
         /// The parameter's type.
         expected: TypeExpr,
     },
-    /// The smallest part of the precondition that does not hold, with objects for variables.
+    /// The precondition does not hold: its smallest failing part, with objects in place of variables.
     Precondition(Condition),
-    /// The smallest part of the goal that does not hold.
+    /// The goal does not hold: its smallest failing part.
     Goal(Condition),
-    /// A fluent is read or changed that has no value, or whose value is no finite number.
+    /// A fluent is read or changed that is undefined or not finite.
     Undefined(FluentTerm),
-    /// An effect divides a fluent by zero, or takes it beyond the greatest number.
+    /// The result of an effect on a fluent is not finite: a division by zero, or a number out of range.
     NotFinite(FluentTerm),
-    /// Effects of one step contradict each other on a fluent.
+    /// Effects of one step on the same fluent contradict each other.
     Conflict(FluentTerm),
 }
 
-/// Checks a plan.
+/// Validates a plan from the initial state of the problem.
 pub fn validate(domain: &Domain, problem: &Problem, plan: &Plan) -> Verdict {
     let world = match World::initial(domain, problem) {
         Ok(world) => world,
@@ -122,13 +123,14 @@ pub fn validate(domain: &Domain, problem: &Problem, plan: &Plan) -> Verdict {
     }
 }
 
-/// What steps cost that lead from a state to a goal: what the metric says, or their number where there
-/// is none.
+/// Returns the cost of steps that lead from a state to a goal: the value of the metric, or the number
+/// of steps if there is no metric. Returns an error if they do not reach the goal.
 pub fn cost_from(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<f64, Box<Fault>> {
     run(world.clone(), steps, goal).and_then(|end| end.cost())
 }
 
-/// Whether the rest of a plan still leads from a state to a goal.
+/// Checks that the remaining steps of a plan lead from a state to a goal. Returns an error if they do
+/// not.
 pub fn rest_reaches(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<(), Box<Fault>> {
     run(world.clone(), steps, goal).map(|_| ())
 }
@@ -152,7 +154,7 @@ fn run(mut world: World, steps: &[PlanStep], goal: &Condition) -> Result<World, 
 impl std::error::Error for Fault {}
 
 impl Fault {
-    /// The same with the part of the goal or precondition that does not hold in other words.
+    /// Returns the fault with its failing part of the goal or precondition replaced by `words` of it.
     #[must_use]
     pub fn map(self, words: impl FnOnce(&Condition) -> Condition) -> Fault {
         let reason = match &self.reason {
@@ -163,7 +165,7 @@ impl Fault {
         Fault { reason, ..self }
     }
 
-    /// The part of the goal or precondition that does not hold, if that is the reason.
+    /// Returns the failing part of the goal or precondition; `None` if the fault has another reason.
     pub fn condition(&self) -> Option<&Condition> {
         match &self.reason {
             FaultReason::Precondition(condition) | FaultReason::Goal(condition) => Some(condition),

@@ -1,8 +1,8 @@
-//! What does not change while a plan runs: names and their numbers, types, objects, axioms, and the
-//! actions, each compiled when it is first needed.
+//! The constant part of a [`super::World`]: names and their numbers, types, objects, axioms and
+//! actions. Each action is compiled on first use.
 //!
-//! Written for the validator alone; the planner proper has its own tables, so that one mistake
-//! cannot be made twice in the same way.
+//! It is written for the validator alone. Grounding and search have tables of their own, so that the
+//! same mistake is not made in both.
 
 use std::sync::{Arc, OnceLock};
 
@@ -16,7 +16,7 @@ use super::compile;
 use super::compiled::Schema;
 use super::symbols::{Extension, Objects, Relations};
 
-/// The unchanging side of a [`super::World`].
+/// The constant part of a [`super::World`].
 #[derive(Debug)]
 pub(crate) struct Model {
     pub(super) actions: Vec<ActionSchema>,
@@ -28,11 +28,11 @@ pub(crate) struct Model {
     pub(super) functions: Relations,
     pub(super) axioms: Axioms,
     types: Types,
-    /// Of the declared types, as far as somebody has asked.
+    /// Per declared type: its objects; computed on first use.
     extensions: FxHashMap<Name, OnceLock<Arc<Extension>>>,
-    /// By position in `actions`.
+    /// Per position in `actions`: the compiled action.
     schemas: Vec<OnceLock<Schema>>,
-    /// Positions in `actions`; names may be overloaded.
+    /// Positions in `actions`, by name; names may be overloaded.
     actions_by_name: FxHashMap<Name, Vec<usize>>,
 }
 
@@ -63,13 +63,13 @@ impl Model {
         Ok(model)
     }
 
-    /// All objects of a type, each once, in the order of the texts.
+    /// Returns all objects of a type, without duplicates, in the order of the texts.
     pub(crate) fn members(&self, ty: &TypeExpr) -> Vec<Name> {
         let extension = self.extension(ty);
         extension.iter().filter_map(|object| self.objects.name(object)).cloned().collect()
     }
 
-    /// Whether the object exists and belongs to the type.
+    /// Whether the object is declared and belongs to the type.
     pub(crate) fn is_a(&self, object: &Name, ty: &TypeExpr) -> bool {
         let object = self.objects.declared(object);
         object.is_some_and(|object| self.extension(ty).contains(object))
@@ -84,7 +84,7 @@ impl Model {
         known.map_or_else(found, |known| Arc::clone(known.get_or_init(found)))
     }
 
-    /// Positions of the actions with a name, in the order of the texts.
+    /// Returns the positions of the actions with a name, in the order of the texts.
     pub(super) fn named(&self, name: &Name) -> &[usize] {
         self.actions_by_name.get(name).map_or(&[], Vec::as_slice)
     }
@@ -94,13 +94,13 @@ impl Model {
         self.durative.contains(name)
     }
 
-    /// The action at a position.
+    /// Returns the compiled action at a position.
     pub(super) fn schema(&self, index: usize) -> &Schema {
         let compiled = || compile::schema(self, &self.actions[index]);
         self.schemas[index].get_or_init(compiled)
     }
 
-    /// The axioms that derive a predicate, if none of them rests on that predicate again.
+    /// Returns the axioms that derive a predicate; none if the predicate depends on itself.
     pub(crate) fn definitions(&self, predicate: &Name) -> Vec<&Derived> {
         let of = |name: &Name| {
             let name = name.clone();
@@ -124,7 +124,7 @@ impl Model {
         of(predicate).collect()
     }
 
-    /// Whether no action and no axiom makes facts of a predicate true or false.
+    /// Whether a predicate is static: no action and no axiom changes its facts.
     pub(crate) fn is_static(&self, predicate: &Name) -> bool {
         let is_change = |part: &Effect| match part {
             Effect::Add(atom) | Effect::Delete(atom) => atom.predicate == *predicate,
@@ -135,7 +135,7 @@ impl Model {
             && !self.actions.iter().any(changes)
     }
 
-    /// Numbers the objects, and everything that can become true or change its value.
+    /// Numbers the objects, predicates and functions that the domain declares or that effects change.
     fn number(&mut self, domain: &Domain, problem: &Problem) {
         let declared = problem.objects.iter().map(|declaration| &declaration.object);
         domain.constants.iter().chain(declared).for_each(|object| self.objects.declare(object));

@@ -1,4 +1,5 @@
-//! Numbers: what expressions come to, how they compare, and what several changes make of a value.
+//! Numeric evaluation: values of expressions, comparisons, and the result of several changes of one
+//! fluent.
 
 use pddl::{Assignment, FluentTerm, Name, Term};
 
@@ -7,11 +8,11 @@ use super::query::View;
 use super::symbols::Object;
 use super::table::Table;
 
-/// The values of a function.
+/// Values of a function.
 #[derive(Clone, Debug)]
 pub(super) struct Values {
     fluents: Table,
-    /// By row.
+    /// Value per row of `fluents`.
     numbers: Vec<f64>,
 }
 
@@ -34,7 +35,7 @@ impl Values {
         }
     }
 
-    /// The fluents that have a value, with it, in no order that means anything.
+    /// Iterates over the defined fluents and their values, in no particular order.
     pub(super) fn iter(&self) -> impl Iterator<Item = (&[Object], f64)> {
         let rows = self.fluents.rows().iter();
         rows.map(|row| (self.fluents.tuple(*row), self.numbers[*row as usize]))
@@ -60,7 +61,7 @@ impl View<'_> {
         compare.comparison.holds(left, right)
     }
 
-    /// The value of an expression, or the fluent that has none.
+    /// Returns the value of an expression. Returns the fluent that is undefined as the error.
     pub(super) fn evaluate(
         self,
         expression: &Expression,
@@ -69,13 +70,13 @@ impl View<'_> {
         self.value(expression, frame).ok_or_else(|| self.undefined(expression, frame))
     }
 
-    /// The value of a fluent, if it has one.
+    /// Returns the value of a fluent; `None` if it is undefined.
     pub(super) fn fluent(self, fluent: &Fluent, frame: &[Object]) -> Option<f64> {
         let values = &self.world.values[fluent.function?.index()];
         values.get(|column| fluent.arguments[column].value(frame))
     }
 
-    /// The fluent with objects in place of variables.
+    /// Returns the fluent with objects in place of bound variables.
     pub(super) fn told(self, fluent: &Fluent, frame: &[Object]) -> FluentTerm {
         let objects = &self.world.model.objects;
         let term = |(argument, term): (&Argument, &Term)| {
@@ -103,7 +104,7 @@ impl View<'_> {
         value.is_finite().then_some(value)
     }
 
-    /// The fluent that keeps an expression from having a value.
+    /// Returns the fluent that makes an expression undefined.
     fn undefined(self, expression: &Expression, frame: &[Object]) -> FluentTerm {
         match expression {
             Expression::Fluent(fluent) => self.told(fluent, frame),
@@ -120,7 +121,8 @@ impl View<'_> {
     }
 }
 
-/// What to name when a value is no number: division by zero, or time outside a durative action.
+/// Returns the fluent to report if no operand is undefined but the result is: after a division by zero,
+/// or for a time outside of durative actions.
 fn no_number(expression: &Expression) -> FluentTerm {
     match expression {
         Expression::Fluent(fluent) => fluent.told.clone(),
@@ -135,10 +137,11 @@ fn no_number(expression: &Expression) -> FluentTerm {
     }
 }
 
-/// The value after all updates of one fluent; `None` where they contradict each other.
+/// Returns the value after all updates of one fluent; `None` if they contradict each other or the old
+/// value is needed and undefined.
 ///
-/// Increases and decreases add up, and so do scalings among themselves; an assignment stands alone,
-/// unless the others assign the same.
+/// Increases and decreases add up, and scalings multiply; the two kinds cannot be mixed. An assignment
+/// can only be combined with assignments of the same value.
 pub(super) fn combine(
     old: Option<f64>,
     mut updates: impl Iterator<Item = (Assignment, f64)> + Clone,

@@ -1,7 +1,7 @@
-//! Whether a compiled condition holds in a world, and for which bindings.
+//! Evaluates compiled conditions in a world, and finds the bindings for which they hold.
 //!
-//! A query goes on with whatever leaves the fewest choices: the fact of which the fewest tuples fit
-//! what is bound already; all objects of a type only where no fact speaks of a variable.
+//! The search always continues with the fewest choices: the fact with the fewest tuples that match the
+//! bound arguments. The objects of a type are enumerated only for a variable that is in no open fact.
 
 use std::ops::Range;
 
@@ -10,49 +10,51 @@ use super::symbols::{Extension, Object, Relation};
 use super::table::{SCANNED_MAX, Table};
 use super::world::World;
 
-/// A world as it is read; while a component of axioms settles, with what it has come to so far.
+/// Read access to a world. While a component of axioms is being evaluated, its facts so far are
+/// included.
 #[derive(Clone, Copy)]
 pub(super) struct View<'w> {
     pub(super) world: &'w World,
     growing: Option<(usize, &'w [Table])>,
 }
 
-/// Called for every binding; answers whether to go on. What it changes in the frame it puts back.
+/// Callback for every binding. It returns whether to continue, and must restore what it changes in the
+/// frame.
 pub(super) type Visit<'v> = dyn FnMut(&mut [Object]) -> bool + 'v;
 
-/// Facts with more arguments are only looked up, not walked through: the arguments that a walk has
-/// bound are kept in as many bits.
+/// Maximal number of arguments of a fact for its tuples to be enumerated: the arguments bound by an
+/// enumeration are kept as the bits of one `u64`. Facts with more arguments are only looked up.
 pub(super) const ARITY_MAX: usize = 64;
 
-/// How a query goes on.
+/// Next step of a query.
 enum Step<'w, 'q> {
-    /// With a choice.
+    /// Try these choices.
     Choose(Choices<'w, 'q>),
-    /// All variables are bound, and everything holds.
+    /// All variables are bound, and all parts hold.
     Found,
-    /// There is no such binding.
+    /// No binding exists here.
     Stuck,
 }
 
-/// What variables can be bound to next.
+/// Choices for the next variables.
 enum Choices<'w, 'q> {
-    /// The arguments of a fact, to these rows.
+    /// Bind the arguments of a fact to each of these rows.
     Rows(&'w Table, &'w [u32], &'q Fact),
-    /// A variable, to one object.
+    /// Bind a variable to one object.
     One(Slot, Object),
-    /// A variable, to all objects of its type.
+    /// Bind a variable to each object of its type.
     Members(Slot, &'q Extension),
 }
 
-/// A choice that is being tried. The levels stand on a list and not on the stack, because a text
-/// from anywhere may have any number of variables.
+/// A choice point of the search. Choice points are kept in a list and not on the call stack, because a
+/// text may have any number of variables.
 struct Level<'w, 'q> {
     choices: Choices<'w, 'q>,
-    /// How many have been tried.
+    /// Number of choices tried.
     tried: usize,
-    /// What the last one has bound: arguments of the fact, or the variable.
+    /// Bits of what the current choice has bound: arguments of the fact, or bit 0 for the variable.
     bound: u64,
-    /// The parts of the query that have not been looked at.
+    /// Bits of the parts of the query that have not been evaluated.
     open: u64,
 }
 
@@ -67,7 +69,7 @@ impl<'w> View<'w> {
         View { world, growing: Some((component, tables)) }
     }
 
-    /// The facts of a predicate.
+    /// Returns the facts of a predicate.
     pub(super) fn table(self, relation: Relation) -> &'w Table {
         match (self.world.model.axioms.place(relation), self.growing) {
             (None, _) => &self.world.facts[relation.index()],
@@ -76,7 +78,7 @@ impl<'w> View<'w> {
         }
     }
 
-    /// Whether a condition holds, whose variables are all bound.
+    /// Whether a condition holds; all its free variables must be bound.
     pub(super) fn holds(self, node: &Node, frame: &mut [Object]) -> bool {
         match node {
             Node::Constant(value) => *value,
@@ -95,7 +97,7 @@ impl<'w> View<'w> {
     }
 
     /// Calls `visit` once for every binding of a query's variables under which all its parts hold,
-    /// until it answers `false`. Whether it always answered `true`.
+    /// until it returns `false`. Returns whether it always returned `true`.
     pub(super) fn each(self, query: &Query, frame: &mut [Object], visit: &mut Visit<'_>) -> bool {
         let mut open = all_parts(query);
         match self.next_step(query, &mut open, frame) {
@@ -105,7 +107,7 @@ impl<'w> View<'w> {
         }
     }
 
-    /// Like [`View::each`], with only some rows for one part, which is a fact.
+    /// As [`View::each`], but for one part, which must be a fact, only the rows in `rows` are used.
     pub(super) fn each_from(
         self,
         query: &Query,
@@ -121,7 +123,7 @@ impl<'w> View<'w> {
         self.search(query, Level::of(choices, open), frame, visit)
     }
 
-    /// Tries all choices, and after each of them what can be chosen then.
+    /// Searches depth first through all choices.
     fn search<'q>(
         self,
         query: &'q Query,
@@ -150,9 +152,9 @@ impl<'w> View<'w> {
         true
     }
 
-    /// Looks at every part whose variables are bound, and chooses what to bind next.
+    /// Evaluates every part that has all its variables bound, and selects what to bind next.
     fn next_step<'q>(self, query: &'q Query, open: &mut u64, frame: &mut [Object]) -> Step<'w, 'q> {
-        // The part whose choices are fewest, and how many they are.
+        // The part with the fewest choices, and their number.
         let (mut best, mut fewest) = (None, usize::MAX);
         let mut left = *open;
         while left != 0 {
@@ -206,7 +208,7 @@ impl<'w, 'q> Level<'w, 'q> {
         Level { choices, tried: 0, bound: 0, open }
     }
 
-    /// Takes the next choice that fits; whether there is one.
+    /// Binds the next matching choice. Returns whether there is one.
     fn advance(&mut self, query: &Query, frame: &mut [Object]) -> bool {
         loop {
             self.unbind(frame);
@@ -252,14 +254,14 @@ impl<'w, 'q> Level<'w, 'q> {
     }
 }
 
-/// Binds a variable; what to note as bound.
+/// Binds a variable; returns the bits for [`Level::bound`].
 fn bind_one(slot: Slot, object: Object, frame: &mut [Object]) -> u64 {
     frame[slot.index()] = object;
     1
 }
 
-/// Binds the arguments of a fact to a tuple, as far as they are not bound, and notes which in
-/// `bound`. Whether they fit.
+/// Binds the unbound arguments of a fact to a tuple, and marks them in `bound`. Returns whether the
+/// tuple matches.
 fn bind(
     query: &Query,
     fact: &Fact,
@@ -278,7 +280,7 @@ fn bind(
     })
 }
 
-/// All parts of a query, as bits.
+/// Returns all parts of a query, as bits.
 fn all_parts(query: &Query) -> u64 {
     match query.parts.len() {
         0 => 0,
@@ -286,7 +288,8 @@ fn all_parts(query: &Query) -> u64 {
     }
 }
 
-/// Rows among which are all that fit a fact's arguments, few if that is cheap to tell.
+/// Returns a superset of the rows that match a fact's arguments, restricted by the best of its column
+/// indexes.
 fn fitting<'w>(table: &'w Table, fact: &Fact, frame: &[Object]) -> &'w [u32] {
     let mut fewest = table.rows();
     for (column, argument) in fact.arguments.iter().enumerate() {
@@ -304,7 +307,7 @@ fn fitting<'w>(table: &'w Table, fact: &Fact, frame: &[Object]) -> &'w [u32] {
     fewest
 }
 
-/// The variable of an equation and the object it must be, if one side is bound.
+/// Returns the unbound variable of an equation and its object, if the other side is bound.
 fn one_side(left: Argument, right: Argument, frame: &[Object]) -> Option<(Slot, Object)> {
     match (left, right) {
         (Argument::Slot(slot), other) if frame[slot.index()] == Object::UNBOUND => {
@@ -316,7 +319,7 @@ fn one_side(left: Argument, right: Argument, frame: &[Object]) -> Option<(Slot, 
     }
 }
 
-/// The variable with the fewest objects among those that are not bound.
+/// Returns the unbound variable with the fewest objects.
 fn smallest<'q>(query: &'q Query, frame: &[Object]) -> Option<&'q Variable> {
     let is_unbound = |variable: &&Variable| frame[variable.slot.index()] == Object::UNBOUND;
     query.variables.iter().filter(is_unbound).min_by_key(|variable| variable.extension.len())

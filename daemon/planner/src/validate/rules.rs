@@ -1,8 +1,8 @@
-//! Axioms as rules, and their fixpoint: what a component of derived predicates comes to in a state.
+//! Axioms as rules, and the fixpoint of a component of derived predicates in a state.
 //!
-//! Semi-naive: after a first round over everything, a rule is asked again only for what follows from
-//! facts that are new. A rule that reads its own component deeper inside, under a `forall`, say, is
-//! asked again in full.
+//! The evaluation is semi-naive: after a first round over everything, a rule is applied only to new
+//! facts. A rule that reads its own component inside a nested condition, such as a `forall`, is applied
+//! in full again.
 
 use std::ops::Range;
 
@@ -14,36 +14,37 @@ use super::symbols::{Object, Relation};
 use super::table::Table;
 use super::world::World;
 
-/// Up to so many rules an axiom is taken apart over `or`; past it, an `or` is looked at as a whole.
+/// Maximal number of rules that an axiom is split into over `or`; beyond it, an `or` is evaluated as a
+/// whole.
 const ALTERNATIVES_MAX: usize = 64;
 
-/// One way to derive a predicate: a conjunction.
+/// One conjunctive way to derive a predicate.
 #[derive(Debug)]
 pub(super) struct Rule {
     relation: Relation,
-    /// The relation's position in its component.
+    /// Position of the relation in its component.
     head: usize,
     arguments: Box<[Slot]>,
     query: Query,
-    /// The parts that are facts of the same component, with the predicate's position there.
+    /// Parts that are facts of the same component, each with the predicate's position there.
     recursive: Vec<(usize, usize)>,
-    /// Whether the component is read anywhere else.
+    /// Whether the component is read in any other part.
     is_nested: bool,
     slot_count: usize,
 }
 
-/// Variables, and what must hold of them.
+/// Variables, and the conditions that must hold for them.
 type Alternative = (Vec<Variable>, Vec<Node>);
 
 // === impl Rule ===
 
 impl Rule {
-    /// The rules of an axiom of a component.
+    /// Returns the rules of an axiom of a component.
     fn of(model: &Model, component: usize, axiom: usize) -> Vec<Rule> {
         let axiom = &model.derived[axiom];
         let mut scope = Scope::new(model);
         let variables = scope.declare(&axiom.parameters);
-        // Of two parameters with one name, the second is meant, as everywhere.
+        // If two parameters have the same name, the later one counts, as everywhere.
         let slot_of = |parameter: &pddl::Typed| {
             let same = axiom.parameters.iter().rposition(|other| other.name == parameter.name);
             same.map_or(variables[0].slot, |position| variables[position].slot)
@@ -63,7 +64,7 @@ impl Rule {
     }
 }
 
-/// The parts of a query that are facts of a component, and whether others read it too.
+/// Returns the parts of a query that are facts of a component, and whether other parts read it too.
 fn recursion(model: &Model, component: usize, query: &Query) -> (Vec<(usize, usize)>, bool) {
     let (mut recursive, mut is_nested) = (Vec::new(), false);
     for (index, part) in query.parts.iter().enumerate() {
@@ -79,7 +80,8 @@ fn recursion(model: &Model, component: usize, query: &Query) -> (Vec<(usize, usi
     (recursive, is_nested)
 }
 
-/// The disjunctive form of a node, with the variables of what exists inside taken in.
+/// Returns the disjunctive normal form of a node; variables of inner existential quantifiers are
+/// merged.
 fn alternatives(node: Node) -> Vec<Alternative> {
     match node {
         Node::Constant(false) => Vec::new(),
@@ -120,7 +122,7 @@ fn alternatives(node: Node) -> Vec<Alternative> {
     }
 }
 
-/// Adds to every alternative what a factor says.
+/// Adds the variables and conditions of a factor to every alternative.
 fn extend(alternatives: &mut [Alternative], (variables, nodes): &Alternative) {
     for (own_variables, own_nodes) in alternatives {
         own_variables.extend_from_slice(variables);
@@ -131,13 +133,13 @@ fn extend(alternatives: &mut [Alternative], (variables, nodes): &Alternative) {
 // === impl World ===
 
 impl World {
-    /// The tables of a component, settled.
+    /// Returns the facts of a component, and evaluates it if needed.
     pub(super) fn derived(&self, component: usize) -> &[Table] {
         if let Some(tables) = self.derived[component].get() {
             return tables;
         }
-        // What it rests on first, deepest first; without recursion, because the domain may come from
-        // anywhere.
+        // Evaluates the components that it reads first, deepest first. An explicit stack replaces
+        // recursion, because the domain may be of any depth.
         let mut open = vec![component];
         while let Some(&top) = open.last() {
             let below = self.model.axioms.components[top].below.iter();
@@ -153,18 +155,18 @@ impl World {
         self.derived[component].get_or_init(|| self.settled(component))
     }
 
-    /// Forgets what components came to, and what rests on them.
+    /// Drops the results of components, and of all components that read them.
     pub(super) fn unsettle(&mut self, components: &[usize]) {
         let mut open = components.to_vec();
         while let Some(component) = open.pop() {
-            // Nothing is settled that rests on something unsettled.
+            // If a component has no result, no component that reads it has one.
             if self.derived[component].take().is_some() {
                 open.extend(&self.model.axioms.components[component].above);
             }
         }
     }
 
-    /// What a component comes to, by its fixpoint.
+    /// Computes the facts of a component by its fixpoint.
     fn settled(&self, index: usize) -> Vec<Table> {
         let component = &self.model.axioms.components[index];
         let rules = component.rules.get_or_init(|| {
@@ -199,16 +201,16 @@ impl World {
     }
 }
 
-/// The part of a rule that a new fact is put in for, and which tuples are new: while a component
-/// settles nothing is taken out, so they come last.
+/// A part of a rule, and the rows of its new facts. They come last, because tuples are not removed
+/// while a component is evaluated.
 type Source = (usize, Range<usize>);
 
-/// Tuples one after the other, and how many they are.
+/// Tuples in one array, and their number.
 type Tuples = (Vec<Object>, usize);
 
 impl Rule {
-    /// Where to start from, given the rows that each predicate had before the last round and has
-    /// now; `None` stands for everything.
+    /// Returns the parts of the rule that have new facts, given the number of rows of each predicate
+    /// before the last round and now. `None` means that the whole rule must be applied.
     fn sources(&self, seen: &[usize], now: &[usize]) -> Vec<Option<Source>> {
         if self.is_nested {
             return vec![None];
@@ -217,7 +219,7 @@ impl Rule {
         self.recursive.iter().map(source).collect()
     }
 
-    /// What follows and is not known yet.
+    /// Returns the derived tuples that are not known yet.
     fn follow(&self, view: View<'_>, from: Option<Source>) -> Tuples {
         let known = view.table(self.relation);
         let mut frame = vec![Object::UNBOUND; self.slot_count];

@@ -1,4 +1,4 @@
-//! Steps of a plan: which action a step names, whether it can be done, and what it changes.
+//! Steps of a plan: finds the action of a step, checks that it is applicable, and collects its effects.
 
 use pddl::{ActionSchema, Name, PlanStep, Typed};
 
@@ -14,13 +14,13 @@ use super::world::World;
 // === impl World ===
 
 impl World {
-    /// Finds the action, checks arguments and precondition, and reads the effects.
+    /// Finds the action, checks arguments and precondition, and evaluates the effects.
     pub(super) fn changes(&self, step: &PlanStep) -> Result<Changes, FaultReason> {
         let mut reason = FaultReason::UnknownAction;
         if self.model.is_durative(&step.action) {
             reason = FaultReason::Durative;
         }
-        // Action names may be overloaded; the fault told is that of the last one tried.
+        // Action names may be overloaded; the fault that is reported is that of the last one tried.
         for index in self.model.named(&step.action) {
             match self.changes_by(*index, step) {
                 Ok(changes) => return Ok(changes),
@@ -47,7 +47,7 @@ impl World {
         Ok(changes)
     }
 
-    /// The parameters of an action, bound to a step's arguments.
+    /// Binds the parameters of an action to the arguments of a step.
     fn frame(
         &self,
         action: &ActionSchema,
@@ -75,8 +75,7 @@ impl World {
     }
 }
 
-/// The action that a step names, with as many parameters as the step has arguments and of fitting
-/// types.
+/// Returns the action of a step: the first with its name, number of arguments and fitting types.
 pub(super) fn schema_of<'m>(model: &'m Model, step: &PlanStep) -> Option<&'m ActionSchema> {
     let actions = model.named(&step.action).iter().map(|index| &model.actions[*index]);
     let mut fitting = actions.filter(|action| {

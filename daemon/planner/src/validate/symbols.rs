@@ -1,25 +1,26 @@
-//! Numbers for names: every object, predicate and function is looked up by its name once.
+//! Numbers for names, so that every object, predicate and function is looked up by name only once.
 
 use std::sync::Arc;
 
 use pddl::{Name, TypeExpr, Typed, Types};
 use rustc_hash::FxHashMap;
 
-/// An object, by the order in which the texts name them.
+/// Number of an object, in the order in which the texts name them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Object(u32);
 
-/// The first number of strangers: far above that of any object that a text of 4 GiB can name.
+/// Number of the first stranger (a name that the texts do not contain): above that of any object that a
+/// text of 4 GiB can name.
 const STRANGERS: u32 = 1 << 31;
 
-/// The objects that the texts name; those that they declare come first.
+/// Objects that the texts name; the declared ones come first.
 #[derive(Debug, Default)]
 pub(super) struct Objects {
     names: Vec<Name>,
     by_name: FxHashMap<Name, Object>,
-    /// The types of those that are declared: positions in `types`.
+    /// Per declared object: position of its type in `types`.
     typed: Vec<usize>,
-    /// The further types of those that are declared again.
+    /// Further types of objects that are declared several times.
     typed_again: FxHashMap<Object, Vec<usize>>,
     types: Vec<TypeExpr>,
     types_by_expr: FxHashMap<TypeExpr, usize>,
@@ -28,18 +29,18 @@ pub(super) struct Objects {
 /// All objects of a type, in the order of the texts.
 #[derive(Debug)]
 pub(super) enum Extension {
-    /// As many as are declared: those of the type `object`.
+    /// All declared objects, by their number; this is the type `object`.
     Everything(u32),
-    /// Some of them, in order.
+    /// Some objects, in ascending order.
     Listed(Vec<Object>),
 }
 
-/// A predicate or a function, with one number of arguments. Texts that were not checked may use one
-/// name with several.
+/// A predicate or a function with a fixed number of arguments. Texts that have not been checked may use
+/// one name with several numbers of arguments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Relation(u32);
 
-/// The predicates, or the functions, that the texts name.
+/// Predicates, or functions, that the texts name.
 #[derive(Debug, Default)]
 pub(super) struct Relations {
     entries: Vec<(Name, usize)>,
@@ -49,11 +50,11 @@ pub(super) struct Relations {
 // === impl Object ===
 
 impl Object {
-    /// Stands where a variable is bound to nothing yet.
+    /// Marks an unbound variable.
     pub(super) const UNBOUND: Object = Object(u32::MAX);
 
-    /// Something that a condition names and the texts do not: no fact holds of it, and it equals
-    /// itself.
+    /// Returns a stranger: an object that a condition names and the texts do not. No fact holds for it,
+    /// and it equals only itself.
     pub(super) fn stranger(index: usize) -> Object {
         Object(STRANGERS + index as u32)
     }
@@ -66,11 +67,11 @@ impl Object {
 // === impl Objects ===
 
 impl Objects {
-    /// Adds an object with its type; one that is declared several times belongs to all its types.
+    /// Adds an object with its type. An object that is declared several times belongs to all its types.
     ///
     /// # Panics
     ///
-    /// If objects have been named before that are not declared.
+    /// Panics if an undeclared object has been inserted before.
     pub(super) fn declare(&mut self, object: &Typed) {
         assert_eq!(self.names.len(), self.typed.len(), "declared objects come first");
         let known = self.by_name.get(&object.name).copied();
@@ -90,7 +91,7 @@ impl Objects {
         self.typed.push(ty);
     }
 
-    /// The number of a name; a new one, if it has none.
+    /// Returns the number of a name, and assigns one if needed.
     pub(super) fn insert(&mut self, name: &Name) -> Object {
         if let Some(object) = self.find(name) {
             return object;
@@ -105,17 +106,17 @@ impl Objects {
         self.by_name.get(name).copied()
     }
 
-    /// The number of a name, if an object of this name is declared.
+    /// Returns the number of a declared object; `None` if there is no such declaration.
     pub(super) fn declared(&self, name: &Name) -> Option<Object> {
         self.find(name).filter(|object| object.index() < self.typed.len())
     }
 
-    /// The name, unless it is a stranger or nothing.
+    /// Returns the name; `None` for strangers and [`Object::UNBOUND`].
     pub(super) fn name(&self, object: Object) -> Option<&Name> {
         self.names.get(object.index())
     }
 
-    /// All declared objects of a type.
+    /// Returns all declared objects of a type.
     pub(super) fn extension(&self, ty: &TypeExpr, types: &Types) -> Arc<Extension> {
         if ty.is_object() {
             return Arc::new(Extension::Everything(self.typed.len() as u32));
@@ -149,7 +150,7 @@ impl Extension {
         }
     }
 
-    /// The object at a position, in the order of the texts.
+    /// Returns the object at a position, in the order of the texts.
     pub(super) fn get(&self, index: usize) -> Option<Object> {
         match self {
             Extension::Everything(count) => {
@@ -159,7 +160,7 @@ impl Extension {
         }
     }
 
-    /// In the order of the texts.
+    /// Iterates over the objects in the order of the texts.
     pub(super) fn iter(&self) -> impl Iterator<Item = Object> + '_ {
         (0..self.len()).filter_map(|index| self.get(index))
     }
@@ -176,7 +177,7 @@ impl Relation {
 // === impl Relations ===
 
 impl Relations {
-    /// The number of a name with so many arguments; a new one, if it has none.
+    /// Returns the number of a name with this number of arguments, and assigns one if needed.
     pub(super) fn insert(&mut self, name: &Name, arity: usize) -> Relation {
         if let Some(relation) = self.find(name, arity) {
             return relation;

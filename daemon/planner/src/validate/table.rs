@@ -1,9 +1,9 @@
-//! Tuples of objects, found by all of their columns or by one.
+//! Tables: sets of tuples of objects, which can be found by all of their columns or by one.
 //!
-//! - A tuple keeps its row for good, whether it is in the table at the time or not, so that whatever
-//!   stands beside the table (indexes, values) can speak of rows.
-//! - An index of a column is made when somebody first asks for it, and kept up from then on. A
-//!   building's tables are so small that nobody asks.
+//! - A tuple keeps its row number even after it is removed, so that data outside of the table (indexes,
+//!   values) can refer to rows.
+//! - The index of a column is built on first use, and maintained from then on. Most tables of a
+//!   building are so small that no index is built.
 
 use std::hash::Hasher;
 use std::sync::OnceLock;
@@ -12,34 +12,34 @@ use rustc_hash::{FxHashMap, FxHasher};
 
 use super::symbols::Object;
 
-/// Rows that are looked through faster than hashed.
+/// Number of rows up to which a linear scan is faster than hashing.
 pub(super) const SCANNED_MAX: usize = 8;
 
 /// Marks a row that is not in the table, and the end of a chain of rows.
 const NOWHERE: u32 = u32::MAX;
 
-/// A set of tuples of one length.
+/// A set of tuples of equal length.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Table {
     arity: usize,
-    /// Row by row.
+    /// Objects of all rows, row by row.
     cells: Vec<Object>,
-    /// By hash: the newest of the rows that have it, once there are more than [`SCANNED_MAX`].
+    /// Per hash: the newest row with it. Filled once there are more than [`SCANNED_MAX`] rows.
     newest: FxHashMap<u64, u32>,
-    /// By row: the row before it with the same hash.
+    /// Per row: the previous row with the same hash.
     earlier: Vec<u32>,
-    /// Of the tuples in the table: in the order they came in, until one is taken out.
+    /// Rows of the tuples in the table, in the order of insertion as long as none is removed.
     rows: Vec<u32>,
-    /// By row: where it stands in `rows`.
+    /// Per row: its position in `rows`.
     places: Vec<u32>,
     columns: Vec<OnceLock<Column>>,
 }
 
-/// The rows that are in the table, by the object in one column.
+/// Index of one column: the rows in the table, by the object in the column.
 #[derive(Clone, Debug, Default)]
 struct Column {
     groups: FxHashMap<Object, Vec<u32>>,
-    /// By row: where it stands in its group.
+    /// Per row: its position in its group.
     places: Vec<u32>,
 }
 
@@ -50,12 +50,12 @@ impl Table {
         Table { arity, ..Table::default() }
     }
 
-    /// How many tuples are in the table.
+    /// Returns the number of tuples in the table.
     pub(super) fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// How many rows there are, of tuples in the table and of such that once were.
+    /// Returns the number of rows, including those of removed tuples.
     pub(super) fn row_count(&self) -> usize {
         self.earlier.len()
     }
@@ -65,17 +65,17 @@ impl Table {
         &self.cells[start..start + self.arity]
     }
 
-    /// The rows of all tuples in the table.
+    /// Returns the rows of all tuples in the table.
     pub(super) fn rows(&self) -> &[u32] {
         &self.rows
     }
 
-    /// All tuples in the table, in no order that means anything.
+    /// Iterates over all tuples in the table, in no particular order.
     pub(super) fn tuples(&self) -> impl Iterator<Item = &[Object]> {
         self.rows.iter().map(|row| self.tuple(*row))
     }
 
-    /// The rows of the tuples in the table that have `object` in a column.
+    /// Returns the rows of the tuples in the table that have `object` in a column.
     pub(super) fn matching(&self, column: usize, object: Object) -> &[u32] {
         let column = self.columns[column].get_or_init(|| self.indexed(column));
         column.groups.get(&object).map_or(&[], Vec::as_slice)
@@ -86,7 +86,8 @@ impl Table {
         self.find(cell).is_some_and(|row| self.places[row as usize] != NOWHERE)
     }
 
-    /// The row of the tuple with these columns, if it is or was in the table.
+    /// Returns the row of the tuple with these columns, even if it has been removed; `None` if it never
+    /// was there.
     pub(super) fn find(&self, cell: impl Fn(usize) -> Object) -> Option<u32> {
         let is_it = |row: u32| {
             let cells = self.tuple(row).iter().enumerate();
@@ -106,7 +107,7 @@ impl Table {
         None
     }
 
-    /// Adds a tuple; whether it was missing.
+    /// Adds a tuple. Returns whether it was missing.
     pub(super) fn insert(&mut self, tuple: &[Object]) -> bool {
         let row = match self.find(|column| tuple[column]) {
             Some(row) if self.places[row as usize] != NOWHERE => return false,
@@ -123,7 +124,7 @@ impl Table {
         true
     }
 
-    /// Takes a tuple out; whether it was in.
+    /// Removes a tuple. Returns whether it was there.
     pub(super) fn remove(&mut self, tuple: &[Object]) -> bool {
         let Some(row) = self.find(|column| tuple[column]) else { return false };
         if self.places[row as usize] == NOWHERE {
@@ -169,7 +170,7 @@ impl Table {
 }
 
 impl PartialEq for Table {
-    /// Same tuples; which others there once were does not matter.
+    /// Compares the tuples in the tables; removed ones do not matter.
     fn eq(&self, other: &Table) -> bool {
         let has = |tuple: &[Object]| other.contains(|column| tuple[column]);
         self.arity == other.arity && self.len() == other.len() && self.tuples().all(has)
@@ -195,7 +196,7 @@ impl Column {
     }
 }
 
-/// Takes a row out of a group, whose last row takes its place.
+/// Removes a row from a group; the last row of the group takes its position.
 fn remove(group: &mut Vec<u32>, places: &mut [u32], row: u32) {
     let place = std::mem::replace(&mut places[row as usize], NOWHERE) as usize;
     group.swap_remove(place);

@@ -1,8 +1,8 @@
-//! One state of the world, as the lifted texts mean it: facts, values, and what the axioms derive.
+//! A state of the world, as the lifted texts define it: facts, values, and derived facts.
 //!
-//! - Interprets the syntax tree itself, compiled to slots and numbers; shares no code with grounding
-//!   and search.
-//! - An executor keeps one, applies confirmed steps, and asks what holds.
+//! - It interprets the syntax tree itself, compiled to slots and numbers, and shares no code with
+//!   grounding and search.
+//! - An executor keeps one, applies confirmed steps, and queries which conditions hold.
 
 use std::cmp::Ordering;
 use std::collections::HashSet;
@@ -22,36 +22,37 @@ use super::symbols::{Object, Relation};
 use super::table::Table;
 use super::{Fault, FaultReason, Place};
 
-/// A state, and the texts it is a state of. Cloning copies the state and shares the texts.
+/// A state, with the texts that it belongs to. A clone copies the state and shares the texts.
 #[derive(Clone, Debug)]
 pub struct World {
     pub(super) model: Arc<Model>,
-    /// By predicate: what is true without axioms.
+    /// Per predicate: facts that are true without axioms.
     pub(super) facts: Vec<Table>,
-    /// By component of the axioms: what they derive, once somebody has asked. Nothing is settled
-    /// that rests on something unsettled.
+    /// Per component of the axioms: its derived facts, computed on first use. If a component has no
+    /// result, no component that reads it has one.
     pub(super) derived: Vec<OnceLock<Vec<Table>>>,
-    /// By function.
+    /// Per function: its values.
     pub(super) values: Vec<Values>,
-    /// Steps applied so far.
+    /// Number of steps applied so far.
     pub(super) steps: usize,
 }
 
 // === impl World ===
 
 impl World {
-    /// The initial state of a problem.
+    /// Returns the initial state of a problem.
     ///
-    /// Fails where no such state can be told: an axiom depends on its own negation, or `:init` speaks
-    /// of times to come.
+    /// Returns an error if it is not defined: an axiom depends on its own negation, or `:init` contains
+    /// timed literals or unknown facts.
     pub fn initial(domain: &Domain, problem: &Problem) -> Result<World, Vec<Diagnostic>> {
         let mut model = Model::new(domain, problem)?;
         let state = initially(&mut model, problem)?;
         Ok(World::of(Arc::new(model), state))
     }
 
-    /// The initial state of another problem of the same domain, with the same objects and metric;
-    /// `None` if it cannot be told, or others still read the texts of this one.
+    /// Returns the initial state of another problem of the same domain, with the same objects and
+    /// metric. Returns `None` if it is not defined, or if the model is still shared with another
+    /// `World`.
     pub(crate) fn again(mut self, problem: &Problem) -> Option<World> {
         let state = initially(Arc::get_mut(&mut self.model)?, problem).ok()?;
         Some(World::of(self.model, state))
@@ -62,13 +63,13 @@ impl World {
         World { facts, derived, values, model, steps: 0 }
     }
 
-    /// The texts that it is a state of.
+    /// Returns the model: the constant part of the texts.
     pub(crate) fn model(&self) -> &Model {
         &self.model
     }
 
-    /// What is true here and is not in `other`, a state of the same texts: facts, sorted; those of
-    /// axioms come last.
+    /// Returns the facts that are true here and not in `other`, a state of the same texts. They are
+    /// sorted; derived facts come last.
     pub fn beyond(&self, other: &World) -> Vec<Atom> {
         if Arc::ptr_eq(&self.model, &other.model) {
             return self.atoms_where(|predicate, tuple| !other.is_true(predicate, tuple));
@@ -84,17 +85,17 @@ impl World {
         View::of(self).holds(&node, &mut scope.frame())
     }
 
-    /// The smallest part of a closed condition that does not hold; `None` if all of it does.
+    /// Returns the smallest failing part of a closed condition; `None` if the condition holds.
     pub fn failing(&self, condition: &Condition) -> Option<Condition> {
         Failing::new(self).part(condition)
     }
 
-    /// The facts that are true, sorted; those of axioms come last.
+    /// Iterates over the true facts, sorted; derived facts come last.
     pub fn atoms(&self) -> impl Iterator<Item = Atom> + '_ {
         self.atoms_where(|_, _| true).into_iter()
     }
 
-    /// Those of them that `shows` tells.
+    /// Returns the true facts for which `shows` returns `true`.
     fn atoms_where(&self, shows: impl Fn(Relation, &[Object]) -> bool) -> Vec<Atom> {
         let mut derived = Vec::new();
         for predicate in self.model.predicates.iter() {
@@ -112,14 +113,14 @@ impl World {
         atoms
     }
 
-    /// Whether a fact is true, claimed or derived.
+    /// Whether a fact is true, by itself or by axioms.
     fn is_true(&self, predicate: Relation, tuple: &[Object]) -> bool {
         let is_in = |table: &Table| table.contains(|column| tuple[column]);
         is_in(&self.facts[predicate.index()]) || { self.model.axioms.place(predicate) }
             .is_some_and(|(component, at)| is_in(&self.derived(component)[at]))
     }
 
-    /// The value of a ground fluent, if it has one.
+    /// Returns the value of a ground fluent; `None` if it is undefined.
     pub fn value(&self, fluent: &FluentTerm) -> Option<f64> {
         let function = self.model.functions.find(&fluent.function, fluent.arguments.len())?;
         let objects = fluent.arguments.iter().map(|term| self.model.objects.find(term.name()));
@@ -127,24 +128,25 @@ impl World {
         self.values[function.index()].get(|column| objects[column])
     }
 
-    /// What the metric says of the steps applied so far; their number where there is no metric.
+    /// Returns the value of the metric for the steps applied so far; their number if there is no
+    /// metric.
     pub fn cost(&self) -> Result<f64, Box<Fault>> {
         let Some(metric) = &self.model.metric else { return Ok(self.steps as f64) };
         let expression = Scope::new(&self.model).expression(&metric.expression);
         let value = View::of(self).evaluate(&expression, &[]);
-        // Zero has two signs, and they are one number.
+        // Zero has two signs in IEEE 754; adding 0.0 makes them equal.
         value.map(|value| value + 0.0).map_err(|fluent| {
             let reason = FaultReason::Undefined(fluent);
             Box::new(Fault { place: Place::Metric, reason, span: metric.span })
         })
     }
 
-    /// Whether more is better under the metric.
+    /// Whether the metric is to be maximized.
     pub fn maximizes(&self) -> bool {
         self.model.metric.as_ref().is_some_and(|metric| metric.direction == Direction::Maximize)
     }
 
-    /// Applies one step. After a fault the world is as it was.
+    /// Applies one step. On an error the world stays as it was.
     pub fn apply(&mut self, step: &PlanStep) -> Result<(), Box<Fault>> {
         let fault = |reason| {
             let place = Place::Step { index: self.steps, step: step.clone() };
@@ -173,12 +175,12 @@ impl World {
         Ok(())
     }
 
-    /// The facts that are true without axioms, sorted.
+    /// Returns the facts that are true without axioms, sorted.
     fn claimed(&self) -> Vec<Atom> {
         self.claimed_where(|_, _| true)
     }
 
-    /// Those of them that `shows` tells.
+    /// Returns the facts that are true without axioms and for which `shows` returns `true`, sorted.
     fn claimed_where(&self, shows: impl Fn(Relation, &[Object]) -> bool) -> Vec<Atom> {
         let mut claimed = Vec::new();
         for predicate in self.model.predicates.iter() {
@@ -190,7 +192,7 @@ impl World {
         claimed
     }
 
-    /// All fluents that have a value, as atoms, sorted.
+    /// Returns all defined fluents, as atoms with their values, sorted.
     fn valued(&self) -> Vec<(Atom, f64)> {
         let functions = &self.model.functions;
         let mut valued = Vec::new();
@@ -208,7 +210,7 @@ impl World {
         self.named(self.model.predicates.name(predicate), tuple)
     }
 
-    /// `None` if one of the objects has no name in the texts.
+    /// Returns the atom of a tuple; `None` if one of the objects has no name in the texts.
     fn named(&self, name: &Name, tuple: &[Object]) -> Option<Atom> {
         let term = |object: &Object| self.model.objects.name(*object).cloned().map(Term::Object);
         let arguments = tuple.iter().map(term).collect::<Option<Vec<Term>>>()?;
@@ -217,7 +219,7 @@ impl World {
 }
 
 impl PartialEq for World {
-    /// Same facts and values; how many steps led there does not matter.
+    /// Compares facts and values; the number of steps does not matter.
     fn eq(&self, other: &World) -> bool {
         if Arc::ptr_eq(&self.model, &other.model) {
             return self.values == other.values && self.facts == other.facts;
@@ -226,7 +228,7 @@ impl PartialEq for World {
     }
 }
 
-/// By predicate, then by arguments.
+/// Compares by predicate, then by arguments.
 fn by_name(left: &Atom, right: &Atom) -> Ordering {
     let arguments = || {
         let right = right.arguments.iter().map(Term::name);
@@ -235,18 +237,20 @@ fn by_name(left: &Atom, right: &Atom) -> Ordering {
     left.predicate.cmp(&right.predicate).then_with(arguments)
 }
 
-/// The facts and the values of an initial state. What only `:init` names gets its number here.
+/// Returns the facts and values of an initial state. Names that occur only in `:init` are numbered
+/// here.
 fn initially(
     model: &mut Model,
     problem: &Problem,
 ) -> Result<(Vec<Table>, Vec<Values>), Vec<Diagnostic>> {
-    // Domains declare `total-cost` and problems forget to start it.
+    // `total-cost` is zero unless `:init` gives it a value: many domains declare it, and problems omit
+    // it.
     let total_cost = model.functions.insert(&Name::new("total-cost"), 0);
     let mut values: Vec<Values> = model.functions.arities().map(Values::new).collect();
     let mut facts: Vec<Table> = model.predicates.arities().map(Table::new).collect();
     values[total_cost.index()].set(&[], 0.0);
     let mut tuple = Vec::new();
-    // Facts of one predicate mostly come one after the other.
+    // Facts of one predicate are mostly adjacent.
     let mut last: Option<(&Atom, Relation)> = None;
     for element in &problem.init {
         tuple.clear();

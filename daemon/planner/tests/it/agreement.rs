@@ -1,11 +1,11 @@
-//! Random small tasks: what the planner says is what trying everything says.
+//! Random small tasks: compares the planner with brute force.
 //!
-//! Solvable exactly where it finds a plan, unsolvable where it claims so, the least cost where it
-//! claims that; and every order that deordering allows works.
+//! A task is solvable if and only if the planner finds a plan, and has the least cost that the planner
+//! claims. Every order of steps that deordering allows leads to the goal.
 //!
-//! `ALTHING_TASKS=10000` draws so many, `ALTHING_TASKS_SEED=7` draws others, and with
-//! `ALTHING_TASKS_FOLDER=FOLDER` each is left there with its least cost, for another planner to be
-//! held against (`benches/random_tasks.py`).
+//! `ALTHING_TASKS=10000` draws this number of tasks, and `ALTHING_TASKS_SEED=7` draws other ones. With
+//! `ALTHING_TASKS_FOLDER=FOLDER` each task is written there with its least cost, to compare another
+//! planner with (`benches/random_tasks.py`).
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -18,13 +18,13 @@ use crate::brute_force::least_cost_within;
 use crate::ordering::assert_all_orders_work;
 use crate::support::{domain, parse, problem};
 
-/// The objects that a task may have; it has the first of them.
+/// Objects of the tasks; each task uses the first few of them.
 const OBJECTS: [&str; 4] = ["a", "b", "e", "f"];
 
-/// States that are tried one by one: a task that has more is drawn again.
+/// Maximal number of states for brute force; a task with more is drawn again.
 const STATES_MAX: usize = 2_000;
 
-/// A term out of the variables in scope and the objects, which are given names later.
+/// Generates a term from the variables in scope and the objects; objects get their names later.
 fn term(variables: usize) -> impl Strategy<Value = String> {
     prop_oneof![
         variables as u32 => (0..variables.max(1)).prop_map(|index| format!("?v{index}")),
@@ -32,7 +32,7 @@ fn term(variables: usize) -> impl Strategy<Value = String> {
     ]
 }
 
-/// The text with names for its objects, of which there are so many.
+/// Replaces the placeholders of objects in a text by the names of `count` objects.
 pub(crate) fn with_objects(text: &str, count: usize) -> String {
     let names = (0..OBJECTS.len()).map(|index| OBJECTS[index % count]);
     names
@@ -40,12 +40,12 @@ pub(crate) fn with_objects(text: &str, count: usize) -> String {
         .fold(text.to_owned(), |text, (index, name)| text.replace(&format!("object{index}"), name))
 }
 
-/// One to four objects: with one, a variable has one value, and much that is lifted is ground.
+/// One to four objects. With one object, a variable has one value, and much that is lifted is ground.
 fn object_count() -> impl Strategy<Value = usize> {
     prop_oneof![3 => Just(1_usize), 4 => Just(2), 2 => Just(3), 1 => Just(4)]
 }
 
-/// What declares so many objects as constants; every second is of type `t`.
+/// Declares this number of objects as constants; every second is of type `t`.
 fn constants(count: usize) -> String {
     let typed = OBJECTS[..count].iter().enumerate().map(|(index, name)| match index % 2 {
         0 => format!("{name} - t "),
@@ -64,7 +64,7 @@ pub(crate) fn atom(variables: usize) -> BoxedStrategy<String> {
     .boxed()
 }
 
-/// A condition over the variables `?v0 … ?v(n-1)`; `(d …)` is derived, `(s …)` is static.
+/// Generates a condition over the variables `?v0 … ?v(n-1)`; `(d …)` is derived, `(s …)` is static.
 fn condition(variables: usize, depth: usize) -> BoxedStrategy<String> {
     let leaf = prop_oneof![
         6 => atom(variables),
@@ -94,7 +94,7 @@ fn literal(variables: usize) -> impl Strategy<Value = String> {
         .prop_map(|(adds, atom)| if adds { atom } else { format!("(not {atom})") })
 }
 
-/// Several conditions at once: what makes tasks neither trivial nor hopeless.
+/// Generates several conditions at once, so that tasks are neither trivial nor unsolvable.
 pub(crate) fn conjunction(
     variables: usize,
     parts: std::ops::Range<usize>,
@@ -132,7 +132,7 @@ pub(crate) fn action() -> impl Strategy<Value = String> {
     })
 }
 
-/// When `(d ?v0)` holds.
+/// Generates a condition for `(d ?v0)`.
 pub(crate) fn axiom() -> impl Strategy<Value = String> {
     prop_oneof![
         Just("(p ?v0)".to_owned()),
@@ -163,7 +163,7 @@ fn task() -> impl Strategy<Value = (String, String)> {
     )
 }
 
-/// A number that the environment gives, or this one.
+/// Returns the number in an environment variable, or the default.
 fn given(variable: &str, default: u32) -> u32 {
     match std::env::var(variable) {
         Ok(text) => text.parse().unwrap_or_else(|_| panic!("{variable}: `{text}` is no number")),
@@ -181,7 +181,7 @@ fn drawn(cases: u32, seed: u32) -> ProptestConfig {
     }
 }
 
-/// Leaves a task in a folder, and what brute force says of it: its least cost, or `none`.
+/// Writes a task into a folder, with the result of brute force: its least cost, or `none`.
 fn keep(folder: &str, domain: &str, problem: &str, truth: Option<f64>) {
     static COUNT: AtomicUsize = AtomicUsize::new(0);
     let number = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -250,7 +250,7 @@ proptest! {
                 prop_assert!(is_proof, "{name:?}: {}", outcome.stop_reason);
                 continue;
             };
-            // These end by themselves only where nothing cheaper is left.
+            // These end by themselves only if nothing cheaper is left.
             let is_best = options.configuration.optimal || options.effort != Effort::First;
             let cost = plan.cost.map_or(f64::NAN, |cost| cost.0);
             prop_assert!(cost >= least - 1e-6, "{name:?} found {cost}, least {least}");
@@ -259,7 +259,8 @@ proptest! {
     }
 }
 
-/// Every configuration alone, in two lanes, and going on after the first plan.
+/// Returns the options of all runs: every configuration alone, on two threads, and with further effort
+/// after the first plan.
 fn ways() -> Vec<Options> {
     let mut ways = Vec::new();
     for configuration in CONFIGURATIONS {

@@ -1,11 +1,11 @@
-//! The truth by trying everything: search over the validator's worlds, one step at a time.
+//! Brute force: searches all states with the validator's [`World`](planner::World), one step at a time.
 
 use std::collections::BTreeMap;
 
 use pddl::{Domain, Name, PlanStep, Problem};
 use planner::World;
 
-/// Every step that names an action and as many objects as it takes.
+/// Returns all steps: every action with all combinations of objects for its parameters.
 pub(crate) fn all_steps(domain: &Domain, problem: &Problem) -> Vec<PlanStep> {
     let objects: Vec<Name> = domain
         .constants
@@ -31,18 +31,18 @@ pub(crate) fn all_steps(domain: &Domain, problem: &Problem) -> Vec<PlanStep> {
     steps
 }
 
-/// A task has more states than can be tried here.
+/// The task has more states than the bound allows.
 #[derive(Debug)]
 pub(crate) struct TooLarge;
 
-/// The least cost of any plan, by Dijkstra's algorithm; `None` if there is no plan.
+/// Returns the least cost of any plan, by Dijkstra's algorithm; `None` if there is no plan.
 ///
-/// Costs are taken as millionths, so that they can be compared.
+/// Costs are rounded to millionths, so that they can be ordered.
 pub(crate) fn least_cost(domain: &Domain, problem: &Problem) -> Option<f64> {
     least_cost_within(domain, problem, usize::MAX).expect("no bound")
 }
 
-/// The same, unless more than so many states are in reach.
+/// As [`least_cost`], but returns an error if more than this number of states are reachable.
 pub(crate) fn least_cost_within(
     domain: &Domain,
     problem: &Problem,

@@ -1,10 +1,10 @@
-//! What PDDL means, case by case: where other planners refuse, guess or answer wrongly.
+//! Conformance to PDDL, case by case, where other planners reject the text, guess or answer wrongly.
 
 use expect_test::{Expect, expect};
 
 use crate::support::{self, check};
 
-/// A domain's parts, a problem's parts, the answer.
+/// Checks the answer for the parts of a domain and of a problem.
 #[track_caller]
 fn case(domain: &str, problem: &str, expected: Expect) {
     check(&support::domain(domain), &support::problem(problem), expected);
@@ -461,7 +461,7 @@ fn unknown_names_are_told_not_planned_with() {
 
 #[test]
 fn a_test_without_variables_left_is_not_forgotten() {
-    // Each parameter has one candidate: the static facts, the types or other tests leave one.
+    // Narrowing leaves one candidate per parameter, by static facts, types or other tests.
     const MOVE: &str =
         "(:types robot room) (:predicates (at ?r - robot ?x - room) (moved ?r - robot))
          (:action move :parameters (?r - robot ?from ?to - room)

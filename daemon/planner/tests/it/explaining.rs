@@ -1,5 +1,5 @@
-//! What is missing where there is no plan: the smart office with agents taken away, and small
-//! worlds in which something else is in the way.
+//! Explanations of unsolvable goals: the smart office without some of its agents, and small worlds with
+//! other obstacles.
 
 use std::collections::BTreeMap;
 
@@ -77,7 +77,7 @@ fn explained(
     explain(known, &parts, &Options::default(), &Cancel::new()).expect("supported")
 }
 
-/// The words, one clause per line.
+/// Formats an explanation with one clause per line.
 fn lines(explanation: &Explanation) -> String {
     let text = explanation.to_string().replace("; ", ";\n").replace(", or ", ",\nor ");
     text.replace(". Also", ".\nAlso") + "\n"
@@ -186,7 +186,7 @@ fn what_agents_could_do_that_have_left_is_remembered() {
                 (:action report-temperature :agent ?s - temperature-sensor :parameters (?r - room)
                     :precondition (located ?s ?r) :effect (known-temperature ?r)))",
         ),
-        // It does not fit the ontology of today, and spoils nothing.
+        // This model does not fit the present ontology; it must not affect the others.
         model(
             "(define (agent odd) (:domain office)
                 (:action odd :agent ?s - unheard-of :parameters () :effect (unheard-of ?s)))",
@@ -282,8 +282,9 @@ fn one_agent_may_lack_two_capabilities() {
 }
 
 proptest! {
-    /// Whatever is there: what is said to be missing is not there, what would do is small, and the
-    /// same question has the same answer. What is told to be unreachable has no plan.
+    /// For any set of facts: capabilities that are reported missing are not offered, alternatives are
+    /// small, and the same question has the same answer. A part that is reported unreachable has no
+    /// plan.
     #[test]
     fn explanations_are_sound_and_repeat(bits in proptest::collection::vec(any::<bool>(), 8)) {
         let facts = ["(offers-move tb)", "(at tb corridor)", "(offers-measure ir)",

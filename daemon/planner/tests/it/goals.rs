@@ -1,4 +1,4 @@
-//! Goals taken apart, and which parts cannot be had.
+//! Splitting of goals into conjuncts, and detection of unreachable conjuncts.
 
 use expect_test::{Expect, expect};
 use pddl::Condition;

@@ -1,4 +1,4 @@
-//! The planner from outside: texts in, verdicts out.
+//! Tests of the planner through its public interface, from texts to results.
 
 mod agreement;
 mod brute_force;

@@ -1,4 +1,4 @@
-//! Numbers that are part of the state.
+//! Numeric fluents that are part of the state.
 
 use expect_test::{Expect, expect};
 
@@ -218,7 +218,7 @@ fn a_number_that_grows_beyond_all_numbers_makes_no_step() {
 
 #[test]
 fn numbers_are_compared_exactly() {
-    // Less than a tolerance of binary fractions apart, and apart.
+    // Two numbers that differ by less than a usual tolerance are different all the same.
     case(
         "(:predicates (q)) (:functions (x)) (:action set :effect (assign (x) 0.0000005))
          (:action go :precondition (> (x) 0) :effect (q))",
@@ -293,7 +293,7 @@ fn a_cost_that_is_small_is_not_none() {
     );
 }
 
-/// Conditions over `(n)`, which has no value, and `(z)`, which is zero: none of them holds.
+/// Conditions over `(n)`, which is undefined, and `(z)`, which is zero: none of them holds.
 const UNDEFINED: [&str; 10] = [
     "(not (> (n) 0))",
     "(not (<= (n) 0))",
@@ -307,8 +307,8 @@ const UNDEFINED: [&str; 10] = [
     "(not (forall (?o) (= (m ?o) 0)))",
 ];
 
-/// The domain of [`UNDEFINED`]; `more` is what else there is. Where `(n)` may be set, comparisons are
-/// part of the state.
+/// Returns the domain of [`UNDEFINED`] with additional parts `more`. With `may_be_set`, an action can
+/// set `(n)`, so that comparisons are part of the state.
 fn undefined(may_be_set: bool, more: &str) -> String {
     let set = "(:action set :precondition (never) :effect (and (assign (n) 1) (assign (z) 0)))
         (:action set-one :parameters (?o) :precondition (never) :effect (assign (m ?o) 1))";

@@ -1,12 +1,13 @@
-//! Oddities of the competitions' files, each in a small text of our own: what other planners read is
-//! read, told with a warning at its place, and planned with as it is meant.
+//! Oddities of competition files, each in a small text of our own: input that other planners accept is
+//! accepted here with a warning at its place, and planned for as it is meant.
 
 use pddl::{Diagnostic, Parsed, check_domain, check_problem};
 use planner::{Cancel, Options, plan, validate};
 
 use crate::support;
 
-/// Reads, plans, validates. Expects a warning with `warned` at `place`, and the plan `steps`.
+/// Parses, plans and validates. Expects a warning that contains `warned` at `place`, and the plan
+/// `steps`.
 #[track_caller]
 fn check(domain: &str, problem: &str, warned: &str, place: &str, steps: &str) {
     let (domain_text, problem_text) = (domain, problem);
@@ -30,7 +31,7 @@ fn check(domain: &str, problem: &str, warned: &str, place: &str, steps: &str) {
     assert!(matches!(validate(&domain, &problem, &plan), planner::Verdict::Valid { .. }));
 }
 
-/// The warnings, each with the text that it marks; errors have no place here.
+/// Returns the warnings, each with the text that it marks. There must be no errors.
 fn told(text: &str, all: impl Iterator<Item = Diagnostic>) -> Vec<(String, String)> {
     let each = |found: Diagnostic| {
         assert!(!found.is_error(), "{}", found.located(text));
@@ -56,7 +57,7 @@ fn a_parameter_of_a_predicate_may_be_named_twice() {
 
 #[test]
 fn a_type_may_be_declared_twice_and_has_both_supertypes() {
-    // A `nook` is a place and a shelf: both actions take one.
+    // A `nook` is both a place and a shelf, so both actions accept one.
     check(
         "(define (domain d) (:types place shelf - object nook - place nook - shelf)
            (:predicates (swept ?p - place) (dusted ?s - shelf))

@@ -1,4 +1,5 @@
-//! The building's own problem: the sensor that is there, rather than the robot that could come.
+//! The problem of the office: the plan uses the sensor in the room instead of a robot that would have
+//! to come.
 
 use expect_test::expect;
 

@@ -1,11 +1,11 @@
-//! What is called the cheapest plan is the cheapest plan of the texts, and not of those steps alone
-//! that serve the goal.
+//! Proofs of optimality: a plan is proved a cheapest one with respect to the texts, not only among the
+//! steps that are relevant to the goal.
 
 use planner::{Cancel, Effort, Options, Outcome, StopReason, Unprovable, configuration, plan};
 
 use crate::support::{domain, parse, problem};
 
-/// Plans with an effort and a configuration.
+/// Plans with a given effort and configuration.
 #[track_caller]
 fn outcome(texts: (&str, &str), effort: Effort, search: &str) -> Outcome {
     let (domain, problem) = parse(&domain(texts.0), &problem(texts.1));
@@ -14,7 +14,7 @@ fn outcome(texts: (&str, &str), effort: Effort, search: &str) -> Outcome {
     plan(&domain, &problem, &options, &Cancel::new()).expect("it plans")
 }
 
-/// There is a plan, and no effort proves it the cheapest, for that reason.
+/// Checks that there is a plan, and that no effort proves it a cheapest one, for this reason.
 #[track_caller]
 fn unproven(domain: &str, problem: &str, why: Unprovable) {
     for (effort, search) in [
@@ -34,7 +34,7 @@ fn unproven(domain: &str, problem: &str, why: Unprovable) {
     }
 }
 
-/// The cheapest plan costs that, and is proven to.
+/// Checks that the cheapest plan has this cost, and that this is proved.
 #[track_caller]
 fn proven(domain: &str, problem: &str, cost: f64) {
     let outcome = outcome((domain, problem), Effort::Optimal, "althing");
@@ -43,7 +43,7 @@ fn proven(domain: &str, problem: &str, cost: f64) {
     assert_eq!(outcome.unprovable, None);
 }
 
-/// Coins lie on the way that the goal does not ask for.
+/// A world with coins on the way that are irrelevant to the goal.
 const COINS: &str = "(:predicates (home) (taken ?c)) (:functions (score) (worth ?c))
     (:action take :parameters (?c) :precondition (not (taken ?c))
       :effect (and (taken ?c) (increase (score) (worth ?c))))

@@ -1,4 +1,4 @@
-//! Deordering: every order that respects what it returns works.
+//! Deordering: every linearization of its result leads to the goal.
 
 use expect_test::{Expect, expect};
 use pddl::{Domain, Plan, Problem};
@@ -66,7 +66,7 @@ fn agents_work_side_by_side_and_each_in_its_order() {
     );
 }
 
-/// Steps meet in a branch that is not taken, through an axiom, and as numbers.
+/// Steps that depend on each other in a branch that is not taken, through an axiom, and by numbers.
 const MEETINGS: &str = "(:requirements :adl :derived-predicates :fluents)
     (:predicates (a) (b) (c) (d) (e)) (:functions (n) (total-cost))
     (:derived (d) (or (a) (b)))
@@ -94,7 +94,7 @@ fn branches_axioms_and_numbers_keep_their_order_and_total_cost_does_not() {
     );
 }
 
-/// Two plans of one office, and which of their steps may not be interleaved.
+/// Checks which steps of two plans in one office must not be interleaved.
 #[track_caller]
 fn check_interference(ours: &str, theirs: &str, expected: Option<(usize, usize)>) {
     let problem = MORNING.replace("(forall (?r - room) (known-temperature ?r))", "(and)");

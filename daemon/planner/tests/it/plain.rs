@@ -1,11 +1,11 @@
-//! Why a problem of plain PDDL has no plan: nothing is said that is not so.
+//! Explanations of plain PDDL problems without a plan: every statement in them must be true.
 
 use planner::Cancel;
 use planner::explain::why_unsolvable;
 
 use crate::support::{self, domain, parse, problem};
 
-/// What is told of a problem that has no plan.
+/// Returns the explanation of a problem that has no plan.
 #[track_caller]
 fn why(domain_parts: &str, problem_parts: &str) -> String {
     let (domain, problem) = (domain(domain_parts), problem(problem_parts));

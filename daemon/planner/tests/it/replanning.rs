@@ -1,5 +1,5 @@
-//! Planning again, while actions, objects, facts and goals come and go: what is kept answers what a
-//! fresh start would.
+//! Replanning while actions, objects, facts and goals come and go: a kept ground problem must give the
+//! same answers as grounding afresh.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::agreement::{action, atom, axiom, conjunction, with_objects};
 use crate::brute_force::least_cost;
 use crate::support::{domain, parse, problem};
 
-/// What there may be, and what there is from one moment to the next.
+/// A sequence of changes: the possible parts of the texts, and which of them exist at each moment.
 #[derive(Clone, Debug)]
 struct History {
     actions: Vec<String>,
@@ -28,11 +28,13 @@ struct Moment {
     actions: Vec<Index>,
     facts: Vec<Index>,
     goal: Index,
-    /// Whether `c` is there.
+    /// Whether the object `c` exists.
     has_guest: bool,
-    /// Whether its objects are those of an earlier moment, not only as they were.
+    /// Whether the list of objects is the same allocation as at an earlier moment, not only equal to
+    /// it.
     shares_objects: bool,
-    /// What changes by itself once the first step of the plan is done, before the rest is looked at.
+    /// Fact that changes by itself after the first step of the plan, before the rest of the plan is
+    /// checked.
     news: Option<Index>,
 }
 
@@ -89,14 +91,14 @@ impl History {
     }
 }
 
-/// How often plans and ground problems were kept.
+/// Counts of the values of `Course` and `Grounding` that were returned.
 #[derive(Debug, Default)]
 struct Tally {
     courses: [u32; 3],
     groundings: [u32; 4],
 }
 
-/// Plays a history; what it says at each moment is what trying everything says.
+/// Plays a history, and compares the result at each moment with brute force.
 fn play(history: &History, tally: &mut Tally) -> Result<(), TestCaseError> {
     let mut replanner = Replanner::default();
     let mut earlier: Vec<Arc<Vec<ObjectDeclaration>>> = Vec::new();
@@ -128,7 +130,7 @@ fn play(history: &History, tally: &mut Tally) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// The steps of what is answered, once it has been held against the truth.
+/// Plans, compares the result with brute force, and returns the steps of the plan.
 fn answered(
     replanner: &mut Replanner,
     domain: &Domain,
@@ -179,7 +181,7 @@ fn what_is_kept_answers_what_brute_force_does() {
     if let Err(error) = played {
         panic!("{error}");
     }
-    // Nothing was shown about what never happened.
+    // Each kind of result must have occurred, or the test has not covered it.
     let Tally { courses, groundings } = tally.into_inner();
     assert!(
         courses.iter().chain(&groundings).all(|count| *count > 0),
@@ -187,7 +189,7 @@ fn what_is_kept_answers_what_brute_force_does() {
     );
 }
 
-/// A row of places and a robot.
+/// A robot in a row of places.
 const ROW: &str = "(:predicates (at ?x) (next ?x ?y))
     (:action move :parameters (?x ?y) :precondition (and (at ?x) (next ?x ?y))
       :effect (and (not (at ?x)) (at ?y)))";
@@ -213,16 +215,16 @@ fn a_plan_goes_back_to_what_is_left_of_the_old_one() {
     let rest = &steps[1..];
     let (kept, course, grounding) = plan("c", rest);
     assert_eq!((kept.as_slice(), course, grounding), (rest, Course::Kept, Grounding::Unneeded));
-    // Somebody pushed it back.
+    // The robot has been pushed back.
     let (repaired, course, grounding) = plan("a", rest);
     assert_eq!((&repaired[2..], course), (rest, Course::Repaired { kept: 2 }));
     assert_eq!(grounding, Grounding::Kept);
-    // Somebody pushed it on: only the last step is still wanted.
+    // The robot has been pushed forward: only the last step is still required.
     let (repaired, course, _) = plan("d", rest);
     assert_eq!((repaired.as_slice(), course), (&rest[1..], Course::Repaired { kept: 1 }));
 }
 
-/// Two robots that are to see places; ways between these have lengths.
+/// Two robots that have to see places; the ways between the places have lengths.
 const TOUR: &str = "(:types robot place) (:predicates (at ?r - robot ?x - place) (seen ?x - place)
       (way ?x ?y - place) (dark ?x - place))
     (:functions (length ?x ?y - place) (total-cost))
@@ -232,10 +234,10 @@ const TOUR: &str = "(:types robot place) (:predicates (at ?r - robot ?x - place)
     (:action look :parameters (?r - robot ?x - place) :precondition (at ?r ?x)
       :effect (and (seen ?x) (increase (total-cost) 1)))";
 
-/// What happens to a tour, beside its first steps.
+/// Changes during a tour, in addition to the steps of the plan.
 #[derive(Clone, Debug)]
 enum News {
-    /// A way is closed, or open again.
+    /// A way is closed, or opened again.
     Way(Index),
     Pushed(usize, usize),
     Dark(usize),
@@ -259,7 +261,8 @@ fn fact(text: &str) -> InitElement {
     InitElement::Atom(Atom { predicate, arguments, span: Span::default() })
 }
 
-/// Plays a tour: some steps, then news, until the tour is over; how often plans were repaired.
+/// Plays a tour: some steps, then a change, until the tour is over. Returns how often plans were
+/// repaired.
 fn tour(lengths: &[u32], events: &[(usize, News)]) -> Result<u32, TestCaseError> {
     let pairs = (0..4).flat_map(|x| (0..4).map(move |y| (x, y))).filter(|(x, y)| x != y);
     let ways: Vec<_> = pairs.zip(lengths).filter(|(_, length)| **length > 0).collect();
@@ -330,7 +333,7 @@ fn tours_are_repaired_at_the_least_cost() {
     assert!(repaired.get() > 20, "{} repaired", repaired.get());
 }
 
-/// A robot whose battery lasts so far, and ways that are so long.
+/// A robot with a limited battery charge, and ways with lengths.
 const BATTERY: &str =
     "(:types robot place) (:predicates (at ?r - robot ?x - place) (way ?x ?y - place))
     (:functions (length ?x ?y - place) (charge ?r - robot) (warmth ?x - place) (total-cost))
@@ -359,13 +362,13 @@ fn numbers_that_change_are_followed_and_others_are_ground_again() {
         (cost, found.grounding)
     };
     assert_eq!(again(3, 9, 20, "(at r c)"), (Some(3.0), Grounding::Afresh));
-    // What the battery holds is part of the state; how warm it is, nothing depends on.
+    // The charge of the battery is part of the state; nothing depends on the warmth.
     assert_eq!(again(3, 3, 21, "(at r c)"), (Some(3.0), Grounding::Kept));
     assert_eq!(again(3, 2, 22, "(at r c)"), (None, Grounding::Kept));
-    // How long a way is, costs are made of.
+    // Costs depend on the length of a way.
     assert_eq!(again(7, 9, 22, "(at r c)"), (Some(4.0), Grounding::Afresh));
     assert_eq!(again(7, 9, 22, "(and (at r b) (>= (charge r) 7))"), (Some(2.0), Grounding::Kept));
-    // Nobody has followed the warmth so far.
+    // The warmth has not been followed so far.
     let warm = "(and (at r b) (>= (warmth a) 20))";
     assert_eq!(again(7, 9, 22, warm), (Some(2.0), Grounding::Afresh));
     assert_eq!(again(7, 9, 19, warm).0, None);

@@ -1,5 +1,5 @@
-//! Random small tasks with everything in them: the validator and a simulator that takes the
-//! semantics word by word go through the same states and refuse the same steps.
+//! Random small tasks with all features: the validator and a literal simulator of the semantics go
+//! through the same states and reject the same steps.
 
 use std::collections::BTreeSet;
 
@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use crate::simulator::{Bindings, Cell, State, Wrong};
 use crate::support::{domain, parse, problem};
 
-/// Objects; `a` to `c` are of type `t`, of which `u` is a kind, that of `b` and `c`.
+/// Objects. `a` to `c` are of type `t`; `b` and `c` are of its subtype `u`.
 const OBJECTS: [&str; 5] = ["a", "b", "c", "d", "e"];
 const DECLARED: &str = "(:types u - t t w) (:constants a - t b - u)";
 
@@ -18,7 +18,7 @@ fn object() -> impl Strategy<Value = &'static str> {
     prop::sample::select(&OBJECTS[..])
 }
 
-/// A variable in scope, or sometimes a constant.
+/// Generates a variable in scope, or sometimes a constant.
 fn term(variables: usize) -> BoxedStrategy<String> {
     let constant = prop::sample::select(&OBJECTS[..2]).prop_map(str::to_owned);
     if variables == 0 {
@@ -39,7 +39,7 @@ fn fact(variables: usize) -> BoxedStrategy<String> {
     .boxed()
 }
 
-/// What axioms derive, as far as `layer` may speak of it: `d0` first.
+/// Generates an atom of a derived predicate below `layer`; the first one is `d0`.
 fn derived(variables: usize, layer: usize) -> BoxedStrategy<String> {
     let all = [
         (term(variables), term(variables)).prop_map(|(x, y)| format!("(d0 {x} {y})")).boxed(),
@@ -69,7 +69,7 @@ fn variable_type() -> impl Strategy<Value = &'static str> {
     prop::sample::select(vec![" - object", " - t", " - u", " - w", " - (either u w)"])
 }
 
-/// A condition over `?v0 … ?v(n-1)` that may speak of the first `layer` derived predicates.
+/// Generates a condition over `?v0 … ?v(n-1)` that may use the first `layer` derived predicates.
 fn condition(variables: usize, depth: usize, layer: usize) -> BoxedStrategy<String> {
     let mut leaves = vec![
         (6, fact(variables)),
@@ -110,7 +110,7 @@ fn condition(variables: usize, depth: usize, layer: usize) -> BoxedStrategy<Stri
     .boxed()
 }
 
-/// `?v3 - t ?v4`, say, after three variables.
+/// Returns declarations of variables, such as `?v3 - t ?v4` after three variables.
 fn declared(before: usize, types: &[&str]) -> String {
     types.iter().enumerate().map(|(index, ty)| format!(" ?v{}{ty}", before + index)).collect()
 }
@@ -166,7 +166,7 @@ fn action() -> impl Strategy<Value = String> {
     })
 }
 
-/// Axioms in layers: each speaks of the layers before, and of its own without negation.
+/// Generates axioms in layers: each uses the layers below it, and its own without negation.
 fn axioms() -> impl Strategy<Value = String> {
     let own = prop::sample::select(vec![
         "(exists (?x) (and (r ?v0 ?x) (d0 ?x ?v1)))",
@@ -223,14 +223,14 @@ fn task() -> impl Strategy<Value = (String, String)> {
     })
 }
 
-/// Steps by number: an action and two objects, of which it takes as many as it wants.
+/// Returns a step for numbers: an action, and as many of the two objects as it has parameters.
 fn step(domain: &Domain, (action, first, second): (usize, usize, usize)) -> PlanStep {
     let action = &domain.actions[action % domain.actions.len()];
     let objects = [first, second].map(|index| Name::new(OBJECTS[index % OBJECTS.len()]));
     PlanStep::new(action.name.clone(), objects.into_iter().take(action.parameters.len()))
 }
 
-/// Both say the same of the state.
+/// Checks that both have the same state.
 fn same(world: &World, state: &State<'_>, problem: &Problem) -> Result<(), TestCaseError> {
     let cell = |atom: pddl::Atom| -> Cell {
         (atom.predicate, atom.arguments.iter().map(|term| term.name().clone()).collect())
@@ -268,7 +268,7 @@ fn kind(reason: &FaultReason) -> Wrong {
     }
 }
 
-/// Goes through the steps with both, leaving out those that both refuse.
+/// Applies steps with both, and skips those that both reject.
 fn walk(
     domain: &Domain,
     problem: &Problem,
@@ -329,7 +329,7 @@ proptest! {
         let outcome = match plan(&domain, &problem, &options, &Cancel::new()) {
             Ok(outcome) => outcome,
             Err(PlanError::Internal(fault)) => panic!("a defect: {fault}"),
-            // Not every condition can be planned for.
+            // Some conditions are not supported by the planner.
             Err(_) => return Ok(()),
         };
         let Some(found) = outcome.plan else { return Ok(()) };

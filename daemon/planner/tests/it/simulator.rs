@@ -1,8 +1,10 @@
-//! What texts mean, said as plainly as it can be said: every variable is tried with every object,
-//! every axiom until nothing follows, every effect for every binding. Slow, and nothing to get wrong.
+//! A simulator of PDDL's semantics, as simple as possible: every variable is tried with every object,
+//! axioms are applied until nothing follows, effects happen for every binding. It is slow, but easy to
+//! verify.
 //!
-//! Shares nothing with the crate but the syntax tree. Actions and objects are told apart by their
-//! names, axioms are taken in the order of the text: one may negate only what earlier ones derive.
+//! It shares only the syntax tree with the crate. Actions and objects are identified by their names.
+//! Axioms are applied in the order of the text: an axiom may negate only predicates that earlier ones
+//! derive.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,10 +16,10 @@ use pddl::{
 /// A predicate or a function with its arguments.
 pub(crate) type Cell = (Name, Vec<Name>);
 
-/// What variables stand for.
+/// Objects that variables stand for.
 pub(crate) type Bindings = BTreeMap<Name, Name>;
 
-/// What is wrong with a step.
+/// Why a step is not applicable.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Wrong {
     Arguments,
@@ -26,7 +28,7 @@ pub(crate) enum Wrong {
     Conflict,
 }
 
-/// A state. `facts` are those without axioms.
+/// A state. `facts` are those that are true without axioms.
 #[derive(Clone, Debug)]
 pub(crate) struct State<'t> {
     domain: &'t Domain,
@@ -96,8 +98,8 @@ impl<'t> State<'t> {
         self.is(true, condition, bindings)
     }
 
-    /// Whether a condition holds, or its negation does: a comparison of what has no value is neither
-    /// true nor false.
+    /// Whether a condition holds, or its negation if `positive` is false. A comparison with an
+    /// undefined side is neither true nor false.
     fn is(&self, positive: bool, condition: &Condition, bindings: &Bindings) -> bool {
         let all = |parts: &[Condition]| parts.iter().all(|part| self.is(positive, part, bindings));
         let any = |parts: &[Condition]| parts.iter().any(|part| self.is(positive, part, bindings));
@@ -174,7 +176,7 @@ impl<'t> State<'t> {
         }
     }
 
-    /// The simple effects that happen in this state, each with its bindings.
+    /// Returns the simple effects that happen in this state, each with its bindings.
     fn happening<'e>(
         &self,
         effect: &'e Effect,
@@ -238,7 +240,7 @@ impl<'t> State<'t> {
         Ok(values)
     }
 
-    /// Axiom by axiom in the order of their predicates, each predicate until nothing follows.
+    /// Applies the axioms in the order of their predicates, each predicate until nothing follows.
     fn derive(&mut self) {
         self.derived.clear();
         let axioms = &self.domain.derived;
@@ -262,7 +264,7 @@ impl<'t> State<'t> {
         }
     }
 
-    /// The bindings, extended by every choice of objects for the variables.
+    /// Returns the bindings, extended by every choice of objects for the variables.
     fn instances(&self, variables: &[Typed], bindings: &Bindings) -> Vec<Bindings> {
         let mut instances = vec![bindings.clone()];
         for variable in variables {

@@ -1,5 +1,5 @@
-//! Texts that somebody has spoiled: words left out, doubled, moved and exchanged. Planning ends within
-//! its limits, and every plan is one.
+//! Mutated texts: words are dropped, doubled, moved and exchanged. Planning must end within its limits,
+//! and every plan must be valid.
 
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ mod answer;
 
 use answer::{Answer, answer};
 
-/// A good domain, a zero, and a good problem.
+/// A correct domain, a zero byte, and a correct problem.
 macro_rules! texts {
     ($folder:literal) => {
         concat!(
@@ -25,7 +25,7 @@ const TEXTS: [&str; 5] = [
     texts!("office"),
     texts!("scenarios/2-two-robots"),
     texts!("scenarios/3-validation"),
-    // What those are too well-behaved for.
+    // Features that the other texts do not use.
     "(define (domain d) (:types u - t t) (:constants a - t b - u)
        (:predicates (z) (p ?x) (r ?x ?y - t) (d ?x)) (:functions (total-cost) (n) (f ?x - t))
        (:derived (d ?x) (or (p ?x) (exists (?y - t) (and (r ?x ?y) (d ?y)))))
@@ -38,7 +38,7 @@ const TEXTS: [&str; 5] = [
      \0(define (problem e) (:domain d) (:objects c - u) (:init (p a) (= (n) 0) (= (f a) 2)
        (= (f b) 0) (= (f c) 1)) (:goal (and (z) (r c a) (> (n) (f b))))
        (:metric minimize (+ (total-cost) (* 3 (total-time)))))",
-    // Too wide to be ground within the limits, so that it is applied piece by piece.
+    // An action that is too wide to be ground within the limits, so that it is applied piecewise.
     "(define (domain w) (:types t) (:predicates (n ?x ?y - t) (p ?x - t) (s ?x ?y - t))
        (:functions (total-cost) (f ?x ?y - t))
        (:action go :parameters (?a ?b ?c ?d ?e ?g ?h ?i - t)
@@ -56,15 +56,15 @@ const TEXTS: [&str; 5] = [
        (:goal (s c a)) (:metric minimize (total-cost)))",
 ];
 
-/// Debug builds on a busy machine; libFuzzer asks for less.
+/// Time limit: generous, for debug builds on a busy machine. libFuzzer has a shorter one.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What is done to one word.
+/// Mutation of one word.
 #[derive(Clone, Copy, Debug)]
 enum Slip {
     Drop,
     Double,
-    /// Put in the place of another, which stays too.
+    /// Replaces another word by a copy of this one.
     Copy,
     Exchange,
 }
@@ -73,7 +73,7 @@ fn slip() -> impl Strategy<Value = Slip> {
     prop_oneof![Just(Slip::Drop), Just(Slip::Double), Just(Slip::Copy), Just(Slip::Exchange)]
 }
 
-/// The words and parentheses of a text, without its comments.
+/// Returns the words and parentheses of a text, without comments.
 fn words(text: &str) -> Vec<String> {
     let said = text.lines().filter_map(|line| line.split(';').next());
     let apart = said.collect::<Vec<_>>().join(" ");

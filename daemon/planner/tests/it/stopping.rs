@@ -1,10 +1,10 @@
-//! Why a call ends: proof, resignation, and the caller's wish are told apart.
+//! Stop reasons: “unsolvable” (proved), “gave up” (limit reached) and “cancelled” are told apart.
 
 use planner::{Budget, Cancel, Options, StopReason, plan};
 
 use crate::support::{domain, parse, problem};
 
-/// Two knobs that exclude each other's goal: relaxation sees a plan, the state space has none.
+/// Two actions that undo each other's goal: the relaxation has a plan, the state space has none.
 const SWITCH: &str = "(:predicates (a) (b)) (:action left :effect (and (a) (not (b))))
     (:action right :effect (and (b) (not (a))))";
 
@@ -50,7 +50,7 @@ fn an_exhausted_state_space_is_a_proof() {
     assert_eq!(expected.exit_code(), 11);
 }
 
-/// Three things, of which any two can be done, one after the other.
+/// Three facts, of which any two can be achieved, one after the other.
 fn two_of_three() -> String {
     let mut parts = "(:predicates (a) (b) (c) (free-1) (free-2))".to_owned();
     for thing in ["a", "b", "c"] {

@@ -1,4 +1,4 @@
-//! The one place that knows the planner's API; the tests beside it are data.
+//! Helpers with all calls of the planner's API, so that the other tests are mostly data.
 
 use expect_test::Expect;
 use pddl::{Domain, Problem};
@@ -19,18 +19,18 @@ pub(crate) fn outcome(domain: &str, problem: &str) -> Result<Outcome, PlanError>
     plan(&domain, &problem, &Options::default(), &Cancel::new())
 }
 
-/// Plans and compares the answer, as text.
+/// Plans, and compares the answer as text.
 #[track_caller]
 pub(crate) fn check(domain: &str, problem: &str, expected: Expect) {
     expected.assert_eq(&describe(outcome(domain, problem), domain, problem));
 }
 
-/// A problem over `domain d`, from its parts.
+/// Returns a problem of the domain `d`, from its parts.
 pub(crate) fn problem(parts: &str) -> String {
     format!("(define (problem p) (:domain d) {parts})")
 }
 
-/// A domain `d`, from its parts.
+/// Returns a domain `d`, from its parts.
 pub(crate) fn domain(parts: &str) -> String {
     format!("(define (domain d) {parts})")
 }

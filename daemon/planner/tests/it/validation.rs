@@ -1,4 +1,4 @@
-//! The validator: which plans it accepts, and what it says of the others.
+//! The validator: the plans that it accepts, and the faults that it reports for others.
 
 use expect_test::{Expect, expect};
 use planner::{Verdict, World, rest_reaches, validate};
@@ -127,8 +127,8 @@ fn a_world_answers_for_the_rest_of_a_plan() {
     assert!(world == before, "a fault changed the world");
 }
 
-/// `early` is there at once and `late` comes along the chain, so `both` must look again whenever
-/// either grows; and each feeds the others.
+/// Mutually recursive axioms: `early` holds at once and `late` spreads along the chain, so `both` must
+/// be evaluated again whenever either grows.
 const FEEDING: &str = "(define (domain d)
     (:predicates (next ?x ?y) (p ?x) (q ?x) (early ?x) (late ?x) (both ?x) (htob ?x) (lonely))
     (:derived (early ?x) (or (p ?x) (exists (?y) (and (both ?y) (next ?x ?y)))))
@@ -154,7 +154,7 @@ fn axioms_that_feed_each_other_settle() {
     let all = "(and (both a) (htob a) (both h) (htob h) (not (both i)) (late k) (not (lonely)))";
     feeding(all, "", expect!["valid: 0 steps, cost 0"]);
     feeding(all, "(cut f g)", expect!["goal: (both a) does not hold"]);
-    // Nothing follows `h` any more, so it is late of itself.
+    // After the cut nothing is next to `h`, so the second axiom makes it `late`.
     feeding(
         "(and (both h) (not (late j)) (lonely))",
         "(cut a b) (cut h i)",
@@ -182,7 +182,7 @@ fn effects_happen_once_for_a_binding() {
 fn of_several_instances_the_first_of_the_texts_is_told() {
     let domain = "(define (domain d) (:predicates (p ?x) (r ?x ?y)) (:functions (f ?x) (n))
         (:action sum :effect (forall (?x) (when (p ?x) (increase (n) (f ?x))))))";
-    // The facts stand in another order than the objects.
+    // The facts are in another order than the objects.
     let problem = |goal| {
         format!(
             "(define (problem q) (:domain d) (:objects a b c)
@@ -200,7 +200,7 @@ fn of_several_instances_the_first_of_the_texts_is_told() {
 
 #[test]
 fn the_axiom_that_depends_on_its_own_negation_is_named() {
-    // `a` only looks on.
+    // `a` depends on the cycle but is not part of it.
     let domain = "(define (domain d) (:predicates (a) (b) (c))
         (:derived (a) (not (b))) (:derived (b) (c)) (:derived (c) (not (b))))";
     let (domain, problem) = parse(domain, "(define (problem q) (:domain d) (:init) (:goal (and)))");

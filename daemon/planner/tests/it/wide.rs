@@ -1,4 +1,4 @@
-//! Actions with more ground forms than there is room for.
+//! Actions with more ground instances than fit into memory.
 
 use std::fmt::Write as _;
 
@@ -6,7 +6,7 @@ use planner::{Budget, Cancel, Grounding, Options, Replanner, plan};
 
 use crate::support::parse;
 
-/// A chain of eight, each next to the one before it, and all different.
+/// A chain of eight beads, each linked to the one before it, and all different.
 const CHAIN: &str =
     "(define (domain chain) (:requirements :typing :negative-preconditions :equality)
   (:types bead)
@@ -16,7 +16,7 @@ const CHAIN: &str =
      (next ?g ?h) (red ?h) (not (= ?a ?h)) (not (= ?b ?h)) (not (= ?c ?h)) (not (strung ?a ?h)))
    :effect (and (strung ?a ?h) (red ?a) (not (red ?h)))))";
 
-/// Among so many beads it has some fifty million ground forms.
+/// With this number of beads, the action has about fifty million ground instances.
 const BEADS: usize = 10;
 
 #[test]
@@ -41,7 +41,7 @@ fn what_is_too_wide_to_ground_is_planned_for_piece_by_piece() {
     let again = again.expect("supported");
     assert_eq!((again.outcome.plan, again.grounding), (outcome.plan.clone(), Grounding::Afresh));
     let plan = outcome.plan.unwrap_or_else(|| panic!("no plan: {:?}", outcome.stop_reason));
-    // The validator has seen the plan in the words of the text: both ends are as the goal has them.
+    // The validator has accepted the plan in the words of the text; both ends are those of the goal.
     let ends = |step: &pddl::PlanStep| {
         (step.action.to_string(), step.arguments[0].to_string(), step.arguments[7].to_string())
     };

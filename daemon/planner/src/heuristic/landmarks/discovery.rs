@@ -1,11 +1,12 @@
-//! Finds landmarks: facts that every plan makes true on its way.
+//! Landmark discovery: finds facts that are true at some time in every plan.
 //!
-//! Backchaining (Porteous, Sebastia and Hoffmann, 2001; Richter and Westphal, 2010): what all first
-//! achievers of a landmark ask for is a landmark, and where they ask for different facts of one
-//! predicate, one of these. In addition, every fact of one relaxed plan is left out of the
-//! relaxation; where the goal is then out of reach, the fact is a landmark (Hoffmann, Porteous and
-//! Sebastia, 2004). As every landmark of the relaxation is in every relaxed plan, none is missed
-//! that is a single fact, while work lasts.
+//! 1. Backchaining (Porteous, Sebastia and Hoffmann, 2001; Richter and Westphal, 2010): a
+//!    precondition shared by all first achievers of a landmark is a landmark. If they have different
+//!    preconditions of one predicate, the disjunction of these is a landmark.
+//! 2. Each fact of one relaxed plan is removed from the relaxation as a test; if the goal is then
+//!    unreachable, the fact is a landmark (Hoffmann, Porteous and Sebastia, 2004). Every landmark of
+//!    the relaxation occurs in every relaxed plan. So all landmarks that are single facts are found,
+//!    unless the cap on work is reached.
 
 use rustc_hash::FxHashMap;
 
@@ -15,16 +16,18 @@ use crate::limits::Cancel;
 use crate::state::State;
 use crate::task::Atoms;
 
-/// Facts in a disjunctive landmark.
+/// Maximal number of facts in a disjunctive landmark.
 const DISJUNCTS_MAX: usize = 4;
 
-/// Edges of the relaxation to walk while testing the facts of a relaxed plan: about half a second.
+/// Cap on the work of testing the facts of a relaxed plan, in edges of the relaxation: about half a
+/// second.
 const TEST_WORK_MAX: usize = 60_000_000;
 
-/// Edges to walk in all; then what is found is all there is.
+/// Cap on the work of discovery in total, in edges of the relaxation. Landmarks found until then are
+/// used.
 const WORK_MAX: usize = 200_000_000;
 
-/// Finds the landmarks of a task, seen from its initial state.
+/// Finds the landmarks of a task from its initial state.
 pub(super) struct Discovery<'r> {
     relaxation: &'r Relaxation,
     adding: crate::rows::Rows,
@@ -32,11 +35,11 @@ pub(super) struct Discovery<'r> {
     initial: Vec<bool>,
     initially: Vec<u32>,
     graph: Graph,
-    /// By proposition: the simple landmark it is.
+    /// Per proposition: the simple landmark of it.
     simple: FxHashMap<u32, u32>,
-    /// By proposition: a disjunctive landmark it is part of.
+    /// Per proposition: the disjunctive landmark that contains it.
     part_of: FxHashMap<u32, u32>,
-    /// Landmarks whose achievers were not looked at.
+    /// Landmarks still to be backchained from.
     waiting: Vec<u32>,
     reached: Vec<bool>,
     missing: Vec<u32>,
@@ -69,7 +72,7 @@ impl<'r> Discovery<'r> {
         }
     }
 
-    /// Finds landmarks; `candidates` are the propositions of a relaxed plan.
+    /// Runs the discovery; `candidates` are the propositions of a relaxed plan.
     pub(super) fn run(mut self, candidates: &[u32], cancel: &Cancel) -> Graph {
         for &goal in self.relaxation.goal() {
             let landmark = self.simple_landmark(goal);
@@ -108,7 +111,7 @@ impl<'r> Discovery<'r> {
         }
     }
 
-    /// What can be reached while some propositions never hold.
+    /// Computes the propositions that are reachable while the excluded ones never hold.
     fn reach_without(&mut self, excluded: &[u32]) {
         let Discovery { relaxation, reached, missing, stack, .. } = self;
         reached.fill(false);
@@ -145,7 +148,8 @@ impl<'r> Discovery<'r> {
         }
     }
 
-    /// Relaxed operators that can be the first to achieve one of the propositions.
+    /// Returns the first achievers: relaxed operators that can be the first to achieve one of the
+    /// propositions.
     fn first_achievers(&self, propositions: &[u32]) -> Vec<u32> {
         let all = propositions.iter().flat_map(|proposition| self.adding.row(*proposition));
         let is_first = |relaxed: &&u32| {
@@ -158,7 +162,7 @@ impl<'r> Discovery<'r> {
         achievers
     }
 
-    /// What all achievers ask for comes before what they achieve.
+    /// Adds the preconditions shared by all achievers as landmarks, ordered before `landmark`.
     fn shared_preconditions(&mut self, landmark: u32, achievers: &[u32]) {
         let Some((first, rest)) = achievers.split_first() else { return };
         let mut shared = self.relaxation.preconditions(*first).to_vec();
@@ -175,12 +179,14 @@ impl<'r> Discovery<'r> {
         }
     }
 
-    /// Where every achiever asks for a fact of the same predicate, one of these comes before.
+    /// Adds disjunctive landmarks, ordered before `landmark`: if every achiever has a precondition of
+    /// the same predicate, one of these facts must be true before it.
     fn disjunctions(&mut self, landmark: u32, achievers: &[u32]) {
         let Some(first) = achievers.first() else { return };
         let predicate = |one: u32| {
             let fact = self.relaxation.positive(one)?;
-            // What is derived has no first achievers among operators.
+            // Only basic facts are used: comparisons and derived facts have no operators as first
+            // achievers.
             (fact.index() < self.atoms.len()).then(|| self.atoms.get(fact).0)
         };
         let mut candidates: Vec<u32> = self
@@ -224,7 +230,7 @@ impl<'r> Discovery<'r> {
         let known = self.part_of.get(&facts[0]).copied();
         let before = match known {
             Some(known) if self.graph.landmarks[known as usize].propositions == facts => known,
-            // One that overlaps another is mostly the same said twice.
+            // Overlapping disjunctive landmarks mostly repeat the same information.
             _ if facts.iter().any(|one| self.part_of.contains_key(one)) => return,
             _ => {
                 let index = self.add(facts.clone());
@@ -239,7 +245,7 @@ impl<'r> Discovery<'r> {
 
     fn add(&mut self, propositions: Vec<u32>) -> u32 {
         let index = self.graph.landmarks.len() as u32;
-        // What holds at first has no first achiever.
+        // A landmark that holds initially has no first achiever.
         let is_initial = propositions.iter().any(|one| self.initial[*one as usize]);
         self.graph.landmarks.push(Landmark::new(propositions));
         if !is_initial {

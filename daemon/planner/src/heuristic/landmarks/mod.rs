@@ -1,8 +1,8 @@
-//! Landmark counting: how many landmarks are still to be achieved, or to be achieved again (Richter
-//! and Westphal, 2010).
+//! Landmark counting: the number of landmarks that are still to be achieved, or to be achieved again
+//! (Richter and Westphal, 2010).
 //!
-//! Which landmarks a way has passed depends on the way, so every state carries that of its own: a
-//! *status*, a bit per landmark.
+//! Which landmarks have been achieved depends on the path to a state. So every state has a *status* of
+//! its own, with one bit per landmark.
 
 mod discovery;
 mod orders;
@@ -14,24 +14,25 @@ use crate::mutex::MutexGroups;
 use crate::state::State;
 use crate::task::Task;
 
-/// A fact, or one of several, that every plan makes true on its way.
+/// A landmark: a fact, or a disjunction of facts, that is true at some time in every plan.
 #[derive(Clone, Debug)]
 struct Landmark {
     propositions: Vec<u32>,
     is_goal: bool,
-    /// Those that must be, or had better be, achieved before.
+    /// Landmarks that must be achieved before (greedy-necessary orders), or should be (reasonable
+    /// orders).
     parents: Vec<u32>,
-    /// Those that need this one right before they are achieved first.
+    /// Landmarks for which this one must be true immediately before they are first achieved.
     needed_for: Vec<u32>,
 }
 
-/// Landmarks and their orders.
+/// Landmark graph: the landmarks and their orders.
 #[derive(Clone, Debug, Default)]
 struct Graph {
     landmarks: Vec<Landmark>,
 }
 
-/// Counts landmarks.
+/// Landmark-count heuristic.
 #[derive(Debug, Default)]
 pub(crate) struct LandmarkCount {
     landmarks: Vec<Landmark>,
@@ -84,7 +85,7 @@ impl LandmarkCount {
         LandmarkCount { landmarks: graph.landmarks, words }
     }
 
-    /// The status of the initial state, pushed onto `statuses`; its estimate.
+    /// Appends the status of the initial state to `statuses`, and returns its landmark count.
     pub(crate) fn start(
         &self,
         relaxation: &Relaxation,
@@ -94,7 +95,7 @@ impl LandmarkCount {
         let start = statuses.len();
         statuses.resize(start + self.words, 0);
         for (index, landmark) in self.landmarks.iter().enumerate() {
-            // One that has to come after another was not yet achieved in the right order.
+            // A landmark with predecessors has not yet been achieved in the right order.
             if landmark.parents.is_empty() && landmark.holds(relaxation, state) {
                 statuses[start + index / 64] |= 1 << (index % 64);
             }
@@ -102,8 +103,8 @@ impl LandmarkCount {
         self.count(relaxation, state, &statuses[start..])
     }
 
-    /// The status of a state that was reached from one with the status at `parent`, pushed onto
-    /// `statuses`; its estimate.
+    /// Appends the status of a state to `statuses`, and returns its landmark count. `parent` is the
+    /// number of the parent state's status.
     pub(crate) fn progress(
         &self,
         relaxation: &Relaxation,
@@ -132,7 +133,8 @@ impl LandmarkCount {
         self.count(relaxation, state, after)
     }
 
-    /// Landmarks not yet achieved, and those that are needed again.
+    /// Counts the landmarks that are not yet achieved, and those that do not hold and are required
+    /// again.
     fn count(&self, relaxation: &Relaxation, state: &State, status: &[u64]) -> u32 {
         let is_past = |index: usize| status[index / 64] >> (index % 64) & 1 == 1;
         let mut count = 0;

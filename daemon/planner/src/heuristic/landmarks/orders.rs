@@ -1,4 +1,4 @@
-//! Reasonable orders: what had better be achieved first, because achieving it later would undo the
+//! Reasonable orders: a landmark should be achieved before another if achieving it later would undo the
 //! other (Koehler and Hoffmann, 2000; Richter and Westphal, 2010).
 
 use super::Graph;
@@ -7,10 +7,10 @@ use crate::mutex::MutexGroups;
 use crate::rows::Rows;
 use crate::task::{FactId, OperatorId, Task};
 
-/// Pairs of landmarks to compare, and edges to walk while looking for cycles, in all.
+/// Cap on the work in total: pairs of landmarks that are compared, and edges walked to look for cycles.
 const WORK_MAX: usize = 20_000_000;
 
-/// Adds reasonable orders between simple landmarks, and keeps the graph without cycles.
+/// Adds reasonable orders between simple landmarks, and keeps the graph acyclic.
 pub(super) fn add_reasonable(
     graph: &mut Graph,
     task: &Task,
@@ -35,13 +35,13 @@ pub(super) fn add_reasonable(
 
 struct Orders<'g> {
     graph: &'g mut Graph,
-    /// By fact: the groups it is in.
+    /// Per fact: the mutex groups that contain it.
     groups: Rows,
-    /// By landmark: the fact it is, if it is one.
+    /// Per landmark: its fact, if it is a single fact.
     facts: Vec<Option<FactId>>,
-    /// By landmark: facts that every operator that achieves it makes true as well.
+    /// Per landmark: facts that every operator that achieves it also adds.
     together: Vec<Vec<FactId>>,
-    /// By landmark: facts that every operator that achieves it makes false.
+    /// Per landmark: facts that every operator that achieves it deletes.
     undone: Vec<Vec<FactId>>,
     marks: Vec<u32>,
     mark: u32,
@@ -92,8 +92,8 @@ impl<'g> Orders<'g> {
         self.graph.landmarks[landmark as usize].is_goal
     }
 
-    /// Landmarks that are needed right before something that this one is needed for as well, and
-    /// what comes before them.
+    /// Returns the simple landmarks that are ordered before a common successor: those required
+    /// immediately before a landmark that this one is also required for, and all their predecessors.
     fn rivals(&mut self, landmark: u32) -> Vec<u32> {
         self.mark += 1;
         let mut found = Vec::new();
@@ -119,7 +119,7 @@ impl<'g> Orders<'g> {
         found
     }
 
-    /// Whether achieving the first undoes the second, or has undone it on the way.
+    /// Whether achieving the first landmark undoes the second, or must have undone it before.
     fn interferes(&self, one: u32, other: u32) -> bool {
         let (Some(fact), Some(undone)) = (self.facts[one as usize], self.facts[other as usize])
         else {
@@ -138,13 +138,13 @@ impl<'g> Orders<'g> {
             || needs()
     }
 
-    /// Whether two facts never hold together.
+    /// Whether two facts are mutex, that is, never true in the same state.
     fn excludes(&self, one: FactId, other: FactId) -> bool {
         let others = self.groups.row(other.0);
         self.groups.row(one.0).iter().any(|group| others.contains(group))
     }
 
-    /// Orders one landmark before another, unless the other comes before it already.
+    /// Orders one landmark before another, unless that would make a cycle.
     fn order(&mut self, before: u32, after: u32) {
         if self.graph.landmarks[after as usize].parents.contains(&before)
             || self.comes_before(after, before)
@@ -172,7 +172,7 @@ impl<'g> Orders<'g> {
     }
 }
 
-/// What all operators have in common.
+/// Returns the facts that all operators have in common.
 fn shared<'t>(operators: &[OperatorId], of: impl Fn(OperatorId) -> &'t [FactId]) -> Vec<FactId> {
     let Some((first, rest)) = operators.split_first() else { return Vec::new() };
     let mut shared = of(*first).to_vec();

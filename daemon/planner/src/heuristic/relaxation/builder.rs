@@ -1,4 +1,4 @@
-//! From a task to its delete relaxation.
+//! Builds the delete relaxation of a task.
 
 use rustc_hash::FxHashMap;
 
@@ -12,14 +12,14 @@ use crate::task::{Changes, FactId, Literal, NumericChange, Operator, Task};
 pub(super) struct Builder<'t> {
     task: &'t Task,
     negated: Vec<FactId>,
-    /// By fact: its negation's proposition.
+    /// Per fact: the proposition that it is false, if some condition requires that.
     negations: Vec<Option<u32>>,
-    /// Propositions that stand for “this axiom's body fails”; they follow the negations.
+    /// Number of propositions “the body of this axiom fails”; they follow those of the negated facts.
     failing: usize,
-    /// By numeric fluent: the comparisons that read it, by index.
+    /// Per numeric fluent: indices of the comparisons that read it.
     comparisons: Vec<Vec<usize>>,
     numbers: Numbers,
-    /// By relaxed operator and proposition: the step that says how often it takes.
+    /// Per relaxed operator and proposition that it adds: the numeric step that gives its repetitions.
     steps: FxHashMap<(u32, u32), u32>,
     preconditions: Rows,
     adds: Rows,
@@ -74,8 +74,8 @@ impl<'t> Builder<'t> {
         }
     }
 
-    /// Bodies ask for negations; and a derived fact fails where every body of its axioms does, so
-    /// its negation asks for the negations of what is in them.
+    /// Registers the negated facts in axiom bodies. A derived fact is false if every body of its axioms
+    /// fails, so its negation also requires the negations of the literals in these bodies.
     fn note_negations_of_axioms(&mut self) {
         for literal in self.task.axioms.iter().flat_map(|axiom| &axiom.body) {
             self.note_negation(*literal);
@@ -121,7 +121,7 @@ impl<'t> Builder<'t> {
         }
     }
 
-    /// Relaxed operators that derive facts, and those that say how derived facts come to fail.
+    /// Adds relaxed operators that derive facts, and those that make negations of derived facts true.
     pub(super) fn axioms(&mut self) {
         for axiom in &self.task.axioms {
             let body = self.propositions(axiom.body.iter());
@@ -135,8 +135,8 @@ impl<'t> Builder<'t> {
             self.failing += 1;
             bodies.entry(negation).or_default().push(fails);
             for literal in axiom.body.iter() {
-                // Facts that derive each other fail together; that one of them does is taken
-                // as given, which errs on the side of reachable.
+                // Facts that derive each other become false together. That one of them fails is
+                // assumed, which errs on the side of reachable.
                 let is_circular =
                     literal.is_positive() && components.share(literal.fact(), axiom.head);
                 match self.proposition(literal.negated()) {
@@ -163,7 +163,7 @@ impl<'t> Builder<'t> {
         }
     }
 
-    /// The propositions that changes may make true.
+    /// Returns the propositions that changes may make true.
     fn added(&mut self, changes: Changes<'_>) -> Vec<u32> {
         let mut all: Vec<u32> = changes.adds.iter().map(|fact| fact.0).collect();
         all.extend(changes.deletes.iter().filter_map(|fact| self.negations[fact.index()]));
@@ -173,7 +173,8 @@ impl<'t> Builder<'t> {
         all
     }
 
-    /// The comparisons that numeric changes of the next relaxed operator may make true or false.
+    /// Adds the propositions of comparisons that numeric changes of the next relaxed operator may make
+    /// true or false.
     fn add_comparisons(&mut self, changes: &[NumericChange], all: &mut Vec<u32>) {
         let read = changes.iter().flat_map(|change| &self.comparisons[change.fluent as usize]);
         let mut read: Vec<usize> = read.copied().collect();
@@ -206,7 +207,7 @@ impl<'t> Builder<'t> {
         self.origins.push(origin);
     }
 
-    /// By addition: its step; empty where there are none.
+    /// Returns, per added proposition, its numeric step. Empty if there are no numeric steps.
     fn steps_of(&self, adds: &Rows) -> Vec<u32> {
         if self.numbers.is_empty() {
             return Vec::new();
@@ -216,7 +217,7 @@ impl<'t> Builder<'t> {
         each.map(|key| self.steps.get(&key).copied().unwrap_or(NO_STEP)).collect()
     }
 
-    /// The relaxation; where it is to `simplify`, without additions that bring nothing.
+    /// Finishes the relaxation. With `simplify`, dominated additions are left out.
     pub(super) fn finish(mut self, simplify: bool) -> Relaxation {
         let goal = self.propositions(self.task.goal.iter());
         let proposition_count = self.task.fact_count + self.negated.len() + self.failing;
@@ -251,11 +252,11 @@ impl<'t> Builder<'t> {
     }
 }
 
-/// Which derived facts derive each other.
+/// Strongly connected components of derived facts: facts of one component derive each other.
 struct Components {
-    /// The first derived fact.
+    /// Index of the first derived fact.
     first: usize,
-    /// By derived fact.
+    /// Per derived fact: its component.
     components: Vec<usize>,
 }
 

@@ -1,14 +1,15 @@
-//! Which additions of relaxed operators bring nothing: what the operator asks for itself, and what
-//! another operator adds that asks for no more and costs no more.
+//! Finds dominated additions of relaxed operators: an added proposition that the operator itself
+//! requires, or that another operator adds with no more preconditions at no greater cost.
 //!
-//! After the simplification of unary operators in Fast Downward (Helmert, 2006), without splitting
-//! operators into unary ones first. Sums and maxima of costs stay the same; the cheapest relaxed
-//! plan may get dearer, because what came along with something else is now added on its own.
+//! This follows the simplification of unary operators in Fast Downward (Helmert, 2006), without
+//! splitting operators into unary ones first. Sums and maxima of costs (h_add, h_max) stay the same.
+//! The cheapest relaxed plan may become more expensive, because a proposition that was a side effect of
+//! one operator is now added by another.
 
 use crate::rows::Rows;
 
-/// Operators with the same first precondition that are compared with one: beyond that, looking takes
-/// longer than it saves.
+/// Maximal number of operators with the same first precondition that one operator is compared with.
+/// More comparisons take longer than they save.
 const COMPARED_MAX: usize = 8;
 
 /// Relaxed operators, with sorted rows.
@@ -21,16 +22,16 @@ pub(super) struct Operators<'r> {
 // === impl Operators ===
 
 impl Operators<'_> {
-    /// Of each operator, what it adds that brings something, and what is exempt because it costs
-    /// what only the state tells. Costs of propositions stay the same.
+    /// Returns, per operator, its additions that are not dominated, and those that `is_exempt` accepts:
+    /// their costs depend on the state. The costs of propositions stay the same.
     pub(super) fn useful_adds(
         &self,
         proposition_count: usize,
         is_exempt: &dyn Fn(u32, u32) -> bool,
     ) -> Rows {
         let adding = self.adds.inverted(proposition_count);
-        // The adders of one proposition by the first of what they ask for; at the end, those that
-        // ask for nothing.
+        // The operators that add the current proposition, indexed by their first precondition. The last
+        // entry has those without preconditions.
         let mut by_first: Vec<Vec<u32>> = vec![Vec::new(); proposition_count + 1];
         let first = |relaxed: &u32| {
             let first = self.preconditions.row(*relaxed).first();
@@ -55,8 +56,9 @@ impl Operators<'_> {
         Rows::collect(self.adds.len(), useful.iter().copied())
     }
 
-    /// Whether an operator asks for no more than another and costs no more. Of equal ones the one
-    /// that adds most dominates: a relaxed plan that has it gets the rest for nothing.
+    /// Whether the left operator has a subset of the right one's preconditions and costs no more. Of
+    /// two equal ones the one that adds more dominates, because a relaxed plan with it gets its other
+    /// additions for free.
     fn dominates(&self, left: u32, right: u32) -> bool {
         let (asked, other) = (self.preconditions.row(left), self.preconditions.row(right));
         let (cost, other_cost) = (self.base_costs[left as usize], self.base_costs[right as usize]);
@@ -71,7 +73,7 @@ impl Operators<'_> {
     }
 }
 
-/// Whether a sorted list holds all of another.
+/// Whether one sorted list contains all items of another.
 fn is_subset(part: &[u32], whole: &[u32]) -> bool {
     let mut rest = whole.iter();
     part.iter().all(|one| rest.any(|other| other == one))

@@ -1,10 +1,10 @@
-//! The delete relaxation of a task, in flat arrays, and its exploration from a state.
+//! The delete relaxation of a task in flat arrays, and its exploration from a state.
 //!
-//! A *proposition* is a literal that somebody asks for. Every operator becomes one relaxed operator
-//! for its unconditional effects and one per conditional effect; every axiom becomes one that costs
-//! nothing. A derived fact fails where every axiom that derives it does, which again costs nothing.
-//! What has no place in the relaxation is taken to hold: that facts which derive each other fail,
-//! and any comparison once a number in it may change.
+//! A *proposition* is a literal that some condition requires. Every operator becomes one relaxed
+//! operator for its unconditional effect and one per conditional effect; every axiom becomes one at no
+//! cost. A derived fact is false if every axiom that derives it fails, which also costs nothing.
+//! Conditions that cannot be expressed here are assumed to hold: that facts which derive each other are
+//! false, and any comparison once a number in it may change.
 
 mod builder;
 mod dominance;
@@ -17,45 +17,46 @@ use crate::rows::Rows;
 use crate::state::{State, is_true, true_facts};
 use crate::task::{FactId, Operator, OperatorId, Task};
 
-/// A cost that is not reached.
+/// Cost of a proposition that is not reached.
 pub(super) const UNREACHED: u64 = u64::MAX;
 
-/// Marks relaxed operators that come from axioms.
+/// Origin of relaxed operators that come from axioms.
 const AXIOM: u32 = u32::MAX;
 
-/// Marks additions that take one step.
+/// Numeric step of additions that take a single application.
 const NO_STEP: u32 = u32::MAX;
 
-/// What an operator counts.
+/// Weight of an operator in a search or heuristic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Weights {
-    /// Every operator counts one.
+    /// Every operator weighs one.
     Unit,
-    /// Its cost and one: cheap operators still have a length.
+    /// Cost plus one, so that plans of free operators still have a length.
     PlusOne,
-    /// Its cost first; steps decide between equal costs.
+    /// Cost first; the number of steps decides between equal costs.
     CostThenSteps,
 }
 
-/// Steps between two costs: a plan shorter than this never seems dearer for its length.
+/// Weight of one unit of cost, in steps: a plan with fewer steps than this never weighs more than one
+/// that costs one unit more.
 pub(crate) const STEPS_PER_COST: u64 = 1 << 16;
 
-/// The relaxed task.
+/// The delete relaxation of a task.
 #[derive(Debug)]
 pub(crate) struct Relaxation {
     fact_count: usize,
-    /// Facts whose falsehood is asked for; their propositions follow those of the facts.
+    /// Facts that some condition requires to be false. Their propositions follow those of the facts.
     negated: Vec<FactId>,
     proposition_count: usize,
-    /// Relaxed operators that ask for a proposition.
+    /// Per proposition: the relaxed operators that have it as a precondition.
     asking: Rows,
     preconditions: Rows,
     adds: Rows,
-    /// By addition: the step of `numbers` that says how often it takes; empty where all take once.
+    /// Per addition: the step of `numbers` that gives its repetitions; empty if none is numeric.
     steps: Vec<u32>,
     numbers: Numbers,
     base_costs: Vec<u64>,
-    /// The operator each relaxed operator comes from.
+    /// Per relaxed operator: the operator that it comes from, or [`AXIOM`].
     origins: Vec<u32>,
     missing: Vec<u32>,
     goal: Vec<u32>,
@@ -63,7 +64,7 @@ pub(crate) struct Relaxation {
     free: Vec<u32>,
 }
 
-/// Costs of propositions, as seen from one state.
+/// Costs of propositions by h_max, for one state.
 #[derive(Debug, Default)]
 pub(super) struct Exploration {
     pub(super) costs: Vec<u64>,
@@ -74,11 +75,11 @@ pub(super) struct Exploration {
 }
 
 impl Weights {
-    /// What an operator counts.
+    /// Returns the weight of an operator.
     pub(crate) fn weight(self, task: &Task, operator: Operator<'_>) -> u64 {
         match self {
             Weights::Unit => 1,
-            // Then the cheapest plan is the shortest.
+            // With equal costs, a cheapest plan is a shortest one.
             _ if task.costs_equal => 1,
             Weights::PlusOne => operator.cost.saturating_add(1),
             Weights::CostThenSteps => {
@@ -95,8 +96,8 @@ impl Relaxation {
         Relaxation::build(task, weights, false)
     }
 
-    /// As [`Relaxation::new`], for estimates that need not be admissible: without additions that
-    /// bring nothing.
+    /// As [`Relaxation::new`], but without dominated additions. Only for estimates that need not be
+    /// admissible.
     pub(crate) fn simplified(task: &Task, weights: Weights) -> Relaxation {
         Relaxation::build(task, weights, true)
     }
@@ -110,12 +111,12 @@ impl Relaxation {
         builder.finish(simplify)
     }
 
-    /// How much there is to explore.
+    /// Returns the size of the relaxation, as a measure of the work of one exploration.
     pub(crate) fn size(&self) -> usize {
         self.preconditions.item_count() + self.adds.item_count() + self.proposition_count
     }
 
-    /// Bytes taken.
+    /// Returns the bytes that the relaxation takes.
     pub(super) fn bytes(&self) -> usize {
         let rows = self.asking.bytes() + self.preconditions.bytes() + self.adds.bytes();
         rows + self.base_costs.len() * 16
@@ -151,17 +152,18 @@ impl Relaxation {
         self.adds.row(relaxed)
     }
 
-    /// Whether some additions take more than one step.
+    /// Whether some additions need repetitions.
     pub(super) fn has_numbers(&self) -> bool {
         !self.numbers.is_empty()
     }
 
-    /// How often each step must be repeated, as seen from a state.
+    /// Computes the repetitions of each numeric step in a state.
     pub(super) fn repetitions(&self, state: &State, found: &mut Vec<u32>) {
         self.numbers.repetitions(&state[self.fact_count.div_ceil(64)..], found);
     }
 
-    /// What a relaxed operator adds, and how often it takes, given the repetitions of each step.
+    /// Returns the propositions that a relaxed operator adds, each with the number of applications that
+    /// it takes, given the repetitions of each step.
     #[inline]
     pub(super) fn adds_with<'r>(
         &'r self,
@@ -173,12 +175,12 @@ impl Relaxation {
         self.adds.row(relaxed).iter().copied().zip(times)
     }
 
-    /// Relaxed operators by what they add.
+    /// Returns, per proposition, the relaxed operators that add it.
     pub(super) fn adding(&self) -> Rows {
         self.adds.inverted(self.proposition_count)
     }
 
-    /// Sets each operator's weight.
+    /// Writes the weight of each operator.
     pub(super) fn weights(&self, weights: &mut [u64]) {
         for (origin, cost) in self.origins.iter().zip(&self.base_costs) {
             if *origin != AXIOM {
@@ -205,12 +207,12 @@ impl Relaxation {
         }
     }
 
-    /// The fact behind a proposition that says that it is true.
+    /// Returns the fact of a positive proposition; `None` for other propositions.
     pub(super) fn positive(&self, proposition: u32) -> Option<FactId> {
         ((proposition as usize) < self.fact_count).then_some(FactId(proposition))
     }
 
-    /// Whether a proposition is about a fact, true or false.
+    /// Whether a proposition is that a fact is true, or that a fact is false.
     pub(super) fn is_literal(&self, proposition: u32) -> bool {
         (proposition as usize) < self.fact_count + self.negated.len()
     }
@@ -224,15 +226,15 @@ impl Relaxation {
         self.base_costs[relaxed as usize]
     }
 
-    /// The operator behind a relaxed operator; axioms have none.
+    /// Returns the operator that a relaxed operator comes from; `None` for axioms.
     #[inline]
     pub(super) fn origin(&self, relaxed: u32) -> Option<OperatorId> {
         let origin = self.origins[relaxed as usize];
         (origin != AXIOM).then_some(OperatorId(origin))
     }
 
-    /// Computes the costs of propositions until the goal's are known; whether all of it is reached.
-    /// A conjunction costs what its dearest part does.
+    /// Computes h_max costs of propositions until all goal propositions are reached. Returns `false` if
+    /// some goal proposition is unreachable.
     pub(super) fn explore(&self, state: &State, exploration: &mut Exploration) -> bool {
         exploration.reset(self);
         let mut initial = std::mem::take(&mut exploration.initial);
@@ -287,7 +289,7 @@ impl Exploration {
     fn satisfy(&mut self, relaxation: &Relaxation, relaxed: u32, cost: u64) {
         let index = relaxed as usize;
         let total = &mut self.operator_costs[index];
-        // Saturates just below what means unreached.
+        // Saturates just below the value that means unreached.
         let through = cost.saturating_add(relaxation.base_costs[index]).min(UNREACHED - 1);
         *total = (*total).max(through);
         self.missing[index] -= 1;

@@ -1,27 +1,29 @@
-//! How often an operator must be repeated until a comparison holds: subgoaling, after Scala, Haslum,
-//! Magazzeni and Thiébaux, “Subgoaling Techniques for Satisficing and Optimal Numeric Planning”
-//! (2020).
+//! Number of times that an operator must be repeated until a comparison holds. This is subgoaling,
+//! after Scala, Haslum, Magazzeni and Thiébaux, “Subgoaling Techniques for Satisficing and Optimal
+//! Numeric Planning” (2020).
 //!
-//! A comparison is a distance from a bound. An operator that always changes it by the same is
-//! repeated as often as it takes; one that changes it for the worse is none that achieves it. Where
-//! the change depends on the state, it is taken as it is there.
+//! A comparison is seen as a distance from a bound. An operator with a constant change is repeated as
+//! often as the distance requires. An operator that changes the distance in the wrong direction does
+//! not achieve the comparison. If the change depends on the state, its value in the current state is
+//! used.
 
 use pddl::{Assignment, Comparison, Operator as Arithmetic};
 use rustc_hash::FxHashMap;
 
 use crate::task::{GroundComparison, GroundExpression, NumericChange};
 
-/// By how much a quotient may miss a whole number and be meant for it. Of an estimate alone: nothing
-/// is taken for impossible because of it.
+/// Tolerance by which a quotient may miss a whole number and still count as that number. It affects the
+/// estimate only, never reachability.
 const EPSILON: f64 = 1e-9;
 
-/// Repetitions of what, as things are, leads nowhere: other steps have to come first.
+/// Number of repetitions if the change does not lead towards the bound in this state, because other
+/// steps must come first.
 const DETOUR: u32 = 10;
 
-/// Further than this, one step more makes no difference.
+/// Cap on repetitions; beyond it one step more makes no difference.
 const REPETITIONS_MAX: u32 = 100_000;
 
-/// What is wanted of a number: the distance that a comparison speaks of.
+/// Required value of the distance that a comparison stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Wanted {
     AtLeastZero,
@@ -30,25 +32,26 @@ enum Wanted {
     NotZero,
 }
 
-/// An operator as a means to make one comparison true, or false.
+/// A numeric step: an operator as a means to make one comparison true, or false.
 #[derive(Clone, Debug)]
 struct Step {
     /// Index of the comparison.
     comparison: u32,
     wanted: Wanted,
-    /// −1 where less is wanted.
+    /// −1 if the distance has to fall, otherwise 1.
     sign: f64,
     change: Change,
 }
 
-/// How an operator changes the distance.
+/// Change of the distance by an operator.
 #[derive(Clone, Debug)]
 enum Change {
-    /// Always by this much; never zero.
+    /// Always this amount; never zero.
     Constant(f64),
-    /// By what these come to, each so many times; and whether a second time brings nothing more.
+    /// Weighted sum of state-dependent changes, as pairs of weight and change number. `is_once` is set
+    /// if an assignment is among them, so that a repetition changes nothing more.
     Depends { parts: Box<[(f64, u32)]>, is_once: bool },
-    /// Nobody knows.
+    /// Unknown, because the comparison is not linear.
     Unknown,
 }
 
@@ -56,9 +59,9 @@ enum Change {
 #[derive(Clone, Debug, Default)]
 pub(in crate::heuristic) struct Numbers {
     comparisons: Vec<GroundComparison>,
-    /// By comparison: how much each fluent counts in it; `None` where it is not linear.
+    /// Per comparison: the coefficient of each fluent; `None` if the comparison is not linear.
     weights: Vec<Option<FxHashMap<u32, f64>>>,
-    /// Changes that depend on the state. Many steps share one.
+    /// Changes that depend on the state. Several steps can share one.
     changes: Vec<NumericChange>,
     steps: Vec<Step>,
 }
@@ -82,8 +85,8 @@ impl Numbers {
         self.steps.is_empty()
     }
 
-    /// Numbers the changes of one relaxed operator, unless none depends on the state; returns the
-    /// first number.
+    /// Numbers the changes of one relaxed operator, unless all of them are constant. Returns the first
+    /// number.
     pub(super) fn register(&mut self, changes: &[NumericChange]) -> u32 {
         let first = self.changes.len() as u32;
         if changes.iter().any(|change| constant_change(change).is_none()) {
@@ -92,8 +95,8 @@ impl Numbers {
         first
     }
 
-    /// The number of the step by which `changes`, registered from `first` on, make a comparison true, or false; `None` if they
-    /// never do.
+    /// Adds the step by which `changes`, registered from `first` on, make a comparison true (or false,
+    /// by `truth`), and returns its number. Returns `None` if they can never do so.
     pub(super) fn step(
         &mut self,
         comparison: usize,
@@ -130,7 +133,7 @@ impl Numbers {
         constant.map_or_else(depends, Change::Constant)
     }
 
-    /// How often each step must be repeated, as seen from the numbers of a state.
+    /// Computes the repetitions of each step from the values of the fluents in a state.
     pub(in crate::heuristic) fn repetitions(&self, values: &[u64], found: &mut Vec<u32>) {
         let value = |fluent: u32| f64::from_bits(values[fluent as usize]);
         let distances: Vec<f64> = { self.comparisons.iter() }
@@ -149,7 +152,7 @@ impl Numbers {
 // === impl Step ===
 
 impl Step {
-    /// `changes` says what each change comes to now.
+    /// Returns the repetitions for a distance; `changes` has the current amount of each change.
     fn repetitions(&self, distance: f64, changes: &[f64]) -> u32 {
         match &self.change {
             Change::Unknown => 1,
@@ -165,7 +168,7 @@ impl Step {
     }
 }
 
-/// How often a distance must change by so much.
+/// Returns how often a distance must change by `by` until it has the required value.
 fn times(wanted: Wanted, distance: f64, by: f64) -> u32 {
     if distance.is_nan() || by.is_nan() {
         return 1;
@@ -173,7 +176,7 @@ fn times(wanted: Wanted, distance: f64, by: f64) -> u32 {
     let missing = match wanted {
         Wanted::NotZero => return 1,
         Wanted::AtLeastZero | Wanted::Zero => -distance / by,
-        // A little more than what is missing.
+        // The distance must end strictly above zero.
         Wanted::AboveZero => (-distance / by).floor() + 1.0,
     };
     if by == 0.0 || missing < -EPSILON {
@@ -197,7 +200,7 @@ fn wanted(comparison: Comparison, truth: bool) -> (Wanted, f64) {
     }
 }
 
-/// By how much a change moves its fluent, if that is always the same.
+/// Returns the amount by which a change moves its fluent; `None` if that depends on the state.
 fn constant_change(change: &NumericChange) -> Option<f64> {
     let GroundExpression::Number(number) = change.value else { return None };
     match change.assignment {
@@ -207,7 +210,7 @@ fn constant_change(change: &NumericChange) -> Option<f64> {
     }
 }
 
-/// By how much a change moves its fluent now.
+/// Returns the amount by which a change moves its fluent in the current state.
 fn current_change(change: &NumericChange, value: &dyn Fn(u32) -> f64) -> f64 {
     let (old, operand) = (value(change.fluent), change.value.evaluate(value));
     match change.assignment {
@@ -219,7 +222,8 @@ fn current_change(change: &NumericChange, value: &dyn Fn(u32) -> f64) -> f64 {
     }
 }
 
-/// Adds up how much each fluent counts in an expression; `false` if that is not always the same.
+/// Adds up the coefficient of each fluent in an expression. Returns `false` if the expression is not
+/// linear.
 fn collect(expression: &GroundExpression, factor: f64, weights: &mut FxHashMap<u32, f64>) -> bool {
     match expression {
         GroundExpression::Number(_) => true,
@@ -254,7 +258,7 @@ fn collect(expression: &GroundExpression, factor: f64, weights: &mut FxHashMap<u
     }
 }
 
-/// The value of an expression without fluents.
+/// Returns the value of an expression without fluents; `None` if it has fluents.
 fn constant(expression: &GroundExpression) -> Option<f64> {
     let mut has_fluent = false;
     expression.fluents(&mut |_| has_fluent = true);
