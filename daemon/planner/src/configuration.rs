@@ -1,5 +1,6 @@
 //! Search configurations that a caller can choose by name: the one table that defines them.
 
+use crate::heuristic::Admissible;
 use crate::search::lazy::List;
 
 /// A search configuration; an entry of [`CONFIGURATIONS`].
@@ -23,7 +24,7 @@ pub(crate) enum Method {
     /// is tried first.
     Lists { climb: bool, lists: &'static [List] },
     /// A* with an admissible heuristic.
-    AStar { heuristic: &'static str },
+    AStar { heuristic: Admissible },
 }
 
 /// All configurations, the default first. All are complete: if one ends without a plan and without
@@ -79,21 +80,21 @@ pub const CONFIGURATIONS: &[Configuration] = &[
         summary: "A* (Hart, Nilsson and Raphael, 1968), each landmark cut paid for once",
         heuristics: &["lmcut"],
         optimal: true,
-        method: Method::AStar { heuristic: "lmcut" },
+        method: Method::AStar { heuristic: Admissible::LandmarkCut },
     },
     Configuration {
         name: "astar-max",
         summary: "A* with a weak but quick heuristic",
         heuristics: &["max"],
         optimal: true,
-        method: Method::AStar { heuristic: "max" },
+        method: Method::AStar { heuristic: Admissible::Max },
     },
     Configuration {
         name: "astar-blind",
         summary: "A* that knows nothing",
         heuristics: &["blind"],
         optimal: true,
-        method: Method::AStar { heuristic: "blind" },
+        method: Method::AStar { heuristic: Admissible::Blind },
     },
 ];
 
@@ -115,6 +116,11 @@ mod tests {
         for one in CONFIGURATIONS {
             for name in one.heuristics {
                 assert!(HEURISTICS.iter().any(|heuristic| heuristic.name == *name), "{name}");
+            }
+            if let Method::AStar { heuristic } = one.method {
+                assert_eq!(one.heuristics, [heuristic.name()]);
+                let entry = HEURISTICS.iter().find(|entry| entry.name == heuristic.name());
+                assert!(entry.is_some_and(|entry| entry.admissible), "{heuristic:?}");
             }
             assert_eq!(configuration(one.name), Some(one));
         }

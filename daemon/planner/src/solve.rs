@@ -10,7 +10,7 @@
 //!    between them searches for shortcuts (`search::neighborhood`).
 
 use crate::configuration::Method;
-use crate::heuristic::{Evaluator, FastForward, LandmarkCut, Weights, heuristic};
+use crate::heuristic::{Admissible, Evaluator, FastForward, LandmarkCut, Weights};
 use crate::limits::{Budget, Cancel, Effort, Options};
 use crate::outcome::{Statistics, StopReason};
 use crate::prune::{Pruned, prune};
@@ -178,14 +178,10 @@ impl<'t> Solver<'t> {
 
     fn a_star(
         &mut self,
-        name: &str,
+        heuristic: Admissible,
         tell: &mut dyn FnMut(Told<'_>),
     ) -> Result<Vec<OperatorId>, StopReason> {
-        let build = heuristic(name).and_then(|one| one.build);
-        let evaluator = build.map_or_else(
-            || Box::new(LandmarkCut::new(self.task)) as Box<dyn Evaluator>,
-            |build| build(self.task),
-        );
+        let evaluator = heuristic.evaluator(self.task);
         let mut search = AStar::new(self.task, &self.generator, evaluator, u64::MAX, u64::MAX);
         let result = run(&mut search, self.options.budget, self.cancel, tell);
         self.statistics.expansions = search.expansions();

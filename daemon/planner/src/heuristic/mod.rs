@@ -54,11 +54,37 @@ pub(crate) trait Evaluator {
     }
 }
 
-/// Builds the evaluator of a heuristic for a task.
-pub(crate) type Build = for<'t> fn(&'t Task) -> Box<dyn Evaluator + 't>;
+/// A heuristic that A* can search with: it never overestimates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Admissible {
+    Blind,
+    Max,
+    LandmarkCut,
+}
+
+impl Admissible {
+    /// Name of its entry in [`HEURISTICS`].
+    #[cfg(test)]
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Admissible::Blind => "blind",
+            Admissible::Max => "max",
+            Admissible::LandmarkCut => "lmcut",
+        }
+    }
+
+    /// Builds its evaluator for a task.
+    pub(crate) fn evaluator(self, task: &Task) -> Box<dyn Evaluator + '_> {
+        match self {
+            Admissible::Blind => Box::new(Blind),
+            Admissible::Max => Box::new(Max::new(task)),
+            Admissible::LandmarkCut => Box::new(LandmarkCut::new(task)),
+        }
+    }
+}
 
 /// An entry of [`HEURISTICS`].
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Heuristic {
     /// Name by which it is chosen.
     pub name: &'static str,
@@ -68,8 +94,6 @@ pub struct Heuristic {
     pub admissible: bool,
     /// Whether it is consistent: along a step it never drops by more than the cost of the step.
     pub consistent: bool,
-    /// Builds the evaluator for A*; `None` if the heuristic is not admissible.
-    pub(crate) build: Option<Build>,
 }
 
 /// All heuristics of this crate.
@@ -79,66 +103,43 @@ pub const HEURISTICS: &[Heuristic] = &[
         summary: "zero, everywhere",
         admissible: true,
         consistent: true,
-        build: Some(|_| Box::new(Blind)),
     },
     Heuristic {
         name: "max",
         summary: "the most expensive goal, reached alone and without deletes",
         admissible: true,
         consistent: true,
-        build: Some(|task| Box::new(Max::new(task))),
     },
     Heuristic {
         name: "lmcut",
         summary: "the sum of landmarks that cuts in the relaxation find; each is paid for once",
         admissible: true,
         consistent: false,
-        build: Some(|task| Box::new(LandmarkCut::new(task))),
     },
     Heuristic {
         name: "ff",
         summary: "the number of operators in a plan without deletes; its first ones are preferred",
         admissible: false,
         consistent: false,
-        build: None,
     },
     Heuristic {
         name: "landmarks",
         summary: "the number of facts that every plan achieves and this way has not, or lost again",
         admissible: false,
         consistent: false,
-        build: None,
     },
     Heuristic {
         name: "novelty",
         summary: "the size of the smallest set of facts never seen together before",
         admissible: false,
         consistent: false,
-        build: None,
     },
 ];
-
-/// Returns the heuristic of this name, or `None` if there is none.
-pub(crate) fn heuristic(name: &str) -> Option<&'static Heuristic> {
-    HEURISTICS.iter().find(|heuristic| heuristic.name == name)
-}
 
 struct Blind;
 
 impl Evaluator for Blind {
     fn evaluate(&mut self, _: &State) -> Option<u64> {
         Some(0)
-    }
-}
-
-impl std::fmt::Debug for Heuristic {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Heuristic { name, summary, admissible, consistent, build: _ } = self;
-        f.debug_struct("Heuristic")
-            .field("name", name)
-            .field("summary", summary)
-            .field("admissible", admissible)
-            .field("consistent", consistent)
-            .finish()
     }
 }
