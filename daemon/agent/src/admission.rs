@@ -1,39 +1,39 @@
-//! Who of those that no file names takes part: what the file says of them all, and what people
-//! have said of each.
+//! Admission of agents that no file names: the policy of the file for all of them, and the
+//! decisions of people about each.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::watch;
 
-/// What the file says of agents that it does not name.
+/// Policy of the file for agents that it does not name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Admit {
-    /// They take part.
+    /// All take part.
     #[default]
     All,
-    /// They are listed.
+    /// All are listed only; the file has to name an agent before it takes part.
     Listed,
     /// A person is asked about each.
     Ask,
 }
 
-/// Whether somebody may take part.
+/// Whether an agent may take part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Admission {
-    /// Yes.
+    /// The agent may take part.
     Granted,
-    /// Not by itself: the file has to name it.
+    /// The agent may take part only if the file names it.
     Listed,
-    /// A person has still to say so.
+    /// A person has not decided yet.
     Asked,
-    /// A person has said no.
+    /// A person has declined.
     Denied,
 }
 
 impl Admission {
-    /// Why it does not take part, for a person; nothing where it does, or where only the file's
-    /// word is missing.
+    /// Returns the reason why the agent does not take part, for a person. `None` if it takes part,
+    /// or if it lacks only an entry in the file.
     pub fn reason(self) -> Option<String> {
         match self {
             Admission::Granted | Admission::Listed => None,
@@ -43,16 +43,16 @@ impl Admission {
     }
 }
 
-/// One that no file names, and who has found it.
+/// An agent that no file names, and its finder.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Applicant {
-    /// What has found it: the folder of plugins, a gateway.
+    /// Finder of the agent: the folder of plugins, or a gateway.
     pub by: String,
-    /// What it is called.
+    /// Name of the agent.
     pub name: String,
 }
 
-/// Among the resources of a host: who of those that no file names takes part.
+/// Resource of a host: decides which agents that no file names take part.
 #[derive(Debug)]
 pub struct Admissions {
     admit: Admit,
@@ -62,19 +62,19 @@ pub struct Admissions {
 
 #[derive(Debug, Default)]
 struct Known {
-    /// What people have said.
+    /// Decisions of people; `true` admits the agent.
     answers: BTreeMap<Applicant, bool>,
-    /// Who is here, with a word about each for a person.
+    /// Agents that are present, with a description of each for a person.
     here: BTreeMap<Applicant, String>,
 }
 
 impl Admissions {
-    /// With no answers yet.
+    /// Creates the admissions without decisions.
     pub fn new(admit: Admit) -> Admissions {
         Admissions { admit, known: Mutex::default(), changed: watch::Sender::new(()) }
     }
 
-    /// Whether one may take part.
+    /// Returns whether an agent may take part.
     pub fn of(&self, by: &str, name: &str) -> Admission {
         let applicant = Applicant { by: by.to_owned(), name: name.to_owned() };
         match (self.admit, self.known().answers.get(&applicant)) {
@@ -85,7 +85,8 @@ impl Admissions {
         }
     }
 
-    /// Says who is here of those that `by` has found, with a word about each for a person.
+    /// Replaces the list of present agents that `by` has found, with a description of each for a
+    /// person. Does nothing unless people are asked.
     pub fn present(&self, by: &str, here: BTreeMap<String, String>) {
         if self.admit != Admit::Ask {
             return;
@@ -103,7 +104,7 @@ impl Admissions {
         }
     }
 
-    /// Who is here and of whom nobody has said anything.
+    /// Returns the present agents that no person has decided about.
     pub fn open(&self) -> Vec<(Applicant, String)> {
         let known = self.known();
         let is_open = |applicant: &&Applicant| !known.answers.contains_key(*applicant);
@@ -111,18 +112,18 @@ impl Admissions {
         open.into_iter().map(|one| (one.clone(), known.here[one].clone())).collect()
     }
 
-    /// Takes what people have said.
+    /// Records decisions of people.
     pub fn answer(&self, answers: impl IntoIterator<Item = (Applicant, bool)>) {
         self.known().answers.extend(answers);
         self.changed.send_replace(());
     }
 
-    /// All that people have said.
+    /// Returns all decisions of people.
     pub fn answers(&self) -> Vec<(Applicant, bool)> {
         self.known().answers.iter().map(|(one, is_in)| (one.clone(), *is_in)).collect()
     }
 
-    /// Tells of every change.
+    /// Returns a receiver that is notified of every change.
     pub fn changes(&self) -> watch::Receiver<()> {
         self.changed.subscribe()
     }

@@ -1,7 +1,7 @@
-//! The Base Agent (the paper, “The Base Agent”): the loop in which an agent lives.
+//! The Base Agent (the paper, “The Base Agent”): the event loop of an agent.
 //!
-//! Waiting is async; deciding is not. Everything that can wake an agent is an [`Event`]; each is
-//! handled by one synchronous callback.
+//! Waiting is asynchronous, deciding is not. Everything that can wake an agent is an [`Event`];
+//! each is handled by one synchronous callback.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -24,100 +24,103 @@ use crate::mailbox::{Letter, Mailbox};
 use crate::standing::Standing;
 use crate::switchboard::Switchboard;
 
-/// How long a name may be held by another before its new owner gives up. A daemon that was
-/// killed on the far side of a cut link keeps its agents' names for the length of Zenoh's lease.
+/// How long another agent may hold the name before the new agent gives up. The agents of a daemon
+/// that was killed behind a cut link keep their names for the length of Zenoh's lease.
 const NAME_AWAITED: Duration = Duration::from_secs(6);
 
-/// An agent: its state, and what it reacts to.
+/// An agent: its state and its callbacks.
 pub trait Agent: Sized + Send + 'static {
-    /// What it reacts to.
+    /// Returns the table of callbacks for messages.
     fn callbacks(&self) -> Callbacks<Self>;
 
-    /// It is here: others see it, and its mailbox is open.
+    /// Called when the agent is present and its mailbox is open.
     fn activated(&mut self, _ctx: &mut Context<Self>) {}
 
-    /// It acts from now on, or stands by: an agent of its name acts at another daemon. Whoever can
-    /// be hosted once acts from its activation to its end.
+    /// Called when the agent becomes the leader or a standby; while it is a standby, another agent
+    /// of its name leads at another daemon. An agent without replicas is the leader from its
+    /// activation to its end.
     fn leads(&mut self, _is_leading: bool, _ctx: &mut Context<Self>) {}
 
-    /// Another agent is here, or is not.
+    /// Called when an agent joins or leaves.
     fn presence(&mut self, _presence: &Presence, _ctx: &mut Context<Self>) {}
 
-    /// Whether it heeds who comes and goes. While it does not, it is not woken for it, is not told
-    /// of it, and finds out whom there is when it looks: of a thousand agents that wait, nobody is
-    /// woken for one that joins.
+    /// Whether the agent wants presence callbacks now. If `false`, the runtime does not wake it
+    /// when agents join or leave; it can still read [`Context::directory`]. This avoids waking a
+    /// thousand idle agents on each join. An agent with replicas or unreceipted messages gets the
+    /// callbacks in any case.
     fn heeds_presence(&self) -> bool {
         true
     }
 
-    /// Its action model, as it would announce it now; `None` if it has none.
+    /// Returns the action model as it would be announced now; `None` if the agent has none.
     fn model(&self) -> Option<String> {
         None
     }
 
-    /// Somebody asks for a resource; `None` if it is not this agent's to give.
+    /// Answers a query for a resource; `None` if this agent does not serve it.
     fn asked(&mut self, _resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
         None
     }
 
-    /// The daemon is draining: the last chance to give up commitments. `false` while some are
-    /// still open; asked again after each event until the grace has passed.
+    /// Called while the daemon drains: the last chance to give up commitments. Returns `false`
+    /// while some are still open; then it is called again after each event until the grace has
+    /// passed.
     fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
         true
     }
 }
 
-/// A place for an agent to live: its name, its life, its daemon.
+/// Context for launching an agent: its name, its incarnation, its daemon.
 #[derive(Clone)]
 pub struct Berth {
-    /// Its name.
+    /// Name of the agent.
     pub id: AgentId,
-    /// Which life of it.
+    /// Incarnation of the agent.
     pub incarnation: Incarnation,
-    /// The daemon's own end of the substrate.
+    /// Router of the daemon.
     pub switchboard: Arc<Switchboard>,
-    /// The name of the shared ontology, for envelopes.
+    /// Name of the shared ontology, for messages.
     pub ontology: Arc<str>,
     /// Set when the daemon drains.
     pub stopping: CancellationToken,
-    /// Whether other daemons may host an agent of this name too: the one that has been there
-    /// longest acts, the others stand by and take over in that order.
+    /// Whether other daemons may host an agent of this name too: the oldest replica is the leader,
+    /// the others are standbys and take over in the order of their age.
     pub stands_by: bool,
-    /// The ecosystems it comes from, the farthest first: nothing for an agent of this one.
+    /// Ecosystems that the agent comes from, the farthest first; empty for an agent of this one.
     pub via: Arc<[EcosystemId]>,
 }
 
-/// Why an agent could not be launched, or ended. Completes “failed to …”.
+/// Reason why an agent could not be launched, or ended. Completes “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LaunchError {
-    /// Another agent has the name.
+    /// Another agent holds the name.
     #[error(
         "launch `{}`: an agent of that name is already at daemon `{}`; give one of them another \
          name, or stop the other first",
         holder.agent, holder.daemon
     )]
     NameTaken {
-        /// Who has it.
+        /// Holder of the name.
         holder: Resident,
     },
-    /// The substrate did not take its presence.
+    /// The substrate did not accept the presence of the agent.
     #[error("announce `{agent}`: {source}")]
     Announce {
         /// The agent.
         agent: AgentId,
-        /// Why.
+        /// Error of the substrate.
         #[source]
         source: SendError,
     },
 }
 
-/// An agent of any kind, ready to live.
+/// An agent of any type, ready to be launched.
 pub trait Launch: Send {
-    /// Its action model, as it would announce it now; `None` if it has none.
+    /// Returns the action model as it would be announced now; `None` if the agent has none.
     fn model(&self) -> Option<String>;
 
-    /// Starts its life; it ends when the berth's daemon drains, or with an error.
+    /// Starts the agent. The task ends when the daemon drains, or with an error.
     fn launch(self: Box<Self>, berth: Berth) -> JoinHandle<Result<(), LaunchError>>;
 }
 
@@ -132,13 +135,13 @@ impl<A: Agent> Launch for A {
     }
 }
 
-/// Everything that can wake an agent. Closed on purpose: this is all there is.
+/// Event that can wake an agent. The list is complete on purpose.
 enum Event<A: Agent> {
     Letter(Letter),
     Presence(Presence),
-    /// More changes of presence than could be kept: compare directories.
+    /// There were more presence changes than the channel holds: compare directories.
     PresenceMissed,
-    /// Work aside has finished.
+    /// Background work has finished.
     Finished(Deferred<A>),
     /// A timer or a retry is due.
     Due,
@@ -147,20 +150,22 @@ enum Event<A: Agent> {
 }
 
 struct Life<A: Agent> {
-    /// Boxed: a task has room for each of its steps, and would have it for the agent in three.
+    /// Boxed: the future of the task reserves space in several of its steps, and would hold the agent
+    /// three times otherwise.
     agent: Box<A>,
     callbacks: Callbacks<A>,
     ctx: Context<A>,
     mailbox: Mailbox,
     presence: broadcast::Receiver<Presence>,
-    /// What this agent was told of who is here: the daemon's own, where it was told all. None while it
-    /// does not heed that: of those that wait, none is to keep a directory that is over.
+    /// Directory as far as the agent was notified of it; shared with the daemon's if it was
+    /// notified of all changes. `None` while the agent does not heed presence, so that idle agents
+    /// do not keep outdated directories.
     told: Option<Arc<Directory>>,
-    /// Kept from one event to the next, as `alarm` is: those of a thousand agents that are all woken
-    /// at once would otherwise be put on the daemon's lists and taken off them each time.
+    /// Kept from one event to the next, as `alarm` is. Otherwise a thousand agents that are woken
+    /// at once would each be added to the runtime's lists and removed from them every time.
     stopping: Pin<Box<WaitForCancellationFutureOwned>>,
     alarm: Pin<Box<Sleep>>,
-    /// Whether it acts; none where nobody else can.
+    /// Leadership; `None` for an agent without replicas.
     standing: Option<Standing>,
     /// Keeps the agent present.
     _token: PresenceToken,
@@ -198,7 +203,8 @@ async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> 
     end
 }
 
-/// Waits until nobody else holds the name: a former life may still be seen for a lease.
+/// Waits until no other agent holds the name: an earlier incarnation may be seen for the length of
+/// a lease.
 async fn await_name(id: &AgentId, switchboard: &Switchboard) -> Result<(), LaunchError> {
     let (mut directory, mut changes) = switchboard.presence_changes();
     let deadline = Instant::now() + NAME_AWAITED;
@@ -263,20 +269,21 @@ impl<A: Agent> Life<A> {
         }
     }
 
-    /// Whether who comes and goes is anything to it: to what it does, to what it has said and is not
-    /// received yet, or to whose turn it is.
+    /// Whether presence changes matter now: for the agent itself, for messages without a receipt,
+    /// or for leadership.
     fn heeds_presence(&self) -> bool {
         self.standing.is_some()
             || self.ctx.communication.awaits_receipts()
             || self.agent.heeds_presence()
     }
 
-    /// Leaves unread who came and went meanwhile.
+    /// Discards the presence changes that have arrived.
     fn catch_up(&mut self) {
         while let Ok(_) | Err(TryRecvError::Lagged(_)) = self.presence.try_recv() {}
     }
 
-    /// What it was told of who is here; who has not heeded that begins with who is.
+    /// Returns the directory as far as the agent was notified of it. An agent that has not heeded
+    /// presence begins with the daemon's present directory.
     fn told(&mut self) -> Arc<Directory> {
         let ctx = &self.ctx;
         Arc::clone(self.told.get_or_insert_with(|| ctx.directory()))
@@ -299,7 +306,7 @@ impl<A: Agent> Life<A> {
         self.take_its_stand();
     }
 
-    /// Sees whether it is this agent's turn to act.
+    /// Checks whether this agent becomes the leader or a standby.
     fn take_its_stand(&mut self) {
         if self.standing.is_none() {
             return;
@@ -335,17 +342,19 @@ impl<A: Agent> Life<A> {
             },
             Letter::Broadcast(message) => self.open_broadcast(Arc::unwrap_or_clone(message)),
             Letter::Missed(payload) => {
-                // It was read when it came, and so can be.
+                // The daemon decoded it when it arrived, so it can be decoded.
                 acl::decode(&payload).into_iter().for_each(|message| self.open_broadcast(message));
             }
             Letter::Receipts(ids) => self.ctx.communication.received(&ids),
             Letter::Question(question) => self.asked(&question),
-            // It has looked who is here before it opened this.
+            // The event loop checks after each event for another holder of the name.
             Letter::Namesake => (),
         }
     }
 
-    /// Only who acts is asked and answers; what is said to all, everybody hears.
+    /// Returns the item if this agent is to handle it. A standby handles broadcasts, receipts, and
+    /// questions that every replica answers. It declines a direct message, or keeps it until
+    /// leadership is decided, and drops a question that only the leader answers.
     fn meant_for_it(&mut self, letter: Letter) -> Option<Letter> {
         let Some(standing) = self.standing.as_mut().filter(|standing| !standing.is_leading())
         else {
@@ -366,7 +375,7 @@ impl<A: Agent> Life<A> {
         }
     }
 
-    /// Says that another agent of this name acts. The sender saw that one last who is first here.
+    /// Refuses a message as a standby, and names the daemon of the leader as this agent sees it.
     fn decline(&mut self, letter: Letter) {
         let Letter::Direct(payload) = letter else { return };
         let message = match self.ctx.communication.read(&payload) {
@@ -407,7 +416,7 @@ impl<A: Agent> Life<A> {
         }
     }
 
-    /// A turn of who opened an exchange with this agent.
+    /// Handles a turn of the initiator of an exchange with this agent.
     fn turn(&mut self, message: Message) {
         if self.ctx.communication.continues_engagement(&message) {
             let to_all = message.receiver.is_empty();
@@ -466,7 +475,7 @@ impl<A: Agent> Life<A> {
         self.ctx.undelivered(&mut self.agent, lost);
     }
 
-    /// Another agent that was here first holds this one's name.
+    /// Returns the older agent that holds this agent's name, if there is one. `None` for a replica.
     fn usurped(&self) -> Option<Resident> {
         if self.standing.is_some() {
             return None;

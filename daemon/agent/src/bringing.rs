@@ -1,10 +1,12 @@
-//! Bringing: an agent that finds devices lets them come as agents beside it, and go.
+//! Discovered agents: an agent that finds devices starts an agent for each of them on its own
+//! daemon, and stops it when the device is gone.
 //!
-//! - A moment after it has found something, all that it knows of is looked at; who is new comes, who
-//!   is gone or has changed goes, and the rest is left alone.
-//! - Who takes part without being named is for the file and for people to say ([`Admissions`]); all
-//!   that was found is listed with the reason why it is not here and the lines that would change that.
-//! - Who could not come rests and is tried again.
+//! - A moment after a discovery, everything found is compared with the agents that run: missing
+//!   agents start, agents of devices that are gone or changed stop, and the rest is left alone.
+//! - An agent that no file names takes part only if the file or a person admits it
+//!   ([`Admissions`]). Everything found is listed, with the reason why it does not take part and
+//!   the lines of the file that would change that.
+//! - An agent that could not start is tried again after a pause.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -19,72 +21,74 @@ use crate::base_agent::{Agent, Launch};
 use crate::context::{Brought, Context, Work};
 use crate::plugin::{BuildError, Host};
 
-/// Why there can be no agent of what stands in no room.
+/// Reason why a device gets no agent: the room in which it stands is not known.
 pub const NOWHERE: &str = "nobody says in which room it stands";
 
-/// How long is waited for more before agents come and go: a broker tells of hundreds of devices at once.
+/// Delay before discovered agents start and stop, to collect more changes: a broker reports
+/// hundreds of devices at once.
 const MORE: Duration = Duration::from_millis(50);
 
-/// How long one that could not come rests before it is tried again.
+/// Pause before an agent that could not start is tried again.
 const REST: Duration = Duration::from_secs(10);
 
-/// Something that was found.
+/// A device that was found.
 #[derive(Clone, Debug)]
 pub struct Finding<P> {
-    /// Its agent.
+    /// Name of its agent.
     pub agent: AgentId,
-    /// Whether the file names it: then it needs nobody's word.
+    /// Whether the file names the agent: then it needs no admission.
     pub is_named: bool,
-    /// In which room it stands, if anybody says so.
+    /// Room in which the device stands; `None` if not known.
     pub room: Option<String>,
-    /// What its agent is built from; or why there can be none, such as [`NOWHERE`].
+    /// Data from which the agent is built; or the reason why there can be no agent, such as [`NOWHERE`].
     pub part: Result<P, String>,
-    /// What of it cannot be used.
+    /// Description of what cannot be used of the device.
     pub problem: Option<String>,
-    /// The lines that would let it take part.
+    /// Lines of the ecosystem file that would let the agent take part.
     pub toml: String,
 }
 
-/// The agents that were brought, and what is known of those that were not.
+/// The discovered agents that run, and the state of those that do not.
 #[derive(Debug)]
 pub struct Bringing<P> {
     admissions: Arc<Admissions>,
-    /// No more than these.
+    /// Largest number of agents that may run.
     at_most: usize,
     here: BTreeMap<AgentId, (P, Brought)>,
-    /// Why some could not come.
+    /// Agents that could not start, with the reason, until they are tried again.
     failed: BTreeMap<AgentId, String>,
-    /// Whether it is going to be seen who comes and goes.
+    /// Whether a comparison of found and running agents is scheduled.
     is_due: bool,
     hearing: Option<Work>,
 }
 
-/// An agent that brings others.
+/// Agent that starts agents for what it discovers.
 pub trait Brings: Agent {
-    /// What an agent is built from; where it is another than before, its agent is too.
+    /// Data from which an agent is built; if it changes, the agent is replaced.
     type Part: Clone + PartialEq + Send + 'static;
 
-    /// Who is here.
+    /// Returns the state of the discovered agents.
     fn bringing(&mut self) -> &mut Bringing<Self::Part>;
 
-    /// All that it knows of now.
+    /// Returns everything that is found at present.
     fn found(&self) -> Vec<Finding<Self::Part>>;
 
-    /// Why it finds nothing at present, if so.
+    /// Returns the reason why nothing can be found at present; `None` if there is no problem.
     fn trouble(&self) -> Option<String> {
         None
     }
 
-    /// Builds an agent; opens nothing.
+    /// Builds an agent from `part`. Opens no device.
     ///
     /// # Errors
     ///
-    /// If it cannot be built.
+    /// Returns an error if the agent cannot be built.
     fn build(&self, agent: &AgentId, part: &Self::Part) -> Result<Box<dyn Launch>, BuildError>;
 }
 
 impl<P> Bringing<P> {
-    /// With nobody yet, and never with more than `at_most`.
+    /// Creates the state without agents; at most `at_most` agents will run. Without [`Admissions`]
+    /// among the host's resources, all are admitted.
     pub fn new(host: &Host, at_most: usize) -> Bringing<P> {
         let admissions = host.resources.get::<Admissions>();
         Bringing {
@@ -98,7 +102,7 @@ impl<P> Bringing<P> {
     }
 }
 
-/// Follows what people say of who is let in. To be called when the agent is activated.
+/// Starts to follow the decisions of people about admissions. Call it when the agent is activated.
 pub fn begin<A: Brings>(agent: &mut A, ctx: &mut Context<A>) {
     let changes = agent.bringing().admissions.changes();
     hear(agent, changes, ctx);
@@ -114,8 +118,9 @@ fn hear<A: Brings>(agent: &mut A, mut changes: watch::Receiver<()>, ctx: &mut Co
     agent.bringing().hearing = Some(work);
 }
 
-/// Lets come who was found and may take part, and go who is not among them, in a moment. To be called
-/// when something else was found than before.
+/// Schedules a comparison of what is found with the agents that run, which starts and stops agents.
+/// Call it whenever something else is found than before. Calls within a short time lead to one
+/// comparison.
 pub fn settle_soon<A: Brings>(agent: &mut A, ctx: &mut Context<A>) {
     if std::mem::replace(&mut agent.bringing().is_due, true) {
         return;
@@ -172,14 +177,14 @@ fn fail<A: Brings>(agent: &mut A, name: AgentId, problem: String, ctx: &mut Cont
     settle_soon(agent, ctx);
 }
 
-/// What is to become of all that was found.
+/// The decision about everything that was found.
 #[derive(Debug)]
 struct Census<P> {
-    /// Who is to be here.
+    /// Agents that are to run.
     wanted: BTreeMap<AgentId, P>,
     /// All of them, for people.
     discovered: Vec<Discovered>,
-    /// Who could be here if somebody lets them, with a word about each.
+    /// Agents that a person could admit, with a description of each.
     applicants: BTreeMap<String, String>,
 }
 
@@ -201,7 +206,7 @@ impl<P> Census<P> {
             true => Admission::Granted,
             false => bringing.admissions.of(by, agent.as_str()),
         };
-        // Why it cannot be here, whoever would let it.
+        // Obstacles that no admission can remove.
         let part = if !is_new {
             Err("another device has this name; call one of them otherwise".to_owned())
         } else if self.wanted.len() >= bringing.at_most {
@@ -256,7 +261,7 @@ mod tests {
         }
     }
 
-    /// Who joins, and why the others do not.
+    /// Returns the name of each agent, whether it joins, and why not.
     fn told(census: &Census<u8>) -> Vec<(&str, bool, &str)> {
         let told = |one: &'_ Discovered| one.problem.clone().unwrap_or_default().leak() as &str;
         census.discovered.iter().map(|one| (one.agent.as_str(), one.joined, told(one))).collect()

@@ -1,4 +1,4 @@
-//! What an agent reacts to: to learn it, read its table of callbacks.
+//! Table of callbacks: the messages that an agent reacts to.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use acl::{Message, Performative};
 use crate::base_agent::Agent;
 use crate::context::Context;
 
-/// What a callback does with a message.
+/// Handler of a message.
 pub(crate) type Callback<A> = fn(&mut A, Message, &mut Context<A>);
 
 /// One callback per performative, for messages to this agent and for messages to all.
@@ -27,19 +27,19 @@ impl<A: Agent> Default for Callbacks<A> {
 }
 
 impl<A: Agent> Callbacks<A> {
-    /// A table without callbacks.
+    /// Creates a table without callbacks.
     pub fn new() -> Callbacks<A> {
         Callbacks::default()
     }
 
-    /// Calls back for messages of this type to this agent.
+    /// Sets the callback for messages of this type to this agent.
     #[must_use]
     pub fn on(mut self, performative: Performative, callback: Callback<A>) -> Callbacks<A> {
         self.direct.insert(performative, callback);
         self
     }
 
-    /// Calls back for messages of this type to all.
+    /// Sets the callback for messages of this type to all.
     #[must_use]
     pub fn on_broadcast(
         mut self,
@@ -58,12 +58,12 @@ impl<A: Agent> Callbacks<A> {
         self.broadcast.get(&performative).copied()
     }
 
-    /// The types of messages to all that this agent listens to.
+    /// Returns the types of broadcasts that this agent listens to.
     pub(crate) fn interests(&self) -> Vec<Performative> {
         self.broadcast.keys().copied().collect()
     }
 
-    /// The types of messages this agent takes, for a person.
+    /// Returns the types of messages that this agent takes, as text for a person.
     pub(crate) fn understood(&self) -> String {
         let names: Vec<_> = self.direct.keys().map(|performative| performative.as_str()).collect();
         names.join(", ")

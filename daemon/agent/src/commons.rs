@@ -1,18 +1,18 @@
-//! The commons: what the actuators of one daemon have heard, kept once for all of them.
+//! The commons: a domain model shared by the actuators of one daemon.
 //!
-//! Every actuator plans with what it has heard itself (the paper, “Decentralized Planning”). Those
-//! of one daemon hear the same, so it is read and kept once, and each looks at it with its own
-//! eyes ([`Maintainer::snapshot_for`]): memory grows with the agents, not with their square. A
-//! model that was read here is not read again by a Domain Maintainer of the same daemon.
+//! Every actuator plans with the messages that it has received itself (the paper, “Decentralized
+//! Planning”). The actuators of one daemon receive the same messages, so these are read and kept
+//! once, and each actuator filters the shared model through its own visibility
+//! ([`Maintainer::snapshot_for`]): memory grows with the number of agents, not with its square. A
+//! model that was parsed here is not parsed again by a Domain Maintainer of the same daemon.
 //!
-//! - Hears before the daemon's mailboxes do: who is called for proposals knows all that was said
-//!   before the call.
-//! - Called on the substrate's threads: nothing here waits. Time is caught up with whenever
-//!   something is heard or looked at. Who looks keeps what was known then; what comes meanwhile is
-//!   written into a copy.
-//! - What was said before the first actuator came is read when its sender speaks again, or when
-//!   somebody looks: a thousand models at once would keep that actuator waiting for a tenth of a
-//!   second, and their senders all speak within a heartbeat.
+//! - The commons receive broadcasts before the daemon's mailboxes do: an agent that is called for
+//!   proposals knows everything that was broadcast before the call.
+//! - Called on the substrate's threads: no function blocks. Overdue expiries are applied on each
+//!   access. A reader keeps the state that it took; later changes are written into a copy.
+//! - Broadcasts from before the first actuator started are read when their sender sends again, or
+//!   on the first access to the model: a thousand models at once would delay that actuator by a
+//!   tenth of a second, and all senders send within a heartbeat period.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -30,7 +30,7 @@ use crate::plugin::Host;
 use crate::switchboard::inform_of;
 use crate::upkeep::{self, Heard, Refused, TELLING};
 
-/// What the actuators of one daemon have heard.
+/// Domain model shared by the actuators of one daemon.
 pub struct Commons {
     began: Instant,
     /// How long after an agent has left its objects and facts are still believed.
@@ -40,17 +40,17 @@ pub struct Commons {
 
 struct State {
     maintainer: Arc<Maintainer>,
-    /// Those who have left, and when they are forgotten.
+    /// Agents that have left, with the time when they are removed.
     leaving: BTreeSet<(Moment, AgentId, Incarnation)>,
-    /// Those who are being asked for their models.
+    /// Agents with a request for their model under way.
     asked: BTreeSet<AgentId>,
-    /// What was said before, by whom: not read yet.
+    /// Broadcasts from before the commons began, by sender; not read yet.
     unread: BTreeMap<AgentId, Vec<Bytes>>,
     refused: Refused,
 }
 
 impl Commons {
-    /// Has heard nothing yet.
+    /// Creates a model without agents.
     pub(crate) fn new(host: &Host) -> Commons {
         let (ontology, map) = (Arc::clone(&host.ontology), Arc::clone(&host.map));
         let maintainer = Arc::new(Maintainer::new(ontology, map, Scope::Public));
@@ -60,12 +60,12 @@ impl Commons {
         Commons { began: Instant::now(), removal: host.settings.removal, state: Mutex::new(state) }
     }
 
-    /// Takes what was said before, by whom: the newest of each kind.
+    /// Sets the broadcasts from before the commons began, by sender: the newest of each kind.
     pub(crate) fn was_said(&self, before: BTreeMap<AgentId, Vec<Bytes>>) {
         self.state().0.unread = before;
     }
 
-    /// What is known now, and which moment this is.
+    /// Returns the present model, and its time.
     pub fn look(&self) -> (Arc<Maintainer>, Moment) {
         let (mut state, now) = self.state();
         while let Some((_, said)) = state.unread.pop_first() {
@@ -74,14 +74,14 @@ impl Commons {
         (Arc::clone(&state.maintainer), now)
     }
 
-    /// How long it is until the next of the moments, a period apart, that the actuators here have in
-    /// common.
+    /// Returns the time until the next common heartbeat moment of the actuators here. These moments
+    /// are `period` apart.
     pub fn until_next(&self, period: Duration) -> Duration {
         let over = self.began.elapsed().as_nanos() % period.as_nanos().max(1);
         period.saturating_sub(Duration::from_nanos(u64::try_from(over).unwrap_or(0)))
     }
 
-    /// What an agent announced, if it was heard and taken.
+    /// Returns the parsed announcement of an agent, if it was received and accepted.
     pub(crate) fn announcement(
         &self,
         agent: &AgentId,
@@ -93,15 +93,15 @@ impl Commons {
         state.maintainer.announcement(agent, incarnation, digest)
     }
 
-    /// Hears an `inform` to all; yields whether its sender's model has to be asked for first, and what
-    /// was not taken.
+    /// Handles a broadcast `inform`. Returns whether its sender's model must be requested first,
+    /// and what was not accepted.
     pub(crate) fn hear(&self, message: &Message, inform: &Inform) -> Heard {
         let (mut state, now) = self.state();
         self.read_of(&mut state, &message.sender, now);
         self.take(&mut state, message, inform, now)
     }
 
-    /// Hears a heartbeat that says what the one before said; `false` if it has to be read.
+    /// Handles a heartbeat that repeats the previous one; returns `false` if it must be decoded.
     pub(crate) fn hear_again(&self, sender: &AgentId, again: &Again) -> bool {
         let (mut state, now) = self.state();
         let Again { before, now: Repeatable { said, sequence, .. } } = again;
@@ -127,13 +127,13 @@ impl Commons {
         }
     }
 
-    /// Reads what an agent said before, if that is still to be done.
+    /// Reads the earlier broadcasts of an agent, if that has not been done.
     fn read_of(&self, state: &mut State, agent: &AgentId, now: Moment) {
         let said = state.unread.remove(agent);
         self.read(state, said.unwrap_or_default(), now);
     }
 
-    /// Who lacks a model then is asked for it when it speaks again.
+    /// Reads earlier broadcasts. If a model is missing then, it is requested when its agent sends again.
     fn read(&self, state: &mut State, said: Vec<Bytes>, now: Moment) {
         for message in said.iter().filter_map(|payload| acl::decode(payload).ok()) {
             if let Some(inform) = inform_of(&message) {
@@ -149,11 +149,12 @@ impl Commons {
         for change in &heard.changes {
             self.note(state, change, now);
         }
-        // The central Domain Maintainer tells the sender.
+        // The central Domain Maintainer reports mistakes to the sender.
         heard
     }
 
-    /// Takes a change of presence; after how long the agent's model has to be asked for, if so.
+    /// Handles a change of presence. Returns the delay after which the agent's model must be
+    /// requested; `None` if it need not be.
     pub(crate) fn presence(&self, presence: &Presence) -> Option<Duration> {
         let (mut state, now) = self.state();
         let (who, life) = (&presence.resident().agent, presence.resident().incarnation);
@@ -163,11 +164,11 @@ impl Commons {
         let is_unread = state.unread.contains_key(who);
         let maintainer = Arc::make_mut(&mut state.maintainer);
         let (change, asked_after) = match presence {
-            // It has told its model, which is read when it speaks again.
+            // Its announcement is not read yet; that is done when it sends again.
             Presence::Joined(_) if is_unread => return None,
             Presence::Joined(_) => {
                 let is_strange = maintainer.incarnation(who) != Some(life);
-                // Who is back may have said something while it was away.
+                // The agent may have sent something while it was away.
                 let asked_after = match maintainer.is_masked(who) {
                     true => Some(Duration::ZERO),
                     false => is_strange.then_some(TELLING),
@@ -180,19 +181,19 @@ impl Commons {
         asked_after
     }
 
-    /// Whether this life of `agent` has told its model.
+    /// Whether this incarnation of `agent` has announced its model.
     pub(crate) fn knows(&self, agent: &AgentId, life: Incarnation) -> bool {
         let (mut state, now) = self.state();
         self.read_of(&mut state, agent, now);
         state.maintainer.incarnation(agent) == Some(life)
     }
 
-    /// Whether nobody else is asking `agent` for its model.
+    /// Marks a request for the model of `agent` as under way; returns `false` if one is already.
     pub(crate) fn begins_to_ask(&self, agent: &AgentId) -> bool {
         self.state().0.asked.insert(agent.clone())
     }
 
-    /// `agent` has answered, or will not.
+    /// Marks the request for the model of `agent` as finished.
     pub(crate) fn has_asked(&self, agent: &AgentId) {
         self.state().0.asked.remove(agent);
     }
@@ -205,7 +206,7 @@ impl Commons {
         }
     }
 
-    /// The state, as if everything that was due had been done in its time.
+    /// Locks the state, after applying everything that was due by now.
     fn state(&self) -> (MutexGuard<'_, State>, Moment) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Moment(u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX));

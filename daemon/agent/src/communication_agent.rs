@@ -1,10 +1,10 @@
 //! The Communication Agent (the paper, “The Communication Agent”): one agent's interface to the
 //! substrate.
 //!
-//! - Decodes, answers what cannot be read, drops duplicates, sends receipts.
+//! - Decodes messages, answers those that cannot be read, drops duplicates, sends receipts.
 //! - Retries commitments until a receipt or an answer comes; gives up with a reason.
-//! - Follows, as participant, the exchanges that others opened, so that a turn the protocol does
-//!   not have is answered and not acted on.
+//! - Follows, as participant, the exchanges that others opened, so that a turn which the protocol
+//!   does not allow is answered and not acted on.
 //!
 //! Exchanges this agent opened, with their callbacks, are in `context`.
 
@@ -29,90 +29,91 @@ use crate::outbox::{Due, Life, Outbox, Parcel};
 use crate::receipts::{Receipts, Until};
 use crate::switchboard::Switchboard;
 
-/// Exchanges of others that are followed at a time; beyond it the oldest is forgotten, and a
+/// Exchanges opened by others that are followed at a time. Beyond it the oldest is dropped, and a
 /// later `cancel` of it is not understood.
 const ENGAGEMENTS_MAX: usize = 4_096;
 
-/// Exchanges that are over and are still in the order of those that are followed, beside as many as
-/// are followed: more are sorted out.
+/// Closed exchanges that may remain in the order of the followed ones, beyond as many as are
+/// followed; if there are more, they are removed.
 const OVER_MAX: usize = 64;
 
-/// Turns that came before what opens their exchange: a `cancel` that overtook a lost `request`.
+/// Most turns that are kept because they arrived before the opening of their exchange: a `cancel`
+/// that overtook a lost `request`.
 const EARLY_TURNS_MAX: usize = 64;
 
-/// How long an answer is retried that carries no deadline of its own.
+/// How long an answer is retried; it has no deadline of its own.
 const ANSWER_RETRIED: Duration = Duration::from_secs(30);
 
-/// The opening of an exchange.
+/// First message of an exchange.
 #[derive(Clone, Debug)]
 pub struct Opening {
-    /// Who is asked; `None` asks all.
+    /// Receiver; `None` for all agents.
     pub to: Option<AgentId>,
-    /// With which act.
+    /// Performative of the message.
     pub performative: Performative,
-    /// By which protocol.
+    /// Protocol of the exchange.
     pub protocol: Protocol,
-    /// About what.
+    /// Conversation that the exchange belongs to.
     pub conversation: ConversationId,
-    /// What is said.
+    /// Content of the message.
     pub content: Value,
 }
 
-/// What comes back to the one who opened an exchange.
+/// Event that an exchange brings to its initiator.
 #[derive(Clone, Debug)]
 pub enum Answer {
     /// A turn of the protocol.
     Message(Box<Message>),
     /// The deadline has passed; the exchange is closed.
     Silence,
-    /// What this agent said could not be delivered; the exchange is closed.
+    /// A message of this agent could not be delivered; the exchange is closed.
     Undelivered(Undelivered),
 }
 
-/// Why a message could not be delivered.
+/// Reason why a message could not be delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Undelivered {
-    /// Nobody of that name came within the deadline.
+    /// No agent of that name appeared within the deadline.
     #[error("nobody of that name is here")]
     NotHere,
     /// The receiver left, and the grace has passed.
     #[error("it has left")]
     Left,
-    /// The receiver was restarted and knows nothing of it.
+    /// The receiver was restarted and does not know the message.
     #[error("it was restarted")]
     Restarted,
-    /// The receiver is here and did not answer.
+    /// The receiver is present and did not answer.
     #[error("it gave no receipt in time")]
     NoReceipt,
-    /// Too much is under way already.
+    /// Too many messages are under way.
     #[error("too many messages are under way")]
     OutboxFull,
 }
 
-/// The participant's end of an exchange: what it needs to go on answering.
+/// The participant's side of an exchange: the data that it needs for its answers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Engagement {
-    /// Who asked.
+    /// Initiator of the exchange.
     pub initiator: AgentId,
-    /// Which life of it: of several that stand by for each other, the one that asked hears.
+    /// Incarnation of the initiator: of several replicas, the one that asked gets the answer.
     #[serde(default)]
     pub life: Option<Incarnation>,
-    /// Which exchange.
+    /// Token of the exchange.
     pub exchange: ReplyToken,
-    /// About what.
+    /// Conversation that the exchange belongs to.
     pub conversation: ConversationId,
-    /// By which protocol.
+    /// Protocol of the exchange.
     pub protocol: Option<Protocol>,
 }
 
-/// What to do with a letter after it was opened.
+/// Result of reading a message.
 #[derive(Debug)]
 pub(crate) enum Opened {
-    /// It continues an exchange, perhaps one of this agent's.
+    /// The message continues an exchange, perhaps one that this agent opened.
     Continues(ReplyToken, Box<Message>),
-    /// It opens one, or belongs to none.
+    /// The message opens an exchange, or belongs to none.
     Opens(Box<Message>),
-    /// It is dealt with.
+    /// The message has been handled.
     Nothing,
 }
 
@@ -123,7 +124,7 @@ pub(crate) struct CommunicationAgent {
     ontology: Arc<str>,
     via: Arc<[EcosystemId]>,
     outbox: Outbox,
-    /// The messages that it has heard.
+    /// Duplicate window of the agent.
     door: Arc<Door>,
     engagements: BTreeMap<(ReplyToken, AgentId), Exchange>,
     engagements_order: VecDeque<(ReplyToken, AgentId)>,
@@ -133,9 +134,9 @@ pub(crate) struct CommunicationAgent {
 }
 
 impl Engagement {
-    /// The participant's end of the exchange that `message` opened.
+    /// Returns the participant's side of the exchange that `message` opened.
     ///
-    /// A foreign tool may name no exchange; its message's id stands in.
+    /// A message of a foreign tool may name no exchange; then its id takes the place of the token.
     pub fn of(message: &Message) -> Engagement {
         let own_id = || ReplyToken::new(message.id.as_str());
         Engagement {
@@ -175,9 +176,9 @@ impl CommunicationAgent {
         }
     }
 
-    // === saying ===
+    // === sending ===
 
-    /// A message of this agent, without a receiver.
+    /// Creates a message of this agent, without a receiver.
     pub(crate) fn message(
         &mut self,
         performative: Performative,
@@ -206,18 +207,18 @@ impl CommunicationAgent {
         }
     }
 
-    /// The ontology of what it says.
+    /// Returns the ontology that this agent's messages name.
     pub(crate) fn ontology(&self) -> Arc<str> {
         Arc::clone(&self.ontology)
     }
 
-    /// A token that names a new exchange.
+    /// Creates a token for a new exchange.
     pub(crate) fn token(&mut self) -> ReplyToken {
         self.messages_sent += 1;
         ReplyToken::new(&format!("{}.{}.{}", self.id, self.incarnation, self.messages_sent))
     }
 
-    /// Opens an exchange.
+    /// Sends the first message of an exchange; returns it, and whether it could be sent.
     pub(crate) fn open(
         &mut self,
         opening: Opening,
@@ -234,7 +235,7 @@ impl CommunicationAgent {
         (message, sent)
     }
 
-    /// Answers as the participant of an exchange; an answer that could not be sent is logged.
+    /// Sends an answer as the participant of an exchange; logs it if the answer cannot be sent.
     pub(crate) fn answer(
         &mut self,
         engagement: &Engagement,
@@ -247,7 +248,7 @@ impl CommunicationAgent {
         }
     }
 
-    /// Answers as the participant of an exchange. What could not be sent has not been said.
+    /// Sends an answer as the participant of an exchange. The exchange advances only if it could be sent.
     pub(crate) fn try_answer(
         &mut self,
         engagement: &Engagement,
@@ -273,7 +274,7 @@ impl CommunicationAgent {
         self.post_to(None, message, patience)
     }
 
-    /// Sends a message to its receiver, and no other life of it than this one, where it is known.
+    /// Sends a message to its receiver; if `life` is given, to this incarnation only.
     fn post_to(
         &mut self,
         life: Option<Incarnation>,
@@ -288,7 +289,7 @@ impl CommunicationAgent {
             return Ok(());
         };
         let directory = self.switchboard.directory();
-        // Who names no life of itself is a stranger's tool: whoever holds its name is meant.
+        // A foreign tool may state no incarnation: then any holder of its name is meant.
         let life = life.filter(|life| *life != Incarnation::default());
         let resident = match life {
             Some(life) => directory.life(to, life),
@@ -319,8 +320,8 @@ impl CommunicationAgent {
         Ok(())
     }
 
-    /// Says a turn of an exchange to several of its participants at once: to all, who are not
-    /// concerned if they are not named. There are no receipts for it.
+    /// Sends a turn of an exchange to several of its participants in one broadcast; agents that it
+    /// does not name ignore it. There are no receipts for it.
     pub(crate) fn say_to_several(&mut self, message: &Message) {
         tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
             performative = %message.performative, to = ?message.receiver, id = %message.id, "says");
@@ -332,7 +333,7 @@ impl CommunicationAgent {
         self.switchboard.broadcast(&self.id, message.performative, acl::encode(message));
     }
 
-    /// Sends a message once more, as it was.
+    /// Sends a message again, unchanged.
     pub(crate) fn repeat(&self, to: &AgentId, message: &Message) {
         tracing::debug!(agent = %self.id, %to, id = %message.id, "repeats");
         self.switchboard.send(to, Subject::Message(message.performative), acl::encode(message));
@@ -349,7 +350,7 @@ impl CommunicationAgent {
         }
     }
 
-    /// Says that a message could not be understood. Never to a `not-understood`.
+    /// Answers that a message could not be understood; never answers a `not-understood`.
     pub(crate) fn not_understood(&mut self, message: &Message, reason: Reason, detail: String) {
         if message.performative == Performative::NotUnderstood {
             return;
@@ -383,15 +384,16 @@ impl CommunicationAgent {
         let _ = self.post(&message, ANSWER_RETRIED);
     }
 
-    // === hearing ===
+    // === receiving ===
 
-    /// Whether a message to all is new. Only those that open an exchange are sent again, to
-    /// whoever did not answer; of the others the newest counts.
+    /// Whether a broadcast is new. Only broadcasts that open an exchange are sent again, to agents
+    /// that did not answer; of all others the newest counts.
     pub(crate) fn is_new(&mut self, message: &Message) -> bool {
         message.reply_with.is_none() || self.door.hear(&message.id) == Passed::New
     }
 
-    /// A turn to several has come, and its receiver is one of them.
+    /// Whether this agent is among the receivers of a broadcast. If it is, the broadcast also
+    /// counts as a receipt.
     pub(crate) fn concerns_me(&mut self, message: &Message) -> bool {
         let is_concerned = message.receiver.is_empty() || message.receiver.contains(&self.id);
         if let Some(exchange) = message.in_reply_to.as_ref().filter(|_| is_concerned) {
@@ -400,7 +402,7 @@ impl CommunicationAgent {
         is_concerned
     }
 
-    /// Opens a letter: what is in it is new and readable, or it is dealt with here.
+    /// Decodes a message. Handles it here if it is unreadable, refused or a duplicate.
     pub(crate) fn read(&mut self, payload: &[u8]) -> Opened {
         let message = match acl::decode(payload) {
             Ok(message) => message,
@@ -438,8 +440,9 @@ impl CommunicationAgent {
         }
     }
 
-    /// Refuses a question to which no answer could be told now, or a copy of one that was refused.
-    /// The refusal does not stay under way: whoever did not hear it asks again and is told anew.
+    /// Refuses a message because no answer could be sent now, or because a copy of it was refused.
+    /// The refusal is not retried: a sender that misses it sends its message again and gets
+    /// another.
     fn turn_away(&mut self, message: Message) {
         let detail = format!("`{}` is busy: too much is under way; ask again later", self.id);
         tracing::debug!(agent = %self.id, from = %message.sender, id = %message.id, detail, "refuses");
@@ -458,7 +461,7 @@ impl CommunicationAgent {
         }
     }
 
-    /// Whether a message that opens an exchange may do so; if so, the exchange is followed.
+    /// Whether a message that opens an exchange may do so; if so, the exchange is followed from now on.
     pub(crate) fn engage(&mut self, message: &Message) -> bool {
         let (Some(token), Some(protocol)) = (&message.reply_with, message.protocol) else {
             return true;
@@ -502,8 +505,8 @@ impl CommunicationAgent {
         }
     }
 
-    /// Keeps a `cancel` of an exchange that has not been opened yet; of one that is over, it is
-    /// pushed out by the next.
+    /// Keeps a `cancel` of an exchange that has not been opened yet. If the exchange is over
+    /// instead, later ones push it out.
     pub(crate) fn keep_early(&mut self, message: Message) {
         if message.performative == Performative::Cancel {
             if self.early.len() >= EARLY_TURNS_MAX {
@@ -513,7 +516,7 @@ impl CommunicationAgent {
         }
     }
 
-    /// The turn that came before `opening` and follows it.
+    /// Takes the turn that arrived before `opening` and follows it.
     pub(crate) fn take_early(&mut self, opening: &Message) -> Option<Message> {
         let token = opening.reply_with.as_ref()?;
         let follows = |early: &Message| {
@@ -526,7 +529,7 @@ impl CommunicationAgent {
     fn advance_engagement(&mut self, key: &(ReplyToken, AgentId), message: &Message) {
         let Some(exchange) = self.engagements.get_mut(key) else { return };
         if let Err(violation) = exchange.advance(message) {
-            // Our own bug; the other side will say so too.
+            // A bug of this agent; the other side will report it too.
             tracing::error!(agent = %self.id, %violation, "this agent speaks out of turn");
         }
         if exchange.is_closed() {
@@ -550,7 +553,8 @@ impl CommunicationAgent {
         self.outbox.next_due().into_iter().chain(self.receipts.due()).min()
     }
 
-    /// Sends what is due, or due again; yields the exchanges whose messages nobody will receive.
+    /// Sends receipts and messages that are due. Returns the exchanges with a message that could
+    /// not be delivered.
     pub(crate) fn retry(&mut self) -> Vec<(ReplyToken, Undelivered)> {
         let now = Instant::now();
         if self.receipts.due().is_some_and(|due| due <= now) {
@@ -560,12 +564,13 @@ impl CommunicationAgent {
         self.carry_out(due)
     }
 
-    /// Whether something it has said may still not have come.
+    /// Whether a message of this agent has no receipt yet.
     pub(crate) fn awaits_receipts(&self) -> bool {
         !self.outbox.is_empty()
     }
 
-    /// Queue operations on an agent's activation or death.
+    /// Updates the outbox when an agent joins or leaves. Returns the exchanges with a message that
+    /// could not be delivered.
     pub(crate) fn presence(&mut self, presence: &Presence) -> Vec<(ReplyToken, Undelivered)> {
         let now = Instant::now();
         match presence {
@@ -601,7 +606,7 @@ impl CommunicationAgent {
     }
 }
 
-/// Where this life is reached.
+/// Returns the address of an agent.
 fn address(resident: &Resident) -> Address {
     Address { daemon: resident.daemon.clone(), agent: resident.agent.clone() }
 }

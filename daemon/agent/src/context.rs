@@ -1,8 +1,8 @@
-//! What a callback can do: open an exchange, answer, wait, work aside.
+//! Operations of a callback: open an exchange, answer, set a timer, run work in the background.
 //!
-//! Nothing here waits. A callback changes its agent's state and returns; whatever comes of what
-//! it began (an answer, silence, a finished piece of work) comes back as another callback, on the
-//! same task, so nothing else can touch the agent's state in between.
+//! No operation blocks. A callback changes its agent's state and returns. Whatever follows from
+//! what it began (an answer, a timeout, finished work) arrives as another callback on the same
+//! task, so no other code can touch the agent's state in between.
 
 use std::collections::{BTreeMap, HashMap};
 use std::future::Future;
@@ -26,70 +26,71 @@ use crate::directory::Directory;
 use crate::settings::Settings;
 use crate::switchboard::Switchboard;
 
-/// Turns of one exchange that wait for what they follow: a protocol has few, and each comes once.
+/// Most turns of one exchange that wait for the turn they follow: a protocol has few, and each
+/// comes once.
 const EARLY_TURNS_MAX: usize = 32;
 
-/// How long before who stands by is asked again, or who acts: the daemons' views of who that is
-/// agree within a few milliseconds, or as soon as they are linked.
+/// Wait before a request that a standby has declined is sent again to the leader. The daemons'
+/// views of which replica is the leader agree within a few milliseconds, or as soon as the daemons
+/// are connected.
 const ASK_WHO_ACTS: Duration = Duration::from_millis(25);
 
-/// How often, before it is told to who asked.
+/// Most such attempts, before the initiator gets the refusal.
 const ASKED_WHO_ACTS_MAX: u32 = 40;
 
 pub(crate) type Deferred<A> = Box<dyn FnOnce(&mut A, &mut Context<A>) + Send>;
 type OnAnswer<A> = Box<dyn FnMut(&mut A, Answer, &mut Context<A>) + Send>;
 
-/// What a callback of `A` can do.
+/// Operations that are available to a callback of agent `A`.
 pub struct Context<A: Agent> {
     pub(crate) communication: CommunicationAgent,
     exchanges: HashMap<ReplyToken, Open<A>>,
     timers: BTreeMap<TimerId, Deferred<A>>,
     timers_count: u64,
-    /// Under way aside, or finished and waiting for its callback.
+    /// Background work that is under way, or has finished and waits for its callback.
     work: JoinSet<Deferred<A>>,
 }
 
-/// The exchanges an agent opened and has not closed: what it waits for.
+/// The exchanges that an agent has opened and not closed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Exchanges {
-    /// How many.
+    /// Number of open exchanges.
     pub open_count: usize,
-    /// When the first of them is over, if nothing ends it before.
+    /// Earliest deadline among them; `None` if there are none.
     pub due: Option<Instant>,
 }
 
 struct Open<A: Agent> {
     protocol: acl::Protocol,
     conversation: ConversationId,
-    /// Whom it was opened with; `None`: all.
+    /// Participant that the exchange was opened with; `None` for a broadcast.
     to: Option<AgentId>,
-    /// What was said.
+    /// Message that opened the exchange.
     opening: Box<Message>,
-    /// How often it was asked of one who stands by.
+    /// Number of times that a standby has declined it.
     declined: u32,
-    /// One per participant that has answered, begun from this.
+    /// State after the opening. The state of each participant that has answered begins as a copy of it.
     begun: Exchange,
     participants: BTreeMap<AgentId, Exchange>,
-    /// Turns that have overtaken what their senders said before them: that was lost on its way,
-    /// and is being sent again.
+    /// Turns that arrived before the turn they follow, which was lost and is being sent again.
     early: Vec<Message>,
     timer: TimerId,
     on_answer: Option<OnAnswer<A>>,
 }
 
-/// Names a timer: when it is due, and a number that keeps two of one instant apart.
+/// Identifies a timer: the time when it is due, and a number that tells two of one instant apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TimerId(Instant, u64);
 
-/// A piece of work aside; ends when it is dropped, and nothing comes of it then: also where it was
-/// done already, and its agent had not been told.
+/// Handle of background work. Dropping it aborts the work. Then its callback does not run, even if
+/// the work had finished before.
 #[derive(Debug)]
 pub struct Work {
     task: AbortHandle,
     _awaited: Arc<()>,
 }
 
-/// An agent that another has brought; it leaves when this is dropped.
+/// Handle of an agent that another agent has started; dropping it stops that agent.
 #[derive(Debug)]
 pub struct Brought {
     stopping: CancellationToken,
@@ -119,51 +120,52 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    // === who and where ===
+    // === identity and directory ===
 
-    /// This agent.
+    /// Returns the name of this agent.
     pub fn id(&self) -> &AgentId {
         &self.communication.id
     }
 
-    /// Which life of it.
+    /// Returns the incarnation of this agent.
     pub fn incarnation(&self) -> Incarnation {
         self.communication.incarnation
     }
 
-    /// Times and bounds.
+    /// Returns the times and bounds that apply to the daemon's agents.
     pub fn settings(&self) -> &Settings {
         self.switchboard().settings()
     }
 
-    /// The daemon's own end of the substrate.
+    /// Returns the router of the daemon.
     pub fn switchboard(&self) -> &Arc<Switchboard> {
         &self.communication.switchboard
     }
 
-    /// Who is here.
+    /// Returns the present agents, as this daemon sees them.
     pub fn directory(&self) -> Arc<Directory> {
         self.switchboard().directory()
     }
 
-    /// Who holds a name.
+    /// Returns the holder of a name; `None` if no agent of that name is present.
     pub fn find(&self, agent: &AgentId) -> Option<Resident> {
         self.switchboard().find(agent)
     }
 
-    /// Now, on the clock that all deadlines are told by.
+    /// Returns the present time, on the clock that all deadlines use.
     pub fn now(&self) -> Instant {
         Instant::now()
     }
 
-    /// The exchanges this agent waits in.
+    /// Returns the exchanges that this agent waits in.
     pub fn exchanges(&self) -> Exchanges {
         let due = self.exchanges.values().map(|open| open.timer.0).min();
         Exchanges { open_count: self.exchanges.len(), due }
     }
 
-    /// Asks who holds a name for what it has to give. Only that one is waited for: an answer that waits
-    /// for others is old when it is read.
+    /// Queries `resource` from the current holder of the name `of`, on its daemon only; waiting for
+    /// other daemons would make the answer old. Returns an empty list if there is no holder or no
+    /// answer in time.
     pub fn ask(&self, resource: Resource, of: &AgentId) -> BoxFuture<Vec<Bytes>> {
         let Some(resident) = self.find(of) else {
             return Box::pin(std::future::ready(Vec::new()));
@@ -172,15 +174,16 @@ impl<A: Agent> Context<A> {
         self.switchboard().ask(ask, self.settings().answer_deadline)
     }
 
-    // === saying ===
+    // === sending ===
 
-    /// A name for a new conversation.
+    /// Creates a name for a new conversation.
     pub fn new_conversation(&mut self) -> ConversationId {
         ConversationId::new(self.communication.token().as_str())
     }
 
-    /// Opens an exchange. Every answer goes to `on_answer`, until the protocol ends it,
-    /// [`Context::close`] is called, or `patience` has passed ([`Answer::Silence`]).
+    /// Opens an exchange and returns its token. `on_answer` gets every answer, until the protocol
+    /// ends the exchange, [`Context::close`] is called, or `patience` has passed
+    /// ([`Answer::Silence`]).
     pub fn open(
         &mut self,
         opening: Opening,
@@ -223,9 +226,9 @@ impl<A: Agent> Context<A> {
         token
     }
 
-    /// Repeats the `cfp` that opened an exchange to `agent`, who has not answered: a call has no
-    /// receipts, and whoever has just come may not have heard it. Those who did hear it hear
-    /// nothing new.
+    /// Sends the `cfp` that opened an exchange again, to `agent`, which has not answered. A `cfp`
+    /// has no receipt, and an agent that has just joined may have missed it. An agent that has
+    /// received it drops this copy as a duplicate. Does nothing if the opening is retried anyway.
     pub fn remind(&mut self, token: &ReplyToken, agent: &AgentId) {
         let opening = self.exchanges.get(token).map(|open| &*open.opening);
         let is_call = |opening: &&Message| !opening.performative.is_retried();
@@ -234,7 +237,8 @@ impl<A: Agent> Context<A> {
         self.communication.repeat(agent, &message);
     }
 
-    /// Goes on as the initiator of an exchange: `cancel`, `accept-proposal`, `reject-proposal`.
+    /// Sends the initiator's next turn of an exchange: `cancel`, `accept-proposal`,
+    /// `reject-proposal`. Does nothing if the protocol does not allow the turn now.
     pub fn go_on(
         &mut self,
         token: &ReplyToken,
@@ -250,9 +254,9 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Goes on with several participants of an exchange in one message to all, which costs a daemon
-    /// as much as one to a single agent. Nobody gives a receipt for it, and it is not said again:
-    /// only for what changes nothing where it is not heard.
+    /// Sends the initiator's next turn of an exchange to several participants in one broadcast,
+    /// which costs a daemon as much as a message to one agent. There is no receipt for it and no
+    /// retry: use it only if nothing changes for a participant that misses it.
     pub fn go_on_with(
         &mut self,
         token: &ReplyToken,
@@ -265,8 +269,8 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// The initiator's next turn in an exchange, to those of whom the protocol allows it; `None` if
-    /// that is nobody.
+    /// Builds the initiator's next turn of an exchange, for those participants that the protocol
+    /// allows it for. Returns `None` if there are none.
     fn turn(
         &mut self,
         token: &ReplyToken,
@@ -292,8 +296,7 @@ impl<A: Agent> Context<A> {
         (!message.receiver.is_empty()).then_some(message)
     }
 
-    /// Stops waiting in an exchange, and tells those whom it was opened with that they need not
-    /// answer any more.
+    /// Closes an exchange, and sends `cancel` to its participants so that they need not answer any more.
     pub fn withdraw(&mut self, token: &ReplyToken, why: &impl serde::Serialize) {
         let Some(open) = self.exchanges.get(token) else { return };
         match open.to.clone() {
@@ -304,14 +307,14 @@ impl<A: Agent> Context<A> {
                 let mut message = self.communication.message(cancel, conversation, value(why));
                 message.protocol = Some(protocol);
                 message.in_reply_to = Some(token.clone());
-                // Whom it does not reach goes on until the deadline.
+                // A participant that misses it goes on until its deadline.
                 let _ = self.communication.post(&message, Duration::ZERO);
             }
         }
         self.close(token);
     }
 
-    /// Gives an exchange more time, from now.
+    /// Sets the deadline of an exchange to `patience` from now.
     pub fn extend(&mut self, token: &ReplyToken, patience: Duration) {
         let expired = token.clone();
         let Some(open) = self.exchanges.get(token) else { return };
@@ -325,7 +328,7 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Stops waiting in an exchange. What this agent said in it goes on being delivered.
+    /// Closes an exchange without a message. Messages that this agent has sent in it are still delivered.
     pub fn close(&mut self, token: &ReplyToken) {
         let Some(open) = self.exchanges.remove(token) else { return };
         self.timers.remove(&open.timer);
@@ -335,7 +338,7 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Answers as the participant of an exchange.
+    /// Sends an answer as the participant of an exchange; logs it if the answer cannot be sent.
     pub fn answer(
         &mut self,
         engagement: &Engagement,
@@ -345,8 +348,8 @@ impl<A: Agent> Context<A> {
         self.communication.answer(engagement, performative, value(content));
     }
 
-    /// Answers as the participant of an exchange, or says why that cannot be said now: for what has to
-    /// be said later then.
+    /// Sends an answer as the participant of an exchange. Returns the reason if it cannot be sent
+    /// now, so that the caller can send it later.
     pub fn try_answer(
         &mut self,
         engagement: &Engagement,
@@ -356,17 +359,17 @@ impl<A: Agent> Context<A> {
         self.communication.try_answer(engagement, performative, value(content))
     }
 
-    /// Declines, as the participant of an exchange.
+    /// Sends a refusal as the participant of an exchange.
     pub fn refuse(&mut self, engagement: &Engagement, reason: Reason, detail: impl Into<String>) {
         self.answer(engagement, Performative::Refuse, &Refusal::new(reason, detail));
     }
 
-    /// Says that a message's content could not be understood.
+    /// Answers that a message's content could not be understood.
     pub fn not_understood(&mut self, message: &Message, detail: impl Into<String>) {
         self.communication.not_understood(message, Reason::BadContent, detail.into());
     }
 
-    /// Tells one agent something outside any exchange, once.
+    /// Sends a message to one agent outside any exchange, once.
     pub fn tell(
         &mut self,
         to: &AgentId,
@@ -382,22 +385,22 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Tells all.
+    /// Sends an `inform` to all agents.
     pub fn inform_all(&mut self, inform: &Inform) {
         let conversation = ConversationId::new(self.id().as_str());
         let message = self.communication.message(Performative::Inform, conversation, value(inform));
         let _ = self.communication.post(&message, Duration::ZERO);
     }
 
-    /// Tells all this agent's model or heartbeat, as an `inform`.
+    /// Broadcasts this agent's action model or heartbeat, as an `inform`.
     pub fn beat(&mut self, inform: &Inform) {
         let message = self.beating(inform);
         let is_model = matches!(inform, Inform::Model(_));
         self.switchboard().beat(&message.sender, acl::encode(&message), is_model);
     }
 
-    /// Tells all this agent's heartbeat a few milliseconds later, together with those of other
-    /// agents of its daemon: for what nobody waits for.
+    /// Broadcasts this agent's heartbeat a few milliseconds later, in one batch with those of other
+    /// agents of its daemon. For heartbeats that are not urgent.
     pub fn beat_together(&mut self, heartbeat: Heartbeat) {
         let message = self.beating(&Inform::Heartbeat(heartbeat));
         self.switchboard().beat_together(&message.sender, acl::encode(&message));
@@ -410,7 +413,7 @@ impl<A: Agent> Context<A> {
 
     // === waiting and working ===
 
-    /// Calls back after `wait`.
+    /// Calls `then` after `wait`.
     pub fn after(
         &mut self,
         wait: Duration,
@@ -422,12 +425,13 @@ impl<A: Agent> Context<A> {
         id
     }
 
-    /// Forgets a timer.
+    /// Cancels a timer.
     pub fn forget(&mut self, timer: TimerId) {
         self.timers.remove(&timer);
     }
 
-    /// Runs `work` aside and calls back with what came of it. It ends when the handle is dropped.
+    /// Runs `work` in the background and calls `then` with its result. Dropping the handle aborts
+    /// the work.
     pub fn run<T: Send + 'static>(
         &mut self,
         work: impl Future<Output = T> + Send + 'static,
@@ -448,8 +452,8 @@ impl<A: Agent> Context<A> {
         Work { task, _awaited: awaited }
     }
 
-    /// Lets another agent live beside this one, on its daemon; when it ends by itself, calls back with
-    /// why. It leaves when the handle is dropped, and with this agent.
+    /// Starts another agent on this daemon. If it ends by itself, calls `then` with its error, if
+    /// it has one. It stops when the handle is dropped, and with this agent.
     pub fn bring(
         &mut self,
         id: AgentId,
@@ -474,8 +478,9 @@ impl<A: Agent> Context<A> {
         Brought { stopping, _work: work }
     }
 
-    /// Computes aside, on a thread that may be busy for long, when its turn has come, and calls
-    /// back with what came of it. A computation cannot be ended from outside: give it a flag of its own.
+    /// Runs a computation in the background, on a thread that may be busy for long, once a slot is
+    /// free. Calls `then` with its result. A computation cannot be aborted from outside: give it a
+    /// flag of its own.
     pub fn compute<T: Send + 'static>(
         &mut self,
         compute: impl FnOnce() -> T + Send + 'static,
@@ -490,9 +495,10 @@ impl<A: Agent> Context<A> {
 
     // === for the Base Agent ===
 
-    /// Takes an answer to an exchange this agent opened; gives it back if it is none.
+    /// Handles an answer to an exchange that this agent opened; returns the message if it is none.
     ///
-    /// One that comes too early waits for what it follows, until the exchange ends.
+    /// An answer that arrives before the turn it follows is kept until that turn has come, or the
+    /// exchange ends.
     pub(crate) fn take_answer(
         &mut self,
         agent: &mut A,
@@ -534,8 +540,8 @@ impl<A: Agent> Context<A> {
         None
     }
 
-    /// Turns down an answer of one who was not asked: tokens are read by whoever listens, and what
-    /// another says of a robot's deed is nothing.
+    /// Rejects an answer from an agent that was not asked. Every listener can read the token of an
+    /// exchange, so such an answer must not count as that of the agent that was asked.
     fn overheard(&mut self, message: &Message, asked: &AgentId) {
         let detail = format!("answers what `{asked}` was asked");
         self.switchboard().rejections.note(&Rejected {
@@ -548,8 +554,9 @@ impl<A: Agent> Context<A> {
         self.communication.not_understood(message, Reason::OutOfTurn, detail);
     }
 
-    /// Says once more what opened an exchange, to who acts now under the name it was opened with:
-    /// whoever answered is gone, and may have told nobody.
+    /// Sends the opening of an exchange again, to the present leader of the name it was opened
+    /// with. The agent that answered is gone, and may not have told any other replica of the
+    /// exchange.
     pub fn open_again(&mut self, token: &ReplyToken) {
         if let Some(open) = self.exchanges.get_mut(token) {
             (open.participants, open.declined) = (BTreeMap::new(), 0);
@@ -557,13 +564,13 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Says once more what opened an exchange, to who acts now under the name.
+    /// Sends the opening of an exchange again, to the present leader of the name.
     fn ask_again(&mut self, token: &ReplyToken) {
-        // Who acts may have been asked, and have answered, as soon as it was seen.
+        // The leader may have received the opening and answered as soon as it was present.
         let unanswered = |open: &&Open<A>| open.participants.is_empty();
         let Some(open) = self.exchanges.get(token).filter(unanswered) else { return };
         let opening = (*open.opening).clone();
-        // Under a new id: who stood by has heard the other.
+        // Under a new id, because a replica that was a standby has the old one in its duplicate window.
         let id = MessageId::new(self.communication.token().as_str());
         let again = Message { id, ..opening };
         let patience = self.settings().answer_deadline;
@@ -572,7 +579,7 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// A turn that came early and follows now.
+    /// Takes an early turn that can follow now.
     fn take_early(&mut self, token: &ReplyToken) -> Option<Box<Message>> {
         let open = self.exchanges.get_mut(token)?;
         let follows = |early: &Message| {
@@ -583,7 +590,7 @@ impl<A: Agent> Context<A> {
         Some(Box::new(open.early.remove(index)))
     }
 
-    /// Ends an exchange with `answer`.
+    /// Passes `answer` to the callback of an exchange and closes the exchange.
     pub(crate) fn end(&mut self, agent: &mut A, token: &ReplyToken, answer: Answer) {
         self.call_back(agent, token, answer);
         self.close(token);
@@ -598,19 +605,19 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// What nobody will receive closes the exchange with its receiver.
+    /// Closes each exchange with a message that could not be delivered.
     pub(crate) fn undelivered(&mut self, agent: &mut A, lost: Vec<(ReplyToken, Undelivered)>) {
         for (token, why) in lost {
             self.end(agent, &token, Answer::Undelivered(why));
         }
     }
 
-    /// The callback of the next work that finishes; `None` if none is under way.
+    /// Waits for the next work to finish and returns its callback; `None` if no work is under way.
     pub(crate) async fn finished(&mut self) -> Option<Deferred<A>> {
         loop {
             match self.work.join_next().await? {
                 Ok(deferred) => return Some(deferred),
-                // Nobody waits for it any more.
+                // Its handle was dropped.
                 Err(error) if error.is_cancelled() => (),
                 // The panic itself is on stderr already, with its place.
                 Err(error) => tracing::error!(agent = %self.id(), %error, "work was lost"),
@@ -618,7 +625,7 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Says what it waits for, where that is looked at: on a simulated machine.
+    /// Reports which exchanges the agent waits in; has an effect on a simulated machine only.
     pub(crate) fn tell_waits(&self) {
         let waits = || self.exchanges();
         self.switchboard().machine().tell_waits(self.id(), self.incarnation(), waits);
@@ -635,7 +642,7 @@ impl<A: Agent> Context<A> {
     }
 }
 
-/// Whether it says that another agent of the sender's name acts.
+/// Whether this is the refusal of a standby.
 fn stands_by(message: &Message) -> bool {
     let is_refusal = message.performative == Performative::Refuse;
     let reason = || message.content_as::<Refusal>().map(|refusal| refusal.reason);

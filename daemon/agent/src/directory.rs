@@ -1,4 +1,5 @@
-//! Who is here, where, and in which life: our view, fed by presence.
+//! Directory of the present agents, with daemons and incarnations, as this daemon sees them;
+//! updated by presence.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -8,48 +9,48 @@ use substrate::{Address, Presence, Resident};
 
 /// The agents that can be reached from here.
 ///
-/// Two agents of one name may appear at two daemons. The one that was there first (the smaller
-/// incarnation) keeps the name; the other is remembered as a rival and takes over when the first
-/// leaves.
+/// Two agents of one name may appear at two daemons. The older one (the smaller incarnation) holds
+/// the name. The other is kept as a rival, and takes over when the first leaves.
 #[derive(Clone, Debug, Default)]
 pub struct Directory {
-    /// Shared by clones: of a thousand names, one changes at a time.
+    /// Agents of each name, the holder first. Shared by clones: of a thousand names, one changes at
+    /// a time.
     residents: BTreeMap<AgentId, Arc<Vec<Resident>>>,
 }
 
 impl Directory {
-    /// Who holds the name.
+    /// Returns the holder of the name.
     pub fn find(&self, agent: &AgentId) -> Option<&Resident> {
         self.residents.get(agent)?.first()
     }
 
-    /// All of this name: who holds it, and those who want it.
+    /// Returns all agents of this name: the holder first, then its rivals.
     pub fn all(&self, agent: &AgentId) -> &[Resident] {
         self.residents.get(agent).map_or(&[], |all| all.as_slice())
     }
 
-    /// This life of an agent, whether it holds the name or wants it.
+    /// Returns this incarnation of an agent, whether it is the holder of the name or a rival.
     pub fn life(&self, agent: &AgentId, incarnation: Incarnation) -> Option<&Resident> {
         self.residents.get(agent)?.iter().find(|resident| resident.incarnation == incarnation)
     }
 
-    /// Where to send to.
+    /// Returns the address of the holder of the name.
     pub fn address(&self, agent: &AgentId) -> Option<Address> {
         let resident = self.find(agent)?;
         Some(Address { daemon: resident.daemon.clone(), agent: agent.clone() })
     }
 
-    /// Everyone who holds a name, in the order of names.
+    /// Returns the holders of all names, in the order of names.
     pub fn iter(&self) -> impl Iterator<Item = &Resident> {
         self.residents.values().filter_map(|rivals| rivals.first())
     }
 
-    /// Those who want a name that another holds.
+    /// Returns the agents that want a name which another agent holds.
     pub fn rivals(&self) -> impl Iterator<Item = &Resident> {
         self.residents.values().flat_map(|rivals| rivals.iter().skip(1))
     }
 
-    /// The daemons that host anyone.
+    /// Returns the daemons that host a holder of a name.
     pub fn daemons(&self) -> impl Iterator<Item = &DaemonId> {
         let mut daemons: Vec<_> = self.iter().map(|resident| &resident.daemon).collect();
         daemons.sort();
@@ -57,15 +58,15 @@ impl Directory {
         daemons.into_iter()
     }
 
-    /// Takes a change; yields what it means for who holds the names: the holder may change
-    /// without anyone of that name joining or leaving.
+    /// Applies a presence change. Returns the resulting changes of holders: a rival that becomes
+    /// the holder counts as joined, and a holder that is replaced as left.
     pub fn update(&mut self, presence: &Presence) -> Vec<Presence> {
         let agent = &presence.resident().agent;
         let before = self.find(agent).cloned();
         let rivals = Arc::make_mut(self.residents.entry(agent.clone()).or_default());
         match presence {
             Presence::Joined(resident) => {
-                // A daemon has one life of an agent at a time; the newest token is the truth.
+                // A daemon has one incarnation of an agent at a time; the newest token is valid.
                 rivals.retain(|rival| rival.daemon != resident.daemon);
                 rivals.push(resident.clone());
                 rivals.sort_by(|a, b| (a.incarnation, &a.daemon).cmp(&(b.incarnation, &b.daemon)));
@@ -85,7 +86,7 @@ impl Directory {
         }
     }
 
-    /// The changes that turn `self` into `other`: what a listener that missed some has missed.
+    /// Returns the changes that turn `self` into `other`, for a listener that has missed some.
     pub fn changes_to(&self, other: &Directory) -> Vec<Presence> {
         let left = self
             .iter()

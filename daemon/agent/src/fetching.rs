@@ -1,5 +1,5 @@
-//! Models that were missed, asked for: together, where many of one daemon are missed at the same
-//! moment, as by a daemon that comes to a building full of others.
+//! Requests for missed models. If many models of one daemon are missing at the same moment, as for
+//! a daemon that joins a building full of others, they are requested together.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,32 +12,33 @@ use tokio::sync::oneshot;
 
 use crate::hearsay::MODEL_BYTES_MAX;
 
-/// So many of one daemon are asked for at once and one by one: whoever is back is asked before anybody
-/// judges by what it said before.
+/// Number of models of one daemon that are requested one by one, without delay: an agent that is
+/// back is asked before other agents decide by its earlier announcement.
 const FEW: usize = 16;
 
-/// How long those beyond wait for each other: what a daemon has said together is read at one moment.
+/// How long further requests wait for each other: a batch of heartbeats reveals missing models at
+/// one moment.
 const GATHERED_WITHIN: Duration = Duration::from_millis(2);
 
-/// What is asked for, by daemon.
+/// Requests under way, by daemon.
 #[derive(Clone, Default)]
 pub(crate) struct Fetching(Arc<Mutex<BTreeMap<DaemonId, Missing>>>);
 
 #[derive(Default)]
 struct Missing {
-    /// How many are being asked for one by one.
+    /// Number of requests for single models under way.
     asked: usize,
-    /// Who is asked for soon, with all others of its daemon.
+    /// Agents to be covered by the next joint request, with the channel for each model.
     waiting: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>,
 }
 
 impl Fetching {
-    /// The model of an agent at a daemon, as it answers; nothing if it does not within `deadline`. The
-    /// first few questions go out before this returns.
+    /// Requests the model of an agent from its daemon; returns no answer if none comes within
+    /// `deadline`. The first [`FEW`] requests are sent before this function returns.
     ///
     /// # Panics
     ///
-    /// Outside a Tokio runtime.
+    /// Panics if called outside a Tokio runtime.
     pub(crate) fn model_of(
         &self,
         agent: AgentId,
@@ -73,7 +74,7 @@ impl Fetching {
                     answers
                 });
             }
-            // In a task of its own: who asked first may lose interest.
+            // In a task of its own: the first caller may drop its future.
             Some(true) => {
                 let (fetching, substrate) = (self.clone(), Arc::clone(substrate));
                 let question = question(None);
@@ -100,7 +101,7 @@ impl Fetching {
     }
 }
 
-/// One that is asked for by itself, until it has answered or nobody wants to know any more.
+/// A request for a single model, under way until it is answered or its future is dropped.
 struct Asked(Fetching, DaemonId);
 
 impl Drop for Asked {
@@ -121,7 +122,7 @@ impl Missing {
     }
 }
 
-/// As when it is told to all.
+/// Whether a model is within the bound for broadcast models; if not, that is logged.
 fn is_short_enough(answer: &Bytes) -> bool {
     let (bytes, is_short_enough) = (answer.len(), answer.len() <= MODEL_BYTES_MAX);
     if !is_short_enough {
@@ -139,7 +140,7 @@ fn share_out(wanted: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>, answers: Vec<B
         }
     }
     for (agent, tell) in wanted {
-        // Who asked may have lost interest.
+        // The caller may have dropped its future.
         let _ = tell.send(models.remove(&agent).unwrap_or_default());
     }
 }
@@ -154,7 +155,7 @@ mod tests {
     use crate::settings::Settings;
     use crate::switchboard::Switchboard;
 
-    /// A daemon full of agents, which notes what it is asked.
+    /// A daemon full of agents, which records the questions that it gets.
     #[derive(Default)]
     struct Full(Mutex<Vec<Option<AgentId>>>);
 

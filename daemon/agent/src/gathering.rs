@@ -1,7 +1,8 @@
-//! What the agents of one daemon say of themselves at one moment, gathered for a little, to go out
-//! together.
+//! Batching of heartbeats: those that the agents of one daemon send at about the same moment go out
+//! in one message.
 //!
-//! An agent that says something at once takes back what of it still waits here: that is older.
+//! If an agent sends an announcement or heartbeat at once, its waiting heartbeat is withdrawn,
+//! because it is older.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -10,16 +11,18 @@ use std::time::Duration;
 use acl::AgentId;
 use bytes::Bytes;
 
-/// How long the first waits for the others. All timers of one daemon run out at the same moment, and
-/// a hundred agents have spoken a few milliseconds later; of a heartbeat's second that is nothing.
+/// How long the first heartbeat of a batch waits for others. The heartbeat timers of one daemon
+/// expire at the same moment, and a hundred agents have sent a few milliseconds later. The delay is
+/// small beside a heartbeat period of a second.
 pub(crate) const GATHERED_WITHIN: Duration = Duration::from_millis(5);
 
-/// What waits to go out, one word per agent.
+/// Heartbeats that wait for the next batch, one per agent.
 #[derive(Default)]
 pub(crate) struct Gathering(Mutex<BTreeMap<AgentId, Bytes>>);
 
 impl Gathering {
-    /// Takes an agent's word in; `true` if it is the first, and somebody has to send it in a while.
+    /// Queues a heartbeat for the next batch. Returns `true` if the batch was empty, in which case
+    /// the caller must schedule the flush.
     pub(crate) fn add(&self, sender: &AgentId, payload: Bytes) -> bool {
         let mut waiting = self.waiting();
         let is_first = waiting.is_empty();
@@ -27,12 +30,12 @@ impl Gathering {
         is_first
     }
 
-    /// The word of this agent is not to go out any more.
+    /// Removes the waiting heartbeat of this agent.
     pub(crate) fn withdraw(&self, sender: &AgentId) {
         self.waiting().remove(sender);
     }
 
-    /// All that waits.
+    /// Takes all waiting heartbeats.
     pub(crate) fn take(&self) -> Vec<(AgentId, Bytes)> {
         std::mem::take(&mut *self.waiting()).into_iter().collect()
     }

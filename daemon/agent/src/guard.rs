@@ -1,8 +1,7 @@
-//! Whether what has come is its origin's to say: the [`Rights`] of the ecosystem's file, and who is
-//! present.
+//! Authorization of incoming messages, by the [`Rights`] of the ecosystem's file and by presence.
 //!
-//! The substrate has proved which daemon spoke; here it is held against who that daemon may speak
-//! for. What a daemon says to itself is not looked at: whoever is inside is inside.
+//! The substrate has verified which daemon sent a message; here it is checked which agents that
+//! daemon may speak for. Messages of a daemon to itself are not checked.
 
 use std::sync::Arc;
 
@@ -15,7 +14,7 @@ use crate::hearsay::MODEL_BYTES_MAX;
 use crate::rights::Rights;
 use crate::switchboard::{Switchboard, inform_of};
 
-/// Why something is not its origin's to say.
+/// Reason why an origin may not send something.
 #[derive(Debug)]
 pub(crate) struct Overstep {
     breach: Breach,
@@ -32,25 +31,26 @@ fn is_at(holder: &Resident) -> Overstep {
 }
 
 impl Switchboard {
-    /// Gives the switchboard the rights of its ecosystem, once; without, everyone may everything.
+    /// Sets the rights of the ecosystem. Only the first call has an effect; without rights,
+    /// everything is allowed.
     pub fn limit(&self, rights: Rights) {
-        // Rights do not change while a daemon lives.
+        // Rights do not change while a daemon runs.
         let _ = self.rights.set(Arc::new(rights));
     }
 
-    /// What an origin has to be held against; nothing for this daemon itself, and where nothing
-    /// is signed.
+    /// Returns the rights and the origin to check. `None` if nothing is to be checked: the origin
+    /// is this daemon, or messages are not signed, or no rights are set.
     fn limits<'s, 'o>(&'s self, origin: Option<&'o Origin>) -> Option<(&'s Rights, &'o Origin)> {
         let origin = origin.filter(|origin| origin.daemon != *self.daemon())?;
         Some((self.rights.get()?, origin))
     }
 
-    /// Whether a message to one agent may be passed on; if not, it has been dealt with.
+    /// Whether a message to one agent may be passed on; if not, it has been counted, logged and refused.
     pub(crate) fn lets_pass(&self, origin: Option<&Origin>, to: &AgentId, payload: &Bytes) -> bool {
         if self.limits(origin).is_none() {
             return true;
         }
-        // What cannot be read is answered by the agent, which cannot read it either.
+        // An unreadable message is passed on: the agent answers it.
         let Ok(message) = acl::decode(payload) else { return true };
         let inform = inform_of(&message);
         match self.hold(origin, &message, inform.as_ref()) {
@@ -62,7 +62,7 @@ impl Switchboard {
         }
     }
 
-    /// Whether a message is its origin's to say; if not, that is counted and said.
+    /// Whether the origin may send this message; if not, that is counted and logged.
     pub(crate) fn is_its_to_say(
         &self,
         origin: Option<&Origin>,
@@ -72,8 +72,8 @@ impl Switchboard {
         self.hold(origin, message, inform).is_ok()
     }
 
-    /// Whether an origin may say again what this life of an agent has said; if not, that is counted and
-    /// said.
+    /// Whether an origin may repeat a heartbeat of this incarnation of an agent; if not, that is
+    /// counted and logged.
     pub(crate) fn may_say(
         &self,
         origin: Option<&Origin>,
@@ -86,7 +86,8 @@ impl Switchboard {
         checked.map_err(|overstep| self.note(&overstep, origin, sender.as_str())).is_ok()
     }
 
-    /// The same; says why not.
+    /// Checks whether the origin may send this message; returns the reason if not, after counting
+    /// and logging it.
     fn hold(
         &self,
         origin: Option<&Origin>,
@@ -109,12 +110,12 @@ impl Switchboard {
         })
     }
 
-    /// Whether the sender may be where it speaks from, and is not there in a later life, or
-    /// elsewhere only.
+    /// Checks that the sender may be at the origin's daemon, that no later incarnation of it is
+    /// there, and that it is not present at other daemons only.
     ///
-    /// Whoever is seen at the daemon may speak from it, though another holds the name: so do those who
-    /// stand by. That it is there, the daemon has signed; of a message alone anybody could claim that
-    /// it is of a later life.
+    /// An agent that is present at the daemon may send from it although another holds its name, as
+    /// standbys do: the daemon has signed its presence. A message alone proves nothing: any daemon
+    /// could claim a later incarnation in it.
     fn check_sender(
         &self,
         rights: &Rights,
@@ -131,19 +132,20 @@ impl Switchboard {
                 Err(Overstep { breach: Breach::Replayed, detail })
             }
             Some(_) => Ok(()),
-            // Whoever is not seen yet may be on its way; a token travels apart from messages.
+            // An agent that is not seen yet may be about to join; its token travels apart from messages.
             None => present.first().map_or(Ok(()), |elsewhere| Err(is_at(elsewhere))),
         }
     }
 
-    /// Whether the sender holds its name where it speaks from: who stands by has none of the name's
-    /// models and heartbeats to tell, and of two lives that tell them the later would be believed.
+    /// Checks that the sender holds its name at the origin's daemon. A standby must not send models
+    /// and heartbeats under the name: of two incarnations that send them, the later would be
+    /// believed.
     fn check_holds(&self, origin: &Origin, sender: &AgentId) -> Result<(), Overstep> {
         let holder = self.find(sender).filter(|holder| holder.daemon != origin.daemon);
         holder.map_or(Ok(()), |holder| Err(is_at(&holder)))
     }
 
-    /// Refuses what was not to be said, to whoever has said it.
+    /// Refuses a message that its origin may not send, if it opens an exchange.
     fn forbid(&self, origin: Option<&Origin>, from: &AgentId, message: Message, detail: String) {
         let Some(origin) = origin.filter(|_| message.opens_exchange()) else { return };
         let to = Address { daemon: origin.daemon.clone(), agent: message.sender.clone() };
@@ -152,7 +154,8 @@ impl Switchboard {
         self.send_to(&to, Subject::Message(Performative::Refuse), payload);
     }
 
-    /// Whether an agent may be present where its token says.
+    /// Whether an agent may be present at the daemon that its token names; if not, that is counted
+    /// and logged.
     pub(crate) fn may_be_present(&self, presence: &Presence) -> bool {
         let resident = presence.resident();
         let Some(rights) = self.rights.get().filter(|_| resident.daemon != *self.daemon()) else {
@@ -174,7 +177,7 @@ impl Switchboard {
         }
     }
 
-    /// Whether an answer is its origin's to give.
+    /// Whether an origin may give this answer; if not, that is counted and logged.
     pub(crate) fn admits_answer(&self, answer: &Answer<'_>) -> bool {
         let Answer { origin, resource, agent, payload } = *answer;
         let Some((rights, origin)) = self.limits(Some(origin)) else { return true };
@@ -209,7 +212,7 @@ impl Switchboard {
     }
 }
 
-/// Whether the sender may say this.
+/// Checks whether the sender may send this content.
 fn check_content(
     rights: &Rights,
     origin: &Origin,
@@ -220,7 +223,7 @@ fn check_content(
     let prefixed = |problem: String| format!("is not its sender's to say: {problem}");
     match (message.performative, inform) {
         (Performative::Request, _) => {
-            // What cannot be read is not done either.
+            // An unreadable request has no effect.
             let request = message.content_as::<Request>().ok();
             request.map_or(Ok(()), |request| rights.may_ask(sender, &request)).map_err(prefixed)
         }
@@ -229,7 +232,7 @@ fn check_content(
             "`{sender}` is no agent that speaks for the domain, by the ecosystem's file"
         ))),
         (_, Some(Inform::Model(announced))) if rights.limits_actions(sender, &origin.daemon) => {
-            // A model that cannot be read offers nothing.
+            // A model that cannot be read offers no actions.
             let Some(model) = pddl::parse_action_model(&announced.model).value else {
                 return Ok(());
             };
@@ -256,7 +259,8 @@ mod tests {
     use crate::rights::{AgentRights, Allowed, Askers};
     use crate::settings::Settings;
 
-    /// The hub's switchboard on a wire with the robot's board, whose ear hears what is refused.
+    /// The router of the daemon `hub`, on a network with two other daemons that record the refusals
+    /// they get.
     struct House {
         hub: Arc<Switchboard>,
         refused: Arc<Ear>,
@@ -321,7 +325,7 @@ mod tests {
             House { hub, refused, network }
         }
 
-        /// Delivers a message to the requester, or to all; what was counted.
+        /// Delivers a message to the requester, or to all; returns the counts of rejections.
         fn hears(&self, from: &str, to: Option<&str>, message: Message) -> BTreeMap<String, u64> {
             let addressed = match to {
                 Some(to) => Addressed::To(agent(to), Subject::Message(message.performative)),
@@ -451,7 +455,7 @@ mod tests {
         drop(house.network);
     }
 
-    /// It would be kept, and copied for everybody who comes later.
+    /// Such a message would be cached, and copied for every agent that starts later.
     #[tokio::test]
     async fn what_is_longer_than_anybody_has_to_say_is_not_kept() {
         let house = House::new();
@@ -486,7 +490,7 @@ mod tests {
         assert_eq!(mailbox.waiting(), 1, "what was short enough is kept for who comes later");
     }
 
-    /// A life that nobody will ever overtake, claimed by whom the lamp is not at.
+    /// A daemon without the lamp claims an incarnation of it that no real one will ever exceed.
     #[tokio::test]
     async fn who_is_elsewhere_is_not_spoken_for_in_any_life() {
         let house = House::new();

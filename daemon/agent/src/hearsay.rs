@@ -1,9 +1,9 @@
-//! What a daemon has heard agents say to all: the last of each kind, for those who start later (the
-//! paper's “cache broadcast messages”).
+//! Cache of broadcasts: the last one of each kind from each sender, for agents that start later
+//! (the paper's “cache broadcast messages”).
 //!
-//! Nearly all heartbeats say what the one before said, and of a thousand agents a thousand come each
-//! second, to every daemon. So a heartbeat is first held against the one before, byte by byte: if it
-//! differs in its id and its number alone, nobody has to read it.
+//! Nearly all heartbeats repeat the previous one, and a thousand agents send a thousand of them per
+//! second to every daemon. So the text of a heartbeat is first compared with the previous one, byte
+//! by byte: if only its id and its sequence number differ, it need not be decoded.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -13,20 +13,22 @@ use acl::content::{Heartbeat, Inform};
 use acl::{Incarnation, Message};
 use bytes::Bytes;
 
-/// The longest model that is read, with all that was said of it. The widest that
-/// `capability::limits` takes, with a hundred actions and a thousand objects, is a quarter of it;
-/// and of a thousand agents each daemon keeps one.
+/// Longest announcement of a model that is read, in bytes, with its heartbeat. The largest that
+/// `capability::limits` allows, with a hundred actions and a thousand objects, takes a quarter of
+/// it. Each daemon caches one announcement per agent.
 pub(crate) const MODEL_BYTES_MAX: usize = 1 << 20;
 
-/// The longest heartbeat: it comes once a second. Four thousand facts of sixty bytes, which is all
-/// that an agent may claim.
+/// Longest heartbeat that is read, in bytes; an agent sends one per second. It has room for four
+/// thousand facts of sixty bytes, the most that an agent may claim.
 pub(crate) const HEARTBEAT_BYTES_MAX: usize = 256 << 10;
 
-/// The longest announcement of a Domain Maintainer, of which there are few: it tells what everybody's
-/// requests have changed, at most sixteen times what one agent may claim.
+/// Longest announcement of a Domain Maintainer that is read, in bytes. There are few of them. Each
+/// contains what the requests of all agents have changed: at most sixteen times what one agent may
+/// claim.
 pub(crate) const EPOCH_BYTES_MAX: usize = 4 << 20;
 
-/// How long what is said in these words may be; no bound of its own, if it is not kept.
+/// Returns the longest message with this content, in bytes; `None` if the content is not cached and
+/// has no bound of its own.
 pub(crate) fn bytes_max(inform: &Inform) -> Option<usize> {
     match inform {
         Inform::Model(_) => Some(MODEL_BYTES_MAX),
@@ -36,7 +38,7 @@ pub(crate) fn bytes_max(inform: &Inform) -> Option<usize> {
     }
 }
 
-/// The last words of one agent, as they came: few will ever read them again.
+/// The last broadcasts of one agent, not decoded: most are never read again.
 #[derive(Default)]
 pub(crate) struct Hearsay {
     model: Option<Bytes>,
@@ -44,30 +46,30 @@ pub(crate) struct Hearsay {
     epoch: Option<Bytes>,
 }
 
-/// A heartbeat that was heard.
+/// The last heartbeat of one agent.
 struct Heard {
     text: Bytes,
-    /// What it needs to recognise the next.
+    /// Pattern that recognises a repetition; `None` if this heartbeat cannot be compared by its text.
     repeatable: Option<Repeatable>,
 }
 
-/// A heartbeat that may be said again.
+/// Pattern of a heartbeat, which recognises a repetition of it.
 pub(crate) struct Repeatable {
     pub(crate) said: Arc<Said>,
     pub(crate) sequence: u64,
-    /// Where in its text its id is, and then its number.
+    /// Byte range of the id in the text, and below it that of the sequence number, which comes after it.
     id: Range<usize>,
     number: Range<usize>,
 }
 
-/// What all heartbeats have in common that say the same.
+/// The content that a heartbeat shares with its repetitions.
 pub(crate) struct Said {
     pub(crate) incarnation: Incarnation,
     pub(crate) digest: String,
     pub(crate) period: Duration,
 }
 
-/// A heartbeat that says what the one before said, and the number of that one.
+/// A repetition of a heartbeat, and the sequence number of the heartbeat before it.
 pub(crate) struct Again {
     pub(crate) before: u64,
     pub(crate) now: Repeatable,
@@ -79,7 +81,7 @@ const NUMBER: &str = "\"sequence\":";
 // === impl Hearsay ===
 
 impl Hearsay {
-    /// Keeps what was said, in place of the last of its kind.
+    /// Stores a broadcast in place of the last one of its kind.
     pub(crate) fn keep(&mut self, text: Bytes, message: &Message, inform: &Inform) {
         match inform {
             Inform::Model(_) => self.model = Some(text),
@@ -92,19 +94,19 @@ impl Hearsay {
         }
     }
 
-    /// Everything kept, in the order in which it makes sense.
+    /// Returns all stored broadcasts in the order in which they must be handled.
     pub(crate) fn all(&self) -> impl Iterator<Item = &Bytes> {
         let heartbeat = self.heartbeat.as_ref().map(|heard| &heard.text);
         self.model.iter().chain(heartbeat).chain(&self.epoch)
     }
 
-    /// Whether a text is the last heartbeat again.
+    /// Compares a text with the last heartbeat; returns `None` if it is not a repetition of it.
     pub(crate) fn is_again(&self, text: &[u8]) -> Option<Again> {
         let Heard { text: before, repeatable } = self.heartbeat.as_ref()?;
         repeatable.as_ref()?.is_again(before, text)
     }
 
-    /// Keeps a heartbeat that is the last one again.
+    /// Stores a repetition in place of the last heartbeat.
     pub(crate) fn keep_again(&mut self, text: Bytes, again: Again) {
         self.heartbeat = Some(Heard { text, repeatable: Some(again.now) });
     }
@@ -113,9 +115,10 @@ impl Hearsay {
 // === impl Repeatable ===
 
 impl Repeatable {
-    /// Where the id and the number stand. Where either key stands elsewhere too, nothing is recognised.
+    /// Finds the id and the sequence number in the text. Returns `None` if either key occurs a
+    /// second time, or if the heartbeat has facts that expire.
     fn of(text: &[u8], message: &Message, heartbeat: &Heartbeat) -> Option<Repeatable> {
-        // What is known for a while only is never the same again.
+        // The time left of a fact counts from arrival, so the same text means something else each time.
         if !heartbeat.known_for.is_empty() {
             return None;
         }
@@ -152,7 +155,7 @@ impl Repeatable {
     }
 }
 
-/// Where the value stands that follows a key, if there is no other such place.
+/// Returns the byte range of the value that follows a key; `None` if the key occurs a second time.
 fn value_of(text: &str, key: &str, value: &str) -> Option<Range<usize>> {
     let mut places = text.match_indices(key).map(|(place, _)| place + key.len());
     let start = places.next().filter(|_| places.next().is_none())?;
@@ -185,7 +188,7 @@ mod tests {
         hearsay
     }
 
-    /// A text as our own encoder writes it.
+    /// Returns the message as our own encoder writes it.
     fn written(value: &Value) -> String {
         let message = acl::decode(value.to_string().as_bytes()).expect("a message");
         String::from_utf8(acl::encode(&message).to_vec()).expect("it is JSON")

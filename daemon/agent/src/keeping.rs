@@ -1,9 +1,9 @@
-//! Having records kept by the ecosystem's Journals, and reading them when this agent's turn to act
-//! has come (design, “No single point of failure”).
+//! Replicated records: an agent writes records to the ecosystem's Journals, and reads them when it
+//! becomes the leader (design, “No single point of failure”).
 //!
-//! Whoever writes does so in a term of its own, greater than any it has read: so its versions are
-//! newer than those of who wrote before, whatever their clocks say. Journals that come, or come
-//! back, are read again: after a partition they know what was decided on their side.
+//! Each leader writes under a term of its own, greater than any it has read (fencing). So its
+//! versions are newer than those of earlier leaders, whatever their clocks say. Journals that join
+//! or return are read again: after a partition they hold what was decided on their side.
 
 mod delivery;
 
@@ -22,54 +22,55 @@ use crate::context::{Context, TimerId, Work};
 use crate::keeping::delivery::Deliveries;
 use crate::plugin::Host;
 
-/// How long the other Journals are waited for once one has answered: they hold the same, but for
-/// what was written last.
+/// How long to wait for the other Journals once one has answered. They hold the same records,
+/// except for those written last.
 const OTHERS_AWAITED: Duration = Duration::from_millis(100);
 
-/// How long before a Journal that gave no answer is asked again: a machine that has just started
-/// opens its file. After so many times it is asked less often, for as long as it is here: a slow card
-/// may take minutes to mend a file.
+/// Wait before a Journal that gave no answer is read again: a machine that has just started is
+/// still opening its file. After `READS_OFTEN` attempts the wait is `READ_LATER`, for as long as
+/// the Journal is present: a slow card may take minutes to repair a file.
 const READ_AGAIN: Duration = Duration::from_millis(50);
 const READS_OFTEN: u32 = 40;
 const READ_LATER: Duration = Duration::from_secs(2);
 
-/// What an agent has kept.
+/// Client of the Journals for one agent: its versions, and the records on their way.
 pub struct Keeper<A: Agent> {
     journals: Vec<AgentId>,
     version: Version,
     is_leading: bool,
-    /// Journals that are here and have not been read in this life of theirs.
+    /// Journals that are present and have not been read in their present incarnation.
     unread: BTreeSet<AgentId>,
-    /// Whether any has been read since this agent began to act.
+    /// Whether any Journal has been read since this agent became the leader.
     has_read: bool,
     reads: u32,
     reading: Option<Work>,
-    /// Until those that gave no answer are asked again.
+    /// Timer after which Journals that gave no answer are read again.
     again: Option<TimerId>,
     deliveries: Deliveries<A>,
 }
 
-/// An agent that has records kept.
+/// Agent that has records kept by the Journals.
 pub trait Keeps: Agent {
-    /// Its records.
+    /// Returns the client of the Journals.
     fn keeper(&mut self) -> &mut Keeper<Self>;
 
-    /// This was kept, by itself or by who acted before; the newest version of each, in the order of
-    /// keys. Called when it begins to act and whenever a Journal comes.
+    /// Called with the records that the Journals hold, written by this agent or by earlier leaders:
+    /// the newest version of each, ordered by key. Called when the agent becomes the leader and
+    /// whenever a Journal joins.
     fn recalled(&mut self, records: Vec<Record>, ctx: &mut Context<Self>);
 }
 
-/// Who has kept some records.
+/// Outcome of keeping some records.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Kept {
-    /// The Journals that have them on disk.
+    /// Journals that have them on disk.
     pub by: Vec<AgentId>,
-    /// Those that could not, and why.
+    /// Journals that could not keep them, with the reason.
     pub not_by: BTreeMap<AgentId, String>,
 }
 
 impl<A: Agent> Keeper<A> {
-    /// A keeper that has read nothing yet.
+    /// Creates a client that has read nothing yet.
     pub fn new(host: &Host) -> Keeper<A> {
         Keeper {
             journals: host.journals.clone(),
@@ -84,32 +85,32 @@ impl<A: Agent> Keeper<A> {
         }
     }
 
-    /// Whether every Journal that is here and works has all it was asked to keep.
+    /// Whether every Journal that is present and works has all records that it was asked to keep.
     pub fn has_delivered(&self) -> bool {
         self.deliveries.is_empty()
     }
 
-    /// The Journals of the ecosystem.
+    /// Returns the Journals of the ecosystem.
     pub fn journals(&self) -> &[AgentId] {
         &self.journals
     }
 
-    /// Whether this agent acts, and so writes.
+    /// Whether this agent is the leader, and so writes.
     pub fn is_leading(&self) -> bool {
         self.is_leading
     }
 
-    /// Takes note of what others have written: what this agent writes from now on is later.
+    /// Takes note of records that others have written: later versions of this agent are newer than these.
     pub fn learn(&mut self, life: Incarnation, records: &[Record]) {
         self.begin_term(life, records);
     }
 
-    /// In whose term this agent writes: greater than any it has read.
+    /// Returns the term under which this agent writes: greater than any that it has read.
     pub fn term(&self) -> u64 {
         self.version.term
     }
 
-    /// A new version of a record.
+    /// Creates a new version of a record.
     pub fn write(&mut self, key: String, body: Value) -> Record {
         self.version.count += 1;
         Record { key, version: self.version, body }
@@ -117,7 +118,7 @@ impl<A: Agent> Keeper<A> {
 
     fn begin_term(&mut self, life: Incarnation, records: &[Record]) {
         let read = records.iter().map(|record| record.version.term).max();
-        // Of its own records it reads the same term again.
+        // Reading its own records does not begin a new term.
         if read > Some(self.version.term) || self.version.term == 0 {
             let later = read.map_or(0, |term| term.saturating_add(stride_of(life)));
             self.version = Version { term: later.max(life.0), count: 0 };
@@ -125,20 +126,20 @@ impl<A: Agent> Keeper<A> {
     }
 }
 
-/// How much later than what it has read an agent's term is, other than that of another life: two that
-/// have read the same records, cut off from each other, begin terms of their own.
+/// Returns the distance of a new term from the greatest one read. It differs between incarnations:
+/// two agents that have read the same records while cut off from each other begin different terms.
 fn stride_of(Incarnation(life): Incarnation) -> u64 {
-    /// 2⁶⁴ by the golden ratio: lives that lie close together are spread (Knuth, The Art of Computer
-    /// Programming, 6.4).
+    /// 2⁶⁴ divided by the golden ratio: spreads incarnations that lie close together (Knuth, The
+    /// Art of Computer Programming, 6.4).
     const SPREAD: u64 = 0x9e37_79b9_7f4a_7c15;
-    // Of an hour of a life's microseconds: the clock is not left behind for long, and there is room
-    // for more terms than there are seconds in a century.
+    // 32 bits, which is about an hour in microseconds: terms do not run far ahead of the clock, and
+    // there is room for more terms than there are seconds in a century.
     (life.wrapping_mul(SPREAD) >> 32).max(1)
 }
 
-/// Has records kept; `then` is told as soon as enough Journals have them, all that are here have
-/// answered, or the time for an answer has passed. All that are here are asked again until they have
-/// them.
+/// Replicates records to the Journals that are present. Calls `then` as soon as enough Journals
+/// have them, all have answered, or the time for an answer has passed. Each Journal is asked again
+/// until it has them.
 pub fn keep<A: Keeps>(
     agent: &mut A,
     records: &[Record],
@@ -148,13 +149,13 @@ pub fn keep<A: Keeps>(
     delivery::deliver(agent, records, Some(Box::new(then)), ctx);
 }
 
-/// Has records kept, of which nobody waits to hear: the Journals that are here are asked until they
-/// have them, or newer ones.
+/// Replicates records without reporting the outcome. The Journals that are present are asked until
+/// they have these records, or newer ones.
 pub fn keep_on<A: Keeps>(agent: &mut A, records: &[Record], ctx: &mut Context<A>) {
     delivery::deliver(agent, records, None, ctx);
 }
 
-/// To be called when an agent's turn to act comes or ends.
+/// Handles that an agent becomes the leader or a standby. Call it from [`Agent::leads`].
 pub fn leads<A: Keeps>(agent: &mut A, is_leading: bool, ctx: &mut Context<A>) {
     let life = ctx.incarnation();
     let keeper = agent.keeper();
@@ -167,7 +168,7 @@ pub fn leads<A: Keeps>(agent: &mut A, is_leading: bool, ctx: &mut Context<A>) {
     }
 }
 
-/// To be called with every change of presence.
+/// Handles a change of presence. Call it for every change.
 pub fn presence<A: Keeps>(agent: &mut A, presence: &Presence, ctx: &mut Context<A>) {
     let who = &presence.resident().agent;
     let keeper = agent.keeper();
@@ -176,7 +177,7 @@ pub fn presence<A: Keeps>(agent: &mut A, presence: &Presence, ctx: &mut Context<
     }
     match presence {
         Presence::Joined(_) => {
-            // Not this one alone: it may not know yet what the others know has ended.
+            // Reads all, not this one alone: it may lack the ends of goals that the others have recorded.
             read_all(agent, ctx);
         }
         Presence::Left(_) => {
@@ -185,7 +186,7 @@ pub fn presence<A: Keeps>(agent: &mut A, presence: &Presence, ctx: &mut Context<
     }
 }
 
-/// Reads all Journals that are here.
+/// Reads all Journals that are present.
 fn read_all<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
     let keeper = agent.keeper();
     let here = keeper.journals.iter().filter(|journal| ctx.find(journal).is_some());
@@ -193,7 +194,7 @@ fn read_all<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
     read(agent, ctx);
 }
 
-/// Reads the Journals that have not been read, unless that is under way.
+/// Reads the Journals that have not been read, unless a read is under way.
 fn read<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
     let keeper = agent.keeper();
     if keeper.reading.is_some() || keeper.unread.is_empty() {
@@ -201,7 +202,7 @@ fn read<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
     }
     keeper.reads = keeper.reads.saturating_add(1);
     let (reads, deadline) = (keeper.reads, ctx.settings().answer_deadline);
-    // Who has just begun to act has to go on; later nobody waits for it.
+    // A new leader needs the records to go on; later reads are not urgent.
     let patience = if keeper.has_read { deadline } else { OTHERS_AWAITED };
     let mut asked = JoinSet::new();
     for journal in keeper.unread.clone() {
@@ -231,7 +232,7 @@ fn read<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
     agent.keeper().reading = Some(reading);
 }
 
-/// What Journals answered; once one of them has, the slow are waited for no longer than `patience`.
+/// Collects the answers of Journals. Once one has answered, waits for the others at most `patience`.
 async fn answers(
     mut asked: JoinSet<(AgentId, Vec<bytes::Bytes>)>,
     patience: Duration,
@@ -261,7 +262,7 @@ async fn answers(
     }
 }
 
-/// The newest of all that was read; nothing where nobody answered.
+/// Returns the newest version of each record that was read; `None` if no Journal answered.
 fn take_in<A: Keeps>(
     agent: &mut A,
     answers: Vec<(AgentId, Vec<Record>)>,
@@ -327,7 +328,8 @@ mod tests {
         assert!(keeper.write("goal/a".to_owned(), Value::Null).version > theirs.version);
     }
 
-    /// Else a plan of one would be taken for that of the other, and a deed for another.
+    /// With equal terms, a plan of one leader could be mistaken for that of the other, and so could
+    /// a command.
     #[test]
     fn two_that_read_the_same_begin_terms_of_their_own() {
         let version = Version { term: 1_700_000_034_043_986, count: 3 };

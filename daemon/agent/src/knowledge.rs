@@ -1,4 +1,4 @@
-//! The words of a composite domain for what is unknown, as they travel with it.
+//! Symbols of a composite domain for what is unknown, in the form in which they are sent with it.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use acl::content;
 use pddl::Name;
 use pddl::knowledge::{Auxiliary, Knowledge};
 
-/// Reads the words that came with a domain.
+/// Converts the symbols that were sent with a domain.
 pub fn knowledge(sent: &BTreeMap<String, content::Auxiliary>) -> Knowledge {
     let name = |text: &String| Name::new(text);
     let read = |(symbol, sent): (&String, &content::Auxiliary)| {

@@ -1,5 +1,4 @@
-//! Where agents that come while the daemon runs can live: those of the interfaces, those that plugins
-//! bring.
+//! Launching of agents while the daemon runs: agents of interfaces, and agents that plugins bring.
 
 use std::sync::Arc;
 
@@ -11,24 +10,25 @@ use crate::base_agent::Berth;
 use crate::plugin::Host;
 use crate::switchboard::Switchboard;
 
-/// A place for them on a daemon.
+/// Source of launch contexts on one daemon.
 #[derive(Clone)]
 pub struct Landing {
-    /// The daemon's end of the substrate.
+    /// Router of the daemon.
     pub switchboard: Arc<Switchboard>,
-    /// What agents are built with here.
+    /// Data and resources from which agents are built here.
     pub host: Arc<Host>,
     /// Set when the daemon drains.
     pub stopping: CancellationToken,
-    /// What the drain waits for.
+    /// Tasks that the drain waits for.
     pub tasks: TaskTracker,
-    /// Whether agents are told through which ecosystems they have come. The fault laboratory leaves it
-    /// out, to see that what goes round in circles is noticed.
+    /// Whether agents are launched with the ecosystems that they come through. `false` on the network
+    /// of a plugin process, and in the fault laboratory to check that loops are noticed.
     pub tells_way: bool,
 }
 
 impl Landing {
-    /// A place for a new life of an agent that comes from other ecosystems, `via` these.
+    /// Returns the launch context for a new incarnation of an agent that comes from other
+    /// ecosystems, `via` these.
     pub fn berth(
         &self,
         id: &AgentId,

@@ -1,10 +1,10 @@
-//! What an agent of this daemon said last of itself, for those who ask and have missed it.
+//! Latest announcement of an agent of this daemon, for agents that have missed it.
 
 use acl::Message;
 use acl::content::{Inform, value};
 use bytes::Bytes;
 
-/// An agent's model, and its heartbeat if one came after it.
+/// An agent's model, and its last heartbeat if one was sent after the model.
 #[derive(Default)]
 pub(crate) struct LastWord {
     model: Option<Bytes>,
@@ -12,9 +12,9 @@ pub(crate) struct LastWord {
 }
 
 impl LastWord {
-    /// It has told its model, or what is so now.
+    /// Stores a model or a heartbeat that the agent has sent.
     pub(crate) fn told(&mut self, payload: &Bytes, is_model: bool) {
-        // A copy of its own: a message is written into more room than it needs.
+        // Copied, because the buffer of an encoded message is larger than its content.
         let said = Some(Bytes::copy_from_slice(payload));
         match is_model {
             true => (self.model, self.heartbeat) = (said, None),
@@ -22,8 +22,8 @@ impl LastWord {
         }
     }
 
-    /// Its model, brought up to its last heartbeat: who asks would otherwise believe what was so when
-    /// the agent began.
+    /// Returns the model, updated by the last heartbeat: the receiver would otherwise believe the
+    /// facts of the time when the agent started.
     pub(crate) fn model(&mut self) -> Option<Bytes> {
         if let Some(heartbeat) = self.heartbeat.take()
             && let Some(renewed) = self.model.as_ref().and_then(|model| renew(model, &heartbeat))
@@ -34,7 +34,7 @@ impl LastWord {
     }
 }
 
-/// A model with a later heartbeat in it.
+/// Returns the model with a later heartbeat in it; `None` if either cannot be read.
 fn renew(model: &Bytes, heartbeat: &Bytes) -> Option<Bytes> {
     let (model, heartbeat) = (acl::decode(model).ok()?, acl::decode(heartbeat).ok()?);
     let (Inform::Model(mut announced), Inform::Heartbeat(heartbeat)) =

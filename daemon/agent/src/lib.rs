@@ -1,23 +1,26 @@
-//! What a plugin sees: the Base Agent, its Communication Agent, its mailbox and its life.
+//! The interface between a plugin and its daemon: the Base Agent, its Communication Agent, its
+//! mailbox and its life cycle.
 //!
-//! - [`Agent`] is the paper's Base Agent: what it reacts to is its [`Callbacks`].
-//! - [`Context`] is what a callback can do: open an exchange, answer, wait, work aside.
-//! - The Communication Agent behind it decodes, drops duplicates, sends receipts, retries
-//!   commitments, follows the protocols, and holds messages for agents that are not here yet.
-//! - [`Switchboard`] is the daemon's own end of the substrate: mailboxes, the [`Directory`], and
-//!   the broadcasts a newcomer has missed.
-//! - [`Rights`] say who may do what in a secured ecosystem; the switchboard sees to it.
-//! - [`upkeep`] keeps a Domain Maintainer up to date; the [`Commons`] keep what the actuators of
-//!   one daemon hear.
-//! - [`keeping`] has the Journals keep what must outlive an agent, and reads it back.
-//! - [`bringing`] lets what an agent finds come as agents beside it, if people
-//!   ([`Admissions`]) let them.
-//! - [`Landing`] is where agents live that come while the daemon runs; [`Observer`] watches those of
-//!   another wire.
-//! - [`Machine`] is what an agent takes of the machine it runs on: threads, the wall clock.
-//! - [`PluginEntry`] is what a plugin crate offers to a daemon.
+//! - [`Agent`] is the paper's Base Agent; its [`Callbacks`] list the messages that it reacts to.
+//! - [`Context`] has the operations of a callback: open an exchange, answer, set a timer, run work
+//!   in the background.
+//! - The Communication Agent behind it decodes messages, drops duplicates, sends receipts, retries
+//!   commitments, follows the protocols, and holds messages for agents that are not present yet.
+//! - [`Switchboard`] is the router of a daemon: mailboxes, the [`Directory`], and the broadcasts
+//!   that a newly started agent has missed.
+//! - [`Rights`] state which agent may do what in a secured ecosystem; the switchboard enforces them.
+//! - [`upkeep`] keeps a Domain Maintainer up to date; the [`Commons`] are the domain model that the
+//!   actuators of one daemon share.
+//! - [`keeping`] replicates records to the Journals for data that must outlive an agent, and reads
+//!   them back.
+//! - [`bringing`] starts agents for the devices that an agent discovers, if people ([`Admissions`])
+//!   admit them.
+//! - [`Landing`] launches agents while the daemon runs; an [`Observer`] watches the agents of
+//!   another network.
+//! - [`Machine`] has the services of the host machine: threads, the wall clock, incarnation numbers.
+//! - [`PluginEntry`] is the entry point of a plugin crate for a daemon.
 //!
-//! An agent sees no substrate and no other agent's code.
+//! An agent has no access to the substrate or to the code of another agent.
 
 mod admission;
 mod base_agent;

@@ -1,8 +1,8 @@
-//! What an agent takes of the machine it runs on, beside its memory: threads, the wall clock, and
-//! the number of its life.
+//! Services of the host machine that an agent uses, besides memory: threads, the wall clock, and
+//! incarnation numbers.
 //!
-//! A daemon has the real ones. A simulation gives its agents a machine of its own, on which one
-//! thread does everything in an order that a seed decides.
+//! A daemon uses the real ones. A simulation gives its agents a machine of its own, on which one
+//! thread does all work in an order that a seed decides.
 
 use std::fmt;
 use std::io;
@@ -16,20 +16,20 @@ use tokio::sync::Semaphore;
 use crate::context::Exchanges;
 use crate::turns::{Turns, turns_at_once};
 
-/// In the state folder: the number of the last life that began on this machine.
+/// File in the state folder: the number of the last incarnation that began on this machine.
 const LIVES: &str = "lives";
 
-/// Computations at one time on a simulated machine.
+/// Number of computations that run at one time on a simulated machine.
 const SIMULATED_AT_ONCE: usize = 2;
 
-/// A machine. Clones are the same machine.
+/// Services of a machine. Clones refer to the same machine.
 #[derive(Clone)]
 pub struct Machine {
     threads: Threads,
     lives: Arc<Lives>,
 }
 
-/// Where work is done that takes a while.
+/// Threads for work that takes a while.
 #[derive(Clone)]
 enum Threads {
     Real(Arc<Turns>),
@@ -38,23 +38,23 @@ enum Threads {
 
 /// A machine of a simulation.
 pub trait Simulated: Send + Sync + 'static {
-    /// The wall clock; it may jump.
+    /// Returns the time of day; it may jump.
     fn wall_clock(&self) -> SystemTime;
 
-    /// How long the next piece of work takes.
+    /// Returns how long the next piece of work takes.
     fn work_takes(&self) -> Duration;
 
-    /// An agent of this machine has done what it was woken for, or its life has ended; these
-    /// exchanges it waits in.
+    /// Called when an agent of this machine has handled an event, or its incarnation has ended,
+    /// with the exchanges that it waits in.
     fn waits(&self, _agent: &AgentId, _life: Incarnation, _exchanges: Exchanges) {}
 }
 
-/// Work that did not come to its end: it panicked, or the daemon is ending. Completes “failed to …”.
+/// Error of work that did not finish: it panicked, or the daemon is ending. Completes “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("finish a piece of work: {0}")]
 pub struct Lost(String);
 
-/// The number of the last life, here and on disk.
+/// Number of the last incarnation, in memory and on disk.
 #[derive(Default)]
 struct Lives {
     last: Mutex<u64>,
@@ -62,21 +62,21 @@ struct Lives {
 }
 
 impl Machine {
-    /// The machine this process runs on; in `state` it remembers what its next process must know.
+    /// Creates the machine that this process runs on. The folder `state` keeps data for the next
+    /// process; with `None` there is none.
     pub fn new(state: Option<PathBuf>) -> Machine {
-        // One per core, and two where there is one, so that a long search does not keep a short one
-        // waiting.
+        // One per core, and two if there is one core, so that a long search does not delay a short one.
         let threads = Threads::Real(Arc::new(Turns::new(turns_at_once())));
         Machine { threads, lives: Arc::new(Lives::open(state)) }
     }
 
-    /// A machine of a simulation.
+    /// Creates a machine of a simulation.
     pub fn simulated(simulated: Arc<dyn Simulated>, state: Option<PathBuf>) -> Machine {
         let threads = Threads::Simulated(simulated, Arc::new(Semaphore::new(SIMULATED_AT_ONCE)));
         Machine { threads, lives: Arc::new(Lives::open(state)) }
     }
 
-    /// The time of day. Deadlines are never told by it: it may jump.
+    /// Returns the time of day. Deadlines never use it, because it may jump.
     pub fn wall_clock(&self) -> SystemTime {
         match &self.threads {
             Threads::Real(_) => SystemTime::now(),
@@ -84,14 +84,15 @@ impl Machine {
         }
     }
 
-    /// The life of an agent that begins now: greater than any before on this machine, also where the
-    /// clock was put back before this process began. Others take the word of the greater life.
+    /// Returns the number of an incarnation that begins now. It is greater than any before on this
+    /// machine, even if the clock was put back before this process began. Of two incarnations,
+    /// others believe the greater.
     pub fn next_life(&self) -> Incarnation {
         let now = self.wall_clock().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
         self.lives.next(u64::try_from(now).unwrap_or(0))
     }
 
-    /// An agent says what it waits for. Nobody looks at that on a real machine, and nothing is counted.
+    /// Reports which exchanges an agent waits in. On a real machine nothing is computed or reported.
     pub(crate) fn tell_waits(
         &self,
         agent: &AgentId,
@@ -103,11 +104,11 @@ impl Machine {
         }
     }
 
-    /// Does what may wait for a disk on a thread that may.
+    /// Runs work that may wait for a disk on a thread that may block.
     ///
     /// # Errors
     ///
-    /// If the work panicked, or the daemon is ending.
+    /// Returns an error if the work panicked, or the daemon is ending.
     pub async fn work<T: Send + 'static>(
         self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -124,12 +125,12 @@ impl Machine {
         }
     }
 
-    /// Computes on a thread that may be busy for long, when its turn has come: agents of one daemon
-    /// share the machine's cores.
+    /// Runs a computation on a thread that may be busy for long, once a slot is free: the agents of
+    /// one daemon share the machine's cores.
     ///
     /// # Errors
     ///
-    /// If it panicked, or the daemon is ending.
+    /// Returns an error if the computation panicked, or the daemon is ending.
     pub(crate) async fn compute<T: Send + 'static>(
         self,
         compute: impl FnOnce() -> T + Send + 'static,
@@ -140,7 +141,7 @@ impl Machine {
                 computed.ok_or_else(|| Lost("it panicked, or the daemon is ending".to_owned()))
             }
             Threads::Simulated(_, turns) => {
-                // Nobody closes the turns; without one it would only be in a greater hurry.
+                // The semaphore is never closed. Without a permit the work would only start earlier.
                 let _turn = Arc::clone(turns).acquire_owned().await.ok();
                 self.work(compute).await
             }
@@ -149,7 +150,7 @@ impl Machine {
 }
 
 impl Default for Machine {
-    /// One that remembers nothing of its former processes.
+    /// Creates a machine that keeps nothing from earlier processes.
     fn default() -> Machine {
         Machine::new(None)
     }
@@ -170,8 +171,7 @@ impl Lives {
     fn open(state: Option<PathBuf>) -> Lives {
         let path = state.map(|folder| folder.join(LIVES));
         let text = path.as_ref().and_then(|path| std::fs::read_to_string(path).ok());
-        // A file that cannot be read is as good as none: the clock alone decides, as it does for a
-        // machine that is new.
+        // A file that cannot be read counts as missing: the clock alone decides, as on a new machine.
         let last = text.and_then(|text| text.trim().parse().ok()).unwrap_or(0);
         Lives { last: Mutex::new(last), path }
     }
@@ -186,7 +186,7 @@ impl Lives {
         Incarnation(*last)
     }
 
-    /// Written beside and renamed, so that a crash leaves one or the other.
+    /// Writes a second file and renames it, so that a crash leaves the old or the new number.
     fn write(&self, last: u64) -> io::Result<()> {
         let Some(path) = &self.path else { return Ok(()) };
         let beside = path.with_extension("new");

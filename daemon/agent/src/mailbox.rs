@@ -1,4 +1,4 @@
-//! An agent's mailbox: bounded, so that a flood is refused and not hoarded.
+//! Mailbox of an agent: a bounded queue, so that a flood is refused and does not pile up.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,23 +10,23 @@ use conversation::Seen;
 use substrate::Question;
 use tokio::sync::mpsc;
 
-/// What can lie in a mailbox.
+/// Item in a mailbox.
 pub(crate) enum Letter {
-    /// A message to this agent, as it came.
+    /// A message to this agent, not decoded.
     Direct(Bytes),
-    /// A message to all that this agent listens to; read once for the whole daemon.
+    /// A broadcast that this agent listens to; decoded once for the whole daemon.
     Broadcast(Arc<Message>),
-    /// A message to all that came before this agent did, as it came.
+    /// A broadcast from before this agent started, not decoded.
     Missed(Bytes),
-    /// A receipt for a message of this agent.
+    /// Receipts for messages of this agent.
     Receipts(Vec<MessageId>),
     /// A question that this agent may answer.
     Question(Question),
-    /// An agent of its name has come or gone elsewhere.
+    /// An agent of the same name has joined or left at another daemon.
     Namesake,
 }
 
-/// The slot through which letters are put in.
+/// Sending half of a mailbox.
 #[derive(Clone)]
 pub(crate) struct Slot {
     letters: mpsc::Sender<Letter>,
@@ -34,8 +34,9 @@ pub(crate) struct Slot {
     door: Arc<Door>,
 }
 
-/// Which messages an agent has heard, and which were refused before it heard them. A copy of a
-/// message that waits in a full mailbox may come again: one of the two words counts, never both.
+/// Duplicate window of an agent: the messages that it has received, and those that were refused
+/// before it received them. A copy of a message that waits in a full mailbox may arrive again: then
+/// the message is either handled or refused, never both.
 pub(crate) struct Door(Mutex<Known>);
 
 struct Known {
@@ -43,31 +44,31 @@ struct Known {
     refused: Seen,
 }
 
-/// What is known of a message that an agent takes out.
+/// State of a message that an agent takes out of its mailbox.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Passed {
-    /// It is new.
+    /// The message is new.
     New,
-    /// The agent has heard it before.
+    /// The agent has received the message before.
     Before,
-    /// Its sender was told that it is refused.
+    /// A refusal was sent to its sender.
     Refused,
 }
 
-/// What became of the letters so far.
+/// Counters of a mailbox.
 #[derive(Default)]
 struct Counts {
     received: AtomicU64,
     overflowed: AtomicU64,
 }
 
-/// Where the agent takes them out.
+/// Receiving half of a mailbox.
 pub(crate) struct Mailbox {
     letters: mpsc::Receiver<Letter>,
     door: Arc<Door>,
 }
 
-/// A mailbox for `letters_max` letters, that remembers `known_max` messages.
+/// Creates a mailbox for `letters_max` items, with a duplicate window of `known_max` messages.
 pub(crate) fn mailbox(letters_max: usize, known_max: usize) -> (Slot, Mailbox) {
     let (letters, mailbox) = mpsc::channel(letters_max.max(1));
     let door = Arc::new(Door::new(known_max));
@@ -80,7 +81,7 @@ impl Door {
         Door(Mutex::new(Known { heard: Seen::new(known_max), refused: Seen::new(known_max) }))
     }
 
-    /// Notes that an agent hears a message.
+    /// Records that the agent receives a message, and returns the state of the message.
     pub(crate) fn hear(&self, id: &MessageId) -> Passed {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if known.refused.has(id) {
@@ -92,7 +93,8 @@ impl Door {
         }
     }
 
-    /// Notes that a message is refused before its agent hears it; `false` if it has heard it.
+    /// Records that a message is refused before its agent receives it; returns `false` if the agent
+    /// has received it.
     pub(crate) fn refuse(&self, id: &MessageId) -> bool {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let is_unheard = !known.heard.has(id);
@@ -104,7 +106,7 @@ impl Door {
 }
 
 impl Slot {
-    /// Puts a letter in; gives it back if the mailbox is full or its agent has ended.
+    /// Adds an item; returns it if the mailbox is full or its agent has ended.
     pub(crate) fn put(&self, letter: Letter) -> Result<(), Letter> {
         match self.letters.try_send(letter) {
             Ok(()) => {
@@ -119,12 +121,12 @@ impl Slot {
         }
     }
 
-    /// What is known of the messages that come here.
+    /// Returns the duplicate window of the agent.
     pub(crate) fn door(&self) -> &Door {
         &self.door
     }
 
-    /// How full it is, as the mailbox of `agent`.
+    /// Returns the fill level and the counters, as the mailbox of `agent`.
     pub(crate) fn status(&self, agent: AgentId) -> MailboxStatus {
         let (room, most) = (self.letters.capacity(), self.letters.max_capacity());
         let number = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
@@ -137,25 +139,25 @@ impl Slot {
         }
     }
 
-    /// Whether nobody takes letters out any more.
+    /// Whether the agent has ended, so that no item is taken out any more.
     pub(crate) fn is_closed(&self) -> bool {
         self.letters.is_closed()
     }
 }
 
 impl Mailbox {
-    /// What is known of the messages that come here.
+    /// Returns the duplicate window of the agent.
     pub(crate) fn door(&self) -> Arc<Door> {
         Arc::clone(&self.door)
     }
 
-    /// How many letters are in it.
+    /// Returns the number of items in the mailbox.
     #[cfg(test)]
     pub(crate) fn waiting(&self) -> usize {
         self.letters.len()
     }
 
-    /// The next letter; `None` when nobody can put one in any more.
+    /// Returns the next item; `None` once all sending halves are gone.
     pub(crate) async fn next(&mut self) -> Option<Letter> {
         self.letters.recv().await
     }

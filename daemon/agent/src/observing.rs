@@ -1,5 +1,5 @@
-//! What watches agents on behalf of another wire, where they live: their presence, their models,
-//! their heartbeats. It says nothing and asks nobody but for models.
+//! Observer of agents: follows their presence, models and heartbeats on the network where they run,
+//! on behalf of another network. It sends nothing but requests for models.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -16,43 +16,44 @@ use crate::base_agent::Agent;
 use crate::callbacks::Callbacks;
 use crate::context::{Context, Work};
 
-/// Silence after which an agent counts as gone, in periods of its own heartbeat, as everywhere.
+/// Silence after which an agent counts as gone, in periods of its own heartbeat; the same number as
+/// `capability::SILENCE_HALF_PERIODS`.
 const SILENCE_PERIODS: f32 = 3.5;
 
-/// An agent as it was seen last.
+/// Latest snapshot of an observed agent.
 #[derive(Clone, Debug)]
 pub struct Sighted {
-    /// Which life of it.
+    /// Incarnation of the agent.
     pub incarnation: Incarnation,
-    /// The ecosystems it comes from itself.
+    /// Ecosystems that the agent was passed on from before; empty if it belongs to this one.
     pub via: Vec<EcosystemId>,
-    /// What it says it can do.
+    /// Action model that the agent has announced.
     pub model: Arc<ActionModel>,
     /// Which method carries out which action.
     pub methods: Methods,
-    /// Names the model and the methods.
+    /// Digest of the model and the methods.
     pub digest: String,
-    /// What it says is so, and until when it counts.
+    /// Facts of the last heartbeat, each with the time when it expires, if it does.
     pub facts: Vec<(InitElement, Option<Instant>)>,
-    /// Its newest heartbeat.
+    /// Sequence number of the last heartbeat.
     sequence: u64,
-    /// When its silence is over.
+    /// Time at which the agent counts as gone if no heartbeat comes before.
     due: Instant,
 }
 
-/// What is seen of one agent: nothing while it is not here, or has not said what it is.
+/// Latest snapshot of an observed agent; `None` until it is present and its model is known.
 pub type Sight = watch::Receiver<Option<Sighted>>;
 
-/// The agent that watches.
+/// Agent that observes other agents.
 pub struct Observer {
     watched: BTreeMap<AgentId, watch::Sender<Option<Sighted>>>,
     fetching: BTreeMap<AgentId, Work>,
-    /// Where everybody is watched: who is told of those that nobody has named.
+    /// Channel for agents that are met on the way; set if all agents are watched.
     newcomers: Option<mpsc::Sender<(AgentId, Sight)>>,
 }
 
 impl Observer {
-    /// An observer of these agents, and what it sees of each.
+    /// Creates an observer of these agents. Returns it with a receiver of the snapshots of each.
     pub fn of(agents: impl Iterator<Item = AgentId>) -> (Observer, BTreeMap<AgentId, Sight>) {
         let watched: BTreeMap<_, _> =
             agents.map(|agent| (agent, watch::Sender::new(None))).collect();
@@ -61,13 +62,14 @@ impl Observer {
         (Observer { watched, fetching: BTreeMap::new(), newcomers: None }, sights)
     }
 
-    /// An observer of everybody who comes; of whom there is no room to tell is not watched.
+    /// Creates an observer of all agents that join. If `newcomers` is full when an agent joins,
+    /// that agent is not watched.
     pub fn of_all(newcomers: mpsc::Sender<(AgentId, Sight)>) -> Observer {
         let newcomers = Some(newcomers);
         Observer { watched: BTreeMap::new(), fetching: BTreeMap::new(), newcomers }
     }
 
-    /// Begins to watch one whom nobody has named, where everybody is watched.
+    /// Starts to watch an agent that has joined, if all agents are watched.
     fn meet(&mut self, agent: &AgentId) {
         let Some(newcomers) = &self.newcomers else { return };
         if self.watched.contains_key(agent) {
@@ -97,7 +99,7 @@ impl Observer {
         }
     }
 
-    /// Takes a model. One that cannot be read is the same as none.
+    /// Handles an announced model. A model that cannot be read counts as none.
     fn introduced(&mut self, message: &Message, announced: &ModelAnnouncement) {
         let Some(seen) = self.watched.get(&message.sender) else { return };
         self.fetching.remove(&message.sender);
@@ -131,7 +133,7 @@ impl Observer {
         }));
     }
 
-    /// Takes a heartbeat; `false` if its model is not known.
+    /// Handles a heartbeat; returns `false` if its model is not known.
     fn heard(&mut self, message: &Message, beat: &Heartbeat) -> bool {
         let Some(seen) = self.watched.get(&message.sender) else { return true };
         let mut is_known = false;
@@ -177,7 +179,8 @@ impl Observer {
         self.fetching.insert(whose.clone(), work);
     }
 
-    /// Who has been silent for too long is gone, whatever its token says.
+    /// Drops the snapshot of each agent that has been silent for too long, even if its presence
+    /// token remains. Runs twice per heartbeat period.
     fn look_around(&mut self, ctx: &mut Context<Self>) {
         let now = ctx.now();
         for (agent, seen) in &self.watched {
@@ -225,7 +228,7 @@ fn due(beat: &Heartbeat) -> Instant {
     Instant::now() + beat.period.0.min(Duration::from_secs(3_600)).mul_f32(SILENCE_PERIODS)
 }
 
-/// What a heartbeat says is so. What cannot be read is not passed on.
+/// Returns the facts of a heartbeat, each with its expiry. Facts that cannot be parsed are left out.
 fn facts_of(beat: &Heartbeat) -> Vec<(InitElement, Option<Instant>)> {
     let now = Instant::now();
     let lasting = pddl::parse_init_elements(&beat.facts).value.unwrap_or_default();

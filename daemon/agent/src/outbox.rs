@@ -1,8 +1,8 @@
-//! Commitments under way: retried until a receipt comes, parked while their receiver is away.
+//! Messages under way that need a receipt: retried until it comes, parked while their receiver is away.
 //!
-//! These are the paper's “queue operations on agent death/activation”: a message for an agent
-//! that is not here yet waits for its activation; one for an agent that has left waits for the
-//! grace and then comes back as undelivered.
+//! These are the paper's “queue operations on agent death/activation”: a message to an agent that
+//! is not present yet waits until the agent joins. A message to an agent that has left waits for
+//! the grace, and is then reported as undelivered.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -16,24 +16,24 @@ use crate::communication_agent::Undelivered;
 use crate::directory::Directory;
 use crate::receipts;
 
-/// One message under way.
+/// A message under way.
 #[derive(Clone, Debug)]
 pub(crate) struct Parcel {
     pub(crate) to: AgentId,
-    /// The life of it that this is for; whoever holds the name, if not said.
+    /// Incarnation of the receiver that the message is for; `None` for any holder of the name.
     pub(crate) life: Option<Incarnation>,
     pub(crate) performative: Performative,
     pub(crate) exchange: Option<ReplyToken>,
-    /// Whether it opens that exchange.
+    /// Whether the message opens that exchange.
     pub(crate) opens: bool,
     pub(crate) payload: Bytes,
-    /// When nobody waits for it any more.
+    /// Time after which delivery is given up.
     pub(crate) give_up: Instant,
 }
 
 #[derive(Debug)]
 struct UnderWay {
-    /// Counts what is said: what was said first is sent first.
+    /// Running number: messages that are due are sent in this order.
     number: u64,
     parcel: Parcel,
     state: State,
@@ -41,13 +41,14 @@ struct UnderWay {
 
 #[derive(Debug)]
 enum State {
-    /// Sent to this life of the receiver; sent again at `again`.
+    /// The message was sent to this incarnation of the receiver; it is sent again at `again`.
     Sent { life: Life, again: Instant, wait: Duration },
-    /// The receiver is not here. If it was here before, its return is awaited until `until`.
+    /// The receiver is not present; it is awaited until `until`. `life` is the incarnation that was
+    /// present before, if any.
     Parked { life: Option<Life>, until: Instant },
 }
 
-/// A life of a receiver, and where it is.
+/// An incarnation of a receiver, and its daemon.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Life {
     daemon: DaemonId,
@@ -60,16 +61,16 @@ impl From<&Resident> for Life {
     }
 }
 
-/// What is to be done now.
+/// An action that is due.
 #[derive(Debug)]
 pub(crate) enum Due {
-    /// Send this.
+    /// Send this message.
     Send(Parcel),
-    /// Nobody will receive this.
+    /// Report that this message could not be delivered.
     GiveUp(MessageId, Parcel, Undelivered),
 }
 
-/// The commitments of one agent that have no receipt yet.
+/// Messages of one agent that have no receipt yet.
 #[derive(Debug)]
 pub(crate) struct Outbox {
     parcels: BTreeMap<MessageId, UnderWay>,
@@ -94,8 +95,8 @@ impl Outbox {
         }
     }
 
-    /// Takes a message whose receiver lives its life `life`, or is not here. `false` if the
-    /// outbox is full.
+    /// Adds a message. `life` is the incarnation of the receiver; `None` if the receiver is not
+    /// present. Returns `false` if the outbox is full.
     pub(crate) fn put(
         &mut self,
         id: MessageId,
@@ -110,8 +111,9 @@ impl Outbox {
             Some(life) => {
                 State::Sent { life, again: now + self.retry_first, wait: self.retry_first }
             }
-            // It has asked, and may not be heard of here yet; who is not here after a lease is dead.
-            // Another life may hold the name by now; the one that asked may come back.
+            // The message is for the incarnation that asked. Its presence may not be known here
+            // yet; if it is not present after a lease, it is dead. Another incarnation may hold the
+            // name by now, and this one may return.
             None if parcel.life.is_some() => {
                 State::Parked { life: None, until: parcel.give_up.min(now + self.lease) }
             }
@@ -122,19 +124,21 @@ impl Outbox {
         true
     }
 
-    /// Whether more may be begun: half of the outbox is for the ends of what was begun before.
+    /// Whether new exchanges may begin: half of the outbox is reserved for exchanges that have
+    /// begun before.
     pub(crate) fn has_room(&self) -> bool {
         self.parcels.len() < self.parcels_max.div_ceil(2)
     }
 
-    /// A receipt has come.
+    /// Removes a message that has its receipt.
     pub(crate) fn received(&mut self, id: &MessageId) {
         self.parcels.remove(id);
     }
 
-    /// A turn of an exchange has come: it replaces the receipts of what can only come before it. An
-    /// answer that of the message that opened the exchange, a judgment that of the proposal; neither
-    /// that of a `cancel`, which it may have crossed.
+    /// Removes messages that need no receipt any more, because the turn `with` of their exchange can
+    /// only follow them. Any answer replaces the receipt of the message that opened the exchange;
+    /// `accept-proposal` and `reject-proposal` replace that of the proposal. The receipt of a
+    /// `cancel` is never replaced, because the turn may have crossed it.
     pub(crate) fn replied(&mut self, exchange: &ReplyToken, by: &AgentId, with: Performative) {
         let is_before = |parcel: &Parcel| {
             let proposes =
@@ -146,14 +150,20 @@ impl Outbox {
         });
     }
 
-    /// The exchange is over for this agent: nothing of it is retried any more.
+    /// Removes the messages of an exchange that is over for this agent, so that none is retried.
     pub(crate) fn forget(&mut self, exchange: &ReplyToken) {
         self.parcels.retain(|_, under_way| under_way.parcel.exchange.as_ref() != Some(exchange));
     }
 
-    /// An agent is here: what waited for it is due. A new life knows nothing of the old one's
-    /// commitments. Where another daemon's agent of that name acts now, it is asked instead: it has
-    /// not heard the question, and goes on with what the other knew.
+    /// Handles that an incarnation of a receiver is present; returns the messages that are due.
+    ///
+    /// - The incarnation is the same as before, or the first one: the message is sent.
+    /// - It is a new incarnation on the same daemon, which knows nothing of earlier exchanges: the
+    ///   message is given up.
+    /// - It is an incarnation on another daemon, which is the leader now: a message that opens an
+    ///   exchange is sent to it, because it has not received the message and goes on with what the
+    ///   former leader knew. A message that is for one incarnation only waits for that one. Any
+    ///   other message is given up.
     pub(crate) fn joined(&mut self, resident: &Resident, now: Instant) -> Vec<Due> {
         let (agent, life) = (&resident.agent, Life::from(resident));
         let mut due = Vec::new();
@@ -170,7 +180,7 @@ impl Outbox {
                 || under_way.parcel.life.is_some_and(|bound| bound != life.incarnation);
             let took_over = before.is_none_or(|before| before.daemon != life.daemon);
             if under_way.parcel.life.is_some() && is_another && took_over {
-                // It is for the one that stands by now, or has left and may come back.
+                // The message is for an incarnation that is a standby now, or has left and may return.
                 return true;
             }
             if is_another && !(took_over && under_way.parcel.opens) {
@@ -189,7 +199,7 @@ impl Outbox {
         as_said(due)
     }
 
-    /// An agent is gone: what is under way to it waits for its return.
+    /// Handles that an agent has left: messages under way to it wait for its return.
     pub(crate) fn left(&mut self, agent: &AgentId, directory: &Directory, now: Instant) {
         for under_way in self.parcels.values_mut().filter(|other| other.parcel.to == *agent) {
             let bound = under_way.parcel.life;
@@ -203,17 +213,17 @@ impl Outbox {
         }
     }
 
-    /// Whether everything has a receipt.
+    /// Whether every message has a receipt.
     pub(crate) fn is_empty(&self) -> bool {
         self.parcels.is_empty()
     }
 
-    /// When something is due next.
+    /// Returns the time of the next action.
     pub(crate) fn next_due(&self) -> Option<Instant> {
         self.parcels.values().map(UnderWay::due).min()
     }
 
-    /// What is due by `now`.
+    /// Returns the actions that are due by `now`.
     pub(crate) fn due(&mut self, directory: &Directory, now: Instant) -> Vec<Due> {
         let mut due = Vec::new();
         let (retry_first, retry_max) = (self.retry_first, self.retry_max);
@@ -233,7 +243,7 @@ impl Outbox {
                     let why = Undelivered::NoReceipt;
                     due.push((number, Due::GiveUp(id.clone(), parcel.clone(), why)));
                 }
-                // Nobody says that one has come back who does not hold the name.
+                // No presence change reports the return of an incarnation that does not hold the name.
                 State::Parked { .. }
                     if parcel.give_up > now
                         && let Some(life) = parcel.its_life(directory) =>
@@ -254,14 +264,15 @@ impl Outbox {
     }
 }
 
-/// In the order in which it was said.
+/// Sorts actions by the order in which their messages were added.
 fn as_said(mut due: Vec<(u64, Due)>) -> Vec<Due> {
     due.sort_by_key(|(number, _)| *number);
     due.into_iter().map(|(_, due)| due).collect()
 }
 
 impl Parcel {
-    /// Who is to have it, if that is here.
+    /// Returns the receiver if it is present: the incarnation that the message is for, or the
+    /// holder of the name.
     pub(crate) fn receiver<'d>(&self, directory: &'d Directory) -> Option<&'d Resident> {
         match self.life {
             Some(life) => directory.life(&self.to, life),
@@ -271,7 +282,7 @@ impl Parcel {
 }
 
 impl Parcel {
-    /// The one life that it is for, if that is here.
+    /// Returns the one incarnation that the message is for, if there is one and it is present.
     fn its_life(&self, directory: &Directory) -> Option<Life> {
         directory.life(&self.to, self.life?).map(Life::from)
     }
@@ -313,7 +324,7 @@ mod tests {
         }
     }
 
-    /// An outbox with one message to `robot`, in life 1 or not here.
+    /// Returns an outbox with one message to `robot`, which is present in incarnation `life`, or absent.
     fn outbox(life: Option<u64>, now: Instant) -> Outbox {
         let mut outbox = Outbox::new(&crate::Settings::default());
         let parcel = parcel(now + Duration::from_secs(60));
@@ -392,7 +403,7 @@ mod tests {
         assert_eq!(outbox.next_due(), None);
     }
 
-    /// Of two that stand by for each other, the one at `a` asked, and was cut off.
+    /// Two replicas: the one at `a` has asked, and is then cut off.
     #[tokio::test(start_paused = true)]
     async fn who_asked_hears_the_answer_and_not_who_takes_over() {
         let now = Instant::now();
@@ -418,7 +429,7 @@ mod tests {
         assert_eq!(words(&outbox.joined(&resident("a", 3), later)), ["Restarted"]);
     }
 
-    /// A guest's token may come after what it asks.
+    /// The presence token of a guest may arrive after its requests.
     #[tokio::test(start_paused = true)]
     async fn who_asked_and_is_not_heard_of_yet_hears_all_in_order() {
         let now = Instant::now();

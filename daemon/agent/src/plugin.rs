@@ -1,4 +1,4 @@
-//! What a plugin crate offers to a daemon, and what it is given to build an agent from.
+//! Entry point of a plugin crate for a daemon, and the data from which an agent is built.
 
 use std::any::{Any, TypeId};
 use std::collections::{BTreeSet, HashMap};
@@ -14,80 +14,81 @@ use serde_json::Value;
 use crate::base_agent::Launch;
 use crate::settings::Settings;
 
-/// One line in the daemon's table of plugins.
+/// Entry of the daemon's table of plugins.
 #[derive(Clone, Copy, Debug)]
 pub struct PluginEntry {
-    /// The name under which an ecosystem file asks for it.
+    /// Name of the plugin in an ecosystem file.
     pub name: &'static str,
-    /// What it is, in a line.
+    /// Description in one line.
     pub about: &'static str,
-    /// The drivers it has; the first is the default. None, if it touches no device.
+    /// Names of the drivers; the first is the default. Empty if the plugin uses no device.
     pub drivers: &'static [&'static str],
-    /// Whether several daemons may host it, of which one acts and the others stand by. Of a device
-    /// there is one.
+    /// Whether several daemons may host the agent: one replica is the leader, the others are
+    /// standbys. `false` for a device, because there is only one.
     pub stands_by: bool,
-    /// Builds an agent. Opens nothing: that is for the agent's activation.
+    /// Builds an agent. Opens nothing: that is done when the agent is activated.
     pub build: fn(Blueprint) -> Result<Box<dyn Launch>, BuildError>,
 }
 
-/// What an agent is built from: its entry in the ecosystem file, and its host.
+/// Data from which an agent is built: its entry in the ecosystem file, and its host.
 #[derive(Clone, Debug)]
 pub struct Blueprint {
-    /// Its name.
+    /// Name of the agent.
     pub id: AgentId,
-    /// Which driver; one of its plugin's.
+    /// Name of the driver; one of the plugin's.
     pub driver: String,
     /// The entry's `config`, as JSON.
     pub config: Arc<Value>,
-    /// The daemon.
+    /// Data and resources of the daemon.
     pub host: Arc<Host>,
 }
 
-/// What a daemon gives to all its agents.
+/// Data and resources that a daemon gives to all its agents.
 #[derive(Debug)]
 pub struct Host {
     /// The shared ontology.
     pub ontology: Arc<Domain>,
-    /// Objects and facts that no agent brings.
+    /// The shared map: objects and facts that no agent brings.
     pub map: Arc<Problem>,
-    /// Which flow the ecosystem uses.
+    /// Flow of planning in the ecosystem: centralised or decentralised.
     pub mode: Mode,
     /// Times and bounds.
     pub settings: Settings,
     /// The Journals of the ecosystem, in the order of its file.
     pub journals: Vec<AgentId>,
-    /// What drivers reach the world through, by type.
+    /// Objects through which drivers reach the outside world, by type.
     pub resources: Resources,
 }
 
-/// Among the resources of a host: where the daemon keeps what its agents must not forget.
+/// Resource of a host: the folder for data that the daemon's agents need after a restart.
 #[derive(Clone, Debug)]
 pub struct StateFolder(pub PathBuf);
 
-/// Among the resources of a host: the names of all agents that the ecosystem's file names, also of those
-/// of other daemons. What appears by itself takes none of them.
+/// Resource of a host: the names of all agents in the ecosystem's file, including those of other
+/// daemons. A discovered agent must not take any of them.
 #[derive(Clone, Debug, Default)]
 pub struct Named(pub BTreeSet<String>);
 
-/// Among the resources of a host: an agent is built only to see whether it can be, perhaps on
-/// another machine than its own. What is outside the entry is neither read nor missed.
+/// Resource of a host: the agent is built only to check that it can be, perhaps on another machine
+/// than its own. Then everything outside its entry, such as files and devices, is neither read nor
+/// required.
 #[derive(Clone, Copy, Debug)]
 pub struct Rehearsal;
 
-/// Things that drivers share, one per type.
+/// Objects that drivers share, one per type.
 #[derive(Clone, Default)]
 pub struct Resources(HashMap<TypeId, Arc<dyn Any + Send + Sync>>);
 
-/// Why an agent could not be built. Completes “failed to …”.
+/// Reason why an agent could not be built. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BuildError {
-    /// The entry's `config` has another shape.
+    /// The entry's `config` does not have the expected shape.
     #[error("read the config of `{agent}`: {source}")]
     Config {
         /// The agent.
         agent: AgentId,
-        /// What is wrong.
+        /// Error of the parser.
         #[source]
         source: serde_json::Error,
     },
@@ -98,25 +99,25 @@ pub enum BuildError {
         agent: AgentId,
         /// The driver asked for.
         driver: String,
-        /// The drivers there are.
+        /// The drivers that the plugin has.
         known: Vec<String>,
     },
-    /// Something else about this entry.
+    /// Any other problem of this entry.
     #[error("build `{agent}`: {problem}")]
     Other {
         /// The agent.
         agent: AgentId,
-        /// What is wrong, and what would be right.
+        /// Description of the problem, and of what would be right.
         problem: String,
     },
 }
 
 impl Blueprint {
-    /// Reads the entry's `config`.
+    /// Parses the entry's `config`.
     ///
     /// # Errors
     ///
-    /// If it has another shape.
+    /// Returns an error if it does not have the expected shape.
     pub fn config_as<T: DeserializeOwned>(&self) -> Result<T, BuildError> {
         let config = if self.config.is_null() {
             Value::Object(Default::default())
@@ -127,14 +128,14 @@ impl Blueprint {
             .map_err(|source| BuildError::Config { agent: self.id.clone(), source })
     }
 
-    /// An error about this entry.
+    /// Creates an error about this entry.
     pub fn problem(&self, problem: impl Into<String>) -> BuildError {
         BuildError::Other { agent: self.id.clone(), problem: problem.into() }
     }
 }
 
 impl Host {
-    /// One with nothing but words and a map: no resources, no Journals, and the defaults.
+    /// Creates a host with an ontology, a map and default settings, without resources and Journals.
     pub fn new(ontology: Domain, map: Problem) -> Host {
         Host {
             ontology: Arc::new(ontology),
@@ -146,16 +147,16 @@ impl Host {
         }
     }
 
-    /// The names of the map: rooms, and whatever else it has.
+    /// Returns the names of all objects on the map, such as rooms.
     pub fn places(&self) -> impl Iterator<Item = &str> + Clone {
         self.map.objects.iter().map(|declared| declared.object.name.as_str())
     }
 
-    /// Sees that there is such a place.
+    /// Checks that the map has this place.
     ///
     /// # Errors
     ///
-    /// If there is none; for a person, with the name that may have been meant.
+    /// Returns a text for a person if it has not, with a similar name that may have been meant.
     pub fn has_place(&self, place: &str) -> Result<(), String> {
         if self.places().any(|known| known == place) {
             return Ok(());
@@ -167,17 +168,17 @@ impl Host {
 }
 
 impl Resources {
-    /// Puts a thing in; one of the same type is replaced.
+    /// Adds an object; replaces one of the same type.
     pub fn insert<T: Send + Sync + 'static>(&mut self, thing: T) {
         self.0.insert(TypeId::of::<T>(), Arc::new(thing));
     }
 
-    /// Puts a thing in that others hold too.
+    /// Adds an object that others hold too; replaces one of the same type.
     pub fn share<T: Send + Sync + 'static>(&mut self, thing: Arc<T>) {
         self.0.insert(TypeId::of::<T>(), thing);
     }
 
-    /// The thing of this type.
+    /// Returns the object of this type; `None` if there is none.
     pub fn get<T: Send + Sync + 'static>(&self) -> Option<Arc<T>> {
         self.0.get(&TypeId::of::<T>()).cloned()?.downcast().ok()
     }

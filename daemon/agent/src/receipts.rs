@@ -1,8 +1,8 @@
-//! Receipts this agent owes: sent together a little later, or never where an answer is faster.
+//! Receipts that this agent owes: sent together a little later, or not at all if an answer is sent first.
 //!
-//! A receipt stops the sender's retries, and nothing waits for it otherwise. So it may come as
-//! late as well before the first retry, and one message carries all that are owed to a sender.
-//! What can only be said by who has heard a message says so too.
+//! A receipt stops the sender's retries and has no other effect. So it may be sent as late as
+//! shortly before the first retry, and one message carries all receipts for one sender. A turn that
+//! can only follow a message counts as its receipt.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,14 +11,14 @@ use acl::{AgentId, Incarnation, Message, MessageId, Performative, Protocol, Repl
 use bytes::Bytes;
 use tokio::time::Instant;
 
-/// Receipts that wait at most; one more sends them all.
+/// Most receipts that wait; one more sends them all.
 const OWED_MAX: usize = 256;
 
-/// The receipts that an agent owes to others.
+/// Receipts that an agent owes to others.
 #[derive(Debug)]
 pub(crate) struct Receipts {
     owed: Vec<Owed>,
-    /// How long the first of them may wait.
+    /// Longest wait of the first of them.
     delay: Duration,
     due: Option<Instant>,
 }
@@ -26,24 +26,24 @@ pub(crate) struct Receipts {
 #[derive(Debug)]
 struct Owed {
     to: AgentId,
-    /// Which life of it: another of that name does not know the message.
+    /// Incarnation of the sender: another agent of that name does not know the message.
     life: Incarnation,
     message: MessageId,
-    /// What says that the message was heard, before a receipt does.
+    /// Turn that replaces the receipt, if it is sent first.
     until: Option<Until>,
 }
 
-/// What replaces a receipt: it cannot be said by who has not heard the message.
+/// Turn that replaces a receipt: only an agent that has received the message can send it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Until {
-    /// The message opened this exchange: its answer.
+    /// The message opened this exchange: any answer in it.
     Answered(ReplyToken),
-    /// The message is a proposal in this exchange: the word that it is accepted, or is not.
+    /// The message is a proposal in this exchange: its acceptance or rejection.
     Judged(ReplyToken),
 }
 
 impl Until {
-    /// What replaces the receipt of a message, if anything does.
+    /// Returns the turn that replaces the receipt of a message; `None` if there is none.
     pub(crate) fn of(message: &Message) -> Option<Until> {
         match (&message.in_reply_to, message.performative, message.protocol) {
             (None, ..) => message.reply_with.clone().map(Until::Answered),
@@ -53,9 +53,9 @@ impl Until {
         }
     }
 
-    /// Whether a turn with this performative, of who heard the message, replaces its receipt.
+    /// Whether a turn with this performative, from the receiver of the message, replaces its receipt.
     ///
-    /// Not that of a `cancel`: the answer may have crossed it.
+    /// The receipt of a `cancel` is never replaced: the answer may have crossed it.
     pub(crate) fn is_over(&self, exchange: &ReplyToken, performative: Performative) -> bool {
         match self {
             Until::Answered(opened) => opened == exchange,
@@ -64,18 +64,19 @@ impl Until {
     }
 }
 
-/// Whether this is said of a proposal only.
+/// Whether this performative accepts or rejects a proposal.
 pub(crate) fn is_judgment(performative: Performative) -> bool {
     matches!(performative, Performative::AcceptProposal | Performative::RejectProposal)
 }
 
 impl Receipts {
-    /// None owed. Senders retry after `retry_first`; a fifth of that leaves time for the way.
+    /// Creates an empty list. Senders retry after `retry_first`; receipts wait a fifth of that,
+    /// which leaves time for the way.
     pub(crate) fn new(retry_first: Duration) -> Receipts {
         Receipts { owed: Vec::new(), delay: retry_first / 5, due: None }
     }
 
-    /// A message was heard.
+    /// Notes that the receipt of a message is owed.
     pub(crate) fn owe(
         &mut self,
         (to, life): (AgentId, Incarnation),
@@ -88,7 +89,7 @@ impl Receipts {
         self.owed.push(Owed { to, life, message, until });
     }
 
-    /// A turn of an exchange goes out, which replaces the receipts of what can only come before it.
+    /// Removes the receipts that an outgoing turn of an exchange replaces.
     pub(crate) fn replied(&mut self, to: &AgentId, exchange: &ReplyToken, with: Performative) {
         let is_over = |until: &Until| until.is_over(exchange, with);
         self.owed.retain(|owed| owed.to != *to || !owed.until.as_ref().is_some_and(is_over));
@@ -97,12 +98,12 @@ impl Receipts {
         }
     }
 
-    /// When they are to be sent.
+    /// Returns the time at which the receipts are to be sent.
     pub(crate) fn due(&self) -> Option<Instant> {
         self.due
     }
 
-    /// All that are owed, by whom they are owed to.
+    /// Takes all receipts, encoded, one payload per receiver.
     pub(crate) fn take(&mut self) -> BTreeMap<(AgentId, Incarnation), Bytes> {
         self.due = None;
         let mut letters: BTreeMap<(AgentId, Incarnation), Vec<MessageId>> = BTreeMap::new();
@@ -113,13 +114,13 @@ impl Receipts {
     }
 }
 
-/// The receipts of these messages, as they travel: a JSON list of their ids.
+/// Encodes receipts as they travel: a JSON list of message ids.
 fn write(messages: &[MessageId]) -> Bytes {
     let ids: Vec<_> = messages.iter().map(MessageId::as_str).collect();
     serde_json::to_vec(&ids).map(Bytes::from).unwrap_or_default()
 }
 
-/// The messages that a letter of receipts names; of garbage, none.
+/// Decodes receipts; returns an empty list for garbage.
 pub(crate) fn read(payload: &[u8]) -> Vec<MessageId> {
     let ids: Vec<String> = serde_json::from_slice(payload).unwrap_or_default();
     ids.iter().map(|id| MessageId::new(id)).collect()

@@ -1,4 +1,4 @@
-//! What came and was not believed: counted by kind, and said so that nobody can fill a log with it.
+//! Rejected messages: counted by kind, and logged at a bounded rate, so that no sender can fill the log.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -7,41 +7,41 @@ use std::time::{Duration, Instant};
 use acl::Message;
 use substrate::{Breach, Rejected};
 
-/// How often one kind of breach in one name is said.
+/// Shortest time between two log lines about one kind of breach under one name.
 const SAID_EVERY: Duration = Duration::from_secs(10);
 
-/// Lines of one kind within that time, in whatever names: whoever takes a new name each time is counted,
-/// and fills no log.
+/// Most lines about one kind within that time, under all names together: a sender that takes a new
+/// name each time is counted, but cannot fill the log.
 const LINES_MAX: u32 = 16;
 
-/// Counts and says.
+/// Counters and log of rejected messages.
 #[derive(Debug, Default)]
 pub(crate) struct Rejections {
     counts: Mutex<BTreeMap<Breach, u64>>,
     said: Mutex<BTreeMap<&'static str, Kind>>,
 }
 
-/// What was said lately of one kind.
+/// Lines that were logged lately about one kind.
 #[derive(Debug)]
 struct Kind {
-    /// Since when lines are counted.
+    /// Start of the period in which lines are counted.
     since: Instant,
     lines: u32,
-    /// How many in other names were not said.
+    /// Number of rejections under other names that were not logged.
     unsaid: u64,
-    /// In which names it was said. As each has cost a line, they are few.
+    /// Last line for each name. Each name has cost a line, so there are few.
     names: HashMap<String, Said>,
 }
 
 #[derive(Debug)]
 struct Said {
     at: Instant,
-    /// How many were not said since.
+    /// Number of rejections since then that were not logged.
     unsaid: u64,
 }
 
 impl Rejections {
-    /// Counts one, and says it unless the same was said lately.
+    /// Counts a rejection, and logs it unless a similar one was logged lately.
     pub(crate) fn note(&self, rejected: &Rejected<'_>) {
         let Rejected { breach, detail, claimed, key } = *rejected;
         *lock(&self.counts).entry(breach).or_default() += 1;
@@ -57,7 +57,7 @@ impl Rejections {
         }
     }
 
-    /// What an agent says of itself is not taken.
+    /// Counts and logs that an announcement or heartbeat was not accepted.
     pub(crate) fn not_taken(&self, message: &Message, why: &str) {
         let detail = format!("says of its sender what is not taken: {why}");
         let (breach, claimed) = (Breach::NotUnderstood, Some(message.sender.as_str()));
@@ -65,13 +65,14 @@ impl Rejections {
         self.note(&Rejected { breach, detail: &detail, claimed, key });
     }
 
-    /// How many of each kind there were.
+    /// Returns the number of rejections of each kind.
     pub(crate) fn counts(&self) -> BTreeMap<String, u64> {
         let counts = lock(&self.counts);
         counts.iter().map(|(breach, count)| (breach.as_str().to_owned(), *count)).collect()
     }
 
-    /// Whether something of a kind is to be said now; with how many that were not.
+    /// Returns the number of rejections that were not logged before, if this one is to be logged;
+    /// else `None`.
     pub(crate) fn is_to_say(&self, kind: &'static str, from: &str, now: Instant) -> Option<u64> {
         let mut said = lock(&self.said);
         let empty = || Kind { since: now, lines: 0, unsaid: 0, names: HashMap::new() };
@@ -96,7 +97,7 @@ impl Kind {
         self.lines += 1;
         let own = self.names.remove(from).map_or(0, |last| last.unsaid);
         if self.lines == 1 {
-            // With the first line of a time, those are forgotten who have been quiet for as long.
+            // The first line of a period removes the names that have had no line for as long.
             let over = self.names.extract_if(|_, last| is_over(last.at));
             self.unsaid += over.map(|(_, last)| last.unsaid).sum::<u64>();
         }

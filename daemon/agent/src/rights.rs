@@ -1,57 +1,58 @@
-//! Who may do what in a secured ecosystem, as its file says: which daemon may host which agents,
-//! what those may advertise, who may ask for goals. Data and decisions; `guard` enforces them.
+//! Rights in a secured ecosystem, as its file states them: which daemon may host which agents, what
+//! these may advertise, which agents may ask for goals. This module has data and decisions; `guard`
+//! enforces them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use acl::content::{ChangeState, Request};
 use acl::{AgentId, DaemonId};
 
-/// What the ecosystem's file allows.
+/// Rights that the ecosystem's file grants.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Rights {
     /// The agents that the file names.
     pub agents: BTreeMap<AgentId, AgentRights>,
-    /// The daemons through which people take part: at them may be agents that the file does not
-    /// name and that offer no actions.
+    /// Daemons through which people take part. They may host agents that the file does not name, if
+    /// these offer no actions.
     pub guests: Allowed<DaemonId>,
-    /// The daemons that may bring agents with actions which the file does not name.
+    /// Daemons that may host agents with actions although the file does not name these agents.
     pub newcomers: Allowed<DaemonId>,
-    /// Who may ask for goals, plans and actions.
+    /// Agents that may ask for goals, plans and actions.
     pub goals: Askers,
-    /// Who may change what is known, and how it is planned.
+    /// Agents that may change facts, and the way plans are made.
     pub changes: Askers,
 }
 
-/// What one agent may do.
+/// Rights of one agent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AgentRights {
-    /// The daemons that may host it; none is any.
+    /// Daemons that may host the agent; empty means any.
     pub daemons: BTreeSet<DaemonId>,
-    /// The actions it may advertise, in lower case; `None` is any.
+    /// Actions that the agent may advertise, in lower case; `None` means any.
     pub actions: Option<BTreeSet<String>>,
-    /// Whether it is part of the reasoning, and so carries out what others may ask for.
+    /// Whether the agent is a reasoning agent, and so carries out what others may ask for.
     pub reasons: bool,
 }
 
-/// Some, or all.
+/// A set of names, or all names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Allowed<T> {
-    /// Everyone.
+    /// Every name.
     All,
-    /// Only these.
+    /// Only these names.
     These(BTreeSet<T>),
 }
 
-/// Who may ask for something; who is part of the reasoning always may.
+/// Agents that may ask for something. Reasoning agents always may.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Askers {
-    /// Everyone.
+    /// Every agent.
     All,
-    /// Only these.
+    /// Only these agents.
     These {
         /// Agents that the file names.
         agents: BTreeSet<AgentId>,
-        /// All that the file does not name: people at command lines and keyboards.
+        /// Whether agents that the file does not name may ask: people at command lines and keyboards.
         guests: bool,
     },
 }
@@ -59,11 +60,11 @@ pub enum Askers {
 // === impl Rights ===
 
 impl Rights {
-    /// Whether an agent may be at a daemon, which is one of the file, or a guest of one.
+    /// Checks whether an agent may be hosted by a daemon, which is one of the file or a guest of one.
     ///
     /// # Errors
     ///
-    /// Says why not.
+    /// Returns the reason, for a person, if it may not.
     pub fn may_host(&self, agent: &AgentId, daemon: &DaemonId) -> Result<(), String> {
         match self.agents.get(agent) {
             Some(_) if daemon.is_guest() => {
@@ -88,7 +89,7 @@ impl Rights {
         }
     }
 
-    /// Whether what an agent of `daemon` may advertise has to be looked at.
+    /// Whether the actions that an agent of `daemon` advertises must be checked.
     pub fn limits_actions(&self, agent: &AgentId, daemon: &DaemonId) -> bool {
         match self.agents.get(agent) {
             Some(rights) => rights.actions.is_some(),
@@ -96,11 +97,12 @@ impl Rights {
         }
     }
 
-    /// Whether an agent of `daemon` may advertise these actions.
+    /// Checks whether an agent of `daemon` may advertise these actions.
     ///
     /// # Errors
     ///
-    /// Says which it may not.
+    /// Returns the reason, for a person, if it may not; it names the actions where the file names
+    /// the agent.
     pub fn may_advertise<'a>(
         &self,
         agent: &AgentId,
@@ -130,11 +132,11 @@ impl Rights {
         }
     }
 
-    /// Whether an agent may ask for this.
+    /// Checks whether an agent may make this request.
     ///
     /// # Errors
     ///
-    /// Says what it may not.
+    /// Returns the reason, for a person, if it may not.
     pub fn may_ask(&self, agent: &AgentId, request: &Request) -> Result<(), String> {
         match request {
             Request::Achieve(_)
@@ -158,34 +160,35 @@ impl Rights {
                 "`{agent}` is no agent of the reasoning, whose journals are not its own"
             )),
             Request::Keep(_) => Ok(()),
-            // Sensors and robots say what they see. What somebody has seen not to be so, nobody is
-            // believed about any longer: of all others that is a change.
+            // Sensors and robots report what they observe. An observation takes precedence over
+            // what other agents claim, so for an agent that the file does not name it counts as a
+            // change.
             Request::Observe(_) if self.agents.contains_key(agent) => Ok(()),
             Request::Observe(_) => self.may(&self.changes, agent, "change things", "changes"),
-            // What a person answers decides what is done, and who comes in.
+            // A person's answer decides what is done, and which agents are admitted.
             Request::AnswerQuestion(_) => {
                 self.may(&self.goals, agent, "answer for people", "goals")
             }
         }
     }
 
-    /// Whether an agent may ask for goals, plans and actions.
+    /// Checks whether an agent may ask for goals, plans and actions.
     ///
     /// # Errors
     ///
-    /// Says that it may not.
+    /// Returns the reason, for a person, if it may not.
     pub fn may_ask_for_goals(&self, agent: &AgentId) -> Result<(), String> {
         self.may(&self.goals, agent, "ask for goals and actions", "goals")
     }
 
-    /// Whether an agent speaks for the ecosystem's reasoning: where the file names such agents,
-    /// they alone do.
+    /// Whether an agent is one of the ecosystem's reasoning agents. If the file names no reasoning
+    /// agent, every agent counts as one.
     pub fn may_reason(&self, agent: &AgentId) -> bool {
         let reasons = |rights: &AgentRights| rights.reasons;
         self.agents.get(agent).is_some_and(reasons) || !self.agents.values().any(reasons)
     }
 
-    /// Whether a daemon may host an agent that reasons.
+    /// Whether a daemon may host reasoning agents.
     pub fn may_host_reasoning(&self, daemon: &DaemonId) -> bool {
         let reasoning = || self.agents.values().filter(|rights| rights.reasons);
         let here =
@@ -211,7 +214,7 @@ impl Rights {
 }
 
 impl<T: Ord + std::borrow::Borrow<str>> Allowed<T> {
-    /// Whether this one is among them.
+    /// Whether `name` is allowed.
     pub fn has(&self, name: &str) -> bool {
         match self {
             Allowed::All => true,

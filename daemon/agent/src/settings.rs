@@ -1,23 +1,23 @@
-//! Times and bounds of an agent's life, each with its reason.
+//! Times and bounds of agents, each with its reason.
 
 use std::time::Duration;
 
-/// Times and bounds that every agent of a daemon lives by.
+/// Times and bounds that apply to every agent of a daemon.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// How often an actuator says that it works. Once a second is the paper's plug and play:
-    /// what a heartbeat alone reveals is seen within a second.
+    /// Period of an actuator's heartbeat. One second is the paper's plug and play: what only a
+    /// heartbeat reveals is seen within a second.
     pub heartbeat_period: Duration,
-    /// How long an actuator may be silent before its capabilities leave the domain. Three and a
-    /// half heartbeats: one may be lost and one may be late, and the half keeps a punctual third
-    /// from racing the lease.
+    /// Silence after which the capabilities of an actuator leave the domain. Three and a half
+    /// heartbeat periods: one heartbeat may be lost and one may be late, and the half keeps a
+    /// punctual third from racing the lease.
     pub heartbeat_lease: Duration,
-    /// How long a running plan bears the absence of an agent it needs before it is repaired: a
-    /// restarted router is back in half a second, so a shorter grace tears plans apart for a
-    /// blink, and a longer one is time lost after a real death.
+    /// How long a running plan tolerates the absence of an agent it needs before it is repaired. A
+    /// restarted router is back in half a second: a shorter grace breaks plans for a blink, a
+    /// longer one loses time after a real failure.
     pub grace: Duration,
-    /// How long after an agent has left its objects and facts are still believed. Longer than
-    /// the grace, so that what it knew is not forgotten before its plan is repaired.
+    /// How long the objects and facts of an agent are still believed after it has left. Longer than
+    /// the grace, so that they are not removed before the plan is repaired.
     pub removal: Duration,
     /// First wait for a receipt; doubled at each retry up to [`Settings::retry_max`]. A round
     /// trip on a LAN takes below a millisecond, a busy board may take fifty.
@@ -31,16 +31,16 @@ pub struct Settings {
     pub planning_deadline: Duration,
     /// How long a question to another agent that needs no planning may take.
     pub answer_deadline: Duration,
-    /// Messages a mailbox holds. What overflows is refused. A hundred agents that each ask once
+    /// Messages that a mailbox holds; further ones are refused. A hundred agents that each ask once
     /// at one instant fit.
     pub mailbox_messages_max: usize,
-    /// Commitments an agent has under way, unreceipted.
+    /// Most messages of an agent that are under way without a receipt.
     pub outbox_messages_max: usize,
-    /// Messages an agent remembers as heard: more than a peer has under way while it retries any of
-    /// them.
+    /// Size of the duplicate window, in message ids. Must exceed the number of messages that a peer
+    /// can have under way while it retries any of them.
     pub heard_messages_max: usize,
-    /// Commands an actuator remembers to have begun. A goal's plan has tens of steps; ten thousand
-    /// are days of work, and the order of plans guards what is older.
+    /// Commands that an actuator remembers as begun. The plan of a goal has tens of steps, so ten
+    /// thousand are days of work. Older commands are rejected by the order of plans.
     pub tokens_max: usize,
 }
 
@@ -65,8 +65,8 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// What is impossible about these settings, if anything: a lease within a heartbeat, a
-    /// removal within the grace.
+    /// Returns a description of what is impossible about these settings, such as a lease within a
+    /// heartbeat period or a removal within the grace; `None` if nothing is.
     pub fn problem(&self) -> Option<String> {
         if self.heartbeat_lease <= self.heartbeat_period {
             return Some(format!(

@@ -1,7 +1,9 @@
-//! Whether one of several agents of a name acts or stands by (design, “No single point of failure”).
+//! Leadership among replicas: whether this agent is the leader or a standby (design, “No single
+//! point of failure”).
 //!
-//! The directory says who is first; everybody's says the same, once news have spread. Who has just
-//! come waits a moment before it believes that nobody else is there: links take time.
+//! The holder of the name in the directory is the leader; all directories agree once presence
+//! changes have spread. A replica that has just started waits a moment before it becomes the
+//! leader, because connecting takes time.
 
 use std::time::Duration;
 
@@ -9,21 +11,21 @@ use tokio::time::Instant;
 
 use crate::mailbox::Letter;
 
-/// How long a newcomer looks around before it acts. A daemon of the same machine is seen in a
-/// tenth of that, one that has to be found in half.
+/// How long a new replica waits for others to appear before it may become the leader. A daemon on
+/// the same machine is seen in a tenth of that time, one that has to be found in half of it.
 const LOOKING_AROUND: Duration = Duration::from_millis(400);
 
-/// Letters kept while it looks around; more are declined.
+/// Most messages kept during that time; further ones are declined.
 const KEPT_MAX: usize = 64;
 
-/// Where an agent stands among those of its name.
+/// Leadership of an agent that may have replicas.
 pub(crate) struct Standing {
     is_leading: bool,
-    /// Whether it is first as far as it knows.
+    /// Whether this agent holds the name, as far as it knows.
     is_called: bool,
-    /// Until when it looks around.
+    /// End of the initial wait; `None` once it is over.
     until: Option<Instant>,
-    /// What came for it meanwhile.
+    /// Messages that arrived before leadership was decided.
     kept: Vec<Letter>,
 }
 
@@ -35,22 +37,23 @@ impl Standing {
         Standing { is_leading: false, is_called: false, until, kept: Vec::new() }
     }
 
-    /// Whether it acts.
+    /// Whether this agent is the leader.
     pub(crate) fn is_leading(&self) -> bool {
         self.is_leading
     }
 
-    /// Whether it will act if nobody turns up.
+    /// Whether this agent will become the leader unless an older replica appears.
     pub(crate) fn is_about_to_act(&self) -> bool {
         self.is_called && !self.is_leading
     }
 
-    /// When there is something to decide, whatever happens.
+    /// Returns the end of the initial wait, when leadership must be decided even without an event.
     pub(crate) fn due(&self) -> Option<Instant> {
         self.until
     }
 
-    /// Takes who is first, as of `now`; yields whether it acts, where that is news.
+    /// Updates leadership at `now`; `is_first` means that this agent holds the name. Returns
+    /// whether it is the leader; `None` if that has not changed.
     pub(crate) fn take(&mut self, is_first: bool, now: Instant) -> Option<bool> {
         self.is_called = is_first;
         self.until = self.until.filter(|until| *until > now);
@@ -59,7 +62,7 @@ impl Standing {
         (was_leading != is_leading).then_some(is_leading)
     }
 
-    /// Keeps a letter until it is clear who acts; gives it back where there are too many.
+    /// Keeps a message until leadership is decided; returns it if too many are kept.
     pub(crate) fn keep(&mut self, letter: Letter) -> Option<Letter> {
         if self.kept.len() >= KEPT_MAX {
             return Some(letter);
@@ -68,7 +71,7 @@ impl Standing {
         None
     }
 
-    /// What was kept, once it is clear who acts.
+    /// Takes the kept messages, once leadership is decided.
     pub(crate) fn kept(&mut self) -> Vec<Letter> {
         std::mem::take(&mut self.kept)
     }

@@ -1,12 +1,13 @@
-//! The daemon's own end of the substrate, shared by all its agents.
+//! The router of one daemon: connects all agents of the daemon to the substrate.
 //!
-//! - Puts what comes into mailboxes; a full mailbox answers `refuse`.
-//! - Keeps the [`Directory`], and tells agents who joined and who left.
-//! - Lets the [`Commons`] hear what is said to all, before anybody else here does.
-//! - Reads a message to all once for the whole daemon, and a heartbeat that says nothing new not at
-//!   all; keeps the last [`Hearsay`] of each sender for agents that start later.
+//! - Puts incoming messages into mailboxes; answers `refuse` for a full mailbox.
+//! - Maintains the [`Directory`] and notifies agents when others join or leave.
+//! - Passes broadcasts to the [`Commons`] before it puts them into mailboxes.
+//! - Decodes a broadcast once for the whole daemon, and does not decode a heartbeat that repeats
+//!   the previous one; caches the last broadcasts of each sender ([`Hearsay`]) for agents that
+//!   start later.
 //!
-//! Called on the substrate's threads: nothing here waits.
+//! Called on the substrate's threads: no function here blocks.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -42,10 +43,11 @@ use crate::rejections::Rejections;
 use crate::rights::Rights;
 use crate::settings::Settings;
 
-/// Changes of presence an agent may lag behind before it compares directories instead.
+/// Capacity of the channel of presence changes. An agent that lags further behind compares
+/// directories instead.
 const PRESENCE_CHANGES_MAX: usize = 1_024;
 
-/// The daemon's own end of the substrate.
+/// The router of one daemon; see the module documentation.
 pub struct Switchboard {
     ecosystem: EcosystemId,
     daemon: DaemonId,
@@ -54,51 +56,52 @@ pub struct Switchboard {
     presence: broadcast::Sender<Presence>,
     substrate: OnceLock<Arc<dyn Substrate>>,
     commons: OnceLock<Listening>,
-    /// What agents here say together.
+    /// Heartbeats of agents here that wait to be sent in one batch.
     gathering: Gathering,
-    /// Models that were missed.
+    /// Requests for models that this daemon has missed.
     fetching: Fetching,
     counters: Counters,
     machine: Machine,
-    /// How the plugins that run as processes are, where this daemon hosts any.
+    /// Returns the answer to [`Resource::Plugins`]: the state of the plugins that run as processes.
+    /// Set only if this daemon hosts any.
     plugins: OnceLock<Box<dyn Fn() -> String + Send + Sync>>,
-    /// What this daemon has read of the ecosystem's files.
+    /// Answer to [`Resource::Files`]: the files of the ecosystem as this daemon has read them.
     files: OnceLock<String>,
-    /// Agents that no file names, by what has found them.
+    /// Discovered agents (no file names them), by the finder that reported them.
     discovered: Mutex<BTreeMap<String, Vec<Discovered>>>,
-    /// What came and was not believed.
+    /// Counts and logs rejected messages.
     pub(crate) rejections: Arc<Rejections>,
-    /// Who may do what, where that is limited: `guard` asks.
+    /// Rights of the ecosystem, checked by `guard`; unset if the ecosystem limits no rights.
     pub(crate) rights: OnceLock<Arc<Rights>>,
 }
 
-/// What went wrong so far, for the operator.
+/// Counters of failures since start, for the operator.
 #[derive(Debug, Default)]
 pub struct Counters {
     /// Messages refused because a mailbox was full.
     pub mailbox_full: AtomicU64,
     /// Messages to agents that this daemon does not host.
     pub unknown_receiver: AtomicU64,
-    /// Messages to all that could not be read.
+    /// Broadcasts that could not be decoded, or that name another sender than their address does.
     pub unreadable: AtomicU64,
-    /// Messages that the substrate did not take.
+    /// Messages that the substrate did not accept.
     pub unsent: AtomicU64,
-    /// What the disk did not keep.
+    /// Records that this machine's disk did not keep.
     pub unkept: AtomicU64,
 }
 
 #[derive(Default)]
 struct State {
     agents: BTreeMap<AgentId, Hosted>,
-    /// Shared by all who were told of it, and copied when it changes.
+    /// Shared with its readers, and copied on change.
     directory: Arc<Directory>,
-    /// What each sender has said to all.
+    /// Last broadcasts of each sender.
     heard: BTreeMap<AgentId, Hearsay>,
-    /// How many agents here listen to what is said to all, beside the commons.
+    /// Number of agents here that listen to `inform` broadcasts, without the commons.
     listeners: usize,
 }
 
-/// The commons, and where they wait for answers.
+/// The commons, and the runtime on which they wait for answers.
 struct Listening {
     commons: Arc<Commons>,
     runtime: Handle,
@@ -108,17 +111,17 @@ struct Hosted {
     slot: Slot,
     incarnation: Incarnation,
     interests: BTreeSet<Performative>,
-    /// What it said last of itself; answers [`Resource::Model`].
+    /// Latest announcement of the agent; answers [`Resource::Model`].
     last_word: LastWord,
 }
 
 impl Switchboard {
-    /// The end of a daemon that hosts nobody and speaks through nothing yet.
+    /// Creates a router without agents and without a substrate, on the default machine.
     pub fn new(ecosystem: EcosystemId, daemon: DaemonId, settings: Settings) -> Arc<Switchboard> {
         Switchboard::on(Machine::default(), ecosystem, daemon, settings)
     }
 
-    /// The same, of a daemon on this machine.
+    /// Creates a router without agents and without a substrate, on `machine`.
     pub fn on(
         machine: Machine,
         ecosystem: EcosystemId,
@@ -146,25 +149,27 @@ impl Switchboard {
         })
     }
 
-    /// Gives the switchboard what it speaks through, once.
+    /// Sets the substrate. Only the first call has an effect.
     pub fn connect(&self, substrate: Arc<dyn Substrate>) {
         // A second substrate would split the daemon's agents; the first one stays.
         let _ = self.substrate.set(substrate);
     }
 
-    /// Who says how the plugins that run as processes are, once.
+    /// Sets the function that answers [`Resource::Plugins`]: the state of the plugins that run as
+    /// processes. Only the first call has an effect.
     pub fn tell_plugins(&self, tell: impl Fn() -> String + Send + Sync + 'static) {
-        // Of two hosts of plugins on one daemon the first is asked.
+        // If a daemon has two plugin hosts, the first one answers.
         let _ = self.plugins.set(Box::new(tell));
     }
 
-    /// Says what this daemon has read of the ecosystem's files, once; answers [`Resource::Files`].
+    /// Sets the answer to [`Resource::Files`]: the files of the ecosystem as this daemon has read
+    /// them. Only the first call has an effect.
     pub fn tell_files(&self, files: String) {
-        // They are read once, at start.
+        // The files are read once, at start.
         let _ = self.files.set(files);
     }
 
-    /// Says which agents have appeared by what is called so, in place of what was said before.
+    /// Replaces the list of agents that the finder `by` has discovered.
     pub fn discovered(&self, by: &str, agents: Vec<Discovered>) {
         let mut discovered = self.discovered.lock().unwrap_or_else(PoisonError::into_inner);
         match agents.is_empty() {
@@ -185,42 +190,43 @@ impl Switchboard {
         }
     }
 
-    /// The machine it runs on.
+    /// Returns the machine that the daemon runs on.
     pub fn machine(&self) -> Machine {
         self.machine.clone()
     }
 
-    /// The ecosystem.
+    /// Returns the name of the ecosystem.
     pub fn ecosystem(&self) -> &EcosystemId {
         &self.ecosystem
     }
 
-    /// This daemon.
+    /// Returns the name of this daemon.
     pub fn daemon(&self) -> &DaemonId {
         &self.daemon
     }
 
-    /// Times and bounds.
+    /// Returns the times and bounds that apply to the daemon's agents.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// What went wrong so far.
+    /// Returns the counters of failures.
     pub fn counters(&self) -> &Counters {
         &self.counters
     }
 
-    /// Who is here.
+    /// Returns the present agents, as this daemon sees them.
     pub fn directory(&self) -> Arc<Directory> {
         Arc::clone(&self.read().directory)
     }
 
-    /// Who holds a name.
+    /// Returns the holder of a name; `None` if no agent of that name is present.
     pub fn find(&self, agent: &AgentId) -> Option<Resident> {
         self.read().directory.find(agent).cloned()
     }
 
-    /// Resolves when those who are here now hear what is said to all; see [`Substrate::introduced`].
+    /// Completes when every daemon that is present now receives this daemon's broadcasts; see
+    /// [`Substrate::introduced`]. Without a substrate, completes at once.
     pub fn introduced(&self) -> BoxFuture<()> {
         match self.substrate.get() {
             Some(substrate) => substrate.introduced(),
@@ -228,7 +234,7 @@ impl Switchboard {
         }
     }
 
-    /// Asks daemons for a resource.
+    /// Queries daemons for a resource and returns all answers that come within `timeout`.
     pub fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         if ask.daemon.as_ref() == Some(&self.daemon) {
             return self.ask_itself(ask, timeout);
@@ -239,7 +245,7 @@ impl Switchboard {
         }
     }
 
-    /// What its own agents have to give, it need not ask the substrate for.
+    /// Queries this daemon's own agents, without the substrate.
     fn ask_itself(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         let (answers, heard) = mpsc::channel(ANSWERS_MAX);
         let answer = Arc::new(move |payload| drop(answers.try_send(payload)));
@@ -249,7 +255,8 @@ impl Switchboard {
 
     // === agents of this daemon ===
 
-    /// Gives an agent its mailbox, with what it has missed in it.
+    /// Registers an agent and returns its mailbox. If the agent listens to `inform`, the mailbox
+    /// starts with the cached broadcasts.
     pub(crate) fn admit(
         &self,
         agent: &AgentId,
@@ -265,7 +272,7 @@ impl Switchboard {
         let letters_max = settings.mailbox_messages_max + missed.len();
         let (slot, mailbox) = mailbox(letters_max, settings.heard_messages_max);
         for payload in missed {
-            // It fits: the mailbox was made for it.
+            // There is room: the mailbox was made for them.
             let _ = slot.put(Letter::Missed(payload));
         }
         let last_word = LastWord::default();
@@ -274,7 +281,7 @@ impl Switchboard {
         mailbox
     }
 
-    /// Takes an agent's mailbox away, if it is still that of this life.
+    /// Removes the mailbox of an agent, if it still belongs to this incarnation.
     pub(crate) fn dismiss(&self, agent: &AgentId, incarnation: Incarnation) {
         let mut state = self.write();
         if state.agents.get(agent).is_some_and(|hosted| hosted.incarnation == incarnation) {
@@ -284,15 +291,15 @@ impl Switchboard {
         }
     }
 
-    /// Who is here, and every change from now on; whoever lags too far behind compares
-    /// directories.
+    /// Returns the directory, and a receiver of every change from now on. A receiver that lags too
+    /// far behind compares directories instead.
     pub fn presence_changes(&self) -> (Arc<Directory>, broadcast::Receiver<Presence>) {
         // Subscribed under the lock, so that no change falls between the two.
         let state = self.read();
         (Arc::clone(&state.directory), self.presence.subscribe())
     }
 
-    /// Who is here, for a listener that has been told of all of it.
+    /// Returns the directory if the listener `told` has received every change so far; else `None`.
     pub(crate) fn told_whole(
         &self,
         told: &broadcast::Receiver<Presence>,
@@ -311,15 +318,16 @@ impl Switchboard {
 
     // === the commons ===
 
-    /// What the actuators of this daemon have heard. The first to ask lets them begin, with what
-    /// was said before.
+    /// Returns the domain model shared by this daemon's actuators ([`Commons`]). The first call
+    /// creates it from the cached broadcasts.
     pub fn commons(&self, host: &Host) -> Arc<Commons> {
         let begin =
             || Listening { commons: Arc::new(Commons::new(host)), runtime: Handle::current() };
         let is_new = self.commons.get().is_none();
         let commons = Arc::clone(&self.commons.get_or_init(begin).commons);
         if is_new {
-            // From here on they hear by themselves. What comes twice is no news.
+            // From here on the commons receive broadcasts themselves. A broadcast that arrives both
+            // ways has no further effect.
             let mut said: BTreeMap<AgentId, Vec<Bytes>> = BTreeMap::new();
             let directory = {
                 let state = self.read();
@@ -335,7 +343,7 @@ impl Switchboard {
         commons
     }
 
-    /// What an agent announced, if the commons have read it already.
+    /// Returns the parsed announcement of an agent, if the commons have read it.
     pub(crate) fn announcement(
         &self,
         agent: &AgentId,
@@ -358,12 +366,12 @@ impl Switchboard {
         }
     }
 
-    /// Whether what agents say of themselves is heard by the commons.
+    /// Whether the commons exist, and so check what agents announce.
     pub(crate) fn has_commons(&self) -> bool {
         self.commons.get().is_some()
     }
 
-    /// What an agent says of itself is not taken: that is counted and said.
+    /// Counts and logs that an announcement or heartbeat was not accepted.
     pub(crate) fn not_taken(&self, message: &Message, why: &str) {
         self.rejections.not_taken(message, why);
     }
@@ -376,8 +384,9 @@ impl Switchboard {
         }
     }
 
-    /// Asks an agent for its model, unless it is given time to tell it by itself and does. Reasoning
-    /// agents have none and do not answer.
+    /// Requests the model of an agent for the commons. If the agent is on another daemon and has
+    /// announced its model within `patience`, no request is sent. Reasoning agents have no model
+    /// and do not answer.
     fn fetch(&self, whose: &AgentId, patience: Duration) {
         let Some(Listening { commons, runtime }) = self.commons.get() else { return };
         let Some(resident) = self.find(whose) else { return };
@@ -419,8 +428,7 @@ impl Switchboard {
         });
     }
 
-    /// Asks an agent for its model, together with others of its daemon that are asked for at the same
-    /// moment.
+    /// Requests the model of an agent. Requests to one daemon at about the same moment are merged.
     pub(crate) fn model_of(&self, whose: Resident) -> BoxFuture<Vec<Bytes>> {
         let Resident { agent, daemon, .. } = whose;
         let deadline = self.settings.answer_deadline;
@@ -432,14 +440,14 @@ impl Switchboard {
         self.fetching.model_of(agent, daemon, &substrate, deadline)
     }
 
-    // === saying ===
+    // === sending ===
 
     pub(crate) fn send(&self, to: &AgentId, subject: Subject, payload: Bytes) {
         let Some(address) = self.read().directory.address(to) else { return };
         self.send_to(&address, subject, payload);
     }
 
-    /// Sends to an address, whoever holds the name.
+    /// Sends to this address, independently of which agent holds the name.
     pub(crate) fn send_to(&self, to: &Address, subject: Subject, payload: Bytes) {
         self.hand_over(|substrate| substrate.send(to, subject, payload));
     }
@@ -448,14 +456,15 @@ impl Switchboard {
         self.hand_over(|substrate| substrate.broadcast(sender, performative, payload));
     }
 
-    /// Sends a model or a heartbeat to all; a model is kept to answer those who ask for it.
+    /// Broadcasts a model or heartbeat at once, and keeps it to answer [`Resource::Model`]. A
+    /// heartbeat of the sender that waits for a batch is withdrawn.
     pub(crate) fn beat(&self, sender: &AgentId, payload: Bytes, is_model: bool) {
         self.keep_last_word(sender, &payload, is_model);
         self.gathering.withdraw(sender);
         self.hand_over(|substrate| substrate.beat(sender, payload));
     }
 
-    /// Sends a heartbeat to all, together with those of other agents here that come at the same
+    /// Broadcasts a heartbeat in one batch with those that other agents here send at about the same
     /// moment.
     pub(crate) fn beat_together(self: &Arc<Self>, sender: &AgentId, payload: Bytes) {
         self.keep_last_word(sender, &payload, false);
@@ -489,7 +498,7 @@ impl Switchboard {
         }
     }
 
-    // === hearing ===
+    // === receiving ===
 
     fn deliver_to(&self, agent: &AgentId, letter: Letter) {
         let slot = self.read().agents.get(agent).map(|hosted| hosted.slot.clone());
@@ -507,7 +516,7 @@ impl Switchboard {
         }
     }
 
-    /// A full mailbox refuses: whoever asked learns it at once, and does not wait.
+    /// Refuses a message to a full mailbox, so that its sender learns of it at once and does not wait.
     fn refuse_overflow(&self, agent: &AgentId, slot: &Slot, payload: &[u8]) {
         self.counters.mailbox_full.fetch_add(1, Ordering::Relaxed);
         let from = acl::sender_of(payload);
@@ -521,7 +530,7 @@ impl Switchboard {
             return;
         }
         if !slot.door().refuse(&message.id) {
-            // A copy of what was heard before, which is answered.
+            // A copy of a message that the agent has received before and answers.
             return;
         }
         let detail = format!("the mailbox of `{agent}` is full; ask again later");
@@ -530,7 +539,7 @@ impl Switchboard {
         self.send(&to, Subject::Message(Performative::Refuse), acl::encode(&refusal));
     }
 
-    /// What an agent would answer to a message that does not get to it.
+    /// Builds a refusal in the name of `agent`, for a message that is not passed on to it.
     pub(crate) fn refusal(
         &self,
         agent: &AgentId,
@@ -589,14 +598,15 @@ impl Switchboard {
         let state = self.read();
         for hosted in state.agents.values() {
             if hosted.interests.contains(&message.performative) {
-                // A full mailbox misses a broadcast: it is repeated or asked for again.
+                // A full mailbox loses the broadcast: its sender repeats it, or the agent requests
+                // it again.
                 let _ = hosted.slot.put(Letter::Broadcast(Arc::clone(&message)));
             }
         }
     }
 
-    /// Whether what somebody says to all is not longer than such may be: it is kept for those who come
-    /// later, of everybody. If it is, that is counted and said.
+    /// Whether a broadcast has at most `bytes_max` bytes; if not, that is counted and logged. The
+    /// bound is needed because the last broadcasts of every sender are cached.
     fn is_short_enough(
         &self,
         payload: &Bytes,
@@ -615,8 +625,9 @@ impl Switchboard {
         false
     }
 
-    /// Takes a heartbeat that says what the one before said; `false` if it has to be read, because it
-    /// says something else, or somebody here wants to.
+    /// Fast path for a heartbeat identical to the previous one: keeps it without decoding. Returns
+    /// `false` if the slow path must decode it, because it differs or an agent here listens to
+    /// `inform`.
     fn take_again(&self, payload: &Bytes, sender: &AgentId, origin: Option<&Origin>) -> bool {
         let again = {
             let state = self.read();
@@ -643,7 +654,7 @@ impl Switchboard {
     fn keep(&self, payload: Bytes, message: &Message, inform: &Inform) {
         let mut state = self.write();
         let sender = &message.sender;
-        // Only those who are here are kept, so that strangers cannot fill the cache.
+        // Only broadcasts of present agents are cached, so that strangers cannot fill the cache.
         if state.directory.find(sender).is_some() {
             let hearsay = state.heard.entry(sender.clone()).or_default();
             hearsay.keep(payload, message, inform);
@@ -665,8 +676,8 @@ impl Switchboard {
         }
     }
 
-    /// The last models that agents of this daemon sent to all, or the one of `asked`, with what they
-    /// have said of themselves since.
+    /// Returns the latest model of each agent of this daemon, or only of `asked`, with the latest
+    /// heartbeat of that agent in it.
     fn models(&self, asked: Option<&AgentId>) -> Vec<Bytes> {
         let mut state = self.write();
         let asked = |agent: &AgentId| asked.is_none_or(|asked| asked == agent);
@@ -674,7 +685,7 @@ impl Switchboard {
         hosted.filter_map(|(_, hosted)| hosted.last_word.model()).collect()
     }
 
-    /// Counts what this machine's disk did not keep; who had it to keep says what, and why.
+    /// Counts a record that this machine's disk did not keep. The caller logs which record, and why.
     pub fn count_unkept(&self) {
         self.counters.unkept.fetch_add(1, Ordering::Relaxed);
     }
@@ -743,11 +754,12 @@ impl Inbound for Switchboard {
                 state.heard.remove(&resident.agent);
             }
             tracing::debug!(?change, "presence");
-            // Nobody listens where no agent runs.
+            // Fails if no agent runs here: then there is no receiver.
             let _ = self.presence.send(change.clone());
             let namesake = state.agents.get(&resident.agent);
             if let Some(namesake) = namesake.filter(|_| resident.daemon != self.daemon) {
-                // Where there is no room, it has something to open, and looks before it does.
+                // If the mailbox is full, the agent has items to handle, and checks for a name
+                // conflict after each.
                 let _ = namesake.slot.put(Letter::Namesake);
             }
         }
@@ -784,7 +796,8 @@ impl Inbound for Switchboard {
             | Resource::Goals
             | Resource::Questions
             | Resource::Journal => {
-                // Every agent here may be the one that knows; most let the question go.
+                // Each agent here (or only the one asked) gets the question; agents that do not
+                // serve the resource ignore it.
                 let slots: Vec<_> = {
                     let state = self.read();
                     let asked = |agent: &&AgentId| {

@@ -1,8 +1,9 @@
-//! Whose turn it is to compute on a machine: agents of one daemon share its cores, and a hundred
-//! that plan at once would leave none to those who listen.
+//! Bounded pool for computations: the agents of one daemon share its cores, and a hundred that plan
+//! at once would leave none for receiving messages.
 //!
-//! Whoever has a turn goes on with what waits longest. What many agents compute for a moment each, as
-//! when all are called for proposals, wakes as many threads as there are turns, and not one for each.
+//! A thread that holds a permit runs the computations that wait, the oldest first. If many agents
+//! compute for a moment each, as after a call for proposals, this wakes as many threads as there
+//! are permits, and not one for each agent.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,17 +11,19 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-/// What the computations of a daemon may take together of the memory that the machine, or the daemon's
-/// control group, has: one part in so many. The rest is for what is kept, for messages, and for others.
+/// Part of the memory of the machine, or of the daemon's control group, that all computations of a
+/// daemon may take together: one in this many. The rest is for stored data, for messages, and for
+/// other processes.
 const MEMORY_PART: u64 = 4;
 
-/// More than this helps no computation of a building; a hundred times what an office needs.
+/// Most memory of one computation, in bytes: a hundred times what an office needs. More helps no
+/// computation of a building.
 const COMPUTATION_BYTES_MAX: u64 = 1 << 30;
 
-/// What is taken for the machine's memory where the kernel does not tell.
+/// Assumed memory of the machine, in bytes, if the kernel does not report it.
 const MEMORY_UNKNOWN_BYTES: u64 = 1 << 30;
 
-/// The bytes that one computation may take: as many compute at once as there are turns.
+/// Returns the most bytes that one computation may take; as many run at once as there are permits.
 pub fn computation_bytes_max() -> usize {
     static BYTES_MAX: OnceLock<usize> = OnceLock::new();
     *BYTES_MAX.get_or_init(|| {
@@ -34,21 +37,21 @@ fn share(total: u64, at_once: usize) -> usize {
     usize::try_from(share.min(COMPUTATION_BYTES_MAX)).unwrap_or(usize::MAX)
 }
 
-/// How many compute at once on this machine: as many as there are cores, and two at least.
+/// Returns how many computations run at once on this machine: one per core, and at least two.
 pub(crate) fn turns_at_once() -> usize {
     std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2))
 }
 
-/// A computation, whoever waits for it.
+/// A queued computation, which delivers its own result.
 type Computation = Box<dyn FnOnce() + Send>;
 
-/// The computations of one machine.
+/// Bounded pool for the computations of one machine.
 ///
-/// As many wait as agents want: each has one under way per exchange that it takes part in, and both
-/// are bounded.
+/// The queue needs no bound of its own: each agent has one computation under way per exchange that
+/// it takes part in, and both are bounded.
 pub(crate) struct Turns {
     turns: Arc<Semaphore>,
-    /// In the order in which they were wanted.
+    /// Computations that wait, in the order of arrival.
     waiting: Mutex<VecDeque<Computation>>,
 }
 
@@ -58,10 +61,10 @@ impl Turns {
         Turns { turns, waiting: Mutex::default() }
     }
 
-    /// Computes on a thread of the runtime that may be busy for long, when its turn has come. What
-    /// nobody waits for any more by then is left out.
+    /// Runs a computation on a thread of the runtime that may be busy for long, once a permit is
+    /// free. Skips it if the caller has stopped waiting by then.
     ///
-    /// `None` if it panicked, or the daemon is ending.
+    /// Returns `None` if it panicked, or the daemon is ending.
     pub(crate) async fn compute<T: Send + 'static>(
         self: Arc<Self>,
         compute: impl FnOnce() -> T + Send + 'static,
@@ -69,7 +72,7 @@ impl Turns {
         let (tell, outcome) = oneshot::channel();
         let computation = move || {
             if !tell.is_closed() {
-                // Who has stopped waiting meanwhile is not told.
+                // Fails if the caller has stopped waiting meanwhile.
                 let _ = tell.send(compute());
             }
         };
@@ -80,16 +83,16 @@ impl Turns {
         outcome.await.ok()
     }
 
-    /// Takes a turn, until nothing waits.
+    /// Runs queued computations on this thread until the queue is empty; then releases the permit.
     fn take(&self, turn: OwnedSemaphorePermit) {
         let mut turn = Some(turn);
         while turn.is_some() {
             while let Some(computation) = self.next() {
-                // Its panic is on stderr, with its place; whoever waits learns that it was lost.
+                // A panic is on stderr, with its place; the caller learns that the computation was lost.
                 let _ = catch_unwind(AssertUnwindSafe(computation));
             }
             drop(turn.take());
-            // What came while this was held found no turn free.
+            // Computations that arrived in the meantime found no permit free.
             if !self.waiting().is_empty() {
                 turn = Arc::clone(&self.turns).try_acquire_owned().ok();
             }
@@ -154,7 +157,7 @@ mod tests {
         let touch = Arc::clone(&touched);
         let second =
             tokio::spawn(Arc::clone(&turns).compute(move || touch.fetch_add(1, Ordering::SeqCst)));
-        // Both are there: the first has the turn, or will have it before the second.
+        // Both are queued: the first holds the permit, or will get it before the second.
         tokio::task::yield_now().await;
         second.abort();
         assert!(second.await.is_err_and(|error| error.is_cancelled()));
@@ -164,7 +167,7 @@ mod tests {
         assert_eq!(touched.load(Ordering::SeqCst), 0);
     }
 
-    /// Simulated days would pass otherwise while somebody plans.
+    /// Otherwise simulated days would pass while an agent plans.
     #[tokio::test(start_paused = true)]
     async fn a_clock_that_is_paused_stands_still_meanwhile() {
         let (turns, began) = (Arc::new(Turns::new(1)), Instant::now());

@@ -1,15 +1,16 @@
-//! Upkeep of a Domain Maintainer: what an agent hears and sees, told to the state machine in
-//! `capability`, and what changed, told to the agent.
+//! Synchronisation of a Domain Maintainer: passes messages and presence changes to the state
+//! machine in `capability`, and reports the changes to the agent.
 //!
-//! - Models and heartbeats come as `inform`s to all; a model that was missed is asked for.
-//! - A lost token masks an agent's capabilities at once, and so do heartbeats that stop; when it
-//!   stays away for [`Settings::removal`](crate::Settings), its objects and facts go too (design,
-//!   “Presence”). Silence alone is enough, because a router can lose a token's end.
-//! - What requests changed at the central maintainer comes with its announcements, for those who
-//!   otherwise hear only heartbeats.
+//! - Models and heartbeats arrive as broadcast `inform`s; a model that was missed is requested.
+//! - When an agent's token is lost or its heartbeats stop, its capabilities are masked at once. If
+//!   it stays away for [`Settings::removal`](crate::Settings), its objects and facts are removed
+//!   too (design, “Presence”). Silence alone is enough, because a router can lose the end of a
+//!   token.
+//! - Changes that requests made at the central maintainer arrive with its announcements, for
+//!   maintainers that otherwise receive heartbeats only.
 //!
-//! The central Domain Maintainer lives by this upkeep; what actuators hear, the
-//! [`Commons`](crate::Commons) of their daemon tell a maintainer in the same words.
+//! The central Domain Maintainer uses these functions itself. The actuators of a daemon share a
+//! maintainer in its [`Commons`](crate::Commons), which is updated in the same way.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -27,60 +28,60 @@ use tokio::time::Instant;
 use crate::base_agent::Agent;
 use crate::context::{Context, TimerId, Work};
 
-/// How long after models were composed the next are gathered before they are: those of a daemon that
-/// starts come within this time, and a single one that comes is composed at once. Composing a
-/// thousand takes some milliseconds.
+/// Shortest time between two compositions of models: the models of a daemon that starts arrive
+/// within this time, and a single one is composed at once. Composing a thousand takes some
+/// milliseconds.
 const COMPOSING_APART: Duration = Duration::from_millis(20);
 
-/// How long an agent that has just come is given to tell its model by itself: it does so at once, and
-/// who asked all the same would be answered with what it knows.
+/// How long an agent that has just joined is given to announce its model by itself. It does so at
+/// once; an earlier request would bring nothing new.
 pub(crate) const TELLING: Duration = Duration::from_millis(20);
 
-/// How long before an agent that gave no answer is asked again for the first time, each time twice as
-/// long as before, and how often: that it is here is known a moment before questions find their way to
-/// it, and at most the tenth of a second after which Zenoh's routes are there. Who has no model is
-/// asked in vain.
+/// Wait before an agent that gave no answer is asked again, doubled each time, and how often it is
+/// asked again. Presence is known a moment before queries reach the agent; Zenoh's routes are there
+/// after a tenth of a second at most. An agent without a model never answers.
 const ASK_AGAIN: Duration = Duration::from_millis(15);
 const ASKED_AGAIN: u32 = 5;
 
-/// How long a model that was not taken is neither asked for nor read again. Its agent says once a second
-/// that it has it; what it lacked, like room among others, may be there after a while.
+/// How long a model that was not accepted is neither requested nor read again. Its agent names it
+/// in a heartbeat every second. What it lacked, such as room among other agents, may be there after
+/// a while.
 const REFUSED_FOR: Duration = Duration::from_secs(10);
 
-/// Agents whose models were not taken, remembered at a time: as many as there may be with one.
+/// Most rejected models remembered at a time: as many as there may be agents with a model.
 const REFUSED_MAX: usize = capability::limits::AGENTS_MAX;
 
-/// A maintainer, and what keeps it up to date.
+/// A maintainer, and the data for keeping it up to date.
 pub struct Upkeep {
     /// The state machine.
     pub maintainer: Maintainer,
     began: Instant,
     expiry: Option<TimerId>,
-    /// When models were composed last.
+    /// Time of the last composition of models.
     composed: Option<Instant>,
     composing: Option<TimerId>,
     fetching: BTreeMap<AgentId, Work>,
     refused: Refused,
 }
 
-/// Models that were not taken lately: whose, of which life, which, and when.
+/// Models that were not accepted lately: by agent, the incarnation, the digest and the time.
 #[derive(Default)]
 pub(crate) struct Refused(BTreeMap<AgentId, (Incarnation, String, Moment)>);
 
-/// An agent that keeps a maintainer.
+/// Agent that keeps a Domain Maintainer.
 pub trait Maintains: Agent {
-    /// Its maintainer.
+    /// Returns the maintainer and the data for keeping it up to date.
     fn upkeep(&mut self) -> &mut Upkeep;
 
-    /// Something changed.
+    /// Called when something has changed.
     fn changed(&mut self, _change: &Change, _ctx: &mut Context<Self>) {}
 
-    /// Something of the model of `teller` cannot be composed as written.
+    /// Called when a part of a model cannot be composed as written.
     fn conflicted(&mut self, _conflicts: &[Conflict], _ctx: &mut Context<Self>) {}
 }
 
 impl Upkeep {
-    /// Begins with what the maintainer knows already.
+    /// Creates the data for a maintainer, which may have content already.
     pub fn new(maintainer: Maintainer) -> Upkeep {
         let (expiry, composed, composing) = (None, None, None);
         let (began, fetching) = (Instant::now(), BTreeMap::new());
@@ -88,13 +89,13 @@ impl Upkeep {
         Upkeep { maintainer, began, expiry, composed, composing, fetching, refused }
     }
 
-    /// Now, on the maintainer's clock.
+    /// Returns the present time on the maintainer's clock.
     pub fn moment(&self) -> Moment {
         Moment(u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX))
     }
 }
 
-/// Takes an `inform` to all.
+/// Handles a broadcast `inform`.
 pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Context<A>) {
     let inform = match message.content_as::<Inform>() {
         Ok(inform) => inform,
@@ -119,7 +120,7 @@ pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Contex
     if heard.lacks_model {
         fetch(agent, &message.sender, ASKED_AGAIN, ctx);
     }
-    // Where the commons listen, they have counted it.
+    // If there are commons, they have counted it.
     if let Some(why) = heard.not_taken()
         && !ctx.switchboard().has_commons()
     {
@@ -130,7 +131,7 @@ pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Contex
     }
 }
 
-/// Composes the models that have come, or sees to it that it is done with those that come soon.
+/// Composes the models that have arrived, or schedules that together with those that arrive soon.
 fn compose_soon<A: Maintains>(agent: &mut A, ctx: &mut Context<A>) {
     let upkeep = agent.upkeep();
     if !upkeep.maintainer.is_stale() || upkeep.composing.is_some() {
@@ -144,7 +145,7 @@ fn compose_soon<A: Maintains>(agent: &mut A, ctx: &mut Context<A>) {
     agent.upkeep().composing = Some(ctx.after(wait, |agent: &mut A, ctx| compose(agent, ctx)));
 }
 
-/// Composes the models that have come, if any: to be called before anybody is shown the domain.
+/// Composes the models that have arrived, if any. Call it before the domain is shown to others.
 pub fn compose<A: Maintains>(agent: &mut A, ctx: &mut Context<A>) {
     let upkeep = agent.upkeep();
     let timer = upkeep.composing.take();
@@ -160,20 +161,20 @@ pub fn compose<A: Maintains>(agent: &mut A, ctx: &mut Context<A>) {
     timer.into_iter().for_each(|timer| ctx.forget(timer));
 }
 
-/// What comes of an `inform` to all.
+/// Outcome of a broadcast `inform`.
 #[derive(Default)]
 pub(crate) struct Heard {
-    /// What changed.
+    /// Changes of the domain.
     pub(crate) changes: Vec<Change>,
-    /// Whether the sender's model has to be asked for first.
+    /// Whether the sender's model must be requested first.
     pub(crate) lacks_model: bool,
-    /// What the sender did not say as it should.
+    /// Description of what is malformed in the message.
     pub(crate) mistake: Option<String>,
-    /// Why what it said as it should is not believed, if it is not just late.
+    /// Reason why a well-formed message is not believed, if it did not merely come too late.
     declined: Option<String>,
 }
 
-/// Tells a maintainer an `inform` to all; `read` is what it announces, if that was read before.
+/// Passes a broadcast `inform` to a maintainer. `read` is its announcement, if that was parsed before.
 pub(crate) fn hear(
     (maintainer, refused): (&mut Maintainer, &mut Refused),
     message: &Message,
@@ -208,13 +209,13 @@ pub(crate) fn hear(
     heard
 }
 
-/// Takes a change of presence.
+/// Handles a change of presence.
 pub fn presence<A: Maintains>(agent: &mut A, presence: &Presence, ctx: &mut Context<A>) {
     let (who, life) = (presence.resident().agent.clone(), presence.resident().incarnation);
     let now = agent.upkeep().moment();
     let change = match presence {
         Presence::Joined(_) => {
-            // Who is back may have said something while it was away.
+            // The agent may have sent something while it was away.
             if agent.upkeep().maintainer.is_masked(&who) {
                 fetch(agent, &who, ASKED_AGAIN, ctx);
             }
@@ -234,14 +235,14 @@ pub fn presence<A: Maintains>(agent: &mut A, presence: &Presence, ctx: &mut Cont
     conclude(agent, &change, ctx);
 }
 
-/// Tells the agent what changed, and sees to it that what expires does so in time. To be called
-/// after any change of the maintainer.
+/// Reports a change to the agent, and schedules the next expiry. Call it after any change of the
+/// maintainer.
 pub fn conclude<A: Maintains>(agent: &mut A, change: &Change, ctx: &mut Context<A>) {
     if let Some(earlier) = agent.upkeep().expiry.take() {
         ctx.forget(earlier);
     }
     if let Some(next) = agent.upkeep().maintainer.next_expiry() {
-        // A millisecond more, because a moment is a whole number of them.
+        // One millisecond more, because a moment is a whole number of milliseconds.
         let wait = next.since(agent.upkeep().moment()) + Duration::from_millis(1);
         agent.upkeep().expiry = Some(ctx.after(wait, expire));
     }
@@ -289,12 +290,12 @@ impl Refused {
 }
 
 impl Heard {
-    /// Why what the sender said of itself is not taken, if it is not.
+    /// Returns the reason why the sender's announcement or heartbeat is not accepted, if it is not.
     pub(crate) fn not_taken(&self) -> Option<&str> {
         self.mistake.as_deref().or(self.declined.as_deref())
     }
 
-    /// Takes a model; `false` if it is not taken.
+    /// Passes a model to the maintainer; returns `false` if it is not accepted.
     fn admit(
         &mut self,
         maintainer: &mut Maintainer,
@@ -336,7 +337,7 @@ impl Heard {
                 Ok(change) => self.changes.push(change),
                 Err(declined) => {
                     tracing::debug!(from = %message.sender, %declined, "a heartbeat is not believed");
-                    // On a restart, and where messages overtake each other, some come too late.
+                    // After a restart, or if messages overtake each other, some come too late.
                     let is_late = matches!(
                         declined,
                         Declined::OldSequence { .. }
@@ -350,8 +351,8 @@ impl Heard {
         }
     }
 
-    /// Takes what a central maintainer tells of requests; everything else in its announcement is
-    /// heard here from those whose word it is.
+    /// Applies the changes that requests made at a central maintainer. Everything else in its
+    /// announcement arrives here directly from the agents that own it.
     fn follow(
         &mut self,
         maintainer: &mut Maintainer,
@@ -359,7 +360,7 @@ impl Heard {
         change: &EpochChange,
         now: Moment,
     ) {
-        // Who has an action model is no Domain Maintainer, whatever it says of others.
+        // An agent with an action model is no Domain Maintainer, whatever it announces about others.
         if !maintainer.follows() || maintainer.incarnation(&message.sender).is_some() {
             return;
         }
@@ -393,7 +394,8 @@ fn joined(diagnostics: &[Diagnostic]) -> String {
     diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
-/// Asks an agent for its model. Reasoning agents have none and do not answer.
+/// Requests an agent's model, up to `again` times more if no answer comes. Reasoning agents have no
+/// model and do not answer.
 fn fetch<A: Maintains>(agent: &mut A, whose: &AgentId, again: u32, ctx: &mut Context<A>) {
     if agent.upkeep().fetching.contains_key(whose) {
         return;

@@ -1,4 +1,4 @@
-//! Work aside: who drops it hears nothing of it any more.
+//! Background work: its callback does not run after its handle is dropped.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use substrate::memory::Network;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-/// Begins two pieces of work that are done at once; whichever it is told of first, it drops the other.
+/// Starts two pieces of work that are done at once; the first callback drops both handles.
 struct Fickle {
     works: Vec<Work>,
     told: mpsc::UnboundedSender<&'static str>,

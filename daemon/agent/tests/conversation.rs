@@ -23,7 +23,7 @@ fn name(text: &str) -> AgentId {
     AgentId::new(text).expect("a name")
 }
 
-/// A daemon on the wire.
+/// A daemon on the network.
 struct Daemon {
     switchboard: Arc<Switchboard>,
     port: Arc<dyn Substrate>,
@@ -40,7 +40,7 @@ impl Daemon {
         Daemon { switchboard, port, stopping: CancellationToken::new() }
     }
 
-    /// It hears nothing of the next messages.
+    /// Makes the daemon lose the next messages.
     fn loses(&mut self, network: &Network, count: u32) {
         let inner = Arc::clone(&self.switchboard);
         let deaf = Lossy { inner, lose: std::sync::atomic::AtomicU32::new(count) };
@@ -56,7 +56,7 @@ impl Daemon {
         self.berth(agent, id, life, false)
     }
 
-    /// One of several of its name.
+    /// Launches an agent that may have replicas.
     fn berth(
         &self,
         agent: impl Agent,
@@ -76,7 +76,7 @@ impl Daemon {
     }
 }
 
-/// Answers a `request` with `agree`, then `confirm`s after `takes`; counts what it did.
+/// Answers a `request` with `agree`, then `confirm`s after `takes`; reports what it did.
 struct Worker {
     takes: Duration,
     done: mpsc::UnboundedSender<&'static str>,
@@ -107,11 +107,11 @@ impl Worker {
     }
 }
 
-/// Asks `worker` once and writes down what comes back.
+/// Asks `worker` once and reports what comes back.
 struct Asker {
     patience: Duration,
     performative: Performative,
-    /// It cancels as soon as it has asked.
+    /// Whether it cancels as soon as it has asked.
     changes_its_mind: bool,
     heard: mpsc::UnboundedSender<String>,
 }
@@ -184,7 +184,7 @@ impl Room {
         self.there.launch(self.worker.take().expect("works once"), "worker", 1);
     }
 
-    /// The next line the asker hears.
+    /// Returns the next line that the asker reports.
     async fn hears(&mut self) -> String {
         self.heard.recv().await.expect("the asker lives")
     }
@@ -235,7 +235,7 @@ async fn a_death_in_the_middle_is_silence_not_for_ever() {
 #[tokio::test(start_paused = true)]
 async fn lost_messages_are_retried_and_acted_on_once() {
     let mut room = room(30 * SECOND, SECOND);
-    // The worker's daemon hears nothing of the first two tries.
+    // The worker's daemon loses the first two attempts.
     room.there.loses(&room.network, 2);
     room.work();
     room.ask();
@@ -249,7 +249,7 @@ async fn lost_messages_are_retried_and_acted_on_once() {
 async fn an_answer_that_overtakes_another_waits_for_it() {
     let mut room = room(30 * SECOND, SECOND / 1_000);
     room.work();
-    // The `agree` is lost and comes again after the `confirm`.
+    // The `agree` is lost, and arrives again after the `confirm`.
     room.here.loses(&room.network, 1);
     room.ask();
     assert_eq!(room.hears().await, "agree 1");
@@ -269,7 +269,7 @@ async fn a_cancel_that_overtakes_its_request_is_heeded() {
     assert!(room.done.try_recv().is_err(), "it was given up");
 }
 
-/// Calls everyone once, and reminds `bidder` every second.
+/// Calls all agents once, and reminds `bidder` every second.
 struct Caller {
     heard: mpsc::UnboundedSender<String>,
 }
@@ -298,7 +298,7 @@ impl Agent for Caller {
     }
 }
 
-/// Writes down each call it hears, and refuses it.
+/// Reports each call that it receives, and refuses it.
 struct Bidder {
     done: mpsc::UnboundedSender<&'static str>,
 }
@@ -355,7 +355,7 @@ impl substrate::Inbound for Lossy {
         if lossy && self.lose.fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1)).is_ok() {
             return;
         }
-        // What does come, comes twice.
+        // Every other message is delivered twice.
         self.inner.deliver(delivery.clone());
         self.inner.deliver(delivery);
     }
@@ -388,7 +388,7 @@ async fn garbage_is_answered_and_hurts_nobody() {
             let _ = tell.send(payload.clone());
         }
     });
-    // The stranger must be seen, or it cannot be answered.
+    // The stranger must be present, or it cannot be answered.
     let _token = room.here.port.announce(&name("stranger"), Incarnation(1)).expect("open");
     let to = Address { daemon: room.there.switchboard.daemon().clone(), agent: name("worker") };
     let subject = Subject::Message(Performative::Request);
@@ -418,7 +418,7 @@ async fn what_another_says_of_a_deed_is_nothing() {
     room.work();
     room.ask();
     assert_eq!(room.hears().await, "agree 1");
-    // Whoever listens knows the exchange.
+    // Every listener knows the token of the exchange.
     let agreed = acl::decode(&told.recv().await.expect("it was said")).expect("a message");
     let _token = room.there.port.announce(&name("meddler"), Incarnation(1)).expect("open");
     let done = Report::new(Outcome::Done, "believe me");
@@ -481,7 +481,7 @@ async fn two_agents_of_one_name_are_told_apart() {
     assert_eq!(room.hears().await, "agree 1", "the first goes on");
 }
 
-// === standing by ===
+// === replicas ===
 
 #[tokio::test(start_paused = true)]
 async fn of_several_the_oldest_acts_and_the_next_takes_over() {
@@ -499,7 +499,7 @@ async fn of_several_the_oldest_acts_and_the_next_takes_over() {
         let (patience, performative) = (Duration::from_secs(5), Performative::Request);
         let agent = Asker { patience, performative, changes_its_mind: false, heard };
         a.launch(agent, asker, life);
-        // Asked before it is clear who acts, too.
+        // Also asked before it is clear which replica is the leader.
         while let Some(word) = hears.recv().await {
             if word.contains("confirm") || word.contains("Silence") {
                 return word;
@@ -515,9 +515,9 @@ async fn of_several_the_oldest_acts_and_the_next_takes_over() {
     assert!(deeds[0].try_recv().is_ok(), "it takes over");
 }
 
-// === who does not heed who comes and goes ===
+// === agents that do not heed presence ===
 
-/// Heeds presence while it is to; passes on what it is told of it.
+/// Heeds presence while `heeds` is set; reports the changes that it is notified of.
 struct Idler {
     heeds: Arc<AtomicBool>,
     met: mpsc::UnboundedSender<String>,
@@ -562,13 +562,13 @@ async fn who_does_not_heed_presence_is_told_from_when_it_does() {
     };
     let (done, _did) = mpsc::unbounded_channel();
     ask("first", 1).await;
-    // As long as its answer may not have come, it heeds who comes all the same.
+    // While its answer may lack a receipt, it heeds presence in any case.
     tokio::time::sleep(Duration::from_secs(1)).await;
     while meets.try_recv().is_ok() {}
     b.launch(Worker { takes: Duration::ZERO, done: done.clone() }, "newcomer", 1);
     tokio::time::sleep(Duration::from_secs(1)).await;
     assert!(meets.try_recv().is_err(), "it is not told");
-    // The next that happens to it shows it that it heeds now.
+    // The next event shows the agent that it heeds presence now.
     heeds.store(true, Ordering::Relaxed);
     ask("second", 2).await;
     b.launch(Worker { takes: Duration::ZERO, done }, "another", 1);
@@ -584,7 +584,7 @@ async fn who_does_not_heed_presence_gives_way_to_who_had_its_name_before() {
     let (met, _meets) = mpsc::unbounded_channel();
     let life = a.launch(Idler { heeds: Arc::default(), met }, "worker", 9);
     tokio::time::sleep(Duration::from_secs(1)).await;
-    // It comes from where it was not seen.
+    // An older agent of the same name appears at the other daemon.
     let _token = b.port.announce(&name("worker"), Incarnation(3)).expect("open");
     let ended = tokio::time::timeout(Duration::from_secs(5), life).await.expect("in time");
     let error = ended.expect("no panic").expect_err("the name is taken").to_string();

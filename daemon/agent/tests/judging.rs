@@ -1,5 +1,5 @@
-//! A call for proposals, the proposals, and the word about them: who hears what, and how many
-//! messages that takes.
+//! A call for proposals, the proposals, and their acceptance or rejection: which agent receives
+//! what, and how many messages that takes.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -20,7 +20,7 @@ fn name(text: &str) -> AgentId {
     AgentId::new(text).expect("a name")
 }
 
-/// Calls as soon as so many bidders are here; accepts the first proposal of all, and rejects the rest.
+/// Calls for proposals; accepts the first of `bidders` proposals, and rejects the rest.
 struct Caller {
     bidders: usize,
     proposed: Vec<AgentId>,
@@ -59,7 +59,7 @@ impl Agent for Caller {
     }
 }
 
-/// Proposes; tells what it hears of that.
+/// Proposes, and reports whether that is accepted or rejected.
 struct Bidder(mpsc::UnboundedSender<String>);
 
 impl Agent for Bidder {

@@ -1,4 +1,4 @@
-//! What a Domain Maintainer, and a daemon's commons, keep of agents that fall silent, over the
+//! How a Domain Maintainer, and a daemon's commons, treat agents that fall silent, over the
 //! in-memory substrate.
 
 use std::sync::Arc;
@@ -28,7 +28,7 @@ const MAP: &str =
 const MODEL: &str = "(define (agent meter) (:domain test) (:objects meter - sensor)
     (:action measure :agent ?s - sensor :parameters (?r - room) :effect (known ?r)))";
 
-/// Beats so many times, saying that it knows the hall; then lives on without a word.
+/// Sends `beats_left` announcements, which state that it knows the hall; then stays present and silent.
 struct Meter {
     beats_left: u64,
     sequence: u64,
@@ -62,7 +62,7 @@ impl Meter {
     }
 }
 
-/// Keeps a maintainer, and tells how what it believes changes.
+/// Keeps a maintainer, and reports its changes.
 struct Keeper {
     upkeep: Upkeep,
     changes: mpsc::UnboundedSender<Change>,
@@ -98,7 +98,7 @@ fn name(text: &str) -> AgentId {
     AgentId::new(text).expect("a name")
 }
 
-/// A daemon on a wire in memory, and berths on it.
+/// A daemon on an in-memory network, and launch contexts on it.
 struct House {
     switchboard: Arc<Switchboard>,
     _network: Network,
@@ -126,14 +126,14 @@ impl House {
         }
     }
 
-    /// The commons, as the first actuator here lets them begin.
+    /// Returns the commons; the first call creates them, as the first actuator does.
     fn commons(&self) -> Arc<Commons> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let host = Host::new(ontology.expect("a domain"), map.expect("a problem"));
         self.switchboard.commons(&Host { settings: self.switchboard.settings().clone(), ..host })
     }
 
-    /// Lets a keeper live here, and yields how what it believes changes.
+    /// Launches a keeper here; returns the receiver of its changes.
     fn keep(&self, scope: Scope) -> mpsc::UnboundedReceiver<Change> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let maintainer =
@@ -148,7 +148,7 @@ impl House {
 /// Longer than any lease of these tests: a wait that takes this long has failed.
 const FAR: Duration = Duration::from_secs(3600);
 
-/// Lives through a meter of so many heartbeats; when its capability left, and when its fact became
+/// Runs a meter with so many heartbeats; returns when its capability left, and when its fact became
 /// unknown.
 async fn silence_of(beats: u64) -> (Duration, Duration) {
     let house = House::new();
@@ -183,8 +183,8 @@ async fn a_silent_agent_is_masked_then_forgotten_although_its_token_stays() {
     }
 }
 
-/// Whether the commons count on the meter, and whether they know the hall, at this time of the
-/// test.
+/// Whether the commons see the meter as present, and whether they know the hall, at this time of
+/// the test.
 async fn known_at(commons: &Commons, began: Instant, time: Duration) -> (bool, bool) {
     tokio::time::sleep_until(began + time).await;
     let (known, now) = commons.look();
@@ -247,8 +247,7 @@ async fn a_daemon_has_its_own_models_at_hand() {
     }
 }
 
-/// Announces once what requests changed, as a Domain Maintainer does; with a model of its own or
-/// without.
+/// Announces once what requests changed, as a Domain Maintainer does; with or without a model of its own.
 struct Teller {
     change: EpochChange,
     has_model: bool,
@@ -287,19 +286,19 @@ fn facts(facts: &[(&str, Option<u64>)]) -> Vec<RequestedFact> {
     facts.iter().map(fact).collect()
 }
 
-/// An announcement of all that requests changed.
+/// Returns an announcement of everything that requests changed.
 fn told(these: &[(&str, Option<u64>)]) -> EpochChange {
     let requested = Requested { facts: facts(these), ..Requested::default() };
     EpochChange { requested: Some(requested), ..EpochChange::default() }
 }
 
-/// An announcement of news of it.
+/// Returns an announcement of what requests changed since the last one.
 fn told_anew(these: &[(&str, Option<u64>)]) -> EpochChange {
     let since = RequestedSince { facts: facts(these), ..RequestedSince::default() };
     EpochChange { requested_since: Some(since), ..EpochChange::default() }
 }
 
-/// Whether the commons know the hall before they hear `change`, soon after, and a second later.
+/// Whether the commons know the hall before they receive `change`, soon after, and a second later.
 async fn known_when_told(change: EpochChange, has_model: bool) -> [bool; 3] {
     let (house, began) = (House::new(), Instant::now());
     let commons = house.commons();
@@ -311,7 +310,7 @@ async fn known_when_told(change: EpochChange, has_model: bool) -> [bool; 3] {
     known
 }
 
-/// What a central keeper believes of `change`.
+/// Returns what a central keeper believes after `change`.
 async fn believed(change: EpochChange) -> Vec<String> {
     let house = House::new();
     let mut changes = house.keep(Scope::Everything);
@@ -331,14 +330,14 @@ async fn what_requests_changed_is_believed_by_those_who_hear_heartbeats_only() {
         assert_eq!(known_when_told(known, false).await, [false, true, false]);
         let lasting = tell(&[("(known hall)", None)]);
         assert_eq!(known_when_told(lasting.clone(), false).await, [false, true, true]);
-        // The central one knows better, and an agent with a model is no Domain Maintainer.
+        // A central maintainer ignores it, and an agent with a model is no Domain Maintainer.
         assert_eq!(believed(lasting.clone()).await, [""; 0]);
         assert_eq!(known_when_told(lasting, true).await, [false; 3]);
         assert_eq!(known_when_told(tell(&[("(known", None)]), false).await, [false; 3]);
     }
 }
 
-/// Says once a second that it has a model that nobody can read, which whoever asks is given.
+/// Announces a model that cannot be parsed, and names it in a heartbeat every second.
 struct Mumbler {
     sequence: u64,
 }
@@ -372,7 +371,7 @@ impl Mumbler {
     }
 }
 
-/// How often this daemon has heard what it could not take.
+/// Returns how many messages this daemon has counted as not understood.
 async fn not_understood(switchboard: &Switchboard) -> Option<u64> {
     let daemon = Some(switchboard.daemon().clone());
     let ask = Ask { daemon, resource: Resource::Mailbox, agent: None };

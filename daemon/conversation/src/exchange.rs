@@ -1,88 +1,88 @@
-//! One initiator, one participant, one protocol: from the opening message to the last word.
+//! State machine of one exchange: one initiator, one participant, one protocol.
 
 use acl::content::Report;
 use acl::{AgentId, Incarnation, Message, Performative, Protocol};
 
 use crate::turn::PROTOCOLS;
 
-/// Where an exchange stands.
+/// Phase of an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Phase {
-    /// Nothing has been said.
+    /// No message has been sent.
     Opening,
-    /// Asked, not answered.
+    /// The initiator has sent its first message; the participant has not answered.
     Open,
-    /// A proposal waits for its answer.
+    /// A proposal waits for its acceptance or rejection.
     Proposed,
-    /// The participant has given its word.
+    /// The participant has agreed.
     Committed,
-    /// The initiator has asked to give it up.
+    /// The initiator has sent `cancel`.
     Cancelling,
-    /// The last word has been said.
+    /// The exchange is over.
     Closed,
 }
 
-/// Who speaks.
+/// Role of the sender of a message in an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Role {
-    /// Who opened the exchange.
+    /// The agent that opened the exchange.
     Initiator,
-    /// Who answers.
+    /// The agent that answers.
     Participant,
 }
 
-/// A turn that the protocol does not have.
+/// Error: a message that the protocol does not allow at this point.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{performative}` of the {role:?} does not follow in {protocol:?} at {phase:?}")]
 pub struct Violation {
     /// The protocol.
     pub protocol: Protocol,
-    /// Where the exchange stands.
+    /// Phase of the exchange.
     pub phase: Phase,
-    /// Who spoke.
+    /// Role of the sender.
     pub role: Role,
-    /// What was said.
+    /// Performative of the message.
     pub performative: Performative,
 }
 
-/// One exchange. A broadcast opens one with every participant that answers.
+/// State of one exchange. A broadcast opens one exchange with every participant that answers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Exchange {
     protocol: Protocol,
     initiator: AgentId,
-    /// Which life of it: of several of a name, one may ask another.
+    /// Incarnation of the initiator: a replica may open an exchange with another of the same name.
     life: Incarnation,
     phase: Phase,
 }
 
 impl Exchange {
-    /// An exchange in which nothing has been said, and this life of the initiator will speak first.
+    /// Creates an exchange before its first message, which this incarnation of the initiator will send.
     pub fn new(protocol: Protocol, initiator: AgentId, life: Incarnation) -> Exchange {
         Exchange { protocol, initiator, life, phase: Phase::Opening }
     }
 
-    /// Where it stands.
+    /// Returns the phase.
     pub fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// Its protocol.
+    /// Returns the protocol.
     pub fn protocol(&self) -> Protocol {
         self.protocol
     }
 
-    /// Who opened it.
+    /// Returns the agent that opened the exchange.
     pub fn initiator(&self) -> &AgentId {
         &self.initiator
     }
 
-    /// Whether the last word has been said.
+    /// Whether the exchange is over.
     pub fn is_closed(&self) -> bool {
         self.phase == Phase::Closed
     }
 
-    /// Whether a message that does not follow now may follow later: what it answers, or what its
-    /// sender said before it, may still be on its way.
+    /// Whether a message that cannot follow now may follow later: the message that it answers, or
+    /// an earlier one of its sender, may still be on its way.
     pub fn may_come_to(&self, message: &Message) -> bool {
         let role = self.role(message);
         let mut reached = vec![self.phase];
@@ -101,11 +101,11 @@ impl Exchange {
         false
     }
 
-    /// Takes the next message.
+    /// Advances the exchange by the next message, and returns the new phase.
     ///
     /// # Errors
     ///
-    /// If the protocol has no such turn here; the exchange stays where it was.
+    /// Returns an error if the protocol does not allow the message now; the phase stays as it was.
     pub fn advance(&mut self, message: &Message) -> Result<Phase, Violation> {
         let role = self.role(message);
         let performative = message.performative;
@@ -130,7 +130,7 @@ impl Exchange {
     }
 }
 
-/// A `confirm` that is not the last word leaves the exchange where it is.
+/// Whether this is a `confirm` without a final outcome, which leaves the exchange in its phase.
 fn is_progress(message: &Message) -> bool {
     message.performative == Performative::Confirm
         && message.content_as::<Report>().is_ok_and(|report| !report.outcome.is_final())

@@ -1,11 +1,12 @@
 //! The interaction protocols (the paper, “Flow of Control”) as state machines without I/O.
 //!
 //! - [`Exchange`] follows one initiator and one participant through one protocol.
-//! - [`PROTOCOLS`] is every turn there is: to add a performative to a protocol, add a line.
-//! - [`Transcript`] follows all exchanges that a listener hears; conformance tests and
+//! - [`PROTOCOLS`] lists every turn of every protocol: to add a performative to a protocol, add a line.
+//! - [`Transcript`] follows all exchanges that a listener receives; conformance tests and
 //!   `althing watch` use it.
 //!
-//! What a message means is decided by the agent that processes it; here is only what may follow.
+//! The meaning of a message is decided by the agent that handles it; this crate decides only which
+//! message may follow which.
 
 mod exchange;
 mod seen;

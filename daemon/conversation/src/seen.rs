@@ -1,10 +1,11 @@
-//! Messages that were heard before: a retry, or a substrate that doubles.
+//! Duplicate window: finds messages that were received before, because of a retry or a substrate
+//! that doubles them.
 
 use std::collections::{HashSet, VecDeque};
 
 use acl::MessageId;
 
-/// The last ids heard; older ones are forgotten.
+/// The ids of the last messages received; older ones are dropped.
 #[derive(Clone, Debug)]
 pub struct Seen {
     ids: HashSet<MessageId>,
@@ -13,18 +14,18 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Remembers `ids_max` messages: more than can be under way to one listener while any of
-    /// them is still retried.
+    /// Creates a window of `ids_max` messages. It must hold more messages than can be under way to
+    /// one listener while any of them is still retried.
     pub fn new(ids_max: usize) -> Seen {
         Seen { ids: HashSet::new(), order: VecDeque::new(), ids_max }
     }
 
-    /// Whether a message was heard before.
+    /// Whether a message was received before.
     pub fn has(&self, id: &MessageId) -> bool {
         self.ids.contains(id)
     }
 
-    /// Notes a message; `false` if it was heard before.
+    /// Adds a message; returns `false` if it was received before.
     pub fn note(&mut self, id: &MessageId) -> bool {
         if !self.ids.insert(id.clone()) {
             return false;

@@ -1,4 +1,4 @@
-//! All exchanges that a listener hears, each followed by its own state machine.
+//! All exchanges that a listener receives, each followed by its own state machine.
 
 use std::collections::BTreeMap;
 
@@ -7,16 +7,16 @@ use acl::{AgentId, Message, Protocol, ReplyToken};
 use crate::exchange::{Exchange, Phase, Role, Violation};
 use crate::seen::Seen;
 
-/// Open exchanges a transcript follows at most. Beyond it the one whose token sorts first is
-/// forgotten, so that a listener that runs for months does not grow.
+/// Most open exchanges that a transcript follows. Beyond it the one with the smallest token is
+/// dropped, so that a listener that runs for months does not grow.
 pub const TRANSCRIPT_EXCHANGES_MAX: usize = 10_000;
 
-/// What a listener on the wire knows of the exchanges it heard.
+/// The exchanges that a listener on the network has received.
 #[derive(Clone, Debug)]
 pub struct Transcript {
     seen: Seen,
-    /// One per token and participant; `None` stands for a broadcast's opening, before anyone
-    /// has answered it.
+    /// One exchange per token and participant; `None` is the opening of a broadcast before any
+    /// participant has answered.
     exchanges: BTreeMap<(ReplyToken, Option<AgentId>), Exchange>,
 }
 
@@ -27,19 +27,21 @@ impl Default for Transcript {
 }
 
 impl Transcript {
-    /// A transcript of nothing.
+    /// Creates an empty transcript.
     pub fn new() -> Transcript {
         Transcript { seen: Seen::new(TRANSCRIPT_EXCHANGES_MAX), exchanges: BTreeMap::new() }
     }
 
-    /// Takes a message as it was heard.
+    /// Takes a message in the order of arrival. Returns the phase of its exchange; `None` if the
+    /// message was not checked.
     ///
-    /// A message outside any protocol (an `inform` to all) is always in order, and so are one
-    /// whose opening was not heard, for a listener may come late, and one that was heard before.
+    /// Three kinds of messages are always in order: one outside any protocol (an `inform` to all),
+    /// one that was received before, and one that continues an exchange of which the opening was
+    /// not received, because a listener may start late.
     ///
     /// # Errors
     ///
-    /// If the protocol of its exchange does not allow it.
+    /// Returns an error if the protocol of its exchange does not allow the message.
     pub fn hear(&mut self, message: &Message) -> Result<Option<Phase>, Violation> {
         let (Some(token), Some(protocol)) = (message.exchange(), message.protocol) else {
             return Ok(None);
@@ -79,8 +81,8 @@ impl Transcript {
         Ok(phase)
     }
 
-    /// The participants of the exchange a message continues: its sender, or whom the initiator
-    /// addresses.
+    /// Returns the participants of the exchange that a message continues: the receivers if the
+    /// initiator sent it, else its sender.
     fn participants(&self, token: &ReplyToken, message: &Message) -> Vec<AgentId> {
         match self.role(token, &message.sender) {
             Some(Role::Initiator) => message.receiver.clone(),
@@ -99,7 +101,8 @@ impl Transcript {
         Some(if is_initiator { Role::Initiator } else { Role::Participant })
     }
 
-    /// The exchange under `key`; a broadcast's opening is copied for a participant that answers.
+    /// Returns the exchange under `key`. For a participant that answers a broadcast, it begins as a
+    /// copy of the opening.
     fn exchange(&mut self, key: &(ReplyToken, Option<AgentId>)) -> Option<&mut Exchange> {
         if !self.exchanges.contains_key(key) {
             let opening = self.exchanges.get(&(key.0.clone(), None))?.clone();
@@ -149,7 +152,8 @@ mod tests {
         }
     }
 
-    /// Hears the lines one by one; the number of the first that is out of order.
+    /// Passes the lines to a transcript one by one; the first that is out of order must have the
+    /// number `out_of_order`.
     fn check(protocol: Protocol, lines: &[&str], out_of_order: Option<usize>) {
         let mut transcript = Transcript::new();
         let mut numbered = lines.iter().enumerate();

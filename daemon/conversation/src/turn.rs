@@ -1,26 +1,26 @@
-//! Every turn of every protocol, as a table.
+//! All turns of all protocols, as a table.
 
 use acl::{Performative, Protocol};
 
 use crate::exchange::{Phase, Role};
 
-/// In `phase`, `role` may say `performative`, and `next` follows.
+/// A turn: in `phase`, `role` may send `performative`, which leads to `next`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Turn {
     /// The protocol.
     pub protocol: Protocol,
-    /// Where the exchange stands.
+    /// Phase before the message.
     pub phase: Phase,
-    /// Who speaks.
+    /// Role of the sender.
     pub role: Role,
-    /// What is said.
+    /// Performative of the message.
     pub performative: Performative,
-    /// Where the exchange stands afterwards.
+    /// Phase after the message.
     pub next: Phase,
 }
 
 impl Turn {
-    /// Whether it may be taken where an exchange of `protocol` stands at `phase`.
+    /// Whether the turn is possible in an exchange of `protocol` at `phase`.
     pub(crate) fn is_of(&self, protocol: Protocol, phase: Phase) -> bool {
         self.protocol == protocol && self.phase == phase
     }
@@ -44,7 +44,7 @@ use Phase::{Cancelling, Closed, Committed, Open, Opening, Proposed};
 use Protocol::{Action, ContractNet, Execution, Goal, Planning, Query, StateChange};
 use Role::{Initiator, Participant};
 
-/// All turns. A `confirm` without a final outcome stays in its phase; so says [`Exchange`].
+/// All turns. A `confirm` without a final outcome does not change the phase; see [`Exchange`].
 ///
 /// [`Exchange`]: crate::Exchange
 pub const PROTOCOLS: &[Turn] = &[
@@ -96,13 +96,13 @@ pub const PROTOCOLS: &[Turn] = &[
     turn(Action, Cancelling, Participant, Agree, Cancelling),
     turn(Action, Cancelling, Participant, Confirm, Closed),
     turn(Action, Cancelling, Participant, Refuse, Closed),
-    // Anyone asks the Domain Maintainer for a change of the state, the Plan Requester for another
-    // flow, or gives a Keyboard Agent a person's answer.
+    // Any agent asks the Domain Maintainer for a change of the state or the Plan Requester for
+    // another flow, or gives a Keyboard Agent the answer of a person.
     turn(StateChange, Opening, Initiator, Request, Open),
     turn(StateChange, Open, Participant, Confirm, Closed),
     turn(StateChange, Open, Participant, Refuse, Closed),
     turn(StateChange, Open, Participant, NotUnderstood, Closed),
-    // Anyone asks a person; who has the answer from somebody else withdraws the question.
+    // Any agent asks a person; if it has the answer from another source first, it withdraws the question.
     turn(Query, Opening, Initiator, QueryRef, Open),
     turn(Query, Open, Initiator, Cancel, Closed),
     turn(Query, Open, Participant, Inform, Closed),

@@ -1,9 +1,9 @@
-//! Reads every PDDL file of a folder, prints it, reads it back, checks it, and says how it went.
+//! Reads every PDDL file of a folder, prints it, reads it back, checks it, and reports the results.
 //!
 //! `cargo run --release -p pddl --example roundtrip -- FOLDER`
 //!
-//! A problem is checked against the domain beside or above it that is named like it. Exits with 1 if
-//! a file has an error or does not come back as the tree it was.
+//! A problem is checked against a domain in its folder or the one above that has the name it refers
+//! to. Exits with 1 if a file has an error or does not come back as the same tree.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -14,7 +14,7 @@ use pddl::{
     text_from_bytes,
 };
 
-/// A small file is over before the clock ticks; several readings tell.
+/// Number of readings per file: a small file is read faster than the clock can measure.
 const REPETITIONS: u32 = 5;
 
 struct File {
@@ -63,7 +63,8 @@ fn collect(folder: &Path, paths: &mut Vec<PathBuf>) {
     }
 }
 
-/// The domain of a problem: beside it or above it, of its name, and called most like it.
+/// Returns the domain of a problem: in its folder or the one above, of the name that it refers to,
+/// preferably with a similar file name.
 fn domain_of<'a>(file: &File, problem: &Problem, files: &'a [File]) -> Option<&'a Domain> {
     let stem = stem(&file.path);
     let token = stem.split(['-', '_']).next().unwrap_or(stem);

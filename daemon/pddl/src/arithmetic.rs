@@ -1,22 +1,23 @@
-//! What numbers come to: arithmetic with decimals, as an author reckons, and exact comparisons.
+//! Arithmetic with decimals, as an author calculates, and exact comparisons.
 //!
-//! A binary number is none of `0.1`, `0.2` and `0.3`, so that `(- 0.3 0.1)` is a little less than `0.2`.
-//! A comparison with a tolerance would hide that, and would call numbers equal that are not. Instead,
-//! every result is rounded to the fifteen decimal digits that a binary number can hold: sums,
-//! differences and products of decimals are then those decimals, and comparisons need no tolerance.
+//! The numbers `0.1`, `0.2` and `0.3` have no exact binary form, so `(- 0.3 0.1)` is a little less
+//! than `0.2`. A comparison with a tolerance would hide that, but would also treat different
+//! numbers as equal. Instead, every result is rounded to the fifteen decimal digits that a binary
+//! number can hold: then sums, differences and products of decimals are exact decimals, and
+//! comparisons need no tolerance.
 
 use crate::tree::{Assignment, Comparison, Operator};
 
-/// Decimal digits that any binary number of 64 bits keeps.
+/// Number of decimal digits that every 64-bit binary number preserves.
 const DIGITS: i32 = 15;
 
-/// Digits of a quotient that is taken for a decimal, if it differs from it by no more than rounding.
+/// Digits to which a quotient is rounded, if the rounded value differs from it by rounding errors only.
 const QUOTIENT_DIGITS: i32 = 12;
 
-/// Whole numbers up to here are exact.
+/// Largest number up to which whole numbers are exact.
 const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 
-/// Powers of ten that a binary number holds exactly.
+/// Powers of ten with an exact binary form.
 const POWERS: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
     1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
@@ -25,7 +26,7 @@ const POWERS: [f64; 23] = [
 // === impl Operator ===
 
 impl Operator {
-    /// The value of `(OPERATOR left right)`; not finite where there is none.
+    /// Returns the value of `(OPERATOR left right)`; not finite if there is none.
     ///
     /// ```
     /// use pddl::Operator;
@@ -49,7 +50,7 @@ impl Operator {
 // === impl Assignment ===
 
 impl Assignment {
-    /// The value after `(ASSIGNMENT fluent operand)`, where the fluent was `old` before.
+    /// Returns the value after `(ASSIGNMENT fluent operand)`, if the fluent was `old` before.
     pub fn apply(self, old: f64, operand: f64) -> f64 {
         match self {
             Assignment::Assign => operand,
@@ -64,7 +65,7 @@ impl Assignment {
 // === impl Comparison ===
 
 impl Comparison {
-    /// Whether `(COMPARISON left right)` holds; nothing holds of what is no number.
+    /// Whether `(COMPARISON left right)` holds; `false` if either is not a number.
     pub fn holds(self, left: f64, right: f64) -> bool {
         match self {
             Comparison::Less => left < right,
@@ -75,8 +76,8 @@ impl Comparison {
         }
     }
 
-    /// The comparisons of the same two numbers of which exactly one holds where this one does not; none
-    /// of them does where one of the two is no number, so that what is undefined satisfies neither a
+    /// Returns comparisons of the same two numbers, exactly one of which holds if this one does
+    /// not. If either is not a number, none of them holds: an undefined value satisfies neither a
     /// comparison nor its negation.
     ///
     /// ```
@@ -104,14 +105,14 @@ fn sum(left: f64, right: f64) -> f64 {
 fn quotient(left: f64, right: f64) -> f64 {
     let exact = left / right;
     let decimal = rounded(exact, exact.abs(), QUOTIENT_DIGITS);
-    // A third is no decimal, and stays as it is.
+    // A third is not a decimal, and stays as it is.
     if (exact - decimal).abs() <= 4.0 * f64::EPSILON * exact.abs() { decimal } else { exact }
 }
 
-/// The decimal nearest to `value` among those that have so many digits at the size of `magnitude`.
+/// Rounds `value` to the nearest decimal with `digits` digits at the size of `magnitude`.
 #[inline]
 fn rounded(value: f64, magnitude: f64, digits: i32) -> f64 {
-    // Most numbers of most tasks are whole.
+    // In most tasks most numbers are whole.
     if (value.fract() == 0.0 && value.abs() <= WHOLE_MAX) || !value.is_finite() {
         return value;
     }
@@ -124,11 +125,11 @@ fn round_fraction(value: f64, magnitude: f64, digits: i32) -> f64 {
     let Ok(places) = usize::try_from(places) else { return value };
     let Some(power) = POWERS.get(places) else { return of_text(value, places) };
     let scaled = (value * power).round();
-    // A whole number divided by an exact power of ten is the binary number nearest to the decimal.
+    // A whole number divided by an exact power of ten gives the binary number nearest to the decimal.
     if scaled.abs() <= WHOLE_MAX { scaled / power } else { value }
 }
 
-/// The same for small numbers, whose power of ten is not exact.
+/// Rounds small numbers, for which the power of ten is not exact.
 fn of_text(value: f64, places: usize) -> f64 {
     format!("{value:.places$}").parse().unwrap_or(value)
 }

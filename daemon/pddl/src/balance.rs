@@ -1,16 +1,16 @@
 //! Parentheses: from tokens to a tree, without recursion.
 //!
-//! - Reads tokens from `lexer`, makes the entries that `sexpr` lets others read.
-//! - Bounds the nesting, so that whoever recurses over the result cannot run out of stack.
-//! - Mends what can be mended, so that one missing parenthesis costs one diagnostic and not the
-//!   rest of the file.
+//! - Reads tokens from `lexer`, and makes the entries that `sexpr` gives access to.
+//! - Bounds the nesting, so that recursion over the result cannot overflow the stack.
+//! - Repairs what it can, so that one missing parenthesis gives one diagnostic and does not spoil
+//!   the rest of the file.
 
 use crate::diagnostic::{Diagnostic, Problems};
 use crate::lexer::{self, Token};
 use crate::sexpr::{Entry, Kind, NESTING_MAX};
 use crate::tree::Span;
 
-/// Words that begin a section of a `(define …)`, and nothing else anywhere.
+/// Words that begin a section of a `(define …)` and occur nowhere else.
 const SECTIONS: &[&str] = &[
     ":domain",
     ":requirements",
@@ -27,24 +27,24 @@ const SECTIONS: &[&str] = &[
     ":metric",
 ];
 
-/// Words that begin a part of an action, and nothing else anywhere.
+/// Words that begin a part of an action and occur nowhere else.
 const PARTS: &[&str] = &[":parameters", ":precondition", ":condition", ":duration", ":effect"];
 
-/// A tree while it is built.
+/// Builds a tree.
 pub(crate) struct Builder<'t, 'd> {
     text: &'t str,
     entries: Vec<Entry>,
-    /// Lists that are open, outermost first.
+    /// Open lists, outermost first.
     open: Vec<u32>,
-    /// Parentheses that are open inside a list nested too deep.
+    /// Number of open parentheses inside a list that is nested too deep.
     open_skipped: usize,
-    /// Where the last token ended.
+    /// End of the last token.
     end: usize,
     /// Whether the last token was a word.
     after_word: bool,
-    /// Whether the last token was a `)` that closes nothing.
+    /// Whether the last token was a `)` without an open list.
     after_stray: bool,
-    /// Where such a `)` stands after which nothing has come so far.
+    /// Place of such a `)` if nothing has come after it so far.
     stray: Option<usize>,
     problems: &'d mut Problems,
 }
@@ -53,7 +53,7 @@ impl<'t, 'd> Builder<'t, 'd> {
     pub(crate) fn new(text: &'t str, problems: &'d mut Problems) -> Builder<'t, 'd> {
         Builder {
             text,
-            // Competition files have a token for every five to eight bytes.
+            // Competition files have one token per five to eight bytes.
             entries: Vec::with_capacity(text.len() / 6),
             open: Vec::new(),
             open_skipped: 0,
@@ -65,7 +65,7 @@ impl<'t, 'd> Builder<'t, 'd> {
         }
     }
 
-    /// Reads all of the text; the nodes in its order.
+    /// Reads the whole text; returns the nodes in its order.
     pub(crate) fn read(mut self) -> Vec<Entry> {
         if u32::try_from(self.text.len()).is_err() {
             let message = "the text is longer than 4 GiB";
@@ -88,7 +88,8 @@ impl<'t, 'd> Builder<'t, 'd> {
         self.entries
     }
 
-    /// Where the comment ends that a word begins in the way of another language; it is reported.
+    /// Reports a comment in the style of another language that begins with this word, and returns
+    /// its end; `None` if it is none.
     fn foreign_comment(&mut self, token: Token) -> Option<usize> {
         let Token::Symbol(length) = token else { return None };
         let start = self.end - length;
@@ -117,7 +118,7 @@ impl<'t, 'd> Builder<'t, 'd> {
         Some(start + length)
     }
 
-    /// `before` is where the token before it ended.
+    /// Adds a token; `before` is the end of the token before it.
     fn take(&mut self, token: Token, before: usize) {
         let touches_word = self.after_word
             && matches!(token, Token::Symbol(length) if self.end - length == before);
@@ -167,7 +168,7 @@ impl<'t, 'd> Builder<'t, 'd> {
         }
     }
 
-    /// Reports a `)` that closes nothing, once something comes after it.
+    /// Reports a `)` that closes nothing, once a token comes after it.
     fn report_stray(&mut self) {
         if let Some(start) = self.stray.take() {
             self.problems.push(
@@ -209,8 +210,8 @@ impl<'t, 'd> Builder<'t, 'd> {
         entry.end = Span::new(0, end).end;
     }
 
-    /// A section stands in a `(define …)` and nowhere else: one that begins deeper shows where
-    /// parentheses are missing, one that begins outside where there is one too many.
+    /// Repairs parentheses before a section. A section occurs only in a `(define …)`: if it begins
+    /// deeper, parentheses are missing; if it begins outside, there is one too many.
     fn mend_before_section(&mut self, start: usize) {
         let word = &self.text[start..self.end];
         let heads_a_list = self.open.last().is_some_and(|i| *i as usize + 1 == self.entries.len());
@@ -231,8 +232,8 @@ impl<'t, 'd> Builder<'t, 'd> {
         }
     }
 
-    /// A part of an action stands in the action and nowhere else: one that begins deeper shows where
-    /// parentheses are missing.
+    /// Repairs parentheses before a part of an action. Such a part occurs only in an action: if it
+    /// begins deeper, parentheses are missing.
     fn mend_before_part(&mut self, start: usize) {
         let word = &self.text[start..self.end];
         let is_part = PARTS.iter().any(|known| known.eq_ignore_ascii_case(word));
@@ -247,7 +248,7 @@ impl<'t, 'd> Builder<'t, 'd> {
         }
     }
 
-    /// Closes lists before the entry `next`, which stands at `place` and cannot be in them.
+    /// Closes lists before the entry `next`, which is at `place` and cannot be inside them.
     fn close_before(&mut self, unclosed: &[u32], next: u32, place: Span, word: &str) {
         let end = self.text[..place.start as usize].trim_end().len();
         let opener = unclosed.first().map_or(0, |index| self.entries[*index as usize].start);
@@ -278,8 +279,8 @@ impl<'t, 'd> Builder<'t, 'd> {
     }
 
     fn last_root_before(&self, index: u32) -> Option<u32> {
-        // The entry before a root ends the root before it; only `(define` can be that root, and
-        // a `(define` that anything else follows is reported by the grammar.
+        // The entry before a root ends the root before it. Only `(define` can be that root; the
+        // grammar reports a `(define` that is followed by anything else.
         let first = self.entries.first()?;
         (index > 0 && first.next == index).then_some(0)
     }
@@ -296,7 +297,7 @@ impl<'t, 'd> Builder<'t, 'd> {
 
     fn finish(&mut self) {
         if let Some(start) = self.stray.take() {
-            // All before it is whole: one too many at the end does no harm.
+            // Everything before it is complete: an extra parenthesis at the end does no harm.
             let place = Span::new(start, start + 1);
             let extra = match self.entries.is_empty() {
                 true => Diagnostic::error(place, "`)` closes nothing"),
@@ -327,7 +328,7 @@ impl<'t, 'd> Builder<'t, 'd> {
     }
 }
 
-/// What stands at `place` would need one level more than there may be.
+/// Reports that the node at `place` would exceed the allowed nesting.
 pub(crate) fn too_deep(place: Span) -> Diagnostic {
     let message = format!("parentheses nested more than {NESTING_MAX} deep are not supported");
     Diagnostic::unsupported(place, message)

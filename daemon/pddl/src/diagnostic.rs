@@ -1,20 +1,20 @@
-//! How this crate speaks of mistakes: plain data that points into the author's text.
+//! Diagnostics: mistakes in a text, as plain data with places in the author's text.
 //!
-//! - Made by the parser and by `check`; drawn by whoever shows it to a person.
-//! - Holds byte offsets; [`line_column`] turns one into what editors show.
-//! - A diagnostic and its notes speak of one and the same text.
+//! - Created by the parser and by `check`; displayed by other crates.
+//! - Holds byte offsets; [`line_column`] converts one into the line and column that editors show.
+//! - A diagnostic and its notes refer to the same text.
 
 use std::borrow::Cow;
 use std::fmt;
 
 use crate::tree::Span;
 
-/// How bad it is.
+/// Severity of a mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Severity {
-    /// Worth a thought; the text means what it says.
+    /// The text is valid, but the author may want to look at it.
     Hint,
-    /// Probably not meant.
+    /// The text is probably not what the author meant.
     Warning,
     /// The text cannot be used as it is.
     Error,
@@ -23,21 +23,21 @@ pub enum Severity {
 /// One mistake in a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
-    /// How bad it is.
+    /// Severity of the mistake.
     pub severity: Severity,
-    /// What is wrong, in one lower-case clause: “unknown predicate `conected`”.
+    /// Description of the mistake in one lower-case clause: “unknown predicate `conected`”.
     pub message: String,
-    /// The words it is about.
+    /// Place of the mistake.
     pub span: Span,
-    /// What to write beside the marked words.
+    /// Label to print beside the marked place.
     pub label: Option<String>,
-    /// What would be right: “did you mean `connected`?”.
+    /// Proposal for a correction: “did you mean `connected`?”.
     pub help: Option<String>,
     /// The rule in PDDL notation: a production of the grammar, or the declaration concerned.
     pub rule: Option<Cow<'static, str>>,
-    /// Other places of the same text that have to do with it.
+    /// Other places of the same text that are related to the mistake.
     pub notes: Vec<Note>,
-    /// Whether the text is right, and means something that Althing does not do.
+    /// Whether the text is valid PDDL that Althing does not support.
     pub is_unsupported: bool,
 }
 
@@ -46,33 +46,33 @@ pub struct Diagnostic {
 pub struct Note {
     /// The place.
     pub span: Span,
-    /// What is there.
+    /// Description of that place.
     pub message: String,
 }
 
-/// What a text gave: a value as far as one could be made, and every mistake found on the way.
+/// Result of parsing: a value as far as one could be made, and every mistake found.
 #[derive(Clone, Debug)]
 pub struct Parsed<T> {
-    /// What could be made of the text; parts with an error are left out of it. `None` where not
-    /// even the kind of the text could be told.
+    /// Value made from the text, without the parts that have an error. `None` if not even the kind
+    /// of the text is clear.
     pub value: Option<T>,
-    /// In the order of the text.
+    /// Mistakes in the order of the text.
     pub diagnostics: Vec<Diagnostic>,
 }
 
-/// The mistakes found so far, up to a number that no person reads and no message should carry.
+/// The mistakes found so far, up to [`DIAGNOSTICS_MAX`]; further ones are only counted.
 #[derive(Debug, Default)]
 pub(crate) struct Problems {
     list: Vec<Diagnostic>,
     omitted: usize,
 }
 
-/// One screenful is 50; a thousand is a text that is not PDDL at all.
+/// Most mistakes that are listed. A screenful is 50; a text with a thousand is not PDDL at all.
 const DIAGNOSTICS_MAX: usize = 1_000;
 
-/// Line and column, both from 1, of a byte offset; columns count characters.
+/// Returns line and column, both from 1, of a byte offset; columns count characters.
 ///
-/// An offset past the end is the end, one inside a character is its first byte.
+/// An offset past the end counts as the end; an offset inside a character counts as its first byte.
 pub fn line_column(text: &str, offset: usize) -> (usize, usize) {
     let mut offset = offset.min(text.len());
     while !text.is_char_boundary(offset) {
@@ -99,23 +99,23 @@ impl fmt::Display for Severity {
 // === impl Diagnostic ===
 
 impl Diagnostic {
-    /// An error at `span`.
+    /// Creates an error at `span`.
     pub fn error(span: Span, message: impl Into<String>) -> Diagnostic {
         Diagnostic::new(Severity::Error, span, message.into())
     }
 
-    /// An error at `span`, where the text is right and `feature`, in the words of PDDL, is not done:
-    /// “preferences are not supported”.
+    /// Creates an error at `span` for valid PDDL with an unsupported `feature`, in the words of
+    /// PDDL: “preferences are not supported”.
     pub fn unsupported(span: Span, feature: impl Into<String>) -> Diagnostic {
         Diagnostic { is_unsupported: true, ..Diagnostic::error(span, feature) }
     }
 
-    /// A warning at `span`.
+    /// Creates a warning at `span`.
     pub fn warning(span: Span, message: impl Into<String>) -> Diagnostic {
         Diagnostic::new(Severity::Warning, span, message.into())
     }
 
-    /// A hint at `span`.
+    /// Creates a hint at `span`.
     pub fn hint(span: Span, message: impl Into<String>) -> Diagnostic {
         Diagnostic::new(Severity::Hint, span, message.into())
     }
@@ -133,14 +133,14 @@ impl Diagnostic {
         }
     }
 
-    /// Says what would be right.
+    /// Adds a proposal for a correction.
     #[must_use]
     pub fn with_help(mut self, help: impl Into<String>) -> Diagnostic {
         self.help = Some(help.into());
         self
     }
 
-    /// Offers the likely intended name, if there is one.
+    /// Adds the likely intended name as a proposal, if there is one.
     #[must_use]
     pub fn with_suggestion(mut self, name: Option<&str>) -> Diagnostic {
         if let Some(name) = name {
@@ -149,33 +149,33 @@ impl Diagnostic {
         self
     }
 
-    /// Writes something beside the marked words.
+    /// Adds a label to print beside the marked place.
     #[must_use]
     pub fn with_label(mut self, label: impl Into<String>) -> Diagnostic {
         self.label = Some(label.into());
         self
     }
 
-    /// Quotes the rule in PDDL notation.
+    /// Adds the rule in PDDL notation.
     #[must_use]
     pub fn with_rule(mut self, rule: impl Into<Cow<'static, str>>) -> Diagnostic {
         self.rule = Some(rule.into());
         self
     }
 
-    /// Points at another place of the same text.
+    /// Adds a related place of the same text.
     #[must_use]
     pub fn with_note(mut self, span: Span, message: impl Into<String>) -> Diagnostic {
         self.notes.push(Note { span, message: message.into() });
         self
     }
 
-    /// Whether the text cannot be used because of it.
+    /// Whether the text cannot be used because of this mistake.
     pub fn is_error(&self) -> bool {
         self.severity == Severity::Error
     }
 
-    /// One line with the place in `text`: `3:14: error: unknown predicate `conected``.
+    /// Returns one line with the place in `text`: `3:14: error: unknown predicate `conected``.
     pub fn located(&self, text: &str) -> String {
         let (line, column) = line_column(text, self.span.start as usize);
         format!("{line}:{column}: {self}")
@@ -208,12 +208,12 @@ impl Problems {
         }
     }
 
-    /// Whether nothing more will be listed, so that no work need go into it.
+    /// Whether no more mistakes will be listed, so that the caller can save the work.
     pub(crate) fn is_full(&self) -> bool {
         self.list.len() >= DIAGNOSTICS_MAX
     }
 
-    /// Everything reported, in the order of the text.
+    /// Returns all listed mistakes in the order of the text.
     pub(crate) fn into_sorted(mut self) -> Vec<Diagnostic> {
         self.list.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
         if let (1.., Some(last)) = (self.omitted, self.list.last()) {
@@ -232,7 +232,7 @@ impl<T> Parsed<T> {
         self.value.is_some() && !self.diagnostics.iter().any(Diagnostic::is_error)
     }
 
-    /// The value, if the text is free of errors; otherwise every diagnostic.
+    /// Returns the value if the text has no errors; otherwise all diagnostics.
     pub fn into_result(self) -> Result<T, Vec<Diagnostic>> {
         match self.value {
             Some(value) if !self.diagnostics.iter().any(Diagnostic::is_error) => Ok(value),
@@ -240,7 +240,7 @@ impl<T> Parsed<T> {
         }
     }
 
-    /// The same diagnostics with another value.
+    /// Converts the value and keeps the diagnostics.
     pub fn map<U>(self, convert: impl FnOnce(T) -> U) -> Parsed<U> {
         Parsed { value: self.value.map(convert), diagnostics: self.diagnostics }
     }

@@ -1,11 +1,10 @@
-//! Which nodes of a graph reach each other: for cycles of types and of axioms, here and in the
-//! planner.
+//! Strongly connected components of a graph: for cycles of types and of axioms, here and in the planner.
 //!
-//! In linear time and without recursion, because the graphs come from outside.
+//! In linear time and without recursion, because the graphs come from untrusted text.
 
-/// For each node a number that it shares with those nodes it reaches and is reached from.
+/// Returns a component number for each node; nodes that reach each other share it.
 ///
-/// `successors` lists, for each node, where its edges lead (Kosaraju's algorithm).
+/// `successors` lists the targets of the edges of each node (Kosaraju's algorithm).
 pub fn components(successors: &[Vec<usize>]) -> Vec<usize> {
     let mut predecessors = vec![Vec::new(); successors.len()];
     for (node, targets) in successors.iter().enumerate() {
@@ -26,7 +25,7 @@ pub fn components(successors: &[Vec<usize>]) -> Vec<usize> {
     components.into_iter().flatten().collect()
 }
 
-/// All nodes, each after everything that it reaches, as far as there is no cycle.
+/// Returns all nodes, each after every node that it reaches, as far as there is no cycle.
 fn finished_order(successors: &[Vec<usize>]) -> Vec<usize> {
     let mut finished = Vec::with_capacity(successors.len());
     let mut seen = vec![false; successors.len()];

@@ -1,21 +1,22 @@
-//! Knowledge: conditions over facts that may be unknown, in words of classical PDDL.
+//! Knowledge: rewrites conditions over facts that may be unknown into classical PDDL.
 //!
-//! In a running ecosystem a fact is known to be true, known to be false, or unknown, and so is the
-//! value of a function. Planners know two values. [`Knowledge`] rewrites a domain and its goals so
-//! that they mean the same to such a planner (a K0 translation: Bonet and Geffner, 2011):
+//! In a running ecosystem a fact is known to be true, known to be false, or unknown, and the value
+//! of a function may be unknown too. Planners have two truth values. [`Knowledge`] rewrites a
+//! domain and its goals so that they mean the same for such a planner (a K0 translation: Bonet and
+//! Geffner, 2011):
 //!
-//! - `unknown-P` holds of a fact that is neither known to be true nor known to be false. Where `P`
-//!   is known to be true, `P` itself holds, so that only negated conditions change.
-//! - `defined-F` holds of a function whose value is known.
-//! - `found-S` holds of what an action of the plan observes (`:observe`). What is found out is
-//!   assumed to be as the rest of the plan wants it; where it turns out otherwise, the executor
-//!   notices and a new plan is made.
-//! - `maybe-D` holds of a derived fact that cannot be ruled out.
+//! - `unknown-P` holds for a fact that is neither known to be true nor known to be false. If `P` is
+//!   known to be true, `P` itself holds, so only negated conditions change.
+//! - `defined-F` holds for a function with a known value.
+//! - `found-S` holds for a fact or function that an action of the plan observes (`:observe`). The
+//!   plan assumes the observed value that its later steps need; if the real value differs, the
+//!   executor notices, and a new plan is made.
+//! - `maybe-D` holds for a derived fact that cannot be ruled out.
 //!
-//! The caller keeps `unknown-P` and `defined-F` in `:init`; `found-S` is never there, so a goal that
-//! is held against a state, and not planned for, holds by what is known alone.
+//! The caller keeps `unknown-P` and `defined-F` in `:init`. `found-S` is never there, so a goal
+//! that is only checked against a state, and not planned for, holds by known facts alone.
 //!
-//! **Invariant:** nothing here looks at a state. The same domain gives the same words.
+//! **Invariant:** no function here reads a state. The same domain gives the same auxiliary predicates.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -27,49 +28,50 @@ use crate::tree::{
 /// The auxiliary predicates of one symbol.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Auxiliary {
-    /// Of a predicate that is not derived.
+    /// For a predicate that is not derived.
     Predicate {
-        /// Holds of what is not known.
+        /// Holds for facts that are not known.
         unknown: Name,
-        /// Holds of what the plan has observed; only where some action observes it.
+        /// Holds for facts that the plan has observed; only if some action observes the predicate.
         found: Option<Name>,
     },
-    /// Of a function.
+    /// For a function.
     Function {
-        /// Holds of what has a known value.
+        /// Holds if the value is known.
         defined: Name,
-        /// See above.
+        /// Holds if the plan has observed the value; only if some action observes the function.
         found: Option<Name>,
     },
-    /// Of a predicate that axioms derive.
+    /// For a predicate that axioms derive.
     Derived {
-        /// Holds of what cannot be ruled out.
+        /// Holds for facts that cannot be ruled out.
         maybe: Name,
-        /// Holds of what cannot be ruled out because its derivation rests on an agent that left.
+        /// Holds for facts that cannot be ruled out because their derivation depends on an agent
+        /// that has left.
         unknown: Name,
     },
 }
 
-/// Which symbols may be unknown, and the words that say so.
+/// The symbols with facts or values that may be unknown, and their auxiliary predicates.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Knowledge {
-    /// By symbol; functions have names that no predicate has.
+    /// The auxiliary predicates by symbol; no function has the name of a predicate.
     pub symbols: BTreeMap<Name, Auxiliary>,
 }
 
-/// How certain a rewritten condition has to be.
+/// Required certainty of a rewritten condition.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Mode {
-    /// It is known to hold.
+    /// The condition is known to hold.
     Sure,
-    /// It is not known not to hold.
+    /// The condition is not known to be false.
     Possible,
 }
 
 // === impl Auxiliary ===
 
 impl Auxiliary {
-    /// Every predicate it adds.
+    /// Returns all auxiliary predicates.
     pub fn names(&self) -> impl Iterator<Item = &Name> {
         let (one, other) = match self {
             Auxiliary::Predicate { unknown, found } => (unknown, found.as_ref()),
@@ -83,8 +85,9 @@ impl Auxiliary {
 // === impl Knowledge ===
 
 impl Knowledge {
-    /// The words for a domain in which facts of the `unknowable` predicates may be unknown; so may be
-    /// whatever an action observes, and what is derived from either.
+    /// Creates the auxiliary predicates of a domain in which facts of the `unknowable` predicates
+    /// may be unknown. Symbols that an action observes, and predicates derived from either, may be
+    /// unknown too.
     pub fn of(domain: &Domain, unknowable: &BTreeSet<Name>) -> Knowledge {
         let observed: BTreeSet<&Name> = { domain.actions.iter() }
             .flat_map(|action| &action.observe)
@@ -121,17 +124,17 @@ impl Knowledge {
         Knowledge { symbols }
     }
 
-    /// Whether everything is known, always.
+    /// Whether no fact can ever be unknown.
     pub fn is_empty(&self) -> bool {
         self.symbols.is_empty()
     }
 
-    /// Whether a predicate is one of those that were added.
+    /// Whether a predicate is auxiliary.
     pub fn is_auxiliary(&self, predicate: &Name) -> bool {
         self.symbols.values().any(|auxiliary| auxiliary.names().any(|name| name == predicate))
     }
 
-    /// The symbol whose facts are unknown where `predicate` holds.
+    /// Returns the symbol that has unknown facts where `predicate` holds; `None` for other predicates.
     pub fn unknown_by(&self, predicate: &Name) -> Option<&Name> {
         let is_it = |auxiliary: &Auxiliary| match auxiliary {
             Auxiliary::Predicate { unknown, .. } | Auxiliary::Derived { unknown, .. } => {
@@ -142,7 +145,7 @@ impl Knowledge {
         self.symbols.iter().find(|(_, auxiliary)| is_it(auxiliary)).map(|(symbol, _)| symbol)
     }
 
-    /// The fact that says that this one is unknown; `None` if it is always known.
+    /// Returns the fact which states that this one is unknown; `None` if it is always known.
     pub fn unknown(&self, fact: &Atom) -> Option<Atom> {
         match self.symbols.get(&fact.predicate)? {
             Auxiliary::Predicate { unknown, .. } | Auxiliary::Derived { unknown, .. } => {
@@ -152,7 +155,7 @@ impl Knowledge {
         }
     }
 
-    /// The fact that says that this function has a known value; `None` if nobody has to know.
+    /// Returns the fact which states that this function has a known value; `None` if that is not tracked.
     pub fn defined(&self, fluent: &FluentTerm) -> Option<Atom> {
         match self.symbols.get(&fluent.function)? {
             Auxiliary::Function { defined, .. } => {
@@ -162,8 +165,9 @@ impl Knowledge {
         }
     }
 
-    /// Rewrites a domain: conditions ask for what is known, effects make known, observations find
-    /// out. Its axioms have to be those that this was made of.
+    /// Rewrites a domain: conditions require known facts, effects make facts known, and
+    /// observations set `found-S`. The domain must have the axioms that the [`Knowledge`] was
+    /// created from.
     pub fn compile(&self, domain: &mut Domain) {
         self.declare(domain);
         let mut derived = Vec::with_capacity(domain.derived.len());
@@ -181,7 +185,7 @@ impl Knowledge {
         }
     }
 
-    /// An action over what is known.
+    /// Returns the action with conditions and effects over known facts.
     pub fn action(&self, action: &ActionSchema) -> ActionSchema {
         let found = action.observe.iter().filter_map(|observed| self.found(observed));
         let found: Vec<Effect> = found.map(Effect::Add).collect();
@@ -198,7 +202,7 @@ impl Knowledge {
         }
     }
 
-    /// The condition that this one is known to hold.
+    /// Returns the condition which requires that this one is known to hold.
     pub fn sure(&self, condition: &Condition) -> Condition {
         if !self.touches(condition) {
             return condition.clone();
@@ -206,7 +210,8 @@ impl Knowledge {
         self.rewrite(condition, true, Mode::Sure)
     }
 
-    /// What a rewritten condition asks for, in the author's words: as if all were known.
+    /// Returns the original of a rewritten condition, in the author's symbols: as if every fact
+    /// were known.
     pub fn plain(&self, condition: &Condition) -> Condition {
         match condition {
             Condition::Atom(atom) => self.plain_atom(atom),
@@ -243,7 +248,8 @@ impl Knowledge {
         }
     }
 
-    /// Known, and not found out: nothing is unknown, every function has a value, and what may be is.
+    /// Resolves an auxiliary atom as if everything were known and nothing observed: nothing is
+    /// unknown, every function has a value, and `maybe-D` is `D`.
     fn plain_atom(&self, atom: &Atom) -> Condition {
         let is_it = |name: &Name| *name == atom.predicate;
         for (symbol, auxiliary) in &self.symbols {
@@ -261,8 +267,8 @@ impl Knowledge {
         Condition::Atom(atom.clone())
     }
 
-    /// Whether a condition speaks of something that may be unknown, or compares: the negation of a
-    /// comparison with a function that has no value would hold.
+    /// Whether a condition mentions something that may be unknown, or has a comparison: the
+    /// negation of a comparison with an undefined function would hold otherwise.
     fn touches(&self, condition: &Condition) -> bool {
         condition.parts().any(|part| match part {
             Condition::Atom(atom) => self.symbols.contains_key(&atom.predicate),
@@ -271,7 +277,7 @@ impl Knowledge {
         })
     }
 
-    /// A condition, or its negation where `positive` is false.
+    /// Rewrites a condition, or its negation if `positive` is false.
     fn rewrite(&self, condition: &Condition, positive: bool, mode: Mode) -> Condition {
         let all = |parts: &[Condition]| {
             parts.iter().map(|part| self.rewrite(part, positive, mode)).collect()
@@ -347,8 +353,8 @@ impl Knowledge {
         }
     }
 
-    /// A comparison with a function that has no value does not hold, nor does its negation: the
-    /// opposite comparison stands for that.
+    /// Rewrites a comparison. If a function in it has no value, neither the comparison nor its
+    /// negation holds, so the negation is expressed by the opposite comparison.
     fn compare(&self, compare: &Compare, positive: bool, mode: Mode) -> Condition {
         let with =
             |comparison| Condition::Compare(Box::new(Compare { comparison, ..compare.clone() }));
@@ -366,7 +372,8 @@ impl Knowledge {
         }
     }
 
-    /// That a comparison may be taken to hold: what it lacks the plan has observed.
+    /// Returns the condition that a comparison may be assumed to hold: the plan has observed every
+    /// value that is not known. `None` if nothing in it can be observed.
     fn assumed(&self, compare: &Compare) -> Option<Condition> {
         let tracked = self.tracked(compare);
         let found: Vec<Condition> = { tracked.iter() }
@@ -393,7 +400,8 @@ impl Knowledge {
         }
     }
 
-    /// That a comparison is open, because something in it has no value and is not observed.
+    /// Returns the condition that a comparison is open, because some value in it is neither known
+    /// nor observed. `None` if every value is always known.
     fn undetermined(&self, compare: &Compare) -> Option<Condition> {
         let open: Vec<Condition> = { self.tracked(compare).into_iter() }
             .map(|(fluent, defined, found)| {
@@ -407,8 +415,8 @@ impl Knowledge {
         (!open.is_empty()).then(|| one_or(open))
     }
 
-    /// The functions of a comparison that may have no value: each with what says that it has one,
-    /// and the word for having observed it.
+    /// Returns the functions of a comparison that may have no value: each with the fact that it is
+    /// defined, and the predicate for having observed it.
     fn tracked(&self, compare: &Compare) -> Vec<(FluentTerm, Atom, Option<Name>)> {
         let mut fluents: Vec<&FluentTerm> = Vec::new();
         for fluent in compare.left.fluents().chain(compare.right.fluents()) {
@@ -460,7 +468,7 @@ impl Knowledge {
         }
     }
 
-    /// Declares the words with the parameters of their symbols.
+    /// Declares the auxiliary predicates with the parameters of their symbols.
     fn declare(&self, domain: &mut Domain) {
         let of_predicates = domain.predicates.iter().map(|it| (&it.name, &it.parameters));
         let of_functions = domain.functions.iter().map(|it| (&it.name, &it.parameters));
@@ -477,7 +485,8 @@ impl Knowledge {
         domain.predicates.extend(added);
     }
 
-    /// What cannot be ruled out because of an agent that left: an axiom for each derived predicate.
+    /// Returns the axioms for facts that cannot be ruled out because an agent has left: one for
+    /// each derived predicate.
     fn left_behind(&self, domain: &Domain) -> Vec<Derived> {
         let axiom = |(symbol, auxiliary): (&Name, &Auxiliary)| {
             let Auxiliary::Derived { maybe, unknown } = auxiliary else { return None };
@@ -517,7 +526,8 @@ fn applied(predicate: &Name, arguments: &[Term], span: Span) -> Atom {
     Atom { predicate: predicate.clone(), arguments: arguments.to_vec(), span }
 }
 
-/// The derived predicates that rest on one of `symbols`, also through each other, and those `left`.
+/// Returns the derived predicates that depend on one of `symbols`, directly or through each other,
+/// and those in `left`.
 fn dependent(
     domain: &Domain,
     symbols: &BTreeMap<Name, Auxiliary>,
@@ -540,7 +550,7 @@ fn dependent(
     }
 }
 
-/// Finds words that nothing else is called by.
+/// Chooses names that are not used elsewhere.
 struct Words {
     taken: BTreeSet<Name>,
 }
@@ -554,7 +564,7 @@ impl Words {
         Words { taken: predicates.chain(functions).cloned().collect() }
     }
 
-    /// `PREFIX-SYMBOL`, or the first of `PREFIX-SYMBOL-2`, `PREFIX-SYMBOL-3`, … that is free.
+    /// Returns `PREFIX-SYMBOL`, or the first of `PREFIX-SYMBOL-2`, `PREFIX-SYMBOL-3`, … that is free.
     fn word(&mut self, prefix: &str, symbol: &Name) -> Name {
         let wanted = format!("{prefix}-{}", symbol.as_str());
         let numbered = (2..).map(|number| Name::new(&format!("{wanted}-{number}")));
@@ -595,7 +605,7 @@ mod tests {
         let parsed = |text| crate::parse_condition(text).into_result().expect("a condition");
         let sure = knowledge().sure(&parsed(condition));
         assert_eq!(sure.to_string(), parsed(expected).to_string());
-        // And back.
+        // The reverse direction.
         let plain = knowledge().plain(&sure);
         assert_eq!(knowledge().sure(&plain).to_string(), sure.to_string(), "{plain}");
     }
@@ -648,7 +658,7 @@ mod tests {
         let found = "(and (not (defined-warmth hall)) (found-warmth hall))";
         check("(>= (warmth hall) 21)", &format!("(or (>= (warmth hall) 21) {found})"));
         check("(not (>= (warmth hall) 21))", &format!("(or (< (warmth hall) 21) {found})"));
-        // Nobody can find out what the limit is.
+        // The limit cannot be observed.
         check("(not (< (limit hall) 21))", "(>= (limit hall) 21)");
         check("(not (= (limit hall) 21))", "(or (< (limit hall) 21) (> (limit hall) 21))");
     }

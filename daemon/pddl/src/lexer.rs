@@ -1,20 +1,20 @@
-//! Words and parentheses: the only place that looks at single bytes.
+//! Words and parentheses: the only code that reads single bytes.
 //!
 //! - Feeds `sexpr`, which builds the tree of parentheses.
-//! - Everything that delimits is ASCII, so a cut between two tokens is a character boundary
-//!   whatever the rest of the text is made of.
-//! - Does not know what a word means: `:action`, `?x`, `5` and `-` are all symbols here.
+//! - Every delimiter is ASCII, so a cut between two tokens is a character boundary, whatever else
+//!   the text contains.
+//! - The meaning of a word is not known here: `:action`, `?x`, `5` and `-` are all symbols.
 
 use nom::bytes::complete::{take, take_till, take_while};
 use nom::combinator::{map, value};
 use nom::{IResult, Parser};
 
-/// What is left to read.
+/// The rest of the text to read.
 pub(crate) type Input<'a> = &'a [u8];
 
 type LexResult<'a, T> = IResult<Input<'a>, T, ()>;
 
-/// One lexeme; its place is the difference between the input before and after.
+/// One token; its place is the difference between the input before and after.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Token {
     Open,
@@ -23,7 +23,7 @@ pub(crate) enum Token {
     Symbol(usize),
 }
 
-/// `BLANK* ( "(" | ")" | SYMBOL )`; fails at the end of the text and nowhere else.
+/// `BLANK* ( "(" | ")" | SYMBOL )`; fails only at the end of the text.
 pub(crate) fn token(input: Input<'_>) -> LexResult<'_, Token> {
     let (input, ()) = blanks(input)?;
     match input.first() {
@@ -37,8 +37,8 @@ pub(crate) fn token(input: Input<'_>) -> LexResult<'_, Token> {
     }
 }
 
-/// How long the word is that `input` begins with. A question mark begins a variable, so that it ends
-/// the word before it: `aircraft?a` is two words.
+/// Returns the length of the word that `input` begins with. A question mark begins a variable and
+/// so ends the word before it: `aircraft?a` is two words.
 fn word_length(input: Input<'_>) -> usize {
     let rest = input.iter().skip(1);
     1 + rest.take_while(|byte| !is_delimiter(**byte) && **byte != b'?').count()

@@ -1,11 +1,11 @@
 //! PDDL, the language of facts, goals, models and plans: text in, tree out, and back.
 //!
-//! - [`tree`] says what a text can say. Start reading there.
-//! - [`parse`] makes a tree of a text: `lexer` → `balance` → `sexpr` → `grammar`.
-//! - `printer` makes a text of a tree: `Display` of every tree type.
-//! - `arithmetic` says what numbers come to, for [`Operator`], [`Comparison`] and [`Assignment`].
-//! - [`check`] asks whether a tree makes sense; [`types`] is the hierarchy it asks.
-//! - [`diagnostic`] is how all of them speak of mistakes.
+//! - [`tree`] defines the syntax tree. Start reading there.
+//! - [`parse`] makes a tree from a text: `lexer` → `balance` → `sexpr` → `grammar`.
+//! - `printer` makes a text from a tree: `Display` of every tree type.
+//! - `arithmetic` computes the values of [`Operator`], [`Comparison`] and [`Assignment`].
+//! - [`check`] checks whether a tree makes sense, with the help of [`types`], the type hierarchy.
+//! - [`diagnostic`] is the form in which all of them report mistakes.
 //!
 //! Leaves to others: grounding and search (`planner`), composing several models into one domain
 //! (`capability`), drawing diagnostics in color (the binary).

@@ -1,14 +1,15 @@
-//! The likely intended name: “did you mean …?”.
+//! Search for the likely intended name: “did you mean …?”.
 //!
-//! Serves the parser, `check`, and any crate that looks up a name a person wrote.
+//! Used by the parser, by `check`, and by any crate that looks up a name written by a person.
 
-/// The cost of comparing grows with the square of the length; no person writes longer names.
+/// Longest word that is compared, in bytes: the cost grows with the square of the length, and no
+/// person writes longer names.
 const BYTES_MAX: usize = 128;
 
-/// The candidate that `word` is most likely a slip of, if any is near enough to be worth offering.
+/// Returns the candidate that `word` is most likely a misspelling of; `None` if none is near enough.
 ///
-/// One slip is forgiven in two letters, another for every three more; of candidates equally near
-/// the first wins. Case does not count.
+/// One error is tolerated in a word of two letters, and one more for every three further letters.
+/// Among equally near candidates the first wins. Case is ignored.
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     if word.len() > BYTES_MAX {
         return None;

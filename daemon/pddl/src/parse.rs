@@ -1,8 +1,8 @@
-//! Text in, tree and diagnostics out: the parser's public face.
+//! Parsing: text in, tree and diagnostics out.
 //!
-//! Each function takes one kind of text. All of them read the whole text, report every mistake in
-//! it, and return what could be made of the rest; [`Parsed::into_result`] is for callers who want
-//! all or nothing.
+//! Each function parses one kind of text. All of them read the whole text, report every mistake in
+//! it, and return what could be made of the rest; [`Parsed::into_result`] is for callers that need
+//! a text without errors.
 
 use crate::diagnostic::{Parsed, Problems};
 use crate::grammar::{self, Reader};
@@ -44,7 +44,7 @@ pub fn parse_problem(text: &str) -> Parsed<Problem> {
     })
 }
 
-/// Whether the text of a problem has a `:goal`, be it one that asks for nothing.
+/// Whether the text of a problem has a `:goal`, even an empty one.
 ///
 /// ```
 /// let problem = "(define (problem p) (:domain d) (:goal (and)))";
@@ -110,8 +110,8 @@ pub fn parse_step(text: &str) -> Parsed<PlanStep> {
     read(text, |reader, roots| grammar::single(reader, roots, "step", grammar::plan_step))
 }
 
-/// The text of a file whatever its encoding: UTF-8 where it is, and Latin-1, as older competition
-/// files have it in their comments, where it is not.
+/// Decodes the text of a file: UTF-8 if it is valid, else Latin-1, which older competition files
+/// have in their comments.
 ///
 /// ```
 /// assert_eq!(pddl::text_from_bytes(b"; Thi\xe9baux"), "; Thi\u{e9}baux");
@@ -123,7 +123,7 @@ pub fn text_from_bytes(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
     }
 }
 
-/// Reads the parentheses, then what they mean.
+/// Reads the parentheses, then parses their content.
 fn read<T>(
     text: &str,
     meaning: impl for<'f> FnOnce(&mut Reader<'f>, Items<'f>) -> Option<T>,

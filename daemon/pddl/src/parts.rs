@@ -1,12 +1,12 @@
-//! The parts of a tree, for those that look and do not change: conditions, effects and expressions, the
-//! outermost part first, then what is in it from left to right.
+//! Read-only traversal of conditions, effects and expressions: the outermost part first, then the
+//! parts in it from left to right.
 
 use std::iter;
 
 use crate::tree::{Assignment, Atom, Condition, Effect, Expression, FluentTerm, Name};
 
 impl Condition {
-    /// The condition and everything in it.
+    /// Iterates over the condition and everything in it.
     pub fn parts(&self) -> impl Iterator<Item = &Condition> {
         let mut open = vec![self];
         iter::from_fn(move || {
@@ -23,7 +23,7 @@ impl Condition {
         })
     }
 
-    /// The atoms in it.
+    /// Iterates over the atoms in it.
     pub fn atoms(&self) -> impl Iterator<Item = &Atom> {
         self.parts().filter_map(|part| match part {
             Condition::Atom(atom) => Some(atom),
@@ -31,7 +31,7 @@ impl Condition {
         })
     }
 
-    /// The predicates and functions that it speaks of.
+    /// Iterates over the predicates and functions that it uses.
     pub fn symbols(&self) -> impl Iterator<Item = &Name> {
         self.parts().flat_map(|part| match part {
             Condition::Atom(atom) => vec![&atom.predicate],
@@ -43,7 +43,7 @@ impl Condition {
         })
     }
 
-    /// The fluents that it compares.
+    /// Iterates over the fluents that it compares.
     pub fn fluents(&self) -> impl Iterator<Item = &FluentTerm> {
         self.parts().flat_map(|part| match part {
             Condition::Compare(compare) => {
@@ -55,7 +55,7 @@ impl Condition {
 }
 
 impl Effect {
-    /// The effect and everything in it, without the conditions of conditional effects.
+    /// Iterates over the effect and everything in it, without the conditions of conditional effects.
     pub fn parts(&self) -> impl Iterator<Item = &Effect> {
         let mut open = vec![self];
         iter::from_fn(move || {
@@ -69,7 +69,7 @@ impl Effect {
         })
     }
 
-    /// The atoms that it adds, conditionally or not.
+    /// Iterates over the atoms that it adds, conditionally or not.
     pub fn added(&self) -> impl Iterator<Item = &Atom> {
         self.parts().filter_map(|part| match part {
             Effect::Add(atom) => Some(atom),
@@ -77,7 +77,7 @@ impl Effect {
         })
     }
 
-    /// Whether it gives a function a value, for some arguments, whatever value that had before.
+    /// Whether it assigns a value to a function, for some arguments, independently of the value before.
     pub fn assigns(&self, function: &Name) -> bool {
         self.parts().any(|part| match part {
             Effect::Assign(assign) => {
@@ -89,7 +89,7 @@ impl Effect {
 }
 
 impl Expression {
-    /// The expression and everything in it.
+    /// Iterates over the expression and everything in it.
     pub fn parts(&self) -> impl Iterator<Item = &Expression> {
         let mut open = vec![self];
         iter::from_fn(move || {
@@ -107,7 +107,7 @@ impl Expression {
         })
     }
 
-    /// The fluents in it.
+    /// Iterates over the fluents in it.
     pub fn fluents(&self) -> impl Iterator<Item = &FluentTerm> {
         self.parts().filter_map(|part| match part {
             Expression::Fluent(fluent) => Some(fluent),

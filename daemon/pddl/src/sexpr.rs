@@ -1,48 +1,48 @@
-//! The tree of parentheses, as the grammar reads it.
+//! The tree of parentheses, which the grammar reads.
 //!
 //! - Built by `balance` from the tokens of `lexer`; read through [`Node`] and [`Items`].
-//! - All nodes lie in one vector in the order of the text, so neither building nor dropping a tree
+//! - All nodes are in one vector in the order of the text, so neither building nor dropping a tree
 //!   recurses, and skipping a list is one look-up.
 
 use crate::balance::Builder;
 use crate::diagnostic::Problems;
 use crate::tree::Span;
 
-/// How deep parentheses may nest.
+/// Most levels of nested parentheses.
 ///
-/// Whoever recurses over a tree, here or in another crate, has 16 KiB of a 2 MiB stack for each
-/// level. The deepest of 224 competition files nests 14 deep.
+/// Recursion over a tree, here or in another crate, has 16 KiB of a 2 MiB stack for each level. The
+/// deepest of 224 competition files nests 14 deep.
 pub const NESTING_MAX: usize = 128;
 const _: () = assert!(NESTING_MAX <= u8::MAX as usize, "`Entry::depth` is a byte");
 
-/// Everything a text holds between its parentheses.
+/// The content of a text between its parentheses.
 pub(crate) struct Forest<'t> {
     text: &'t str,
     entries: Vec<Entry>,
 }
 
-/// A node: list, word, or what could not be kept.
+/// A node: a list, a word, or a part that could not be kept.
 #[derive(Clone, Copy)]
 pub(crate) struct Node<'f> {
     forest: &'f Forest<'f>,
     index: u32,
 }
 
-/// What a node is.
+/// Kind of a node.
 pub(crate) enum View<'f> {
     List(Items<'f>),
     Symbol(&'f str),
-    /// Nested too deep; reported already, so nobody need complain again.
+    /// Nested too deep. This has been reported, so callers do not report it again.
     Damaged,
 }
 
-/// The nodes of a list that were not read yet.
+/// The nodes of a list that have not been read.
 #[derive(Clone, Copy)]
 pub(crate) struct Items<'f> {
     forest: &'f Forest<'f>,
     next: u32,
     stop: u32,
-    /// Where something missing would have to stand: the closing parenthesis, if there is one.
+    /// Place to report something missing: the closing parenthesis, if there is one.
     end: Span,
 }
 
@@ -51,10 +51,10 @@ pub(crate) struct Items<'f> {
 pub(crate) struct Entry {
     pub(crate) start: u32,
     pub(crate) end: u32,
-    /// The first entry after this node and all it holds.
+    /// The first entry after this node and its content.
     pub(crate) next: u32,
     pub(crate) kind: Kind,
-    /// How many lists it stands in.
+    /// The number of lists around the node.
     pub(crate) depth: u8,
 }
 
@@ -68,17 +68,17 @@ pub(crate) enum Kind {
 // === impl Forest ===
 
 impl<'t> Forest<'t> {
-    /// Reads all of `text`.
+    /// Reads the whole text.
     pub(crate) fn read(text: &'t str, problems: &mut Problems) -> Forest<'t> {
         Forest { text, entries: Builder::new(text, problems).read() }
     }
 
-    /// How many nodes there are.
+    /// Returns the number of nodes.
     pub(crate) fn len(&self) -> usize {
         self.entries.len()
     }
 
-    /// The nodes that stand in no list.
+    /// Returns the nodes outside any list.
     pub(crate) fn roots(&self) -> Items<'_> {
         Items {
             forest: self,
@@ -115,7 +115,7 @@ impl<'f> Node<'f> {
         }
     }
 
-    /// Whether no list may stand where this node stands.
+    /// Whether the node is so deep that a list is not allowed in its place.
     pub(crate) fn is_deepest(self) -> bool {
         usize::from(self.entry().depth) >= NESTING_MAX
     }
@@ -134,12 +134,12 @@ impl<'f> Node<'f> {
         }
     }
 
-    /// The word that a list begins with.
+    /// Returns the first word of a list.
     pub(crate) fn head(self) -> Option<&'f str> {
         self.list()?.peek()?.symbol()
     }
 
-    /// Whether two nodes say the same, whatever stands between their words.
+    /// Whether two nodes have the same content, apart from blanks and comments.
     pub(crate) fn says_the_same(self, other: Node<'f>) -> bool {
         let entries = |node: Node<'f>| {
             let all = node.index..node.entry().next;
@@ -154,7 +154,7 @@ impl<'f> Node<'f> {
             && entries(self).zip(entries(other)).all(is_same)
     }
 
-    /// The list that begins where this word ends, as functions of other languages are written:
+    /// Returns the list that begins where this word ends, as other languages write functions:
     /// `at(r1, hall)`.
     pub(crate) fn touching_list(self) -> Option<Node<'f>> {
         let Entry { end, next, kind, .. } = *self.entry();
@@ -163,14 +163,14 @@ impl<'f> Node<'f> {
         touches.then_some(Node { forest: self.forest, index: next })
     }
 
-    /// This node and nothing else.
+    /// Returns this node as the only item.
     pub(crate) fn alone(self) -> Items<'f> {
         let Entry { end, next, .. } = *self.entry();
         let end = Span { start: end, end };
         Items { forest: self.forest, next: self.index, stop: next, end }
     }
 
-    /// The closing parenthesis of a list, or the place where its author forgot it.
+    /// Returns the closing parenthesis of a list, or the place where it is missing.
     fn close(self) -> Span {
         let Entry { start, end, .. } = *self.entry();
         let last = self.forest.text.as_bytes().get((end as usize).wrapping_sub(1));
@@ -178,7 +178,7 @@ impl<'f> Node<'f> {
         Span { start: end - u32::from(is_closed), end }
     }
 
-    /// The text of the node, parentheses and all.
+    /// Returns the text of the node with its parentheses.
     pub(crate) fn text(self) -> &'f str {
         self.forest.text.get(self.span().range()).unwrap_or("")
     }
@@ -191,18 +191,18 @@ impl<'f> Items<'f> {
         (self.next < self.stop).then_some(Node { forest: self.forest, index: self.next })
     }
 
-    /// The items before the first that is `last`.
+    /// Returns the items before the first one for which `last` holds.
     pub(crate) fn until(self, last: impl Fn(Node<'f>) -> bool) -> Items<'f> {
         let stop = self.into_iter().find(|node| last(*node)).map_or(self.stop, |node| node.index);
         Items { stop, ..self }
     }
 
-    /// The items after `part`, which [`Items::until`] gave.
+    /// Returns the items after `part`, which came from [`Items::until`].
     pub(crate) fn after(self, part: Items<'f>) -> Items<'f> {
         Items { next: part.stop, ..self }
     }
 
-    /// Where something missing would have to stand: the closing parenthesis.
+    /// Returns the place to report something missing: the closing parenthesis.
     pub(crate) fn end(&self) -> Span {
         self.end
     }

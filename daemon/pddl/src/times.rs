@@ -1,12 +1,12 @@
-//! Plans with times, as the order of their steps.
+//! Plans with times: sorting their steps.
 
 use crate::diagnostic::Diagnostic;
 use crate::tree::{Plan, PlanStep};
 
 impl Plan {
-    /// Puts the steps in the order of their times, those of one time in the order of the text. Returns
-    /// a warning for every step that has the time of the one before it. A step without a time stays
-    /// behind the one that it stands behind.
+    /// Sorts the steps by time; steps of the same time stay in the order of the text. Returns a
+    /// warning for every step that has the same time as the step before it. A step without a time
+    /// stays behind its predecessor in the text.
     ///
     /// ```
     /// let mut plan = pddl::parse_plan("5: (last) 1: (first) 1: (second)").into_result().unwrap();

@@ -1,8 +1,8 @@
-//! The syntax tree: what a PDDL text says, before anyone asks what it means.
+//! The syntax tree: the content of a PDDL text, before its meaning is checked.
 //!
 //! - Built by the parser, printed by the printer, read by `check`, `capability` and `planner`.
-//! - Everything here is *lifted*: parameters are variables. Ground things live in `planner`.
-//! - Two trees are equal when they say the same: spans and the author's spelling take no part.
+//! - Everything here is *lifted*: parameters are variables. Ground things are in `planner`.
+//! - Two trees are equal if they have the same content: spans and the author's spelling are not compared.
 
 use std::borrow::Borrow;
 use std::fmt;
@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 /// A range of bytes in the author's text, `start..end`.
 ///
-/// All spans are equal, so that trees compare by what they say and not by where they say it.
+/// All spans are equal, so that trees are compared by their content and not by the places in a text.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Span {
     /// First byte.
@@ -20,7 +20,7 @@ pub struct Span {
     pub end: u32,
 }
 
-/// A PDDL symbol: compared without case, shown as its author wrote it.
+/// A PDDL symbol: compared without case, printed as its author wrote it.
 ///
 /// Variables are names too, without the question mark.
 ///
@@ -33,7 +33,7 @@ pub struct Name {
 
 struct Spelling {
     canonical: Box<str>,
-    /// Only where it differs.
+    /// Set only if it differs from `canonical`.
     spelled: Option<Box<str>>,
 }
 
@@ -75,7 +75,7 @@ pub struct Atom {
     pub span: Span,
 }
 
-/// `(FUNCTION TERM*)`, or `FUNCTION` alone where the function takes no argument.
+/// `(FUNCTION TERM*)`, or `FUNCTION` alone if the function takes no argument.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct FluentTerm {
     /// The function symbol.
@@ -116,7 +116,7 @@ pub enum Condition {
 /// `(COMPARISON EXPRESSION EXPRESSION)`
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Compare {
-    /// Which comparison.
+    /// The comparison operator.
     pub comparison: Comparison,
     /// The left side.
     pub left: Expression,
@@ -193,7 +193,7 @@ pub enum Effect {
 /// `(ASSIGNMENT FLUENT EXPRESSION)`
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Assign {
-    /// What is done with the value.
+    /// The operation on the value.
     pub assignment: Assignment,
     /// The fluent that changes.
     pub fluent: FluentTerm,
@@ -218,14 +218,14 @@ pub enum Assignment {
     ScaleDown,
 }
 
-/// Who may know a predicate or an object (MA-PDDL).
+/// Visibility of a predicate or an object (MA-PDDL).
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Privacy {
-    /// Everyone.
+    /// Visible to every agent.
     #[default]
     Public,
-    /// Its agent alone: `(:private …)`, or `(:private ?agent - TYPE …)` where one text speaks of
-    /// several agents (unfactored privacy).
+    /// Visible to its agent only: `(:private …)`, or `(:private ?agent - TYPE …)` if one text
+    /// describes several agents (unfactored privacy).
     Private(Option<Typed>),
 }
 
@@ -236,7 +236,7 @@ pub struct PredicateDeclaration {
     pub name: Name,
     /// Its parameters.
     pub parameters: Vec<Typed>,
-    /// Whether others may know it.
+    /// Visibility to other agents.
     pub privacy: Privacy,
 }
 
@@ -247,7 +247,7 @@ pub struct FunctionDeclaration {
     pub name: Name,
     /// Its parameters.
     pub parameters: Vec<Typed>,
-    /// Whether others may know it.
+    /// Visibility to other agents.
     pub privacy: Privacy,
 }
 
@@ -269,7 +269,7 @@ pub struct Derived {
 pub struct ActionSchema {
     /// The action's name.
     pub name: Name,
-    /// `:agent ?a - TYPE`: who acts (MA-PDDL). It precedes the parameters in a plan's step.
+    /// `:agent ?a - TYPE`: the acting agent (MA-PDDL). It precedes the parameters in a plan's step.
     pub agent: Option<Typed>,
     /// The parameters, without the agent.
     pub parameters: Vec<Typed>,
@@ -277,19 +277,19 @@ pub struct ActionSchema {
     pub precondition: Condition,
     /// The effect.
     pub effect: Effect,
-    /// `:observe`: predicates and functions whose value is known after the action, whatever it is,
-    /// as in contingent planning. In action models only; `planner` refuses it.
+    /// `:observe`: predicates and functions with a value that is known after the action, whatever
+    /// it is, as in contingent planning. In action models only; `planner` rejects it.
     pub observe: Vec<Atom>,
     /// From `(` to `)`.
     pub span: Span,
 }
 
-/// `(:durative-action NAME …)` (PDDL 2.1). Read and printed; no planner here uses it yet.
+/// `(:durative-action NAME …)` (PDDL 2.1). Parsed and printed; no planner here uses it yet.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct DurativeAction {
     /// The action's name.
     pub name: Name,
-    /// Who acts.
+    /// The acting agent.
     pub agent: Option<Typed>,
     /// The parameters, without the agent.
     pub parameters: Vec<Typed>,
@@ -306,7 +306,7 @@ pub struct DurativeAction {
 /// `[(at start|at end] (= ?duration EXPRESSION)`
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct DurationConstraint {
-    /// When the expression is read; `None` where the author left it out.
+    /// When the expression is evaluated; `None` if the author left it out.
     pub when: Option<TimeSpecifier>,
     /// `=`, `<=` or `>=`.
     pub comparison: Comparison,
@@ -330,9 +330,9 @@ pub enum TimeSpecifier {
 pub struct TimedCondition {
     /// The variables of enclosing `forall`s, outermost first.
     pub forall: Vec<Typed>,
-    /// When it must hold.
+    /// When the condition must hold.
     pub when: TimeSpecifier,
-    /// What must hold.
+    /// The condition.
     pub condition: Condition,
 }
 
@@ -360,7 +360,7 @@ pub struct Domain {
     pub requirements: Vec<Name>,
     /// Types, each with its supertype.
     pub types: Vec<Typed>,
-    /// Objects that every problem has.
+    /// Objects that exist in every problem.
     pub constants: Vec<Typed>,
     /// Predicates.
     pub predicates: Vec<PredicateDeclaration>,
@@ -379,7 +379,7 @@ pub struct Domain {
 pub struct ObjectDeclaration {
     /// The object and its type.
     pub object: Typed,
-    /// Whether others may know it.
+    /// Visibility to other agents.
     pub privacy: Privacy,
 }
 
@@ -388,10 +388,10 @@ pub struct ObjectDeclaration {
 pub enum InitElement {
     /// `(PREDICATE OBJECT*)`
     Atom(Atom),
-    /// `(not (PREDICATE OBJECT*))`: false already, and said so.
+    /// `(not (PREDICATE OBJECT*))`: explicitly false.
     Not(Atom),
     /// `(unknown (PREDICATE OBJECT*))`: neither known to be true nor known to be false, as in
-    /// contingent planning. What agents and people say; `planner` refuses it.
+    /// contingent planning. Used in messages of agents and people; `planner` rejects it.
     Unknown(Atom),
     /// `(= FLUENT NUMBER)`
     Assign(FluentTerm, Number),
@@ -402,15 +402,15 @@ pub enum InitElement {
 /// `(:metric minimize|maximize EXPRESSION)`
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Metric {
-    /// Which way is better.
+    /// The direction of improvement.
     pub direction: Direction,
-    /// What is measured at the end of the plan.
+    /// The expression, evaluated at the end of the plan.
     pub expression: Expression,
     /// From `(` to `)`.
     pub span: Span,
 }
 
-/// Which way a metric is better.
+/// The direction in which a metric improves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Direction {
     /// `minimize`
@@ -428,40 +428,41 @@ pub struct Problem {
     pub domain: Name,
     /// Requirement flags, with their colon.
     pub requirements: Vec<Name>,
-    /// Objects. Clones share them: those of a building are many, and change less than its state.
+    /// Objects. Clones share them: a building has many objects, and they change less often than its
+    /// state.
     pub objects: Arc<Vec<ObjectDeclaration>>,
     /// The initial state.
     pub init: Vec<InitElement>,
-    /// What is to be true at the end; a problem without `:goal` (a map) asks for nothing.
+    /// The condition that must hold at the end; empty for a problem without `:goal` (a map).
     pub goal: Condition,
-    /// What is to be small or great at the end.
+    /// The expression to minimise or maximise at the end.
     pub metric: Option<Metric>,
 }
 
-/// `(define (agent NAME) (:domain ONTOLOGY) …)`: what an agent says of itself.
+/// `(define (agent NAME) (:domain ONTOLOGY) …)`: the action model of an agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ActionModel {
     /// The agent.
     pub agent: Name,
-    /// The shared ontology it builds on.
+    /// The shared ontology that the model builds on.
     pub domain: Name,
     /// Requirement flags, with their colon.
     pub requirements: Vec<Name>,
-    /// Types it adds.
+    /// Types that the model adds.
     pub types: Vec<Typed>,
-    /// Predicates it adds.
+    /// Predicates that the model adds.
     pub predicates: Vec<PredicateDeclaration>,
-    /// Functions it adds.
+    /// Functions that the model adds.
     pub functions: Vec<FunctionDeclaration>,
-    /// Objects it brings, itself among them.
+    /// Objects that the agent brings, including itself.
     pub objects: Vec<ObjectDeclaration>,
-    /// What it knows to be true.
+    /// Facts that the agent knows.
     pub init: Vec<InitElement>,
-    /// Axioms it adds.
+    /// Axioms that the model adds.
     pub derived: Vec<Derived>,
-    /// Actions it offers.
+    /// Actions that the agent offers.
     pub actions: Vec<ActionSchema>,
-    /// Durative actions it offers.
+    /// Durative actions that the agent offers.
     pub durative_actions: Vec<DurativeAction>,
 }
 
@@ -470,7 +471,7 @@ pub struct ActionModel {
 pub struct Plan {
     /// The steps, in order.
     pub steps: Vec<PlanStep>,
-    /// What a `; cost = N` comment claims. Never believed; recomputed.
+    /// Cost claimed by a `; cost = N` comment. Never trusted; recomputed.
     pub cost: Option<Number>,
 }
 
@@ -489,7 +490,7 @@ pub struct PlanStep {
     pub span: Span,
 }
 
-/// Any PDDL text that stands in a file of its own.
+/// A PDDL text that is a file of its own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Document {
     /// `(define (domain …) …)`
@@ -503,13 +504,13 @@ pub enum Document {
 // === impl Span ===
 
 impl Span {
-    /// The bytes `start..end`.
+    /// Creates the span of the bytes `start..end`.
     pub fn new(start: usize, end: usize) -> Span {
         let clamp = |offset: usize| u32::try_from(offset).unwrap_or(u32::MAX);
         Span { start: clamp(start), end: clamp(end) }
     }
 
-    /// The range to slice the text with.
+    /// Returns the range for slicing the text.
     pub fn range(self) -> std::ops::Range<usize> {
         self.start as usize..self.end as usize
     }
@@ -530,34 +531,34 @@ impl Hash for Span {
 // === impl Name ===
 
 impl Name {
-    /// A name as its author spelled it, without a place in a text.
+    /// Creates a name as its author spelled it, without a place in a text.
     pub fn new(spelled: &str) -> Name {
         Name::spanned(spelled, Span::default())
     }
 
-    /// A name as its author spelled it at `span`.
+    /// Creates a name as its author spelled it at `span`.
     pub fn spanned(spelled: &str, span: Span) -> Name {
         let canonical: Box<str> = spelled.to_lowercase().into();
         let spelled = (*canonical != *spelled).then(|| spelled.into());
         Name { spelling: Arc::new(Spelling { canonical, spelled }), span }
     }
 
-    /// The same name at another place.
+    /// Returns the same name at another place.
     pub fn at(&self, span: Span) -> Name {
         Name { spelling: Arc::clone(&self.spelling), span }
     }
 
-    /// In lower case: what names are compared by.
+    /// Returns the name in lower case, by which names are compared.
     pub fn as_str(&self) -> &str {
         &self.spelling.canonical
     }
 
-    /// As the author wrote it.
+    /// Returns the name as the author wrote it.
     pub fn spelled(&self) -> &str {
         self.spelling.spelled.as_deref().unwrap_or(&self.spelling.canonical)
     }
 
-    /// Where the author wrote it.
+    /// Returns the place where the author wrote it.
     pub fn span(&self) -> Span {
         self.span
     }
@@ -628,7 +629,7 @@ impl fmt::Debug for Name {
 // === impl TypeExpr ===
 
 impl TypeExpr {
-    /// One type.
+    /// Creates an expression of one type.
     pub fn of(name: impl Into<Name>) -> TypeExpr {
         TypeExpr { alternatives: vec![name.into()] }
     }
@@ -638,7 +639,7 @@ impl TypeExpr {
         self.alternatives.is_empty() || self.alternatives.iter().any(|name| *name == "object")
     }
 
-    /// The alternatives, none where the author wrote `object` for nothing.
+    /// Returns the alternatives; empty if the only one is `object`, which is the same as no type.
     fn told(&self) -> &[Name] {
         match &self.alternatives[..] {
             [only] if *only == "object" => &[],
@@ -664,7 +665,7 @@ impl Hash for TypeExpr {
 // === impl Term ===
 
 impl Term {
-    /// The name of the variable or the object.
+    /// Returns the name of the variable or the object.
     pub fn name(&self) -> &Name {
         match self {
             Term::Variable(name) | Term::Object(name) => name,
@@ -684,7 +685,7 @@ impl Eq for Number {}
 
 impl Hash for Number {
     fn hash<H: Hasher>(&self, state: &mut H) {
-        // `0.0 == -0.0`, so they must hash alike.
+        // `0.0 == -0.0`, so both must have the same hash.
         let value = if self.0 == 0.0 { 0.0 } else { self.0 };
         value.to_bits().hash(state);
     }
@@ -699,7 +700,7 @@ impl fmt::Display for Number {
 // === impl Condition ===
 
 impl Condition {
-    /// The condition that always holds.
+    /// Returns the condition that always holds.
     pub fn always() -> Condition {
         Condition::And(Vec::new())
     }
@@ -723,14 +724,14 @@ impl Default for Effect {
 }
 
 impl Effect {
-    /// The effect that changes nothing.
+    /// Returns the effect that changes nothing.
     pub fn nothing() -> Effect {
         Effect::And(Vec::new())
     }
 }
 
 impl Domain {
-    /// A domain that declares nothing yet.
+    /// Creates a domain without declarations.
     pub fn named(name: impl Into<Name>) -> Domain {
         Domain {
             name: name.into(),
@@ -747,7 +748,7 @@ impl Domain {
 }
 
 impl InitElement {
-    /// Where it stands: of a timed initial literal, the fact.
+    /// Returns the place in the text; for a timed initial literal, that of the fact.
     pub fn span(&self) -> Span {
         match self {
             InitElement::Atom(atom) | InitElement::Not(atom) | InitElement::Unknown(atom) => {
@@ -760,17 +761,17 @@ impl InitElement {
 }
 
 impl Problem {
-    /// The first timed initial literal.
+    /// Returns the first timed initial literal.
     pub fn timed_literal(&self) -> Option<&InitElement> {
         self.init.iter().find(|element| matches!(element, InitElement::At(..)))
     }
 
-    /// The first fact that is said to be unknown.
+    /// Returns the first fact that is declared unknown.
     pub fn unknown_fact(&self) -> Option<&InitElement> {
         self.init.iter().find(|element| matches!(element, InitElement::Unknown(_)))
     }
 
-    /// A problem of `domain` without objects, facts and goal.
+    /// Creates a problem of `domain` without objects, facts and goal.
     pub fn named(name: impl Into<Name>, domain: impl Into<Name>) -> Problem {
         Problem {
             name: name.into(),
@@ -785,7 +786,7 @@ impl Problem {
 }
 
 impl ActionModel {
-    /// The model of an agent that can do nothing yet.
+    /// Creates the model of an agent without actions.
     pub fn of(agent: impl Into<Name>, domain: impl Into<Name>) -> ActionModel {
         ActionModel {
             agent: agent.into(),
@@ -804,21 +805,21 @@ impl ActionModel {
 }
 
 impl ActionSchema {
-    /// The agent, if there is one, then the parameters: the order of a plan's arguments.
+    /// Returns the agent, if there is one, then the parameters: the order of a plan's arguments.
     pub fn all_parameters(&self) -> impl Iterator<Item = &Typed> {
         self.agent.iter().chain(&self.parameters)
     }
 }
 
 impl DurativeAction {
-    /// The agent, if there is one, then the parameters: the order of a plan's arguments.
+    /// Returns the agent, if there is one, then the parameters: the order of a plan's arguments.
     pub fn all_parameters(&self) -> impl Iterator<Item = &Typed> {
         self.agent.iter().chain(&self.parameters)
     }
 }
 
 impl PlanStep {
-    /// A step without time and place.
+    /// Creates a step without time and place.
     pub fn new(action: impl Into<Name>, arguments: impl IntoIterator<Item = Name>) -> PlanStep {
         PlanStep {
             action: action.into(),

@@ -1,18 +1,18 @@
 //! The type hierarchy of a domain.
 //!
-//! - Built from `:types`; asked by `check`, by `capability` when it composes, by the planner's
-//!   validator when it binds arguments.
-//! - `object` is above everything. A type that stands only as a supertype counts as declared.
-//! - `(either a b)` as a supertype means both. Cycles are borne: all types of a cycle are then
-//!   subtypes of each other, and [`Types::cycle`] names one for a diagnostic.
-//! - A type has at most [`SUPERTYPES_MAX`] types above it; the nearest count.
+//! - Built from `:types`; used by `check`, by `capability` for composing, and by the planner's
+//!   validator for binding arguments.
+//! - `object` is above every type. A type that occurs only as a supertype counts as declared.
+//! - `(either a b)` as a supertype means both. Cycles are tolerated: all types of a cycle are then
+//!   subtypes of each other, and [`Types::cycle`] returns one for a diagnostic.
+//! - At most [`SUPERTYPES_MAX`] supertypes of a type are considered, the nearest ones.
 
 use foldhash::{HashMap, HashSet};
 
 use crate::graph::components;
 use crate::tree::{Domain, Name, TypeExpr, Typed};
 
-/// The types of a domain and what is a kind of what.
+/// The types of a domain and their subtype relation.
 #[derive(Clone, Debug, Default)]
 pub struct Types {
     names: Vec<Name>,
@@ -23,19 +23,19 @@ pub struct Types {
 
 const OBJECT: &str = "object";
 
-/// How many types may stand above one: no building needs a tenth of it, and every question about
-/// a type is then answered in bounded time.
+/// Most supertypes of one type that are considered. No building needs a tenth of it, and every
+/// query about a type takes bounded time.
 pub const SUPERTYPES_MAX: usize = 256;
 
 // === impl Types ===
 
 impl Types {
-    /// The hierarchy that a domain declares.
+    /// Builds the hierarchy that a domain declares.
     pub fn of(domain: &Domain) -> Types {
         Types::new(&domain.types)
     }
 
-    /// The hierarchy that `declarations` make up; those of several texts may be chained.
+    /// Builds the hierarchy from `declarations`; those of several texts may be chained.
     pub fn new<'a>(declarations: impl IntoIterator<Item = &'a Typed>) -> Types {
         let mut types = Types::default();
         for declaration in declarations {
@@ -61,17 +61,17 @@ impl Types {
         index
     }
 
-    /// Whether there is such a type; `object` is always one.
+    /// Whether the type exists; `object` always does.
     pub fn contains(&self, name: &str) -> bool {
         name == OBJECT || self.index.contains_key(name)
     }
 
-    /// All types in the order in which they are first named; `object` only if somebody names it.
+    /// Iterates over all types in the order in which they are first named; `object` only if it is named.
     pub fn iter(&self) -> impl Iterator<Item = &Name> {
         self.names.iter()
     }
 
-    /// Whether everything of type `sub` is of type `sup` too. A type is a subtype of itself.
+    /// Whether every object of type `sub` is of type `sup` too. A type is a subtype of itself.
     pub fn is_subtype(&self, sub: &str, sup: &str) -> bool {
         if sub == sup || sup == OBJECT {
             return true;
@@ -84,7 +84,7 @@ impl Types {
 
     fn reaches(&self, from: usize, to: usize) -> bool {
         let mut at = from;
-        // Most types have one supertype or none: such a line is walked without listing it.
+        // Most types have at most one supertype: such a chain is followed without building a list.
         for _ in 0..SUPERTYPES_MAX {
             match self.supertypes[at].as_slice() {
                 [] => return false,
@@ -96,7 +96,7 @@ impl Types {
         false
     }
 
-    /// Everything above `from`, nearest first; `from` itself only if it is in a cycle.
+    /// Returns all types above `from`, nearest first; `from` itself only if it is in a cycle.
     fn above(&self, from: usize) -> Vec<usize> {
         let mut above = Vec::new();
         let mut seen = HashSet::default();
@@ -111,21 +111,21 @@ impl Types {
         }
     }
 
-    /// What `name` is a kind of, nearest first, without itself and without an implied `object`.
+    /// Returns the supertypes of `name`, nearest first, without itself and without an implied `object`.
     pub fn supertypes(&self, name: &str) -> impl Iterator<Item = &Name> {
         let start = self.index.get(name).copied();
         let above = start.map(|start| self.above(start)).unwrap_or_default();
         above.into_iter().filter(move |index| Some(*index) != start).map(|index| &self.names[index])
     }
 
-    /// What is a kind of `name`, itself first if it is declared.
+    /// Returns the subtypes of `name`; itself first if it is declared.
     pub fn subtypes<'s>(&'s self, name: &'s str) -> impl Iterator<Item = &'s Name> {
         let own = self.names.iter().filter(move |sub| **sub == *name);
         let below = self.names.iter().filter(move |sub| **sub != *name);
         own.chain(below.filter(move |sub| self.is_subtype(sub.as_str(), name)))
     }
 
-    /// Whether whatever is of type `actual` can stand where `expected` is asked for.
+    /// Whether every object of type `actual` is accepted where `expected` is required.
     pub fn accepts(&self, expected: &TypeExpr, actual: &TypeExpr) -> bool {
         if expected.is_object() {
             return true;
@@ -138,7 +138,7 @@ impl Types {
         expected.alternatives.iter().any(|sup| self.is_subtype(sub.as_str(), sup.as_str()))
     }
 
-    /// Whether something can be of both types, as far as the hierarchy says.
+    /// Whether an object can be of both types, according to the hierarchy.
     pub fn overlap(&self, left: &TypeExpr, right: &TypeExpr) -> bool {
         if left.is_object() || right.is_object() {
             return true;
@@ -151,13 +151,13 @@ impl Types {
             || self.names.iter().any(|sub| self.is_one_of(sub, left) && self.is_one_of(sub, right))
     }
 
-    /// A type with more types above it than are looked at, if there is one: the first declared.
+    /// Returns the first declared type that has more supertypes than are considered.
     pub fn too_high(&self) -> Option<&Name> {
         let is_too_high = |index: &usize| self.above(*index).len() >= SUPERTYPES_MAX;
         (0..self.names.len()).find(is_too_high).map(|index| &self.names[index])
     }
 
-    /// A type that is its own supertype, if there is one: the first declared.
+    /// Returns the first declared type that is its own supertype.
     pub fn cycle(&self) -> Option<&Name> {
         let components = components(&self.supertypes);
         let mut sizes = vec![0; components.len()];
@@ -165,7 +165,7 @@ impl Types {
             sizes[*component] += 1;
         }
         let is_cyclic = |index: &usize| {
-            // `object - object` is how some authors say that it is the root.
+            // Some authors write `object - object` to mark the root.
             let is_own_supertype = self.supertypes[*index].contains(index);
             sizes[components[*index]] > 1 || (is_own_supertype && self.names[*index] != OBJECT)
         };

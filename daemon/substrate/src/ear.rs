@@ -1,4 +1,4 @@
-//! For tests: a daemon that only listens.
+//! For tests: a daemon that only receives.
 
 use std::sync::{Arc, Mutex};
 
@@ -7,7 +7,7 @@ use bytes::Bytes;
 
 use crate::{Addressed, Delivery, Inbound, Presence, Question};
 
-/// Writes down what it hears, and answers every question with its name.
+/// Records everything that it receives, and answers every query with the name of the resource.
 #[derive(Default)]
 pub(crate) struct Ear(Mutex<Vec<String>>);
 
@@ -20,7 +20,7 @@ impl Ear {
         self.0.lock().expect("no test panics while it listens").push(line);
     }
 
-    /// What it has heard since it was asked last.
+    /// Returns the lines recorded since the last call.
     pub(crate) fn words(&self) -> Vec<String> {
         std::mem::take(&mut *self.0.lock().expect("as above"))
     }

@@ -1,12 +1,11 @@
-//! A substrate within one process whose links are bad: what is sent may be lost, doubled, late or
-//! overtaken, links break and are mended, processes die. What happens is decided by a seed alone,
-//! as long as one thread does everything and time is simulated.
+//! A substrate within one process with bad links: messages may be lost, doubled, late or overtaken,
+//! links break and are mended, processes die. The seed alone decides what happens, as long as one
+//! thread does everything and time is simulated.
 //!
-//! - A link that breaks loses what is sent over it at once; that somebody is gone is seen when its
-//!   lease has passed, as on a real network, or at once where the connection was reset.
-//! - What a daemon says to itself never leaves the process, and is never lost.
-//! - A daemon that reads slowly hears everything late, and no more than [`UNDER_WAY_MAX`] messages wait
-//!   for it.
+//! - A broken link loses at once what is sent over it. The ends see that the agents behind it are
+//!   gone after the lease, as on a real network, or at once if the connection was reset.
+//! - Messages of a daemon to itself never leave the process and are never lost.
+//! - A daemon that reads slowly receives everything late. At most [`UNDER_WAY_MAX`] messages wait for it.
 
 mod wire;
 
@@ -27,59 +26,59 @@ use crate::{
     Subject, Substrate,
 };
 
-/// Messages under way to one daemon; more are lost, as a wire that must not wait loses them.
+/// Most messages under way to one daemon. Further ones are lost, as on a network that must not block.
 pub const UNDER_WAY_MAX: usize = 20_000;
 
-/// How bad links are.
+/// Quality of the links.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weather {
-    /// Which share of messages is lost.
+    /// Share of messages that are lost.
     pub loss: f64,
-    /// Which share comes twice.
+    /// Share of messages that arrive twice.
     pub doubled: f64,
-    /// Which share is overtaken by what was sent later.
+    /// Share of messages that are overtaken by later ones.
     pub overtaken: f64,
-    /// How long a message is under way, in microseconds.
+    /// Time that a message is under way, in microseconds.
     pub delay: Range<u64>,
 }
 
-/// One ecosystem's wire. Clones are the same wire.
+/// The network of one ecosystem. Clones are the same network.
 #[derive(Clone)]
 pub struct Network(Arc<Shared>);
 
 struct Shared {
     wire: Mutex<Wire>,
-    /// Something is due earlier than was known.
+    /// Notified when something is due earlier than before.
     sooner: Notify,
 }
 
-/// Names a cut.
+/// Identifies a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Cut(u64);
 
-/// A stranger that hears everything that is sent, from whom.
+/// Observer of everything that is sent, with the sending daemon.
 type Tap = Arc<dyn Fn(&DaemonId, &Addressed, &Bytes) + Send + Sync>;
 
-/// What happened to messages so far.
+/// Counts of what has happened to messages so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Told {
-    /// Handed over.
+    /// Messages that were sent.
     pub sent: u64,
-    /// Never came, because of the weather or because too much was under way.
+    /// Messages lost because of the link quality, or because too many were under way.
     pub lost: u64,
-    /// Never came, because a link was broken.
+    /// Messages lost because a link was broken.
     pub cut: u64,
-    /// Came twice.
+    /// Messages that arrived twice.
     pub doubled: u64,
-    /// Came after what was sent later.
+    /// Messages that arrived after later ones.
     pub overtaken: u64,
-    /// Took longer than anything does in fair weather.
+    /// Messages that took longer than any does on good links.
     pub delayed: u64,
-    /// Came late, because its receiver reads slowly.
+    /// Messages that arrived late because their receiver reads slowly.
     pub slowed: u64,
 }
 
-/// One daemon's end of the wire.
+/// One daemon's end of the network.
 struct Port {
     target: Target,
     shared: Weak<Shared>,
@@ -88,7 +87,7 @@ struct Port {
 // === impl Weather ===
 
 impl Weather {
-    /// Links as they are in a house: nothing is lost, everything takes a moment.
+    /// Links as they are in a building: nothing is lost, and a message takes 0.1 to 2 milliseconds.
     pub fn fair() -> Weather {
         Weather { loss: 0.0, doubled: 0.0, overtaken: 0.0, delay: 100..2_000 }
     }
@@ -97,8 +96,8 @@ impl Weather {
 // === impl Network ===
 
 impl Network {
-    /// A wire with nobody on it, in fair weather. What is on its way is delivered by a task of the
-    /// runtime that this is called in.
+    /// Creates a network without daemons, with good links. A task of the present runtime delivers
+    /// the messages.
     pub fn new(seed: u64) -> Network {
         let shared = Arc::new(Shared { wire: Mutex::new(Wire::new(seed)), sooner: Notify::new() });
         tokio::spawn(carry(Arc::downgrade(&shared)));
@@ -118,8 +117,8 @@ impl Network {
         Arc::new(Port { target: Target { daemon, life }, shared: Arc::downgrade(&self.0) })
     }
 
-    /// Takes a daemon off the wire as a SIGKILL of its process would: what was under way to it is
-    /// gone, and the others see at once that its agents are.
+    /// Disconnects a daemon as a SIGKILL of its process would: messages under way to it are lost,
+    /// and the others see at once that its agents have left.
     pub fn kill(&self, daemon: &DaemonId) {
         self.0.with(|wire| {
             wire.daemons.remove(daemon);
@@ -128,7 +127,7 @@ impl Network {
         });
     }
 
-    /// Breaks the links between these daemons and all others; the ends see it after `lease`.
+    /// Breaks the links between these daemons and all others. The ends see that after `lease`.
     pub fn cut(&self, daemons: BTreeSet<DaemonId>, lease: Duration) -> Cut {
         self.0.with(|wire| {
             wire.cuts_count += 1;
@@ -141,8 +140,8 @@ impl Network {
         })
     }
 
-    /// Mends the links that a cut broke, but for those that another did too; how many messages that
-    /// cut has stopped.
+    /// Mends the links that a cut broke, except those that another cut broke too. Returns how many
+    /// messages the cut has stopped.
     pub fn mend(&self, cut: Cut) -> u64 {
         self.0.with(|wire| {
             let stopped = wire.cuts.remove(&cut).map_or(0, |island| island.stopped);
@@ -151,7 +150,7 @@ impl Network {
         })
     }
 
-    /// Lets a daemon hear everything so much later.
+    /// Delays everything that a daemon receives by this time; zero ends the delay.
     pub fn slow(&self, daemon: &DaemonId, by: Duration) {
         self.0.with(|wire| {
             if by.is_zero() {
@@ -162,23 +161,23 @@ impl Network {
         });
     }
 
-    /// Changes how bad all links are.
+    /// Sets the quality of all links.
     pub fn weather(&self, weather: Weather) {
         self.0.with(|wire| wire.weather = weather);
     }
 
-    /// Lets `tap` hear everything that is sent from now on, also what is lost.
+    /// Passes everything that is sent from now on to `tap` too, including what is lost.
     pub fn tap(&self, tap: impl Fn(&DaemonId, &Addressed, &Bytes) + Send + Sync + 'static) {
         self.0.with(|wire| wire.tap = Some(Arc::new(tap)));
     }
 
-    /// What happened to messages so far.
+    /// Returns the counts of what has happened to messages so far.
     pub fn told(&self) -> Told {
         self.0.with(|wire| wire.told)
     }
 }
 
-/// Delivers what is due, when it is, for as long as the wire is held by anybody.
+/// Delivers what is due, at its time, as long as the network is in use.
 async fn carry(shared: Weak<Shared>) {
     loop {
         let Some(held) = shared.upgrade() else { return };
@@ -186,7 +185,7 @@ async fn carry(shared: Weak<Shared>) {
         let sooner = held.sooner.notified();
         match next {
             Some(due) if due > Instant::now() => {
-                // A wait has a bound, so that a wire that nobody holds any more is let go of.
+                // The wait is bounded, so that a network that is no longer in use is released.
                 tokio::select! {
                     biased;
                     () = sooner => (),
@@ -228,7 +227,7 @@ impl Shared {
             }
             (Arc::clone(&connected.inbound), coming)
         };
-        // The lock is gone: a receiver may answer at once.
+        // The lock is released: a receiver may answer at once.
         match coming {
             Coming::Message(delivery) => inbound.deliver(delivery),
             Coming::Presence(presence) => inbound.presence(presence),
@@ -242,7 +241,7 @@ impl Shared {
 // === impl Port ===
 
 impl Port {
-    /// Runs `act` on the wire if this life of the daemon is still on it.
+    /// Runs `act` on the network if this connection of the daemon still exists.
     fn with<T>(&self, act: impl FnOnce(&mut Wire) -> T) -> Result<T, SendError> {
         let shared = self.shared.upgrade().ok_or(SendError::Closed)?;
         shared.with(|wire| {
@@ -360,7 +359,7 @@ impl Substrate for Port {
     }
 }
 
-/// Sends an answer to who asked; one that is lost is waited for.
+/// Sends an answer to the asker. If it is lost, the asker waits until `timeout`.
 fn bring_back(
     shared: &Weak<Shared>,
     from: &DaemonId,

@@ -1,16 +1,16 @@
-//! What carries messages (the paper, “Shared Communication Channel”): the trait a Communication
-//! Agent speaks through, and a substrate within one process.
+//! Transport of messages (the paper, “Shared Communication Channel”): the trait through which
+//! Communication Agents send, and a substrate within one process.
 //!
-//! - [`Substrate`] is how a daemon speaks, [`Inbound`] is how it is spoken to.
-//! - [`faulty`] carries them within one process over links that lose, double, delay and break, as a
-//!   seed decides.
+//! - [`Substrate`] is the sending side of a daemon, [`Inbound`] is its receiving side.
+//! - [`faulty`] carries messages within one process over links that lose, double, delay and break,
+//!   as a seed decides.
 //! - [`memory`] carries messages within one process; `substrate-zenoh` carries them between
 //!   machines. The same agents run unchanged on both.
+//! - [`Through`] is a substrate in front of another, which counts, loses or records messages.
 //!
-//! - [`Through`] is a wire before another, for whoever counts, loses or listens.
-//!
-//! A substrate promises little: a message may be lost, late or doubled, and presence may err for
-//! the length of a lease. Receipts, retries and duplicates are the Communication Agent's.
+//! A substrate promises little: a message may be lost, late or doubled, and presence may be wrong
+//! for the length of a lease. Receipts, retries and the removal of duplicates are left to the
+//! Communication Agent.
 
 #[cfg(test)]
 mod ear;
@@ -33,13 +33,15 @@ pub use crate::through::Through;
 /// A future that a trait object can return.
 pub type BoxFuture<T> = Pin<Box<dyn Future<Output = T> + Send>>;
 
-/// How a daemon speaks. Sending never waits: it hands over, and promises nothing.
+/// The sending side of a daemon. Sending never blocks: it hands the message over, and promises no
+/// delivery.
 pub trait Substrate: Send + Sync + 'static {
     /// Sends to one agent.
     ///
     /// # Errors
     ///
-    /// If the substrate is closed or refuses the message; success is not delivery.
+    /// Returns an error if the substrate is closed or refuses the message. Success does not mean
+    /// delivery.
     fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError>;
 
     /// Sends to all: the paper's global topic per message type.
@@ -61,8 +63,8 @@ pub trait Substrate: Send + Sync + 'static {
     /// As [`Substrate::send`].
     fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError>;
 
-    /// Sends what several agents say of themselves at one moment, to all: each as
-    /// [`Substrate::beat`] would, and all of it for the price of one message, where that is possible.
+    /// Sends the heartbeats of several agents to all: each as [`Substrate::beat`] does, but at the
+    /// cost of one message where that is possible.
     ///
     /// # Errors
     ///
@@ -75,20 +77,20 @@ pub trait Substrate: Send + Sync + 'static {
     ///
     /// # Errors
     ///
-    /// If the substrate is closed.
+    /// Returns an error if the substrate is closed.
     fn announce(
         &self,
         agent: &AgentId,
         incarnation: Incarnation,
     ) -> Result<PresenceToken, SendError>;
 
-    /// Asks daemons for a resource; resolves to all answers that came within `timeout`, which
+    /// Queries daemons for a resource. Resolves to all answers that come within `timeout`, which
     /// may be none.
     fn ask(&self, question: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>>;
 
-    /// Resolves when those who are here now hear what is said to all, or soon if some of them never
-    /// will: to be waited for by who comes, says one thing to all, and goes. An agent has to be
-    /// announced before.
+    /// Completes when every daemon that is present now receives this daemon's broadcasts, or soon
+    /// if some of them never will. A sender that joins, broadcasts once and leaves must wait for
+    /// it. An agent must have been announced before.
     fn introduced(&self) -> BoxFuture<()> {
         Box::pin(std::future::ready(()))
     }
@@ -97,88 +99,87 @@ pub trait Substrate: Send + Sync + 'static {
     fn close(&self) -> BoxFuture<()>;
 }
 
-/// How a daemon is spoken to. Called on the substrate's own threads: must not block.
+/// The receiving side of a daemon. Called on the substrate's own threads: must not block.
 pub trait Inbound: Send + Sync + 'static {
-    /// A message has come.
+    /// Called when a message has arrived.
     fn deliver(&self, delivery: Delivery);
 
-    /// An agent is here, or is not.
+    /// Called when an agent has joined or left.
     fn presence(&self, presence: Presence);
 
-    /// Somebody asks for a resource. Dropping the question answers nothing.
+    /// Called when a daemon queries a resource. Dropping the question gives no answer.
     fn question(&self, question: Question);
 
-    /// Something came that is not believed, and goes no further. Nothing is done about it unless
-    /// it is written down.
+    /// Called when something was rejected and is not passed on. By default this is not recorded.
     fn rejected(&self, _rejected: &Rejected<'_>) {}
 
-    /// Whether an answer is one that its origin may give; all are, unless somebody knows better.
+    /// Whether the origin of an answer may give it. By default every answer is admitted.
     fn admits(&self, _answer: &Answer<'_>) -> bool {
         true
     }
 }
 
-/// Who a message comes from, as its signature proves.
+/// Origin of a message, as its signature proves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Origin {
-    /// The daemon that spoke, or a guest of one.
+    /// Daemon that sent the message, or a guest of one.
     pub daemon: DaemonId,
-    /// The daemon whose key it has signed with: the same, or the guest's host.
+    /// Daemon with the key that signed the message: the same daemon, or the host of the guest.
     pub voucher: DaemonId,
 }
 
-/// Something that came and is not believed.
+/// Something that arrived and was rejected.
 #[derive(Clone, Copy, Debug)]
 pub struct Rejected<'r> {
-    /// What is wrong with it.
+    /// Kind of the violation.
     pub breach: Breach,
-    /// The same in words, to follow “the message …”.
+    /// Description that continues the sentence “the message …”.
     pub detail: &'r str,
-    /// In whose name it came, as far as that can be known.
+    /// Name of the claimed sender, as far as it is known.
     pub claimed: Option<&'r str>,
-    /// What it was about, as the substrate addresses things.
+    /// Address or key that it arrived under, in the form that the substrate uses.
     pub key: &'r str,
 }
 
-/// What can be wrong with something that came.
+/// Kind of violation by something that arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Breach {
-    /// Nobody has signed it.
+    /// The message is not signed.
     Unsigned,
-    /// It is signed by somebody the ecosystem does not know, or knows no longer.
+    /// The signer is not known to the ecosystem, or is not known any more.
     Unknown,
-    /// It was changed, or speaks in another's name.
+    /// The message was changed, or names another sender than its signer.
     Forged,
-    /// It was heard before.
+    /// The message was received before.
     Replayed,
-    /// The certificate was taken back.
+    /// The certificate was revoked.
     Revoked,
-    /// There is too much of it.
+    /// The sender sends too much.
     Flooded,
-    /// Its origin may not say this.
+    /// The origin has no right to send this.
     Overstepped,
-    /// It is longer than anything may be.
+    /// The message is longer than allowed.
     Oversized,
-    /// It says of its sender what cannot be read, or cannot be taken.
+    /// An announcement or heartbeat cannot be read, or cannot be accepted.
     NotUnderstood,
-    /// Somebody wanted a link and has shown no certificate that is good here.
+    /// A daemon wanted to connect and showed no certificate that is valid here.
     Unlinked,
 }
 
-/// An answer that has come, and from whom.
+/// An answer to a query, with its origin.
 #[derive(Clone, Copy, Debug)]
 pub struct Answer<'a> {
-    /// Who has given it.
+    /// Origin of the answer.
     pub origin: &'a Origin,
-    /// To what.
+    /// Resource that was queried.
     pub resource: Resource,
-    /// Of which agent, where the resource has one per agent.
+    /// Agent that was asked, if the resource has one value per agent.
     pub agent: Option<&'a AgentId>,
-    /// Its bytes.
+    /// Content of the answer.
     pub payload: &'a [u8],
 }
 
-/// Where an agent is reached.
+/// Address of an agent.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Address {
     /// The daemon that hosts it.
@@ -187,62 +188,62 @@ pub struct Address {
     pub agent: AgentId,
 }
 
-/// What a message to one agent is, before anyone opens it.
+/// Kind of a message to one agent, known without decoding it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Subject {
     /// An ACL message.
     Message(Performative),
-    /// The receiver's Communication Agent has put a message into its agent's mailbox. No ACL
-    /// message; the payload is the message's id.
+    /// Receipts: the receiver's Communication Agent has received messages. This is no ACL message;
+    /// the payload is a JSON list of the ids of the messages.
     Receipt,
 }
 
-/// A message that has come.
+/// A message that has arrived.
 #[derive(Clone, Debug)]
 pub struct Delivery {
-    /// How it was addressed.
+    /// Address of the message.
     pub addressed: Addressed,
     /// The bytes as they were sent.
     pub payload: Bytes,
-    /// Who has signed it; nobody, where nothing is signed.
+    /// Origin proved by the signature; `None` if messages are not signed.
     pub origin: Option<Origin>,
 }
 
-/// How a message was addressed.
+/// Address of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Addressed {
     /// To one agent of this daemon.
     To(AgentId, Subject),
-    /// To all, by its sender.
+    /// To all agents, from this sender.
     All(AgentId, Performative),
-    /// An action model or a heartbeat, by its sender.
+    /// An action model or a heartbeat, from this sender.
     Beat(AgentId),
 }
 
-/// One life of one agent at one place.
+/// One incarnation of an agent at one daemon.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Resident {
     /// The agent.
     pub agent: AgentId,
     /// The daemon that hosts it.
     pub daemon: DaemonId,
-    /// Which life of it.
+    /// Incarnation of the agent.
     pub incarnation: Incarnation,
 }
 
-/// Our view of who is here.
+/// Change of the membership, as this daemon sees it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Presence {
-    /// The process that hosts this agent lives and can be reached.
+    /// The process that hosts this agent runs and can be reached.
     Joined(Resident),
-    /// It cannot be reached from here any more.
+    /// The agent cannot be reached from here any more.
     Left(Resident),
 }
 
-/// What a daemon can be asked for.
+/// Resource that a daemon can be queried for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Resource {
-    /// The agents this daemon hosts and the daemons it sees.
+    /// The agents that a daemon hosts.
     Directory,
     /// The composite domain.
     Domain,
@@ -250,68 +251,68 @@ pub enum Resource {
     State,
     /// Goals and their progress.
     Goals,
-    /// One agent's action model, or all.
+    /// The action model of one agent, or of all.
     Model,
-    /// How full the mailboxes of a daemon's agents are.
+    /// Fill levels of the mailboxes of a daemon's agents.
     Mailbox,
-    /// Questions to people that nobody has answered.
+    /// Questions to people that have no answer yet.
     Questions,
-    /// What a Journal keeps.
+    /// The records that a Journal keeps.
     Journal,
-    /// The plugins of a daemon that run as processes, and how they are.
+    /// The plugins of a daemon that run as processes, and their state.
     Plugins,
-    /// Agents that have appeared and that no file names.
+    /// Discovered agents, which no file names.
     Discovered,
-    /// Which domain and which map a daemon has read, as digests.
+    /// Digests of the domain and the map that a daemon has read.
     Files,
 }
 
-/// A question to daemons.
+/// A query to daemons.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ask {
-    /// Whom; `None` asks all.
+    /// Daemon to ask; `None` asks all.
     pub daemon: Option<DaemonId>,
-    /// For what.
+    /// Resource to ask for.
     pub resource: Resource,
-    /// Of which agent, where the resource has one per agent.
+    /// Agent to ask, if the resource has one value per agent.
     pub agent: Option<AgentId>,
 }
 
-/// A question that has come.
+/// A query that has arrived.
 pub struct Question {
-    /// For what.
+    /// Resource that is asked for.
     pub resource: Resource,
-    /// Of which agent.
+    /// Agent that is asked; `None` for all.
     pub agent: Option<AgentId>,
     /// Gives one answer; may be called more than once, and not at all.
     pub answer: Arc<dyn Fn(Bytes) + Send + Sync>,
 }
 
-/// Keeps an agent present while it lives.
+/// Keeps an agent present until it is dropped.
 pub struct PresenceToken(Option<Box<dyn FnOnce() + Send + Sync>>);
 
-/// Why a message could not be handed over.
+/// Reason why a message could not be handed over.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SendError {
     /// The substrate is closed.
     #[error("send on a closed substrate")]
     Closed,
-    /// It is longer than anything may be.
+    /// The message is longer than allowed.
     #[error("send {bytes} bytes: a message has at most {bytes_max}")]
     TooLong {
-        /// How long it is.
+        /// Length of the message, in bytes.
         bytes: usize,
-        /// How long it may be.
+        /// Longest allowed length, in bytes.
         bytes_max: usize,
     },
-    /// The substrate declined.
+    /// The substrate refused the message.
     #[error("send: {0}")]
     Declined(String),
 }
 
 impl PresenceToken {
-    /// A token that runs `withdraw` when it is dropped.
+    /// Creates a token that runs `withdraw` when it is dropped.
     pub fn new(withdraw: impl FnOnce() + Send + Sync + 'static) -> PresenceToken {
         PresenceToken(Some(Box::new(withdraw)))
     }
@@ -332,7 +333,7 @@ impl fmt::Debug for PresenceToken {
 }
 
 impl Presence {
-    /// Who it is about.
+    /// Returns the agent that has joined or left.
     pub fn resident(&self) -> &Resident {
         match self {
             Presence::Joined(resident) | Presence::Left(resident) => resident,
@@ -341,7 +342,7 @@ impl Presence {
 }
 
 impl Breach {
-    /// The name, for people and programs that count.
+    /// Returns the name, for people and for programs that count.
     pub fn as_str(self) -> &'static str {
         match self {
             Breach::Unsigned => "unsigned",
@@ -359,7 +360,7 @@ impl Breach {
 }
 
 impl Resource {
-    /// All of them.
+    /// All resources.
     pub const ALL: [Resource; 11] = [
         Resource::Directory,
         Resource::Domain,
@@ -374,12 +375,12 @@ impl Resource {
         Resource::Files,
     ];
 
-    /// Whether, of several agents of one name, only the one that acts answers.
+    /// Whether only the leader answers, if an agent has several replicas.
     pub fn is_of_who_acts(self) -> bool {
         matches!(self, Resource::Domain | Resource::State | Resource::Goals)
     }
 
-    /// The name, as one chunk of a key expression.
+    /// Returns the name, as one chunk of a key expression.
     pub fn as_str(self) -> &'static str {
         match self {
             Resource::Directory => "directory",

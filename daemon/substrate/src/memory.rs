@@ -16,10 +16,10 @@ use crate::{
     Resident, SendError, Subject, Substrate,
 };
 
-/// Answers to one question that wait to be read: one per agent of a large ecosystem.
+/// Most answers to one query that wait to be read: one per agent of a large ecosystem.
 pub const ANSWERS_MAX: usize = 4096;
 
-/// One ecosystem's wire. Clones are the same wire.
+/// The network of one ecosystem. Clones are the same network.
 #[derive(Clone, Default)]
 pub struct Network(Arc<Mutex<Wire>>);
 
@@ -27,25 +27,25 @@ pub struct Network(Arc<Mutex<Wire>>);
 struct Wire {
     daemons: BTreeMap<DaemonId, Arc<dyn Inbound>>,
     residents: BTreeMap<(AgentId, DaemonId), Incarnation>,
-    /// A stranger that hears everything that is sent.
+    /// Observers of all messages.
     taps: Vec<Tap>,
 }
 
 type Tap = Arc<dyn Fn(&Addressed, &Bytes) + Send + Sync>;
 
-/// One daemon's end of the wire.
+/// One daemon's end of the network.
 struct Port {
     daemon: DaemonId,
     wire: Weak<Mutex<Wire>>,
 }
 
 impl Network {
-    /// A wire with nobody on it.
+    /// Creates a network without daemons.
     pub fn new() -> Network {
         Network::default()
     }
 
-    /// Connects a daemon; `inbound` hears at once who is already here.
+    /// Connects a daemon; `inbound` is notified at once of all present agents.
     pub fn open(&self, daemon: DaemonId, inbound: Arc<dyn Inbound>) -> Arc<dyn Substrate> {
         let here = self.with(|wire| {
             wire.daemons.insert(daemon.clone(), Arc::clone(&inbound));
@@ -57,8 +57,8 @@ impl Network {
         Arc::new(Port { daemon, wire: Arc::downgrade(&self.0) })
     }
 
-    /// Takes a daemon off the wire as a SIGKILL of its process would: it hears nothing more, and
-    /// all its agents are gone for the others.
+    /// Disconnects a daemon as a SIGKILL of its process would: it receives nothing more, and the
+    /// others see that all its agents have left.
     pub fn kill(&self, daemon: &DaemonId) {
         let gone = self.with(|wire| {
             wire.daemons.remove(daemon);
@@ -70,7 +70,8 @@ impl Network {
         }
     }
 
-    /// Lets `tap` hear everything that is sent from now on, as a stranger's tool would.
+    /// Passes everything that is sent from now on to `tap` too, as to the tool of a stranger on the
+    /// network.
     pub fn tap(&self, tap: impl Fn(&Addressed, &Bytes) + Send + Sync + 'static) {
         self.with(|wire| wire.taps.push(Arc::new(tap)));
     }
@@ -98,7 +99,7 @@ impl Wire {
 // === impl Port ===
 
 impl Port {
-    /// Runs `act` on the wire if this daemon is still on it.
+    /// Runs `act` on the network if this daemon is still connected.
     fn with<T>(&self, act: impl FnOnce(&mut Wire) -> T) -> Result<T, SendError> {
         let wire = self.wire.upgrade().ok_or(SendError::Closed)?;
         let mut wire = wire.lock().unwrap_or_else(PoisonError::into_inner);
@@ -121,7 +122,7 @@ impl Port {
             };
             (receivers, wire.taps.clone())
         })?;
-        // The lock is gone: a receiver may answer at once.
+        // The lock is released: a receiver may answer at once.
         for tap in taps {
             tap(&addressed, &payload);
         }
@@ -198,7 +199,7 @@ impl Substrate for Port {
     }
 }
 
-/// Collects answers until everyone asked has let go of the question, or `timeout` has passed.
+/// Collects answers until every receiver of the question has dropped it, or `timeout` has passed.
 pub async fn collect_answers(mut heard: mpsc::Receiver<Bytes>, timeout: Duration) -> Vec<Bytes> {
     let mut answers = Vec::new();
     let all = async {
@@ -206,7 +207,7 @@ pub async fn collect_answers(mut heard: mpsc::Receiver<Bytes>, timeout: Duration
             answers.push(answer);
         }
     };
-    // Late answers are lost, those that came in time are not.
+    // Late answers are lost; those that came in time are kept.
     let _ = tokio::time::timeout(timeout, all).await;
     answers
 }

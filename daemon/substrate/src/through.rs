@@ -1,5 +1,5 @@
-//! A wire that leads through something: what it counts, loses or listens to it says itself, and all else
-//! goes on as it came.
+//! A substrate in front of another: it overrides the operations in which it counts, loses or
+//! records messages, and passes on all others.
 
 use std::time::Duration;
 
@@ -8,10 +8,10 @@ use bytes::Bytes;
 
 use crate::{Address, Ask, BoxFuture, PresenceToken, SendError, Subject, Substrate};
 
-/// A [`Substrate`] before another. Whoever implements it gives what it does otherwise.
+/// A [`Substrate`] in front of another. An implementation overrides the operations that it changes.
 #[expect(clippy::missing_errors_doc, reason = "as those of `Substrate`")]
 pub trait Through: Send + Sync + 'static {
-    /// Where it leads.
+    /// Returns the substrate behind this one.
     fn wire(&self) -> &dyn Substrate;
 
     /// As [`Substrate::send`].
@@ -29,7 +29,7 @@ pub trait Through: Send + Sync + 'static {
         self.wire().broadcast(sender, performative, payload)
     }
 
-    /// As [`Substrate::beat`]; what is said together passes here one by one.
+    /// As [`Substrate::beat`]; the heartbeats of a batch pass here one by one.
     fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         self.wire().beat(sender, payload)
     }

@@ -1,8 +1,8 @@
-//! Records on their way to the Journals: one request at a time to each of them, with the newest
-//! version of all that waits, again and again until it is kept.
+//! Delivery of records to the Journals: one request at a time to each of them, with the newest
+//! version of all waiting records, repeated until it is kept.
 //!
 //! However many changes there are and however slow a disk is, one message per Journal is under way,
-//! and what waits is bounded by the number of keys.
+//! and the number of waiting records is bounded by the number of keys.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -15,71 +15,71 @@ use crate::base_agent::Agent;
 use crate::communication_agent::{Answer, Opening};
 use crate::context::{Context, TimerId};
 
-/// How many machines are to have a record before it counts as kept: this one, and one other that can
-/// be reached.
+/// Number of machines that must have a record before it counts as kept: this one, and one other
+/// that can be reached.
 const COPIES: usize = 2;
 
-/// How long before a Journal that did not answer or is busy is asked again.
+/// Wait before a Journal that did not answer, or is busy, is asked again.
 const AGAIN: Duration = Duration::from_millis(200);
 
-/// How long before a Journal is asked again whose disk keeps nothing: a full disk is emptied by a
-/// person.
+/// Wait before a Journal that cannot write to its disk is asked again: a full disk has to be
+/// emptied by a person.
 const DISK_AGAIN: Duration = Duration::from_secs(5);
 
-/// What one request carries at most: far below what a message may have, and enough that a few
-/// requests carry the changes of hundreds of goals.
+/// Most records and bytes in one request: far below the longest message, and enough for a few
+/// requests to carry the changes of hundreds of goals.
 const RECORDS_AT_ONCE: usize = 64;
 const BYTES_AT_ONCE: usize = 128 << 10;
 
-/// What is told to the caller of `keep`.
+/// Callback of the caller of `keep`.
 type Then<A> = Box<dyn FnOnce(&mut A, Kept, &mut Context<A>) + Send>;
 
-/// Who has kept some records, and whom to tell.
+/// Progress of one call of `keep`.
 struct Tally<A: Agent> {
     keys: BTreeSet<String>,
     kept: Kept,
-    /// The machines that have the records.
+    /// Machines that have the records.
     machines: BTreeSet<DaemonId>,
     awaited: BTreeSet<AgentId>,
     then: Then<A>,
     deadline: TimerId,
 }
 
-/// All that is on its way to the Journals.
+/// Deliveries to all Journals, and the calls that wait for them.
 pub(super) struct Deliveries<A: Agent> {
     to: BTreeMap<AgentId, Delivery>,
     tallies: BTreeMap<u64, Tally<A>>,
     numbered: u64,
 }
 
-/// What is on its way to one Journal.
+/// Delivery to one Journal.
 #[derive(Debug, Default)]
 struct Delivery {
     /// The newest version of each record that waits, by key.
     waiting: BTreeMap<String, Record>,
-    /// Those of whose records all are in `waiting`, or on their way.
+    /// Numbers of the calls that wait for this Journal; their records are in `waiting` or under way.
     tallies: BTreeSet<u64>,
-    /// What the request that is under way carries.
+    /// Records in the request that is under way.
     under_way: Option<Vec<Record>>,
-    /// Until it is asked again.
+    /// Timer of the next attempt.
     again: Option<TimerId>,
     /// Whether records go one by one, because the Journal refused some of several.
     one_by_one: bool,
-    /// Why it keeps nothing now, as the log says already.
+    /// Reason why the Journal keeps nothing at present; it has been logged.
     trouble: Option<String>,
-    /// Whether its disk is the reason: nobody waits for that.
+    /// Whether the reason is its disk: then no call waits for this Journal.
     is_disk_in_trouble: bool,
 }
 
-/// What a Journal said of a request.
+/// Outcome of one request to a Journal.
 #[derive(Debug, PartialEq, Eq)]
 enum Outcome {
     Kept,
-    /// It does not take what these records say, and never will.
+    /// The Journal does not accept these records, and never will.
     Refused(String),
-    /// It may take them later.
+    /// The Journal may accept them later: the reason, and the wait before the next attempt.
     Later(String, Duration),
-    /// It is not here any more: when it is back, all is sent anew.
+    /// The Journal has left: when it returns, all records are sent anew.
     Gone(String),
 }
 
@@ -90,7 +90,7 @@ impl<A: Agent> Deliveries<A> {
         Deliveries { to: BTreeMap::new(), tallies: BTreeMap::new(), numbered: 0 }
     }
 
-    /// Whether every Journal that is here has all it was asked to keep.
+    /// Whether every Journal that is present and works has all records that it was asked to keep.
     pub(super) fn is_empty(&self) -> bool {
         let is_idle = |to: &Delivery| to.under_way.is_none() && to.waiting.is_empty();
         self.to.values().all(|to| to.trouble.is_some() || is_idle(to))
@@ -98,7 +98,8 @@ impl<A: Agent> Deliveries<A> {
 }
 
 impl Delivery {
-    /// Takes records to be sent, or back those that were not kept, unless newer ones wait.
+    /// Queues records for sending, or puts back those that were not kept. Newer versions that wait
+    /// are preserved.
     fn add(&mut self, records: &[Record]) {
         for record in records {
             let waiting = self.waiting.get(&record.key);
@@ -108,7 +109,8 @@ impl Delivery {
         }
     }
 
-    /// Takes the records of the next request, where none is under way.
+    /// Takes the records of the next request. Returns `None` if a request is under way or
+    /// scheduled, or if no record waits.
     fn next(&mut self) -> Option<Vec<Record>> {
         if self.under_way.is_some() || self.again.is_some() || self.waiting.is_empty() {
             return None;
@@ -131,8 +133,8 @@ impl Delivery {
 
 // === keeping ===
 
-/// Has the Journals that are here keep records; `then`, if any, is told as soon as enough have them,
-/// all have answered, or `answer_deadline` has passed.
+/// Sends records to the Journals that are present. Calls `then`, if given, as soon as enough
+/// machines have them, all Journals have answered, or `answer_deadline` has passed.
 pub(super) fn deliver<A: Keeps>(
     agent: &mut A,
     records: &[Record],
@@ -185,7 +187,7 @@ pub(super) fn deliver<A: Keeps>(
     }
 }
 
-/// Sends what waits for a Journal, unless a request is under way.
+/// Sends the waiting records to a Journal, unless a request is under way.
 fn send<A: Keeps>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>) {
     let Some(delivery) = agent.keeper().deliveries.to.get_mut(journal) else { return };
     let Some(records) = delivery.next() else { return };
@@ -207,7 +209,8 @@ fn send<A: Keeps>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>) {
 
 fn answered<A: Keeps>(agent: &mut A, from: &AgentId, outcome: Outcome, ctx: &mut Context<A>) {
     let keeper = agent.keeper();
-    // Who does not act any more writes nothing late: another's records may be older than these.
+    // An agent that is no longer the leader does not retry: the new leader's records may have
+    // smaller versions.
     let outcome = match outcome {
         Outcome::Later(why, _) if !keeper.is_leading => Outcome::Gone(why),
         outcome => outcome,
@@ -266,7 +269,7 @@ fn answered<A: Keeps>(agent: &mut A, from: &AgentId, outcome: Outcome, ctx: &mut
     send(agent, from, ctx);
 }
 
-/// One record is not kept by a Journal: tells those who wait for it.
+/// Handles that a Journal refuses one record: reports it to the calls that wait for that record.
 fn refused<A: Keeps>(agent: &mut A, by: &AgentId, key: &str, why: &str, ctx: &mut Context<A>) {
     let deliveries = &agent.keeper().deliveries;
     let waits = |(_, tally): &(&u64, &Tally<A>)| tally.keys.contains(key);
@@ -276,7 +279,7 @@ fn refused<A: Keeps>(agent: &mut A, by: &AgentId, key: &str, why: &str, ctx: &mu
     }
 }
 
-/// A Journal has, or will not have, all that was on its way to it.
+/// Reports the outcome to all calls that wait for a Journal.
 fn settle<A: Keeps>(
     agent: &mut A,
     journal: &AgentId,
@@ -289,7 +292,8 @@ fn settle<A: Keeps>(
     }
 }
 
-/// Tells those whose records a Journal has, though others still wait.
+/// Reports success to the calls that have all their records on a Journal, though other records
+/// still wait.
 fn settle_kept<A: Keeps>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>) {
     let deliveries = &mut agent.keeper().deliveries;
     let tallies = &deliveries.tallies;
@@ -309,7 +313,8 @@ fn settle_kept<A: Keeps>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>)
     }
 }
 
-/// Notes what a Journal has done with the records of a tally; tells its caller if now is the time.
+/// Notes the outcome of a Journal for one call. Runs the callback of the call if enough machines
+/// have its records, or all Journals have answered.
 fn note<A: Keeps>(
     agent: &mut A,
     number: u64,
@@ -337,7 +342,7 @@ fn note<A: Keeps>(
     }
 }
 
-/// What a Journal's answer means for what it was asked to keep.
+/// Returns the outcome that an answer of a Journal means.
 fn outcome(answer: Answer) -> Outcome {
     match answer {
         Answer::Message(message) if message.performative == Performative::Confirm => Outcome::Kept,
@@ -381,7 +386,7 @@ mod tests {
             assert_eq!(delivery.next(), None, "one is under way");
         }
         assert_eq!(delivery.waiting.len(), 2);
-        // What was under way is not kept: what has changed meanwhile is.
+        // The request under way is not kept; the newer versions replace what it carried.
         let batch = delivery.under_way.take().expect("it is under way");
         delivery.add(&batch);
         let next = delivery.next().expect("two");

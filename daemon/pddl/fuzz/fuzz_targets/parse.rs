@@ -1,4 +1,5 @@
-//! Any bytes: reading ends, mistakes lie in the text, and what has none comes back from its print.
+//! Any bytes: parsing ends, mistakes lie in the text, and a text without mistakes parses back from
+//! its print.
 //!
 //! `cargo +nightly fuzz run parse` in this folder.
 

@@ -1,4 +1,4 @@
-//! Derived predicates: their heads, their bodies, and whether they can be computed in layers.
+//! Derived predicates: their heads, their bodies, and whether they are stratified.
 
 use foldhash::HashMap;
 
@@ -23,7 +23,7 @@ impl<'t> Checker<'_, 't> {
         self.stratification(axioms);
     }
 
-    /// `(PREDICATE VARIABLES)` against the predicate's declaration.
+    /// Checks `(PREDICATE VARIABLES)` against the predicate's declaration.
     fn head(&mut self, axiom: &'t Derived) {
         let predicate = &axiom.predicate;
         self.parameters(&axiom.parameters);
@@ -49,7 +49,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// No predicate may depend on its own negation, directly or through others.
+    /// Checks that no predicate depends on its own negation, directly or through others.
     fn stratification(&mut self, axioms: &'t [Derived]) {
         let mut dependencies = Vec::new();
         for axiom in axioms {
@@ -74,7 +74,7 @@ impl<'t> Checker<'_, 't> {
     }
 }
 
-/// What `condition` mentions, and whether under a negation.
+/// Collects the predicates in `condition`, and whether they are negated.
 fn collect<'t>(
     head: &'t Name,
     condition: &'t Condition,
@@ -100,7 +100,7 @@ fn collect<'t>(
     }
 }
 
-/// Which predicates depend on each other.
+/// Predicates grouped by mutual dependency.
 struct Layers<'t> {
     index: HashMap<&'t str, usize>,
     components: Vec<usize>,
@@ -124,7 +124,7 @@ impl<'t> Layers<'t> {
         Layers { index, components: components(&bodies) }
     }
 
-    /// Whether `head`, which depends on `body`, is depended on by it too.
+    /// Whether `body` depends on `head` too.
     fn are_one(&self, head: &Name, body: &Name) -> bool {
         let component =
             |name: &Name| self.index.get(name.as_str()).map(|number| self.components[*number]);

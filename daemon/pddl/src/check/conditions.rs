@@ -1,4 +1,4 @@
-//! Conditions, expressions, and what they refer to.
+//! Conditions, expressions, and the symbols in them.
 
 use super::{Checker, count};
 use crate::diagnostic::Diagnostic;
@@ -65,7 +65,7 @@ impl<'t> Checker<'_, 't> {
         self.call(&call, &declaration.parameters, || declaration.to_string());
     }
 
-    /// `(SYMBOL TERM*)`, of a predicate or a function.
+    /// `(SYMBOL TERM*)`, for a predicate or a function.
     pub(super) fn observed(&mut self, observed: &'t Atom) {
         let symbols = self.symbols;
         let Some(function) = symbols.function(&observed.predicate) else {
@@ -119,7 +119,7 @@ impl<'t> Checker<'_, 't> {
         self.report(unknown);
     }
 
-    /// Arguments against parameters; `rule` writes the declaration.
+    /// Checks arguments against parameters; `rule` writes the declaration.
     fn call(&mut self, call: &Call<'t>, parameters: &'t [Typed], rule: impl Fn() -> String) {
         let (found, wanted) = (call.arguments.len(), parameters.len());
         if found != wanted {
@@ -135,7 +135,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// An object must be of the type that is wanted; a variable must at least be able to be.
+    /// Checks the type of an argument: an object must be of the required type, a variable must be
+    /// able to be.
     fn argument(
         &mut self,
         argument: &'t Term,
@@ -161,7 +162,7 @@ impl<'t> Checker<'_, 't> {
         self.report(diagnostic.with_rule(rule()));
     }
 
-    /// Whether all alternatives are known; those that are not were reported where they stand.
+    /// Whether all alternatives are known types; unknown ones are reported where they are declared.
     pub(super) fn knows(&self, ty: &TypeExpr) -> bool {
         ty.alternatives.iter().all(|name| self.symbols.types.contains(name.as_str()))
     }
@@ -172,7 +173,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// The type of a term, if it is known.
+    /// Returns the type of a term, if it is known.
     pub(super) fn term(&mut self, term: &'t Term) -> Option<&'t TypeExpr> {
         match term {
             Term::Variable(name) => self.variable(name),

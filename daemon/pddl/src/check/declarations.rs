@@ -1,4 +1,4 @@
-//! Declarations: each name once, each type known.
+//! Declarations: each name is declared once, each type is known.
 
 use foldhash::{HashMap, HashSet};
 
@@ -7,7 +7,7 @@ use crate::diagnostic::{Diagnostic, Severity};
 use crate::tree::{ActionSchema, Domain, DurativeAction, Name, TypeExpr, Typed};
 use crate::types::SUPERTYPES_MAX;
 
-/// Flags of PDDL 1.2 to 3.1, PDDL+ and MA-PDDL, and those that planners made customary.
+/// Flags of PDDL 1.2 to 3.1, PDDL+ and MA-PDDL, and common ones of planners.
 const REQUIREMENTS: &[&str] = &[
     ":strips",
     ":typing",
@@ -89,7 +89,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// The hierarchy: supertypes that nobody declares, and cycles.
+    /// Checks the hierarchy: undeclared supertypes, too many supertypes, cycles.
     pub(super) fn types(&mut self, types: &'t [Typed]) {
         let own = types.iter().chain(self.foreign_types.unwrap_or_default());
         let mut declared: HashSet<&str> = own.map(|typed| typed.name.as_str()).collect();
@@ -126,7 +126,8 @@ impl<'t> Checker<'_, 't> {
         });
     }
 
-    /// Types that are declared more than once: they are kinds of all that they are said to be.
+    /// Checks for types that are declared more than once: such a type is a subtype of all the
+    /// declared supertypes.
     pub(super) fn types_once(&mut self, types: &'t [Typed]) {
         let mut firsts: HashMap<&str, &Typed> = HashMap::default();
         for typed in types {
@@ -144,7 +145,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Objects that are declared more than once: they belong to all their types.
+    /// Checks for objects that are declared more than once: such an object belongs to all its types.
     pub(super) fn objects_once(&mut self, what: &str, objects: impl Iterator<Item = &'t Typed>) {
         let mut firsts: HashMap<&str, &Typed> = HashMap::default();
         for object in objects {
@@ -163,7 +164,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// An object without a type that has the name of one: likely a forgotten dash.
+    /// Checks for an object without a type that has the name of a type: likely a missing dash.
     fn named_like_a_type(&mut self, object: &'t Typed) {
         let name = object.name.as_str();
         if object.ty.alternatives.is_empty()
@@ -176,7 +177,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// The declarations of predicates, or of functions. What the parameters are called means nothing.
+    /// Checks the declarations of predicates or of functions. The names of parameters are not compared.
     pub(super) fn signatures(
         &mut self,
         what: &str,
@@ -199,14 +200,14 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Types of parameters of a predicate or a function. Of a type that is not declared there is
-    /// nothing: no harm is done.
+    /// Checks the types of the parameters of a predicate or a function. A type that is not declared
+    /// has no objects, which does no harm.
     fn types_of_declaration(&mut self, parameters: &'t [Typed]) {
         self.types_of_list(parameters, Severity::Warning);
     }
 
-    /// Types of variables. One that is not declared, and that nothing declared is called like, is
-    /// taken at its word: there is nothing of it.
+    /// Checks the types of variables. An undeclared type that is not similar to a declared one is
+    /// accepted with a warning: it has no objects.
     fn types_of_variables(&mut self, variables: &'t [Typed]) {
         self.types_of_list(variables, Severity::Error);
     }
@@ -220,7 +221,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Reports unknown types of a variable, as `severity` where another name is likely meant.
+    /// Reports unknown types of a variable: with `severity` if another name was likely meant, else
+    /// as a warning.
     fn types_if_any(&mut self, variable: &'t Typed, severity: Severity) {
         let symbols = self.symbols;
         let names = variable.ty.alternatives.iter();
@@ -236,7 +238,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Names that are declared more than once.
+    /// Checks for names that are declared more than once.
     pub(super) fn unique(&mut self, what: &str, names: impl Iterator<Item = &'t Name>) {
         let mut firsts: HashMap<&str, &Name> = HashMap::default();
         for name in names {
@@ -250,7 +252,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// The variables of a quantifier. Of two that have one name, the second is meant by it.
+    /// Checks the variables of a quantifier. If two have one name, the second hides the first.
     pub(super) fn quantified(&mut self, variables: &'t [Typed]) {
         self.parameters_once(variables, Severity::Warning);
         self.types_in_place(variables);
@@ -269,7 +271,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// The variables of an action, an axiom, or a declaration.
+    /// Checks the variables of an action, an axiom, or a declaration.
     pub(super) fn parameters(&mut self, parameters: &'t [Typed]) {
         self.parameters_once(parameters, Severity::Error);
         self.types_in_place(parameters);
@@ -282,7 +284,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// The types of objects, and of variables of actions, axioms and quantifiers.
+    /// Checks the types of objects, and of variables of actions, axioms and quantifiers.
     pub(super) fn types_of(&mut self, list: &'t [Typed]) {
         for (index, typed) in list.iter().enumerate() {
             // `a b c - typo` is one mistake, not three.

@@ -8,13 +8,14 @@ use crate::tree::{
     Atom, Domain, FluentTerm, InitElement, Number, ObjectDeclaration, Problem, Span,
 };
 
-/// What becomes of facts and values that the domain has no name for, and of two values of one function.
+/// Treatment of facts and values of unknown symbols, and of two values for one function.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Values {
-    /// Competition problems carry what some domains do without, and say some numbers twice: a warning.
+    /// A warning: competition problems contain values that their domain does not declare, and state
+    /// some numbers twice.
     Spare,
-    /// The map of a building says what its author means: a fact that the domain has no name for, and a
-    /// second number, are errors. Values that the domain does without are a warning.
+    /// For the map of a building, a fact of an unknown predicate and a second number are errors.
+    /// Values of undeclared functions are a warning.
     Map,
     /// An error.
     Declared,
@@ -35,7 +36,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Objects of a problem or a model, beside the constants of the domain.
+    /// Checks the objects of a problem or a model, besides the constants of the domain.
     pub(super) fn objects(&mut self, domain: &'t Domain, objects: &'t [ObjectDeclaration]) {
         self.objects_once("object", objects.iter().map(|declaration| &declaration.object));
         let constants: HashMap<&str, _> =
@@ -73,7 +74,8 @@ impl<'t> Checker<'_, 't> {
         self.contradictions(elements);
     }
 
-    /// What is said to be true and to be false: it is true, as after an action that does both.
+    /// Checks for facts that are stated to be true and to be false: they are true, as after an
+    /// action with both effects.
     fn contradictions(&mut self, elements: &'t [InitElement]) {
         let mut denied: HashMap<&Atom, &Atom> = HashMap::default();
         for element in elements {
@@ -104,7 +106,8 @@ impl<'t> Checker<'_, 't> {
                 self.report_spare_fact(atom);
             }
             InitElement::Atom(atom) | InitElement::Not(atom) => self.fact(atom),
-            // Also of what is derived: an agent that has left knew what it is derived from.
+            // Derived facts may be unknown too: an agent that has left knew the facts that they are
+            // derived from.
             InitElement::Unknown(atom) => self.atom(atom),
             InitElement::Assign(fluent, _) => match values {
                 Values::Spare | Values::Map if self.is_spare(fluent) => self.report_spare(fluent),
@@ -114,7 +117,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Whether nobody could have meant a function of the domain.
+    /// Whether the function is unknown and not similar to any function of the domain.
     fn is_spare(&mut self, fluent: &'t FluentTerm) -> bool {
         let symbols = self.symbols;
         let name = &fluent.function;
@@ -123,8 +126,8 @@ impl<'t> Checker<'_, 't> {
             && self.nearest(name.as_str(), symbols.function_names()).is_none()
     }
 
-    /// Whether the domain has nothing of this name. Nothing else of the task can speak of it: that
-    /// would be a mistake of its own.
+    /// Whether the domain has no symbol of this name. Then the rest of the task cannot use it
+    /// either, as that would be a mistake of its own.
     fn is_spare_fact(&self, atom: &Atom) -> bool {
         self.symbols.predicate(&atom.predicate).is_none()
             && self.symbols.function(&atom.predicate).is_none()
@@ -157,7 +160,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// A function has one value at the start. In problems of competitions the last one counts.
+    /// Checks that a function has one value at the start. In competition problems the last one counts.
     fn one_value(
         &mut self,
         fluent: &'t FluentTerm,

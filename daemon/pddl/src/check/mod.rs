@@ -1,10 +1,10 @@
-//! Does it make sense? Names, arities, types, and the few rules that PDDL has beyond its grammar.
+//! Semantic checks: names, arities, types, and the few rules that PDDL has beyond its grammar.
 //!
-//! - Takes trees of the parser, returns every mistake of one text in the order of that text.
-//! - Each function checks one text against others that were checked before: `check_problem` says
-//!   nothing of the domain's mistakes.
-//! - Lenient where real files are: requirements need not be declared, facts may be repeated.
-//! - Does not ask whether a goal can be reached or a plan works: that is the planner's business.
+//! - Takes trees of the parser; returns every mistake of one text in the order of that text.
+//! - Each function checks one text against others that were checked before: `check_problem` does
+//!   not report mistakes of the domain.
+//! - Lenient where real files require it: requirements need not be declared, facts may be repeated.
+//! - Whether a goal can be reached or a plan works is left to the planner.
 
 mod symbols;
 
@@ -46,8 +46,8 @@ pub fn check_problem(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
     checker.problems.into_sorted()
 }
 
-/// Checks the map of a building against its domain. Problems of competitions are read with what is odd
-/// in them; of a map, a fact that the domain has no name for is an error.
+/// Checks the map of a building against its domain. Unlike in competition problems, a fact of an
+/// unknown predicate is an error.
 pub fn check_map(domain: &Domain, map: &Problem) -> Vec<Diagnostic> {
     let symbols = Symbols::of_problem(domain, map);
     let mut checker = Checker::new(&symbols);
@@ -57,7 +57,7 @@ pub fn check_map(domain: &Domain, map: &Problem) -> Vec<Diagnostic> {
 
 /// Checks an action model against the ontology it builds on.
 ///
-/// Objects that neither declares are let pass with a hint: the map or another agent may bring them.
+/// Objects that neither declares are accepted with a hint: the map or another agent may bring them.
 pub fn check_action_model(ontology: &Domain, model: &ActionModel) -> Vec<Diagnostic> {
     let symbols = Symbols::of_model(ontology, model);
     let mut checker = Checker::new(&symbols);
@@ -65,8 +65,9 @@ pub fn check_action_model(ontology: &Domain, model: &ActionModel) -> Vec<Diagnos
     checker.problems.into_sorted()
 }
 
-/// Checks that `:init` or an action gives a value to all that the metric of a problem reads. In a running
-/// ecosystem it may come later, so that [`check_problem`] does not ask for it.
+/// Checks that `:init` or an action gives a value to every function that the metric of a problem
+/// reads. In a running ecosystem the value may come later, so [`check_problem`] does not require
+/// it.
 pub fn check_metric_values(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
     let Some(metric) = &problem.metric else { return Vec::new() };
     if !domain.durative_actions.is_empty() {
@@ -121,21 +122,21 @@ pub fn check_plan(domain: &Domain, problem: &Problem, plan: &Plan) -> Vec<Diagno
     checker.problems.into_sorted()
 }
 
-/// How many names are compared with unknown ones before no more suggestions are made: a text full
+/// Most names that are compared with unknown ones; beyond it no suggestions are made. A text full
 /// of unknown words must not cost the square of its length.
 const COMPARISONS_MAX: usize = 100_000;
 
-/// Walks trees and gathers mistakes.
+/// Walks over trees and collects mistakes.
 struct Checker<'s, 't> {
     symbols: &'s Symbols<'t>,
     problems: Problems,
-    /// Variables in sight, outermost first.
+    /// Variables in scope, outermost first.
     scope: Vec<&'t Typed>,
-    /// Where in the scope a name stands, outermost first.
+    /// Positions of a name in the scope, outermost first.
     bound: HashMap<&'t str, Vec<usize>>,
     /// Types of another text that the checked one builds on.
     foreign_types: Option<&'t [Typed]>,
-    /// Objects that others have to bring, once reported.
+    /// Objects that other agents have to bring, once reported.
     awaited: HashSet<&'t str>,
     comparisons_left: usize,
 }
@@ -159,7 +160,7 @@ impl<'s, 't> Checker<'s, 't> {
         self.problems.push(diagnostic);
     }
 
-    /// The candidate that was likely meant, as long as looking for it is affordable.
+    /// Returns the candidate that was likely meant, as long as the search is affordable.
     fn nearest<'a>(
         &mut self,
         word: &str,
@@ -173,7 +174,7 @@ impl<'s, 't> Checker<'s, 't> {
         nearest(word, affordable)
     }
 
-    /// Runs `body` with `variables` in sight.
+    /// Runs `body` with `variables` in scope.
     fn with_scope(&mut self, variables: &'t [Typed], body: impl FnOnce(&mut Self)) {
         let outer = self.scope.len();
         for (index, variable) in variables.iter().enumerate() {
@@ -187,7 +188,7 @@ impl<'s, 't> Checker<'s, 't> {
         }
     }
 
-    /// The variable in sight that has this name.
+    /// Returns the variable in scope with this name.
     fn variable_in_scope(&self, name: &str) -> Option<&'t Typed> {
         self.bound.get(name)?.last().map(|index| self.scope[*index])
     }

@@ -1,4 +1,4 @@
-//! Action models, against the ontology they build on.
+//! Action models, checked against the ontology that they build on.
 
 use super::Checker;
 use super::facts::Values;
@@ -50,7 +50,7 @@ impl<'t> Checker<'_, 't> {
         self.report(Diagnostic::warning(name.span(), message).with_rule(shared));
     }
 
-    /// An agent acts as an object of its own name.
+    /// Checks that the agent declares itself: it acts as an object with its own name.
     fn has_itself(&mut self, model: &'t ActionModel) {
         let acts = model.actions.iter().any(|action| action.agent.is_some())
             || model.durative_actions.iter().any(|action| action.agent.is_some());
@@ -63,7 +63,7 @@ impl<'t> Checker<'_, 't> {
     }
 }
 
-/// Whether two declarations are equal but for the names of their variables.
+/// Whether two declarations are equal except for the names of their variables.
 fn unify(left: &[Typed], right: &[Typed]) -> bool {
     left.iter().map(|typed| &typed.ty).eq(right.iter().map(|typed| &typed.ty))
 }

@@ -1,4 +1,4 @@
-//! Plans: known actions, known objects, right types.
+//! Plans: actions and objects are known, types are right.
 
 use foldhash::HashMap;
 
@@ -6,7 +6,7 @@ use super::{Checker, count};
 use crate::diagnostic::Diagnostic;
 use crate::tree::{Domain, Name, Plan, PlanStep, Typed};
 
-/// What a step can call.
+/// Action that a step can name.
 struct Callable<'t> {
     name: &'t Name,
     parameters: Vec<&'t Typed>,

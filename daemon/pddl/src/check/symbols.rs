@@ -1,4 +1,4 @@
-//! Everything that has a name, gathered from the texts that speak of it.
+//! Symbols of a task, collected from the texts that declare them.
 
 use std::cell::{Cell, OnceCell};
 
@@ -10,7 +10,7 @@ use crate::tree::{
 };
 use crate::types::Types;
 
-/// What a text may refer to. Where something is declared twice the first counts.
+/// Symbols that a text may refer to. If something is declared twice, the first declaration counts.
 pub(super) struct Symbols<'t> {
     pub(super) types: Types,
     predicates: Table<'t, PredicateDeclaration>,
@@ -18,25 +18,25 @@ pub(super) struct Symbols<'t> {
     objects: Table<'t, Typed>,
     derived: HashSet<&'t str>,
     actions: &'t [ActionSchema],
-    /// Whether others may bring objects that are not listed here.
+    /// Whether other agents may bring objects that are not listed here.
     pub(super) is_open: bool,
-    /// Whether the objects of problems are unknown here, and only constants are not.
+    /// Whether only constants are known here, and not the objects of problems.
     pub(super) is_of_domain: bool,
 }
 
 /// Declarations by name and in order.
 struct Table<'t, T> {
     order: Vec<&'t T>,
-    /// Made once it is worth while: of a large building, a goal names one or two objects.
+    /// Created when it pays: a goal names one or two of the many objects of a large building.
     index: OnceCell<HashMap<&'t str, usize>>,
-    /// How often something was looked for one by one.
+    /// Number of look-ups without the index.
     scans: Cell<u8>,
 }
 
-/// After so many the index is made.
+/// Number of look-ups after which the index is created.
 const SCANS_MAX: u8 = 4;
 
-/// Something that is declared with a name.
+/// A declaration with a name.
 pub(super) trait Named {
     fn name(&self) -> &Name;
 }
@@ -90,7 +90,7 @@ impl<'t> Symbols<'t> {
         self.objects.get(name.as_str())
     }
 
-    /// Whether some declaration of an object, which may have several, is of this type.
+    /// Whether any declaration of an object, which may have several, is of this type.
     pub(super) fn is_also(&self, object: &Name, wanted: &TypeExpr) -> bool {
         let mut named = self.objects.order.iter().filter(|one| one.name == *object);
         named.any(|one| self.types.accepts(wanted, &one.ty))

@@ -110,7 +110,7 @@ fn parameters<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Vec<Typed> {
     items.map(|items| names::variables(reader, items)).unwrap_or_default()
 }
 
-/// `(SYMBOL TERM*) | (and (SYMBOL TERM*)*)`, where a symbol is a predicate or a function.
+/// `(SYMBOL TERM*) | (and (SYMBOL TERM*)*)`, for which a symbol is a predicate or a function.
 fn observed<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Vec<Atom> {
     let Some(mut items) = reader.expect_list(node, "what is observed", OBSERVE) else {
         return Vec::new();
@@ -150,8 +150,8 @@ impl<'f> Parts<'f> {
         Some(Parts { name, items, seen: Vec::new(), rule })
     }
 
-    /// The next key, one of `:agent`, `:parameters` and `keys`, with the node after it; what fits
-    /// nowhere and what is there twice is reported and passed over.
+    /// Returns the next key, one of `:agent`, `:parameters` and `keys`, with the node after it.
+    /// Unknown and repeated parts are reported and skipped.
     fn next(
         &mut self,
         reader: &mut Reader<'f>,
@@ -178,7 +178,7 @@ impl<'f> Parts<'f> {
             }
             match key {
                 Some(key) if self.is_first(reader, key, node.span()) => return Some((key, value)),
-                // An agent is not one node but up to three; read it away.
+                // An agent is up to three nodes; all are skipped.
                 Some(AGENT_KEY) => drop(self.opt_agent(reader)),
                 _ => {}
             }
@@ -186,8 +186,8 @@ impl<'f> Parts<'f> {
         None
     }
 
-    /// Reports what stands where a key is expected: after one condition or effect, likely another that
-    /// an `and` should join to it.
+    /// Reports a node where a key is expected. After a condition or an effect it is likely a second
+    /// one, to be joined by an `and`.
     fn report_stranger(&self, reader: &mut Reader<'f>, node: Node<'f>) {
         let after = self.seen.last().map(|(key, _)| *key);
         let what = match after {
@@ -209,7 +209,7 @@ impl<'f> Parts<'f> {
         });
     }
 
-    /// The node after a key; an agent's is left for [`Parts::opt_agent`].
+    /// Returns the node after a key; that of an agent is left for [`Parts::opt_agent`].
     fn value(&mut self, reader: &mut Reader<'f>, key: Node<'f>, word: &str) -> Option<Node<'f>> {
         match self.items.peek() {
             Some(value) if !value.symbol().is_some_and(|word| word.starts_with(':')) => {

@@ -42,7 +42,7 @@ pub(crate) fn condition<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<C
         "<=" => compare(reader, Comparison::LessOrEqual, items, node.span()),
         ">=" => compare(reader, Comparison::GreaterOrEqual, items, node.span()),
         ">" => compare(reader, Comparison::Greater, items, node.span()),
-        // A predicate may be called so: a preference has a condition.
+        // A predicate may have this name: a preference has a condition, which is a list.
         "preference" if items.into_iter().any(|item| item.list().is_some()) => {
             preference(reader, node, items)
         }
@@ -78,7 +78,7 @@ pub(super) fn atom<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Atom> 
     Some(Atom { predicate, arguments, span: node.span() })
 }
 
-/// What to write in place of an operator of another language.
+/// Returns what to write instead of an operator of another language.
 fn foreign(word: &str) -> Option<&'static str> {
     Some(match word {
         "!=" | "<>" | "/=" | "~=" => "write `(not (= … …))`",
@@ -94,7 +94,7 @@ fn foreign(word: &str) -> Option<&'static str> {
     })
 }
 
-/// Words of conditions and effects that take more than terms.
+/// Words of conditions and effects with arguments other than terms.
 const KEYWORDS: &[&str] = &[
     "and",
     "or",
@@ -110,7 +110,7 @@ const KEYWORDS: &[&str] = &[
     "scale-down",
 ];
 
-/// Reports a predicate with a list for an argument: likely a keyword with a slip in it.
+/// Reports a predicate with a list as an argument: likely a misspelled keyword.
 fn nested<T>(reader: &mut Reader<'_>, head: Node<'_>, argument: Node<'_>) -> Option<T> {
     let word = head.symbol().unwrap_or("");
     let near = reader.nearest(word, KEYWORDS.iter().copied());
@@ -126,7 +126,7 @@ fn nested<T>(reader: &mut Reader<'_>, head: Node<'_>, argument: Node<'_>) -> Opt
     None
 }
 
-/// What a list begins with.
+/// Beginning of a list.
 pub(super) enum Headed<'f> {
     /// `()`
     Empty,
@@ -134,7 +134,7 @@ pub(super) enum Headed<'f> {
     By(&'f str, Items<'f>),
 }
 
-/// `() | (WORD …)`; anything else is reported as not being `what`.
+/// `() | (WORD …)`; for anything else, reports that `what` is expected.
 pub(super) fn headed<'f>(
     reader: &mut Reader<'f>,
     node: Node<'f>,
@@ -166,13 +166,13 @@ pub(super) fn headed<'f>(
     }
 }
 
-/// Reports something of PDDL that this crate does not read.
+/// Reports a feature of PDDL that this crate does not support.
 pub(super) fn unsupported<T>(reader: &mut Reader<'_>, node: Node<'_>, what: &str) -> Option<T> {
     reader.report(Diagnostic::unsupported(node.span(), format!("{what} are not supported")));
     None
 }
 
-/// `(preference [NAME] CONDITION)`: read, for the mistakes in it, and refused by name.
+/// `(preference [NAME] CONDITION)`: parsed to find mistakes in it, then reported as unsupported.
 fn preference<'f, T>(reader: &mut Reader<'f>, node: Node<'f>, mut items: Items<'f>) -> Option<T> {
     if items.peek().is_some_and(|first| first.symbol().is_some()) {
         items.next();
@@ -183,7 +183,7 @@ fn preference<'f, T>(reader: &mut Reader<'f>, node: Node<'f>, mut items: Items<'
     unsupported(reader, node, "preferences")
 }
 
-/// Reports something at the wrong place.
+/// Reports a node at the wrong place.
 pub(super) fn misplaced<T>(
     reader: &mut Reader<'_>,
     node: Node<'_>,

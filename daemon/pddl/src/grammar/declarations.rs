@@ -1,4 +1,4 @@
-//! What a text declares: requirements, types, predicates, functions, objects.
+//! Declarations: requirements, types, predicates, functions, objects.
 
 use super::names::{self, Entries};
 use super::reader::{Reader, excerpt};
@@ -42,7 +42,8 @@ pub(super) fn types<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Typed>
     names::typed_list(reader, items, Entries::Names)
 }
 
-/// `(NAME* [- TYPE])*`, where `(:private …)` is let in and, having no place in the tree, forgotten.
+/// `(NAME* [- TYPE])*`; `(:private …)` is accepted with a warning and dropped, as constants have no
+/// privacy.
 pub(super) fn constants<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Typed> {
     let declared = objects(reader, items);
     if let Some(private) = declared.iter().find(|object| object.privacy != Privacy::Public) {
@@ -104,7 +105,7 @@ fn number_type<'f>(reader: &mut Reader<'f>, items: &mut Items<'f>, dash: Node<'f
     }
 }
 
-/// The declarations at `node`: itself, or what its `:private` holds.
+/// Returns the declarations at `node`: the node itself, or the content of its `:private`.
 fn public_or_private<'f>(
     reader: &mut Reader<'f>,
     node: Node<'f>,
@@ -166,7 +167,7 @@ pub(super) fn signature<'f>(
 /// `((NAME* [- TYPE])* | (:private [NAME] (NAME* [- TYPE])*))*`
 pub(super) fn objects<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<ObjectDeclaration> {
     let mut declared = Vec::new();
-    // Only a text that speaks of several agents has several blocks.
+    // Several blocks occur only in a text that describes several agents.
     let has_owners = items.filter(|node| is_private(*node)).nth(1).is_some();
     let mut from = items;
     let mut public = items.until(is_private);
@@ -190,8 +191,8 @@ fn with_privacy(typed: Vec<Typed>, privacy: &Privacy) -> impl Iterator<Item = Ob
 
 /// `(:private [NAME] (NAME* [- TYPE])*)`
 ///
-/// The owner looks like an object. The first word is taken for the owner if it is not typed and
-/// either declared elsewhere in the section (agents are objects too) or its block is one of several.
+/// The owner looks like an object. The first word counts as the owner if it has no type and is
+/// either declared elsewhere in the section (agents are objects too) or in one of several blocks.
 fn private_objects<'f>(
     reader: &mut Reader<'f>,
     block: Node<'f>,

@@ -27,7 +27,7 @@ pub(crate) fn document<'f>(
     single(reader, roots, "definition", |reader, node| definition(reader, node, expected))
 }
 
-/// What stands alone in a text.
+/// Parses the only node of a text.
 pub(crate) fn single<'f, T>(
     reader: &mut Reader<'f>,
     mut roots: Items<'f>,
@@ -38,7 +38,7 @@ pub(crate) fn single<'f, T>(
         reader.report(Diagnostic::error(roots.end(), format!("the text holds no {what}")));
         return None;
     };
-    // Files of 1998 say first in which package of Lisp they are.
+    // Files of 1998 begin with the name of a Lisp package.
     while let (Some(word @ ("in-package" | "IN-PACKAGE")), Some(next)) = (node.head(), roots.peek())
     {
         let message = format!("`{word}` is of Lisp, and passed over");
@@ -97,12 +97,12 @@ fn title_of<'f>(
     let name = reader.expect(&mut items, "name", DEFINE);
     let name = name.and_then(|node| names::name(reader, node, "a name"));
     reader.expect_end(items, "the name", DEFINE);
-    // Without a name of its own the rest is still worth reading.
+    // Without a valid name the rest is still parsed.
     let name = name.unwrap_or_else(|| reader.intern("unnamed", node.span()));
     Some((kind, name))
 }
 
-/// `domain | problem | agent`; of a word with a slip in it, what was likely meant.
+/// `domain | problem | agent`; for a misspelled word, the likely intended one.
 fn kind<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<DocumentKind> {
     const KINDS: &[&str] = &["domain", "problem", "agent"];
     let word = Keyword::of(node.symbol().unwrap_or(""));
@@ -130,10 +130,10 @@ impl DocumentKind {
     }
 }
 
-/// The sections of a definition, one after the other.
+/// The sections of a definition, in order.
 pub(super) struct Sections<'f> {
     items: Items<'f>,
-    /// What this kind of file may hold.
+    /// The sections that this kind of file may have.
     known: &'static [&'static str],
     seen: Vec<(&'static str, Node<'f>, Span)>,
 }
@@ -145,14 +145,14 @@ pub(super) struct Section<'f> {
     pub(super) span: Span,
 }
 
-/// Sections that may be there any number of times.
+/// Sections that may occur any number of times.
 const REPEATED: &[&str] = &[":action", ":durative-action", ":derived"];
 
-/// Sections that list things, so that two of them are one list.
+/// Sections with lists: two of them count as one list.
 const JOINED: &[&str] =
     &[":requirements", ":types", ":constants", ":objects", ":predicates", ":functions", ":init"];
 
-/// Sections of PDDL and its extensions that are legal and not read: what their author calls them.
+/// Sections of PDDL and its extensions that are valid and not supported, with their names for a message.
 const UNSUPPORTED: &[(&str, &str)] = &[
     (":constraints", "constraints on trajectories (`:constraints`)"),
     (":event", "events (`:event`)"),
@@ -167,7 +167,7 @@ const UNSUPPORTED: &[(&str, &str)] = &[
     (":htn", "task networks (`:htn`)"),
 ];
 
-/// Every section of any kind of file, and the kinds it belongs to.
+/// All sections of any kind of file, with the kinds of files that may have them.
 const ELSEWHERE: &[(&str, &str)] = &[
     (":types", "domains and action models"),
     (":constants", "domains"),
@@ -188,12 +188,13 @@ impl<'f> Sections<'f> {
         Sections { items, known, seen: Vec::new() }
     }
 
-    /// Where a missing section would have to stand.
+    /// Returns the place to report a missing section.
     pub(super) fn end(&self) -> Span {
         self.items.end()
     }
 
-    /// The next section; what is none, is unknown or is there twice is reported and passed over.
+    /// Returns the next section. Nodes that are no section, unknown sections and repeated ones are
+    /// reported and skipped.
     pub(super) fn next(&mut self, reader: &mut Reader<'f>) -> Option<Section<'f>> {
         while let Some(node) = self.items.next() {
             let Some(mut items) = reader.expect_list(node, "a section", "(:KEYWORD …)") else {
@@ -215,7 +216,8 @@ impl<'f> Sections<'f> {
         None
     }
 
-    /// Whether a section is to be read: not if it is the second that says one and the same.
+    /// Whether a section is read. A second one is read only if sections of its kind are joined, and
+    /// if its content differs from the first.
     fn is_read(
         &mut self,
         reader: &mut Reader<'f>,

@@ -1,4 +1,4 @@
-//! What durative actions have in place of conditions and effects (PDDL 2.1).
+//! Durations, conditions and effects of durative actions (PDDL 2.1).
 
 use super::condition::{self, Headed, headed, misplaced, unsupported};
 use super::effect;

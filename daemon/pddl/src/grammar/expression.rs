@@ -63,7 +63,7 @@ fn word_expression<'f>(
     if let Some(number) = names::number(word) {
         return Some(Expression::Number(number));
     }
-    // A function alone is printed in parentheses, so there must be room for them.
+    // A function without parentheses is printed with them, which is one level more.
     if node.is_deepest() {
         reader.report(too_deep(node.span()));
         return None;

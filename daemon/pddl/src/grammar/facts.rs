@@ -24,7 +24,7 @@ pub(crate) fn init_element<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Optio
     let head = reader.expect(&mut items, "predicate", ELEMENT)?;
     match Keyword::of(head.symbol().unwrap_or("")).as_str() {
         "not" => about(reader, items, "`not`").map(InitElement::Not),
-        // A predicate of that name takes objects.
+        // A predicate of that name has objects as arguments, not a list.
         "unknown" if items.peek().is_some_and(|node| node.list().is_some()) => {
             about(reader, items, "`unknown`").map(InitElement::Unknown)
         }
@@ -42,7 +42,7 @@ pub(crate) fn init_element<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Optio
     }
 }
 
-/// The one fact that `word` is said of.
+/// Parses the one fact after `word`.
 fn about<'f>(reader: &mut Reader<'f>, mut items: Items<'f>, word: &str) -> Option<Atom> {
     let inner = reader.expect(&mut items, "fact", ELEMENT)?;
     reader.expect_end(items, word, ELEMENT);
@@ -50,7 +50,7 @@ fn about<'f>(reader: &mut Reader<'f>, mut items: Items<'f>, word: &str) -> Optio
     ground(reader, &atom.arguments).then_some(atom)
 }
 
-/// Whether what follows `at` is a time and an element, rather than the objects of a predicate.
+/// Whether `at` is followed by a time and an element, and not by the objects of a predicate.
 fn is_timed(mut items: Items<'_>) -> bool {
     let time = items.next().and_then(Node::symbol).and_then(names::number);
     time.is_some() && items.next().is_some_and(|node| node.list().is_some())

@@ -2,8 +2,8 @@
 //!
 //! - Each function quotes its production. `NAME` is a symbol, `VARIABLE` is `?NAME`, `X*` is any
 //!   number of `X`, `[X]` is an optional `X`.
-//! - A function that meets a mistake reports it, yields `None`, and its caller reads on.
-//! - What the words stand for (is `conected` a predicate?) is left to `check`.
+//! - A function that finds a mistake reports it and returns `None`; its caller continues.
+//! - Whether a word has a meaning (is `conected` a predicate?) is left to `check`.
 
 mod names;
 

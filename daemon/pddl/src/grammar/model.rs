@@ -1,4 +1,4 @@
-//! Action models: what an agent says of itself.
+//! Action models of agents.
 
 use super::definition::Sections;
 use super::problem::{domain_name, missing_domain};

@@ -7,20 +7,20 @@ use crate::tree::{Name, Number, Span, Term, TypeExpr, Typed};
 
 const NAME: &str = "NAME = a letter or digit, then letters, digits, `-` and `_`";
 const VARIABLE: &str = "VARIABLE = ?NAME";
-/// Every name of a typed list has its own copy of the type, and types are compared pairwise: what
-/// comes from outside must not make many large ones of a short text.
+/// Most alternatives of a type. Every name of a typed list has its own copy of the type, and types
+/// are compared pairwise: a short text must not turn into many large types.
 const ALTERNATIVES_MAX: usize = 16;
 
 const TYPE: &str = "TYPE = NAME | (either NAME+)";
 
-/// What a typed list types.
+/// Kind of the entries in a typed list.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Entries {
     Variables,
     Names,
 }
 
-/// Words with a meaning of their own where a predicate or a function could stand.
+/// Whether a word has a fixed meaning in places where a predicate or a function may occur.
 pub(super) fn is_reserved(word: &str) -> bool {
     if word.len() > "scale-down".len() {
         return false;
@@ -53,7 +53,7 @@ pub(super) fn is_reserved(word: &str) -> bool {
     )
 }
 
-/// `NAME`, where `what` says whose.
+/// `NAME`; `what` describes it in messages.
 pub(super) fn name<'f>(reader: &mut Reader<'f>, node: Node<'f>, what: &str) -> Option<Name> {
     match node.view() {
         View::Symbol(word) => checked_name(reader, word, word, node.span(), what),
@@ -66,7 +66,7 @@ pub(super) fn name<'f>(reader: &mut Reader<'f>, node: Node<'f>, what: &str) -> O
     }
 }
 
-/// `NAME` of a predicate or a function that is applied: neither a word of PDDL nor a number.
+/// `NAME` of a predicate or a function with arguments: neither a keyword nor a number.
 pub(super) fn applied<'f>(
     reader: &mut Reader<'f>,
     node: Node<'f>,
@@ -87,7 +87,7 @@ pub(super) fn variable<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Na
     variable_after(reader, node, false)
 }
 
-/// `?NAME`, where a variable without a type may stand before it: a word then likely lacks its dash.
+/// `?NAME`. After a variable without a type, a word without `?` likely lacks its dash.
 fn variable_after<'f>(
     reader: &mut Reader<'f>,
     node: Node<'f>,
@@ -130,7 +130,7 @@ pub(super) fn terms<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Option<Vec
     complete.then_some(terms)
 }
 
-/// A number, if the word is one.
+/// Parses a number; `None` if the word is none.
 pub(super) fn number(word: &str) -> Option<Number> {
     let digits = word.strip_prefix(['-', '+']).unwrap_or(word);
     let starts_well =
@@ -168,7 +168,7 @@ pub(super) fn typed_list<'f>(
             }
         };
         if let Some(ty) = ty {
-            // Only the last of a group is moved into; each other one has a copy of its own.
+            // Only the last entry of a group gets the type itself; the others get copies.
             for entry in &mut typed[untyped_from..] {
                 entry.ty.clone_from(&ty);
             }
@@ -192,7 +192,7 @@ pub(super) fn opt_type<'f>(
     type_expr(reader, node)
 }
 
-/// `-TYPE`, which wants a space.
+/// `-TYPE`, in which a space is missing.
 fn glued_type<'f>(reader: &mut Reader<'f>, node: Node<'f>, word: &'f str) -> Option<TypeExpr> {
     let span = Span { start: node.span().start + 1, ..node.span() };
     let glued = Diagnostic::warning(node.span(), format!("no space between `-` and `{word}`"));
@@ -222,7 +222,7 @@ pub(super) fn type_expr<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<T
     Some(TypeExpr { alternatives })
 }
 
-/// Interns `bare`, which is written as `word`, if it can be a name.
+/// Interns `bare`, which the text has as `word`, if it is a valid name.
 fn checked_name<'f>(
     reader: &mut Reader<'f>,
     bare: &'f str,
@@ -230,7 +230,7 @@ fn checked_name<'f>(
     span: Span,
     what: &str,
 ) -> Option<Name> {
-    // Nearly every name is of letters, digits, `-` and `_`: no need to look at its characters.
+    // Nearly all names have only letters, digits, `-` and `_`: no further check is needed.
     let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_');
     if bare.bytes().all(is_plain) && bare.bytes().next().is_some_and(|byte| byte != b'-') {
         return Some(reader.intern(bare, span));
@@ -257,12 +257,13 @@ fn checked_name<'f>(
     None
 }
 
-/// Whether a character that no name holds can be seen in a message.
+/// Whether a character that is not allowed in names is visible in a message.
 fn is_visible(c: char) -> bool {
     !c.is_control() && c != '\u{feff}'
 }
 
-/// What no name holds, however lenient: the marks of other languages, and what cannot be seen.
+/// Whether a character is not allowed in names even if parsing is lenient: marks of other
+/// languages, invisible characters.
 fn is_strange(c: char) -> bool {
     match c {
         '?' | '"' | '\'' | '`' | '[' | ']' | '{' | '}' | ',' | '\\' | '\u{feff}' => true,

@@ -54,7 +54,7 @@ pub(crate) fn plan_step<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<P
     complete.then_some(PlanStep { action, arguments, time: None, duration: None, span })
 }
 
-/// The number in a comment `; cost = NUMBER …`, if the plan has one; the last counts.
+/// Returns the number in a comment `; cost = NUMBER …`, if the plan has one; the last counts.
 pub(crate) fn plan_cost(text: &str) -> Option<Number> {
     let comments = text.lines().filter_map(|line| line.split_once(';'));
     comments.filter_map(|(_, comment)| cost(comment).ok()).map(|(_, cost)| cost).next_back()

@@ -44,11 +44,11 @@ pub(super) fn domain_name<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> 
     let node = reader.expect(&mut items, "name", DOMAIN)?;
     reader.expect_end(items, "`:domain`", DOMAIN);
     let name = names::name(reader, node, "a name");
-    // A name that is wrong is not missing too.
+    // A wrong name is not reported as missing too.
     Some(name.unwrap_or_else(|| reader.intern("unnamed", node.span())))
 }
 
-/// Reports that the domain is not said, and gives it a name that nothing has.
+/// Reports that the domain is missing; returns a name that no domain has.
 pub(super) fn missing_domain(reader: &mut Reader<'_>, end: Span) -> Name {
     reader.report(Diagnostic::error(end, "missing `(:domain NAME)`").with_rule(DOMAIN));
     reader.intern("unnamed", end)

@@ -1,5 +1,5 @@
-//! What every production carries along: the mistakes found so far, the names seen so far, and
-//! the kind of place that is being read.
+//! State that all productions share: the mistakes and the names found so far, and the kind of place
+//! that is parsed.
 
 use std::borrow::Cow;
 
@@ -11,25 +11,25 @@ use crate::nearest::nearest;
 use crate::sexpr::{Items, Node, View};
 use crate::tree::{Name, Span};
 
-/// Carried through all productions of one text.
+/// State of the parser for one text.
 pub(crate) struct Reader<'f> {
-    /// A name is allocated once for each spelling, however often it occurs.
+    /// Names by spelling: each spelling is allocated once, however often it occurs.
     names: HashMap<&'f str, Name>,
     problems: Problems,
     place: Place,
     copies_left: usize,
-    /// Where a list begins that was reported together with the word before it.
+    /// Start of a list that was reported together with the word before it.
     passed_over: Option<u32>,
 }
 
-/// Words of a call that are quoted in advice.
+/// Most words of a call that are quoted in advice.
 const CALL_WORDS_MAX: usize = 6;
 
-/// How many variables may be written out again where `forall` is flattened; see
+/// Most variables that may be copied when `forall` is flattened; see [`Reader::afford_copies`].
 /// [`Reader::afford_copies`].
 const COPIES_MAX: usize = 100_000;
 
-/// Where expressions stand: it decides which special terms they may use.
+/// Kind of place of an expression: decides which special terms are allowed.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Place {
     /// Actions, goals, facts.
@@ -40,15 +40,15 @@ pub(super) enum Place {
     Metric,
 }
 
-/// A word in lower case; nearly every word is written so.
+/// A word in lower case, borrowed if it is written so, as nearly every word is.
 pub(super) struct Keyword<'f>(Cow<'f, str>);
 
 // === impl Reader ===
 
 impl<'f> Reader<'f> {
-    /// For a text of so many words and lists.
+    /// Creates the state for a text with this number of words and lists.
     pub(crate) fn new(problems: Problems, node_count: usize) -> Reader<'f> {
-        // A building's text spells every tenth of them for the first time.
+        // In the text of a building one node in ten is a new spelling.
         let names = HashMap::with_capacity_and_hasher(node_count / 10, RandomState::default());
         Reader { names, problems, place: Place::Plain, copies_left: COPIES_MAX, passed_over: None }
     }
@@ -61,7 +61,7 @@ impl<'f> Reader<'f> {
         self.problems.push(diagnostic);
     }
 
-    /// The name that is spelled `word`, standing at `span`.
+    /// Returns the name with the spelling `word`, placed at `span`.
     pub(super) fn intern(&mut self, word: &'f str, span: Span) -> Name {
         if let Some(name) = self.names.get(word) {
             return name.at(span);
@@ -71,7 +71,7 @@ impl<'f> Reader<'f> {
         name.at(span)
     }
 
-    /// Whether `count` more variables may be copied; a short text must not become a tree that does
+    /// Whether `count` more variables may be copied. A short text must not become a tree that does
     /// not fit into memory.
     pub(super) fn afford_copies(&mut self, count: usize) -> bool {
         let left = self.copies_left.checked_sub(count);
@@ -83,7 +83,7 @@ impl<'f> Reader<'f> {
         self.place
     }
 
-    /// Runs `production` where special terms are those of `place`.
+    /// Runs `production` with the special terms of `place` allowed.
     pub(super) fn within<T>(
         &mut self,
         place: Place,
@@ -95,7 +95,7 @@ impl<'f> Reader<'f> {
         value
     }
 
-    /// The next node; if there is none, reports that `what` is missing.
+    /// Returns the next node; if there is none, reports that `what` is missing.
     pub(super) fn expect(
         &mut self,
         items: &mut Items<'f>,
@@ -110,7 +110,7 @@ impl<'f> Reader<'f> {
         node
     }
 
-    /// The items of a list; reports anything else as not being `what`.
+    /// Returns the items of a list; for anything else, reports that `what` is expected.
     pub(super) fn expect_list(
         &mut self,
         node: Node<'f>,
@@ -130,7 +130,7 @@ impl<'f> Reader<'f> {
         }
     }
 
-    /// Reports what stands where nothing more may stand.
+    /// Reports a node where none is allowed.
     pub(super) fn expect_end(&mut self, mut items: Items<'f>, what: &str, rule: &'static str) {
         if let Some(node) = items.next() {
             let message = format!("{what} ends before `{}`", excerpt(node));
@@ -143,8 +143,8 @@ impl<'f> Reader<'f> {
         }
     }
 
-    /// Reports a word with parentheses after it, as other languages write it: `at(r1, hall)`. Then the
-    /// parentheses are passed over. Whether it was such a word.
+    /// Reports a word with parentheses after it, as other languages write it: `at(r1, hall)`. The
+    /// parentheses are skipped. Returns whether the word was of this kind.
     pub(super) fn report_call(&mut self, word: Node<'f>) -> bool {
         let Some(list) = word.touching_list() else { return false };
         if self.is_passed_over(list) {
@@ -170,7 +170,7 @@ impl<'f> Reader<'f> {
         self.passed_over == Some(node.span().start)
     }
 
-    /// The candidate that was likely meant; none once no more mistakes are listed.
+    /// Returns the candidate that was likely meant; `None` once no more mistakes are listed.
     pub(super) fn nearest(
         &self,
         word: &str,
@@ -179,7 +179,7 @@ impl<'f> Reader<'f> {
         if self.problems.is_full() { None } else { nearest(word, candidates) }
     }
 
-    /// Reports a word that is none of `known`, with the likely intended one.
+    /// Reports a word that is not among `known`, and proposes the likely intended one.
     pub(super) fn unknown(&mut self, node: Node<'f>, what: &str, known: &[&'static str]) {
         let word = excerpt(node);
         let near = self.nearest(&word, known.iter().copied());
@@ -207,7 +207,7 @@ impl<'f> Keyword<'f> {
     }
 }
 
-/// The node as it is written, cut short where it is long.
+/// Returns the text of a node, shortened if it is long.
 pub(super) fn excerpt(node: Node<'_>) -> String {
     const CHARS_MAX: usize = 40;
     let text = node.text();

@@ -1,4 +1,4 @@
-//! Domains, problems and action models, a section a line.
+//! Domains, problems and action models, one section per line.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ use crate::tree::{
     InitElement, Name, ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Typed,
 };
 
-/// A definition while it is written.
+/// Writer of a definition.
 struct Definition<'f, 'g> {
     f: &'f mut fmt::Formatter<'g>,
 }
@@ -122,7 +122,7 @@ fn objects(list: &[ObjectDeclaration]) -> Vec<Layout<'_>> {
             }
         }
     }
-    // A single owner that is not an object here would be read as one; a second block tells.
+    // A single owner that is not an object here would be read as an object; a second block prevents that.
     if let [owner] = owners[..]
         && list.iter().all(|declaration| declaration.object.name != owner.name)
     {
@@ -131,7 +131,8 @@ fn objects(list: &[ObjectDeclaration]) -> Vec<Layout<'_>> {
     items
 }
 
-/// Objects by type; where nothing may be mistaken for an owner, the first has its type alone.
+/// Groups objects by type. If `first_alone`, the first object has its type alone, so that it is not
+/// read as an owner.
 fn object_groups(block: &[ObjectDeclaration], first_alone: bool) -> Vec<Layout<'_>> {
     let mut groups = Vec::new();
     let (first, mut rest) = block.split_at(usize::from(first_alone));
@@ -235,14 +236,14 @@ impl fmt::Display for InitElement {
     }
 }
 
-/// The declaration, whoever may know it.
+/// Prints the declaration without its privacy.
 impl fmt::Display for PredicateDeclaration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write(&signature(&self.name, &self.parameters), f)
     }
 }
 
-/// The declaration, whoever may know it.
+/// Prints the declaration without its privacy.
 impl fmt::Display for FunctionDeclaration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write(&signature(&self.name, &self.parameters), f)

@@ -1,21 +1,22 @@
-//! Where lines break.
+//! Line breaks.
 //!
-//! A list stands on one line if it fits. Otherwise its first items stay on the line, and each other
-//! item has a line of its own, two spaces further in.
+//! A list is printed on one line if it fits. Otherwise its first items stay on the line, and each
+//! other item has a line of its own, indented by two more spaces.
 
 use std::fmt::{self, Write};
 
 use crate::tree::Name;
 
-/// A line is broken if it would be longer; as in the examples of the literature, no hard limit.
+/// Longest line, in characters; a longer one is broken. As in the examples of the literature, it is
+/// no hard limit.
 const COLUMNS_MAX: usize = 100;
 
-/// Spaces for each level.
+/// Number of spaces per level.
 const INDENT: usize = 2;
 
 /// Text with a structure.
 pub(super) struct Layout<'t> {
-    /// Characters, if it stands on one line.
+    /// Number of characters on one line.
     width: usize,
     kind: Kind<'t>,
 }
@@ -147,7 +148,7 @@ fn write_group(items: &[Layout<'_>], indent: usize, out: &mut dyn Write) -> fmt:
     for (index, item) in items.iter().enumerate() {
         if index > 0 {
             column += 1;
-            // A label (`:effect`) and its value share a line however long the value.
+            // A label (`:effect`) and its value share a line, whatever the length of the value.
             let breaks =
                 column + item.width > COLUMNS_MAX && !matches!(item.kind, Kind::List { .. });
             if breaks {

@@ -5,14 +5,14 @@ use std::fmt;
 use super::layout::Layout;
 use crate::tree::{Atom, FluentTerm, Name, Term, TypeExpr, Typed};
 
-/// What a typed list types.
+/// Kind of the entries in a typed list.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Entries {
     Variables,
     Names,
 }
 
-/// Writes `layout` as the author of a format string asks: `{}` flat, `{:#}` broken where long.
+/// Writes `layout` as the format string requests: `{}` on one line, `{:#}` broken if long.
 pub(super) fn write(layout: &Layout<'_>, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     if f.alternate() { layout.write(0, f) } else { layout.write_flat(f) }
 }
@@ -32,7 +32,7 @@ pub(super) fn typed_list(list: &[Typed], entries: Entries) -> Vec<Layout<'_>> {
     let mut from = 0;
     for group in list.chunk_by(|left, right| left.ty == right.ty) {
         from += group.len();
-        // A type reaches back over everything untyped before it, so only the end may go without.
+        // A type applies to all untyped names before it, so only the last group may be without one.
         let is_typed = !group[0].ty.alternatives.is_empty() || from < list.len();
         groups.push(typed_group(group, is_typed, entries));
     }

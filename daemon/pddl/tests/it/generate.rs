@@ -1,4 +1,4 @@
-//! Strategies for trees: everything that a text can say.
+//! Strategies for trees: everything that a text can contain.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use proptest::collection::vec;
 use proptest::option;
 use proptest::prelude::*;
 
-/// Names of any case; none is a word of PDDL, which a name cannot be everywhere.
+/// Names of any case; none is a PDDL keyword, which is not allowed as a name everywhere.
 fn name() -> impl Strategy<Value = Name> {
     let word = prop_oneof!["[a-c]", "[A-Za-zäß][a-z0-9_-]{0,6}x"];
     word.prop_map(|word| Name::new(&word))
@@ -59,7 +59,7 @@ fn fluent(term: impl Strategy<Value = Term>) -> impl Strategy<Value = FluentTerm
     })
 }
 
-/// Expressions over `special` terms, which only some places have.
+/// Expressions with the terms `special`, which are allowed in some places only.
 fn expression(special: Vec<Expression>) -> BoxedStrategy<Expression> {
     let number = number().prop_map(Expression::Number);
     let fluent = fluent(term()).prop_map(Expression::Fluent);
@@ -253,7 +253,7 @@ fn function() -> impl Strategy<Value = FunctionDeclaration> {
         .prop_map(|(name, parameters, privacy)| FunctionDeclaration { name, parameters, privacy })
 }
 
-/// Objects; of an owner, only the name is ever written.
+/// Objects; for an owner, only the name is ever written.
 fn objects() -> impl Strategy<Value = Vec<ObjectDeclaration>> {
     let owner = name().prop_map(|name| Typed { name, ty: TypeExpr::default() });
     let object = (typed(), privacy(owner));
@@ -321,7 +321,7 @@ fn problem() -> impl Strategy<Value = Problem> {
     )
 }
 
-/// A model of what a domain declares and a problem states.
+/// A model with the declarations of a domain and the content of a problem.
 fn action_model() -> impl Strategy<Value = ActionModel> {
     (domain(), problem()).prop_map(|(domain, problem)| ActionModel {
         agent: problem.name,

@@ -1,4 +1,4 @@
-//! What is refused by name, what is let pass with a warning, and what only has an unusual name.
+//! Texts that are reported as unsupported, accepted with a warning, or that only use unusual names.
 
 use pddl::{Diagnostic, Parsed, check_domain, check_metric_values};
 

@@ -1,8 +1,8 @@
-//! How trees look when printed.
+//! Layout of printed trees.
 
 use expect_test::{Expect, expect};
 
-/// The condition on one line, then broken where long.
+/// Checks the condition printed on one line, then broken if long.
 #[track_caller]
 fn check(text: &str, expected: Expect) {
     let condition = pddl::parse_condition(text).into_result().expect("the text is right");

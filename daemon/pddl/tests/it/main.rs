@@ -1,4 +1,4 @@
-//! What the crate promises, as data: texts, and what becomes of them.
+//! The behaviour of the crate as data: texts and their results.
 
 mod reading;
 

@@ -1,8 +1,10 @@
-//! Texts with mistakes in their form: each is reported once, where it is, with what would be right.
+//! Texts with mistakes in their form: each is reported once, at its place, with a proposal for a
+//! correction.
 
 use expect_test::{Expect, expect};
 
-/// Everything that is reported, a line each, with notes indented; then what was made of the text.
+/// Checks everything that is reported, one line each with notes indented, then the tree that was
+/// made of the text.
 #[track_caller]
 fn check(text: &str, expected: Expect) {
     let parsed = pddl::parse_document(text);
@@ -436,7 +438,7 @@ fn names_hold_no_strange_characters() {
     );
 }
 
-/// The mistakes of a plan.
+/// Checks the mistakes of a plan.
 #[track_caller]
 fn check_plan(text: &str, expected: Expect) {
     let lines: Vec<_> =

@@ -1,18 +1,18 @@
-//! Texts that nest deeper than a stack, and short ones that mean large trees: everything ends, on a
-//! thread with little stack.
+//! Texts nested deeper than a stack, and short texts that mean large trees: every operation ends,
+//! on a thread with a small stack.
 
 use pddl::{NESTING_MAX, Parsed};
 
-/// Half of what a thread gets from the standard library, in a debug build.
+/// Half of the stack of a thread of the standard library, for a debug build.
 const STACK_BYTES: usize = 1 << 20;
 
-/// Runs everything that recurses over a tree: reading, printing, comparing, hashing, dropping.
+/// Runs everything that recurses over a tree: parsing, printing, comparing, hashing, dropping.
 fn check(text: String, is_ok: bool) {
     let everything = move || {
         let parsed = pddl::parse_document(&text);
         assert_eq!(parsed.is_ok(), is_ok, "{:?}", parsed.diagnostics.first());
         let Parsed { value, diagnostics } = parsed;
-        // A text can hold any number of mistakes, but not one for each of its parentheses.
+        // A text can have any number of mistakes, but not one for each of its parentheses.
         assert!(diagnostics.len() < 2_000);
         if let Some(document) = value {
             assert_eq!(document.clone(), document);
@@ -41,7 +41,7 @@ fn nested(open: &str, inner: &str, depth: usize) -> String {
 
 #[test]
 fn the_deepest_condition_that_is_let_in_is_safe() {
-    // The definition, the action and the innermost atom are a level each.
+    // The definition, the action and the innermost atom are one level each.
     for open in ["(not ", "(and ", "(imply (p) ", "(forall (?x) ", "(when (p) "] {
         check(domain(&nested(open, "(p)", NESTING_MAX - 3)), !open.starts_with("(when"));
     }

@@ -1,11 +1,11 @@
-//! What holds for every tree and every text.
+//! Properties of every tree and every text.
 
 use pddl::{Diagnostic, Document, text_from_bytes};
 use proptest::prelude::*;
 
 use crate::generate;
 
-/// Words that mean something, and some that must not hurt.
+/// Words with a meaning, and some that must do no harm.
 const WORDS: &[&str] = &[
     "(",
     ")",
@@ -78,7 +78,7 @@ const WORDS: &[&str] = &[
     "\0",
 ];
 
-/// Whatever a text gives: its mistakes lie in it, and what has none comes back from its own print.
+/// Checks any text: its mistakes lie in it, and a text without mistakes parses back from its print.
 fn check_text(text: &str) -> Result<(), TestCaseError> {
     let document = pddl::parse_document(text);
     check_spans(text, &document.diagnostics)?;
@@ -115,7 +115,7 @@ fn check_spans(text: &str, diagnostics: &[Diagnostic]) -> Result<(), TestCaseErr
     Ok(())
 }
 
-/// Checks what was read against itself: nothing panics, and every place lies in the text.
+/// Runs the semantic checks on what was parsed: no panic occurs, and every place lies in the text.
 fn check_meaning(text: &str) -> Result<(), TestCaseError> {
     let home = pddl::Domain::named("home");
     let diagnostics = match pddl::parse_document(text).value {

@@ -1,8 +1,8 @@
-//! Texts that are right, each printed back: everything the language has.
+//! Valid texts, each printed back: everything that the language has.
 
 use expect_test::{Expect, expect};
 
-/// Reads a file of any kind, without a mistake, and prints it.
+/// Parses a file of any kind without a mistake, and prints it.
 #[track_caller]
 fn check(text: &str, expected: Expect) {
     let parsed = pddl::parse_document(text);
@@ -257,7 +257,7 @@ fn factored_privacy_has_none() {
     );
 }
 
-/// Reads a plan and prints it.
+/// Parses a plan and prints it.
 #[track_caller]
 fn check_plan(text: &str, expected: Expect) {
     let plan = pddl::parse_plan(text).into_result();
@@ -291,7 +291,7 @@ fn plans_have_costs_times_and_durations() {
     check_plan("", expect![[r#""#]]);
 }
 
-/// Reads a part that stands alone and prints it.
+/// Parses a part that is a text of its own, and prints it.
 #[track_caller]
 fn check_part<T: std::fmt::Display>(parsed: pddl::Parsed<T>, expected: Expect) {
     let value = parsed.into_result().map(|value| value.to_string());

@@ -1,4 +1,4 @@
-//! What a bad wire does, and that it does the same again.
+//! Tests of the faulty substrate: what it does to messages, and that one seed always does the same.
 
 use super::*;
 use crate::Resource;
@@ -14,7 +14,7 @@ fn pair(network: &Network) -> (End, Arc<Ear>, End, Arc<Ear>) {
     (port_a, a, port_b, b)
 }
 
-/// Says a hundred things from `a` to `b`; what `b` hears of them.
+/// Sends a hundred messages from `a` to `b`; returns those that `b` receives.
 async fn hundred(seed: u64, weather: Weather) -> Vec<String> {
     let network = Network::new(seed);
     let (port, _, _, ear) = pair(&network);

@@ -1,4 +1,5 @@
-//! What happens to what is sent: which links are broken, what is on its way, who sees whom.
+//! State of the faulty network: which links are broken, what is on its way, which daemon sees which
+//! agents.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -23,57 +24,58 @@ pub(super) struct Wire {
     pub(super) cuts: BTreeMap<Cut, Island>,
     pub(super) cuts_count: u64,
     pub(super) slow: BTreeMap<DaemonId, Duration>,
-    /// What will happen, in its order.
+    /// Items on their way, in the order of arrival.
     pub(super) due: BTreeMap<(Instant, u64), (Target, Coming)>,
     pub(super) due_count: u64,
-    /// When the last message of a link comes: what is sent later comes later.
+    /// Arrival of the last message of each link: later messages arrive later.
     pub(super) last: BTreeMap<(DaemonId, DaemonId), Instant>,
     pub(super) tap: Option<Tap>,
     pub(super) told: Told,
 }
 
-/// A daemon's life on the wire.
+/// One connection of a daemon.
 pub(super) struct Connected {
     pub(super) inbound: Arc<dyn Inbound>,
     pub(super) life: u64,
-    /// Whom it believes to be here.
+    /// Agents that the daemon believes to be present.
     pub(super) sees: BTreeSet<Resident>,
     pub(super) under_way: usize,
 }
 
-/// Daemons whose links to all others are broken.
+/// Daemons with broken links to all others.
 pub(super) struct Island {
     pub(super) daemons: BTreeSet<DaemonId>,
-    /// When the ends of those links believe it.
+    /// Time from which the ends of those links know that they are broken.
     pub(super) lease: Instant,
-    /// Messages that did not come because of it.
+    /// Messages lost because of it.
     pub(super) stopped: u64,
 }
 
-/// One life of one daemon.
+/// One connection of one daemon.
 #[derive(Clone, PartialEq)]
 pub(super) struct Target {
     pub(super) daemon: DaemonId,
     pub(super) life: u64,
 }
 
-/// What comes to a daemon.
+/// Item on its way to a daemon.
 pub(super) enum Coming {
     Message(Delivery),
     Presence(Presence),
     Question(Question),
-    /// An answer, on its way back.
+    /// An answer, on its way to the asker.
     Answer(mpsc::Sender<Bytes>, Bytes),
-    /// A question or an answer that never comes: whoever asked waits in vain until now.
+    /// A lost question or answer: holds the asker's channel open, so that the asker waits until
+    /// this is due.
     Nothing(#[expect(dead_code, reason = "held, so that the asker waits")] mpsc::Sender<Bytes>),
-    /// A lease has passed: it looks who is here.
+    /// A lease has passed: the daemon checks which agents are present.
     Look,
 }
 
 // === impl Wire ===
 
 impl Wire {
-    /// A wire with nobody on it, in fair weather.
+    /// Creates a network without daemons, with good links.
     pub(super) fn new(seed: u64) -> Wire {
         Wire {
             rng: Rng::with_seed(seed),
@@ -92,7 +94,7 @@ impl Wire {
         }
     }
 
-    /// Lets something come to a daemon at a time, after all that comes to it then already.
+    /// Schedules an item for a daemon at a time, after everything that is already due then.
     pub(super) fn happens(&mut self, at: Instant, daemon: &DaemonId, coming: Coming) {
         let Some(connected) = self.daemons.get_mut(daemon) else { return };
         if connected.under_way >= UNDER_WAY_MAX {
@@ -105,7 +107,8 @@ impl Wire {
         self.due.insert((at, self.due_count), (target, coming));
     }
 
-    /// Sends one thing over a link, as far as the weather lets it; what is lost comes back.
+    /// Sends one item over a link, subject to the link quality. Returns the item as the error if it
+    /// is lost.
     pub(super) fn send(
         &mut self,
         from: &DaemonId,
@@ -137,7 +140,7 @@ impl Wire {
         Ok(())
     }
 
-    /// When a message that is sent now comes.
+    /// Returns the arrival time of a message that is sent now.
     fn arrival(&mut self, from: &DaemonId, to: &DaemonId) -> Instant {
         let (delay, slow) = self.way(to);
         if self.once_in(self.weather.overtaken) {
@@ -147,7 +150,7 @@ impl Wire {
         self.in_order(from, to, Instant::now() + delay + slow)
     }
 
-    /// How long the next thing to a daemon is under way, and how much later it is read.
+    /// Returns how long the next item to a daemon is under way, and how much later it is read.
     fn way(&mut self, to: &DaemonId) -> (Duration, Duration) {
         let micros = self.rng.u64(self.weather.delay.clone());
         let (delay, slow) = (Duration::from_micros(micros), self.slow.get(to).copied());
@@ -156,7 +159,7 @@ impl Wire {
         (delay, slow.unwrap_or_default())
     }
 
-    /// Not before what was sent over a link earlier.
+    /// Returns the arrival time, but none before that of an earlier message on the link.
     fn in_order(&mut self, from: &DaemonId, to: &DaemonId, at: Instant) -> Instant {
         let last = self.last.entry((from.clone(), to.clone())).or_insert(at);
         *last = at.max(*last);
@@ -170,7 +173,7 @@ impl Wire {
         stopping.map(|cut| cut.stopped += 1).count() > 0
     }
 
-    /// When the ends of a link believe that it is broken, if it is.
+    /// Returns the time from which the ends of a link know that it is broken; `None` if it is not.
     fn broken(&self, a: &DaemonId, b: &DaemonId) -> Option<Instant> {
         let between =
             self.cuts.values().filter(|cut| cut.daemons.contains(a) != cut.daemons.contains(b));
@@ -186,7 +189,7 @@ impl Wire {
         daemons.iter().for_each(|daemon| self.look(daemon));
     }
 
-    /// Tells a daemon who has come into its sight and who has gone out of it.
+    /// Notifies a daemon of the agents that it sees now and did not see before, and of the reverse.
     pub(super) fn look(&mut self, daemon: &DaemonId) {
         let now = Instant::now();
         let is_seen = |host: &DaemonId| self.broken(daemon, host).is_none_or(|lease| lease > now);
@@ -203,7 +206,8 @@ impl Wire {
         let joined = here.difference(&seen).cloned().map(Presence::Joined);
         for presence in left.chain(joined).collect::<Vec<_>>() {
             let host = presence.resident().daemon.clone();
-            // Never overtaken: who has gone and come again is here, and nobody would say so again.
+            // Presence is never overtaken: a `Left` that arrived after a later `Joined` would not
+            // be corrected.
             let (delay, slow) = self.way(daemon);
             let at = now + delay + slow;
             let at = if host == *daemon { now } else { self.in_order(&host, daemon, at) };
