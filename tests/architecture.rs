@@ -17,6 +17,8 @@ mod length;
 mod purity;
 #[path = "architecture/source.rs"]
 mod source;
+#[path = "architecture/wording.rs"]
+mod wording;
 
 use std::path::PathBuf;
 

@@ -47,6 +47,34 @@ pub(crate) fn read(path: &Path) -> String {
 /// Returns the production files under `folder`, each with its code: without comments, texts, and items
 /// compiled for tests only.
 pub(crate) fn production(folder: &Path) -> Vec<(PathBuf, String)> {
+    let files = production_files(folder).into_iter();
+    files.map(|(path, source)| (path, without_tests(&code(&source)))).collect()
+}
+
+/// Returns the comments of the production files under `folder`: the lines that begin with `//`, each with
+/// its number.
+pub(crate) fn comments(folder: &Path) -> Vec<(PathBuf, Vec<(usize, String)>)> {
+    let files = production_files(folder).into_iter();
+    files.map(|(path, source)| (path, comments_of(&source))).collect()
+}
+
+fn comments_of(source: &str) -> Vec<(usize, String)> {
+    let code = code(source);
+    let tests: Vec<_> = test_items(&code)
+        .into_iter()
+        .map(|(start, item)| line_of(&code, start)..=line_of(&code, start + item.len()))
+        .collect();
+    let lines = source.lines().map(str::trim).zip(1..);
+    lines
+        .filter(|(line, number)| {
+            line.starts_with("//") && !tests.iter().any(|test| test.contains(number))
+        })
+        .map(|(line, number)| (number, line.to_owned()))
+        .collect()
+}
+
+/// Returns the production files under `folder`, each with its source.
+fn production_files(folder: &Path) -> Vec<(PathBuf, String)> {
     let is_aside = |path: &Path| {
         path.strip_prefix(folder).is_ok_and(|path| {
             path.components().any(|part| ASIDE.iter().any(|aside| part.as_os_str() == *aside))
@@ -59,8 +87,8 @@ pub(crate) fn production(folder: &Path) -> Vec<(PathBuf, String)> {
         .into_iter()
         .filter(|path| !is_aside(path) && !tests.iter().any(|test| is_of(path, test)))
         .map(|path| {
-            let text = without_tests(&code(&read(&path)));
-            (path, text)
+            let source = read(&path);
+            (path, source)
         })
         .collect()
 }
@@ -286,6 +314,14 @@ fn tests_are_no_production() {
     let source = "fn a() {}\n#[cfg(test)]\nmod tests {\n fn b() { x.unwrap() }\n}\nfn c() {}\n";
     check_functions(source, &[("a", 1), ("c", 1)]);
     assert_eq!(without_tests(&code(source)).lines().count(), source.lines().count());
+}
+
+#[test]
+fn comments_of_tests_are_not_those_of_production() {
+    let source =
+        "//! One.\nfn a() {} // beside\n#[cfg(test)]\nmod tests {\n    // Two.\n}\n/// Three.\n";
+    let found: Vec<_> = comments_of(source).into_iter().map(|(number, _)| number).collect();
+    assert_eq!(found, [1, 7]);
 }
 
 #[test]

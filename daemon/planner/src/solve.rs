@@ -10,7 +10,7 @@
 //!    between them searches for shortcuts (`search::neighborhood`).
 
 use crate::configuration::Method;
-use crate::heuristic::{Admissible, Evaluator, FastForward, LandmarkCut, Weights};
+use crate::heuristic::{Admissible, FastForward, LandmarkCut, Weights};
 use crate::limits::{Budget, Cancel, Effort, Options};
 use crate::outcome::{Statistics, StopReason};
 use crate::prune::{Pruned, prune};

@@ -98,12 +98,7 @@ pub struct Heuristic {
 
 /// All heuristics of this crate.
 pub const HEURISTICS: &[Heuristic] = &[
-    Heuristic {
-        name: "blind",
-        summary: "zero, everywhere",
-        admissible: true,
-        consistent: true,
-    },
+    Heuristic { name: "blind", summary: "zero, everywhere", admissible: true, consistent: true },
     Heuristic {
         name: "max",
         summary: "the most expensive goal, reached alone and without deletes",
