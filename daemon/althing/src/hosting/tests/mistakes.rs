@@ -430,7 +430,7 @@ async fn a_goal_that_can_never_be_true_names_the_conjunct() {
             ),
             (
                 "(and (at turtlebot-1 office1) (not (at turtlebot-1 office1)))",
-                "it wants `(at turtlebot-1 office1)`, and that",
+                "it requires `(at turtlebot-1 office1)` and `(not",
             ),
             ("(and (at turtlebot-1 office1) (at turtlebot-1 attic))", "attic"),
         ];
