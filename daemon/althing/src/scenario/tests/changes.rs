@@ -147,7 +147,7 @@ async fn what_makes_no_sense_is_refused_with_the_reason() {
             "refuse: `report-temperature` is not withheld; name it as it was withheld",
         ),
         (actions(Vec::new(), Vec::new()), "refuse: it names no action to change"),
-        (Request::Observe(Observation::default()), "refuse: it says nothing"),
+        (Request::Observe(Observation::default()), "refuse: it states no fact"),
         (metric("(:metric minimize (joy))"), "refuse: "),
         (metric("minimize"), "refuse: "),
         (believe("(at (", ""), "refuse: "),
