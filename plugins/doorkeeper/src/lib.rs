@@ -187,7 +187,7 @@ impl Doorkeeper {
             Answer::Message(message) if message.performative == Performative::Inform => {
                 match message.content_as::<Inform>() {
                     Ok(Inform::Answer(answer)) => (answer.text, &message.sender),
-                    Ok(_) => return ctx.not_understood(message, "this does not answer the question"),
+                    Ok(_) => return ctx.not_understood(message, "this does not answer a question"),
                     Err(error) => return ctx.not_understood(message, error.to_string()),
                 }
             }
