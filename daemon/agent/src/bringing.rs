@@ -20,7 +20,7 @@ use crate::context::{Brought, Context, Work};
 use crate::plugin::{BuildError, Host};
 
 /// Why there can be no agent of what stands in no room.
-pub const NOWHERE: &str = "nobody says in which room it stands";
+pub const NOWHERE: &str = "its room is not known";
 
 /// How long is waited for more before agents come and go: a broker tells of hundreds of devices at once.
 const MORE: Duration = Duration::from_millis(50);
@@ -203,9 +203,9 @@ impl<P> Census<P> {
         };
         // Why it cannot be here, whoever would let it.
         let part = if !is_new {
-            Err("another device has this name; call one of them otherwise".to_owned())
+            Err("another device has this name; rename one of them".to_owned())
         } else if self.wanted.len() >= bringing.at_most {
-            Err("there are too many".to_owned())
+            Err("there are too many devices".to_owned())
         } else {
             part
         };
@@ -283,12 +283,12 @@ mod tests {
             told(&census),
             [
                 ("a", true, ""),
-                ("a", false, "another device has this name; call one of them otherwise"),
-                ("nowhere", false, "nobody says in which room it stands"),
+                ("a", false, "another device has this name; rename one of them"),
+                ("nowhere", false, "its room is not known"),
                 ("e", false, "no words"),
-                ("h", false, "nobody says in which room it stands"),
+                ("h", false, "its room is not known"),
                 ("b", false, "failed to open it"),
-                ("c", false, "there are too many"),
+                ("c", false, "there are too many devices"),
             ]
         );
         assert_eq!(census.wanted.into_values().collect::<Vec<_>>(), [1, 3]);
@@ -307,7 +307,7 @@ mod tests {
             [
                 ("named", true, ""),
                 ("a", false, "a person is being asked: althing keyboard"),
-                ("nowhere", false, "nobody says in which room it stands"),
+                ("nowhere", false, "its room is not known"),
             ]
         );
     }

@@ -73,7 +73,7 @@ pub enum Answer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Undelivered {
     /// Nobody of that name came within the deadline.
-    #[error("nobody of that name is here")]
+    #[error("no agent of that name is here")]
     NotHere,
     /// The receiver left, and the grace has passed.
     #[error("it has left")]
@@ -424,7 +424,7 @@ impl CommunicationAgent {
             self.receipts.owe(sender, id, until, Instant::now());
         }
         if passed == Passed::Before {
-            tracing::debug!(agent = %self.id, id = %message.id, "heard before");
+            tracing::debug!(agent = %self.id, id = %message.id, "received before");
             return Opened::Nothing;
         }
         tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
@@ -527,7 +527,7 @@ impl CommunicationAgent {
         let Some(exchange) = self.engagements.get_mut(key) else { return };
         if let Err(violation) = exchange.advance(message) {
             // Our own bug; the other side will say so too.
-            tracing::error!(agent = %self.id, %violation, "this agent speaks out of turn");
+            tracing::error!(agent = %self.id, %violation, "this agent breaks its protocol");
         }
         if exchange.is_closed() {
             self.engagements.remove(key);
