@@ -311,7 +311,7 @@ impl<A: Agent> Life<A> {
         let news = standing.take(is_first, Instant::now());
         let kept = if standing.is_about_to_act() { Vec::new() } else { standing.kept() };
         if let Some(is_leading) = news {
-            tracing::info!(agent = %id, "{}", if is_leading { "leader" } else { "standby" });
+            tracing::info!(agent = %id, "{}", if is_leading { "is the leader" } else { "is a standby" });
             self.agent.leads(is_leading, &mut self.ctx);
         }
         kept.into_iter().for_each(|letter| self.open(letter));

@@ -428,7 +428,8 @@ impl CommunicationAgent {
             return Opened::Nothing;
         }
         tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
-            performative = %message.performative, from = %message.sender, id = %message.id, "hears");
+            performative = %message.performative, from = %message.sender, id = %message.id,
+            "receives");
         match message.in_reply_to.clone() {
             Some(exchange) => {
                 self.outbox.replied(&exchange, &message.sender, message.performative);
