@@ -235,7 +235,7 @@ fn a_lamp_that_was_not_heard_of_is_neither_on_nor_off_and_a_room_has_several() {
         office.await_fact("(unknown (lit office1))", true);
         let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
         assert_eq!(code, Some(1), "{mode}: {said}");
-        assert!(said.contains("nobody knows whether"), "{mode}: {said}");
+        assert!(said.contains("it is unknown whether"), "{mode}: {said}");
         broker.retain("zigbee2mqtt/office1 b/availability", "");
         tell(&broker, &[]);
     }
@@ -272,7 +272,7 @@ fn what_cannot_be_used_says_why_and_harms_nobody() {
         ],
     );
     let nowhere = await_discovered(&office, "cellar", |one| one["joined"] == false);
-    assert_eq!(nowhere["problem"], "nobody says in which room it stands");
+    assert_eq!(nowhere["problem"], "its room is not known");
     assert!(nowhere["toml"].to_string().contains("rooms = "), "{nowhere}");
     let good = await_discovered(&office, "office1-good", |one| one["joined"] == true);
     assert_eq!(good["problem"], Value::Null, "it is one device, told of twice");
@@ -324,14 +324,14 @@ fn where_the_file_says_so_a_person_is_asked_once() {
     office.await_devices(2);
     let denied = await_discovered(&office, "office1-one", |one| one["problem"] != Value::Null);
     assert_eq!(denied["joined"], false);
-    assert_eq!(denied["problem"], "a person has said no; the file may name it");
+    assert_eq!(denied["problem"], "a person has refused it; name it in the file");
 
     // The answer is stored: the question is not asked again after a restart.
     office.kill("daemon");
     office.up(&["daemon"], &[]);
     office.await_devices(2);
     let denied = await_discovered(&office, "office1-one", |one| one["joined"] == false);
-    assert_eq!(denied["problem"], "a person has said no; the file may name it");
+    assert_eq!(denied["problem"], "a person has refused it; name it in the file");
 }
 
 #[test]
@@ -669,7 +669,7 @@ fn who_is_who_and_where() {
     office.await_fact("(= (light office1) 126)", true);
     office.await_fact("(= (temperature office2) 19.5)", true);
     let nowhere = await_discovered(&office, "office-10-sensor", |one| one["joined"] == false);
-    assert_eq!(nowhere["problem"], "nobody says in which room it stands");
+    assert_eq!(nowhere["problem"], "its room is not known");
     tell(&broker, &[]);
 
     // Two devices of one name, one identified by its connections only, one in an area that is no room.

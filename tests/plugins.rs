@@ -225,7 +225,7 @@ fn where_the_file_says_so_a_person_lets_a_plugin_in_or_not() {
     put(&office, "stranger", &|_| ());
     office.answer("`stranger` (a plugin, with agent-of-stranger) has appeared", "no");
     let is_denied =
-        |status: &Value| status["reason"] == "a person has said no; the file may name it";
+        |status: &Value| status["reason"] == "a person has refused it; name it in the file";
     await_status(&office, "stranger", is_denied);
     office.await_devices(1);
 }

@@ -99,7 +99,7 @@ fn what_is_plugged_into_a_board_appears_by_itself() {
     assert!(said.contains("21.5 °C at office1"), "{said}");
     let discovered = office.ask_json(&["agents", "--discovered"]).to_string();
     assert!(discovered.contains("\"joined\":true"), "{discovered}");
-    assert!(discovered.contains("nobody says in which room it stands"), "{discovered}");
+    assert!(discovered.contains("its room is not known"), "{discovered}");
     thermometer.unplug(0);
     office.await_devices(0);
     office.await_fact("(known-temperature office1)", false);

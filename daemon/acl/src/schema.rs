@@ -55,7 +55,7 @@ fn schema() -> Value {
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": format!("A message of Althing's protocol, version {SCHEMA_VERSION}"),
-        "description": "What plugins are told first is $defs/Hello. Made from daemon/acl; see protocol.md.",
+        "description": "The first message to a plugin is $defs/Hello. Made from daemon/acl; see protocol.md.",
         "allOf": [message],
         "oneOf": [{ "allOf": by_performative }],
         "$defs": generator.definitions(),

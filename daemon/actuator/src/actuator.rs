@@ -277,7 +277,7 @@ impl<D: Device> Actuator<D> {
         let Act { action, method, arguments, token } = act;
         let timeout = self.admissible(&action, &method, ctx.id())?;
         if let Some(acting) = &self.acting {
-            let detail = format!("{} comes first", acting.call.action);
+            let detail = format!("{} is under way", acting.call.action);
             return Err(Refusal::new(Reason::Busy, detail));
         }
         let call = Call { action, method, arguments };
@@ -334,12 +334,12 @@ impl<D: Device> Actuator<D> {
         let report = match self.ledger.known(token) {
             Known::New => return Ok(false),
             Known::Stale => {
-                let detail = format!("token {token} of {action} is of a former plan");
+                let detail = format!("token {token} of {action} belongs to an earlier plan");
                 return Err(Refusal::new(Reason::StaleToken, detail));
             }
             Known::Ended(report) => *report,
             Known::Begun => {
-                let detail = "I was restarted while I did it: whether it is done, I cannot know";
+                let detail = "the agent was restarted while acting: whether it is done is unknown";
                 let report = Report::new(Outcome::Failed, detail);
                 Report { declined: Some(Reason::Uncertain), ..report }
             }
@@ -362,14 +362,14 @@ impl<D: Device> Actuator<D> {
             Refusal::new(Reason::BadContent, format!("`{action}`: {first}"))
         })?;
         if step.arguments.first().map(|name| name.as_str()) != Some(own.as_str()) {
-            return Err(incapable(format!("{action} is not for `{own}` to do")));
+            return Err(incapable(format!("{action} names another agent, not `{own}`")));
         }
         let name = step.action.as_str();
         let offered = self.announced.offered.iter().find(|(offered, _)| offered == name);
         let (_, known) =
-            offered.ok_or_else(|| incapable(format!("I do not offer `{name}` now")))?;
+            offered.ok_or_else(|| incapable(format!("`{name}` is not offered now")))?;
         if known.method != method {
-            let detail = format!("`{name}` is my method `{}`, not `{method}`", known.method);
+            let detail = format!("the method of `{name}` is `{}`, not `{method}`", known.method);
             return Err(incapable(detail));
         }
         Ok(known.timeout.0)
@@ -469,7 +469,7 @@ impl<D: Device> Actuator<D> {
                 asker.life.is_none_or(|life| directory.life(&asker.initiator, life).is_some())
             };
             if acting.askers.is_empty() || (is_second && !acting.askers.iter().any(is_here)) {
-                actuator.give_up("nobody goes on with it", ctx);
+                actuator.give_up("no agent waits for it any more", ctx);
             } else if !acting.askers.iter().any(is_here) {
                 actuator.look_who_follows(token, true, ctx);
             }
@@ -493,10 +493,10 @@ impl<D: Device> Actuator<D> {
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
         if !self.device.bids() {
-            return ctx.refuse(&engagement, Reason::Incapable, "I propose no plans");
+            return ctx.refuse(&engagement, Reason::Incapable, "this agent proposes no plans");
         }
         if self.bidding.len() >= BIDS_MAX {
-            return ctx.refuse(&engagement, Reason::Busy, "I am planning for other calls");
+            return ctx.refuse(&engagement, Reason::Busy, "it is planning for other calls");
         }
         let patience = message.reply_by.map_or(ctx.settings().proposals_deadline, |by| by.0);
         let cancel = Cancel::new();
@@ -533,7 +533,7 @@ impl<D: Device> Actuator<D> {
 
     fn judged(&mut self, message: Message, _ctx: &mut Context<Self>) {
         tracing::debug!(conversation = %message.conversation_id, verdict = %message.performative,
-            "my proposal was judged");
+            "the proposal was accepted or rejected");
     }
 
     // === answers to announcements ===
@@ -541,6 +541,6 @@ impl<D: Device> Actuator<D> {
     fn declined(&mut self, message: Message, _ctx: &mut Context<Self>) {
         let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
         tracing::warn!(from = %message.sender, why = why.unwrap_or_default(),
-            "part of what I said was declined");
+            "part of the announcement was declined");
     }
 }

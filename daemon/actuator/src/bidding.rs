@@ -9,7 +9,7 @@ use capability::{Snapshot, problem_digest};
 use pddl::{Atom, Condition, InitElement, Plan, Problem};
 use planner::{Budget, Cancel, Options, Replanner};
 
-const NOTHING: &str = "nothing that is called for is within my reach";
+const NOTHING: &str = "it reaches no part of the goal";
 
 /// Plans for a call, and reuses what `replanner` keeps from the last one.
 ///

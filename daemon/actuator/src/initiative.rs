@@ -172,7 +172,7 @@ impl<D: Device> Actuator<D> {
                 Initiative::Want { name, goal, insists } => self.want(name, goal, insists, ctx),
                 Initiative::Withdraw { name } => {
                     self.withdraw(&name, ctx);
-                    self.unask(&name, "nobody waits for the answer any more".to_owned(), ctx);
+                    self.unask(&name, "the answer is not needed any more".to_owned(), ctx);
                 }
                 Initiative::Ask { name, question, patience } => {
                     self.ask(name, &question, patience, ctx);
@@ -187,17 +187,17 @@ impl<D: Device> Actuator<D> {
         let word = match news {
             News::Report(report) => report.detail.as_str(),
             News::Refused(refusal) => refusal.detail.as_str(),
-            News::Answer(_) => "somebody answered",
+            News::Answer(_) => "an answer came",
             News::Unanswered(why) => why.as_str(),
         };
-        tracing::info!(initiative = name, word, "of my own accord");
+        tracing::info!(initiative = name, word, "news of an initiative");
         let initiatives = self.device.heard(name, news);
         self.beat(ctx);
         self.take(initiatives, ctx);
     }
 
     fn decline(&mut self, name: String, ctx: &mut Context<Self>) {
-        let detail = format!("{OPEN_MAX} are open already");
+        let detail = format!("{OPEN_MAX} requests are open already");
         let news = News::Refused(Refusal::new(Reason::Busy, detail));
         // Later, because the device is still being called.
         ctx.after(Duration::ZERO, move |actuator: &mut Self, ctx| actuator.hear(&name, &news, ctx));
@@ -256,7 +256,7 @@ impl<D: Device> Actuator<D> {
                 return;
             }
             Answer::Undelivered(why) => News::Unanswered(why.to_string()),
-            Answer::Silence => News::Unanswered("nothing was heard for a year".to_owned()),
+            Answer::Silence => News::Unanswered("no answer came within a year".to_owned()),
             Answer::Message(message) => match read(message) {
                 Ok(news) => news,
                 Err(error) => return ctx.not_understood(message, error),
@@ -401,20 +401,20 @@ impl<D: Device> Actuator<D> {
                             return ctx.not_understood(message, format!("the answer {error}"));
                         }
                     },
-                    Ok(_) => return ctx.not_understood(message, "this answers no question"),
+                    Ok(_) => return ctx.not_understood(message, "this does not answer a question"),
                     Err(error) => return ctx.not_understood(message, error.to_string()),
                 }
             }
             Answer::Message(message) => {
-                tracing::debug!(from = %message.sender, "does not answer; somebody else may");
+                tracing::debug!(from = %message.sender, "declines; another may answer");
                 return;
             }
-            Answer::Silence => News::Unanswered(format!("nobody answered within {patience:?}")),
+            Answer::Silence => News::Unanswered(format!("no answer came within {patience:?}")),
             Answer::Undelivered(why) => News::Unanswered(why.to_string()),
         };
         let detail = match answer {
             Answer::Message(message) => format!("answered at `{}`", message.sender),
-            Answer::Silence | Answer::Undelivered(_) => "nobody answered in time".to_owned(),
+            Answer::Silence | Answer::Undelivered(_) => "no answer came in time".to_owned(),
         };
         self.unask(name, detail, ctx);
         self.hear(name, &news, ctx);

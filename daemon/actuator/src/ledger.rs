@@ -130,7 +130,7 @@ impl Ledger {
             Some(Mark::Begun) => Known::Begun,
             Some(Mark::Ended(outcome)) => {
                 let whole = self.reports.iter().find(|(other, _)| other == token);
-                let detail = "it ended so before";
+                let detail = "it ended earlier";
                 let report = whole.map(|(_, report)| report.clone());
                 Known::Ended(Box::new(report.unwrap_or_else(|| Report::new(*outcome, detail))))
             }
@@ -239,7 +239,8 @@ impl Filed {
             Ok(lines) => self.lines = lines,
             Err(error) => {
                 self.lines /= 2;
-                tracing::warn!(file = %self.path.display(), %error, "could not be written anew");
+                tracing::warn!(file = %self.path.display(), %error,
+                    "the ledger could not be rewritten");
             }
         }
     }
@@ -251,7 +252,7 @@ impl Filed {
         if unread > 0 {
             let aside = self.path.with_extension("tokens.unread");
             tracing::warn!(file = %self.path.display(), copy = %aside.display(), unread,
-                "lines of what was begun cannot be read");
+                "lines of the ledger cannot be read");
             std::fs::copy(&self.path, aside)?;
         }
         let beside = self.path.with_extension("tokens.new");
@@ -368,7 +369,7 @@ mod tests {
         let next_life = open(&folder);
         assert_eq!(next_life.known(&token(1, 1, 0)), Known::Begun);
         assert_eq!(next_life.known(&token(1, 1, 1)), Known::Begun);
-        assert!(path.with_extension("tokens.unread").exists(), "what nobody could read is kept");
+        assert!(path.with_extension("tokens.unread").exists(), "the unreadable file is kept");
     }
 
     #[test]

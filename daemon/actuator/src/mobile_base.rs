@@ -211,9 +211,9 @@ impl MobileBase {
             let problem = match tokio::time::timeout(LOOKED_WITHIN, body.look()).await {
                 Ok(Ok(_)) => return,
                 Ok(Err(failure)) => failure.to_string(),
-                Err(_) => "the driver does not say in time".to_owned(),
+                Err(_) => "the driver does not answer in time".to_owned(),
             };
-            tracing::warn!(%id, problem, "failed to look where it stands; its config says it");
+            tracing::warn!(%id, problem, "failed to read its place; its config is used");
         })
     }
 

@@ -380,5 +380,5 @@ async fn nobody_answers_within_the_patience() {
     room.ring().await;
     tokio::time::sleep(Duration::from_secs(31)).await;
     let lines = room.quiet().await;
-    assert_eq!(lines[0], "bell hears of who: nobody answered within 30s");
+    assert_eq!(lines[0], "bell hears of who: no answer came within 30s");
 }

@@ -38,7 +38,7 @@ impl Admission {
         match self {
             Admission::Granted | Admission::Listed => None,
             Admission::Asked => Some("a person is being asked: althing keyboard".to_owned()),
-            Admission::Denied => Some("a person has said no; the file may name it".to_owned()),
+            Admission::Denied => Some("a person has refused it; name it in the file".to_owned()),
         }
     }
 }
@@ -150,7 +150,7 @@ mod tests {
         changes.mark_unchanged();
         admissions.present("zigbee", here(&["a", "b"]));
         admissions.present("plugins", here(&[]));
-        assert!(!changes.has_changed().expect("it lives"), "nobody came or went");
+        assert!(!changes.has_changed().expect("it lives"), "no change");
         assert_eq!(admissions.of("zigbee", "a"), Admission::Asked);
         let open: Vec<_> = admissions.open().into_iter().map(|(one, _)| one).collect();
         assert_eq!(open.len(), 2);

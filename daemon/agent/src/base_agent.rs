@@ -318,7 +318,7 @@ impl<A: Agent> Life<A> {
         let news = standing.take(is_first, Instant::now());
         let kept = if standing.is_about_to_act() { Vec::new() } else { standing.kept() };
         if let Some(is_leading) = news {
-            tracing::info!(agent = %id, "{}", if is_leading { "acts" } else { "stands by" });
+            tracing::info!(agent = %id, "{}", if is_leading { "is the leader" } else { "is a standby" });
             self.agent.leads(is_leading, &mut self.ctx);
         }
         kept.into_iter().for_each(|letter| self.open(letter));
@@ -386,8 +386,8 @@ impl<A: Agent> Life<A> {
         let told = self.told();
         let acts = told.find(self.ctx.id()).map(|holder| holder.daemon.to_string());
         let detail = match acts {
-            Some(daemon) => format!("I stand by; the one at `{daemon}` acts"),
-            None => "I stand by".to_owned(),
+            Some(daemon) => format!("this agent is a standby; the leader is at `{daemon}`"),
+            None => "this agent is a standby".to_owned(),
         };
         self.ctx.refuse(&Engagement::of(&message), Reason::StandingBy, detail);
     }
@@ -425,7 +425,7 @@ impl<A: Agent> Life<A> {
                 None => self.call(message),
             }
         } else {
-            tracing::debug!(id = %message.id, from = %message.sender, "a late turn, or an early one");
+            tracing::debug!(id = %message.id, from = %message.sender, "an early or a late message");
             self.ctx.communication.keep_early(message);
         }
     }

@@ -22,7 +22,7 @@ use crate::context::{Brought, Context, Work};
 use crate::plugin::{BuildError, Host};
 
 /// Reason why a device gets no agent: the room in which it stands is not known.
-pub const NOWHERE: &str = "nobody says in which room it stands";
+pub const NOWHERE: &str = "its room is not known";
 
 /// Delay before discovered agents start and stop, to collect more changes: a broker reports
 /// hundreds of devices at once.
@@ -208,9 +208,9 @@ impl<P> Census<P> {
         };
         // Obstacles that no admission can remove.
         let part = if !is_new {
-            Err("another device has this name; call one of them otherwise".to_owned())
+            Err("another device has this name; rename one of them".to_owned())
         } else if self.wanted.len() >= bringing.at_most {
-            Err("there are too many".to_owned())
+            Err("there are too many devices".to_owned())
         } else {
             part
         };
@@ -288,12 +288,12 @@ mod tests {
             told(&census),
             [
                 ("a", true, ""),
-                ("a", false, "another device has this name; call one of them otherwise"),
-                ("nowhere", false, "nobody says in which room it stands"),
+                ("a", false, "another device has this name; rename one of them"),
+                ("nowhere", false, "its room is not known"),
                 ("e", false, "no words"),
-                ("h", false, "nobody says in which room it stands"),
+                ("h", false, "its room is not known"),
                 ("b", false, "failed to open it"),
-                ("c", false, "there are too many"),
+                ("c", false, "there are too many devices"),
             ]
         );
         assert_eq!(census.wanted.into_values().collect::<Vec<_>>(), [1, 3]);
@@ -312,7 +312,7 @@ mod tests {
             [
                 ("named", true, ""),
                 ("a", false, "a person is being asked: althing keyboard"),
-                ("nowhere", false, "nobody says in which room it stands"),
+                ("nowhere", false, "its room is not known"),
             ]
         );
     }

@@ -74,7 +74,7 @@ pub enum Answer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Undelivered {
     /// No agent of that name appeared within the deadline.
-    #[error("nobody of that name is here")]
+    #[error("no agent of that name is here")]
     NotHere,
     /// The receiver left, and the grace has passed.
     #[error("it has left")]
@@ -426,11 +426,12 @@ impl CommunicationAgent {
             self.receipts.owe(sender, id, until, Instant::now());
         }
         if passed == Passed::Before {
-            tracing::debug!(agent = %self.id, id = %message.id, "heard before");
+            tracing::debug!(agent = %self.id, id = %message.id, "received before");
             return Opened::Nothing;
         }
         tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
-            performative = %message.performative, from = %message.sender, id = %message.id, "hears");
+            performative = %message.performative, from = %message.sender, id = %message.id,
+            "receives");
         match message.in_reply_to.clone() {
             Some(exchange) => {
                 self.outbox.replied(&exchange, &message.sender, message.performative);
@@ -530,7 +531,7 @@ impl CommunicationAgent {
         let Some(exchange) = self.engagements.get_mut(key) else { return };
         if let Err(violation) = exchange.advance(message) {
             // A bug of this agent; the other side will report it too.
-            tracing::error!(agent = %self.id, %violation, "this agent speaks out of turn");
+            tracing::error!(agent = %self.id, %violation, "this agent breaks its protocol");
         }
         if exchange.is_closed() {
             self.engagements.remove(key);

@@ -199,7 +199,7 @@ impl<A: Agent> Context<A> {
         let (protocol, conversation) = (opening.protocol, opening.conversation.clone());
         let (opening, sent) = self.communication.open(opening, &token, patience);
         if let Err(violation) = begun.advance(&opening) {
-            tracing::error!(agent = %self.id(), %violation, "this agent opens out of turn");
+            tracing::error!(agent = %self.id(), %violation, "this agent breaks its protocol");
         }
         let (participants, early) = (BTreeMap::new(), Vec::new());
         let on_answer: OnAnswer<A> = Box::new(on_answer);
@@ -250,7 +250,7 @@ impl<A: Agent> Context<A> {
         let Some(message) = self.turn(token, to, performative, content) else { return };
         let patience = self.settings().answer_deadline;
         if let Err(why) = self.communication.post(&message, patience) {
-            tracing::warn!(agent = %self.id(), %why, "a turn could not be sent");
+            tracing::warn!(agent = %self.id(), %why, "a message could not be sent");
         }
     }
 
@@ -289,7 +289,7 @@ impl<A: Agent> Context<A> {
             match exchange.or_insert_with(|| begun.clone()).advance(&message) {
                 Ok(_) => message.receiver.push(participant),
                 Err(violation) => {
-                    tracing::debug!(agent = %self.communication.id, %violation, "not said: out of turn");
+                    tracing::debug!(agent = %self.communication.id, %violation, "not sent: out of turn");
                 }
             }
         }
@@ -333,7 +333,7 @@ impl<A: Agent> Context<A> {
         let Some(open) = self.exchanges.remove(token) else { return };
         self.timers.remove(&open.timer);
         for message in open.early {
-            let detail = "what should come before it has not come".to_owned();
+            let detail = "the message before it has not come".to_owned();
             self.communication.not_understood(&message, Reason::OutOfTurn, detail);
         }
     }
@@ -381,7 +381,7 @@ impl<A: Agent> Context<A> {
         message.receiver.push(to.clone());
         let patience = self.settings().answer_deadline;
         if let Err(why) = self.communication.post(&message, patience) {
-            tracing::warn!(agent = %self.id(), %to, %why, "could not be told");
+            tracing::warn!(agent = %self.id(), %to, %why, "a message could not be sent");
         }
     }
 
@@ -543,14 +543,14 @@ impl<A: Agent> Context<A> {
     /// Rejects an answer from an agent that was not asked. Every listener can read the token of an
     /// exchange, so such an answer must not count as that of the agent that was asked.
     fn overheard(&mut self, message: &Message, asked: &AgentId) {
-        let detail = format!("answers what `{asked}` was asked");
+        let detail = format!("answers a question to `{asked}`");
         self.switchboard().rejections.note(&Rejected {
             breach: Breach::Overstepped,
             detail: &detail,
             claimed: Some(message.sender.as_str()),
             key: message.exchange().map_or("", ReplyToken::as_str),
         });
-        let detail = format!("`{asked}` was asked, and nobody else");
+        let detail = format!("only `{asked}` was asked");
         self.communication.not_understood(message, Reason::OutOfTurn, detail);
     }
 

@@ -136,7 +136,7 @@ fn share_out(wanted: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>, answers: Vec<B
     for answer in answers.into_iter().filter(is_short_enough) {
         match acl::sender_of(&answer) {
             Some(sender) => models.entry(sender).or_default().push(answer),
-            None => tracing::info!("an answer that is nobody's model"),
+            None => tracing::info!("an answer that is no model"),
         }
     }
     for (agent, tell) in wanted {
@@ -190,7 +190,7 @@ mod tests {
         for answers in asking {
             models.push(answers.await);
         }
-        assert!(fetching.missing().is_empty(), "nobody is asked for any more");
+        assert!(fetching.missing().is_empty(), "no model is missing any more");
         let asked = full.0.lock().expect("no panic").len();
         (models, asked)
     }
@@ -206,6 +206,6 @@ mod tests {
             assert_eq!((models, asked), (each, expected));
         }
         let (models, _) = fetched(FEW + 10).await;
-        assert_eq!(models.iter().filter(|models| models.is_empty()).count(), 1, "who is not there");
+        assert_eq!(models.iter().filter(|models| models.is_empty()).count(), 1, "one is absent");
     }
 }

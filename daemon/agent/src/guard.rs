@@ -26,7 +26,7 @@ fn overstepped(detail: String) -> Overstep {
 }
 
 fn is_at(holder: &Resident) -> Overstep {
-    let detail = format!("is in the name of `{}`, which is at `{}`", holder.agent, holder.daemon);
+    let detail = format!("names the sender `{}`, which is at `{}`", holder.agent, holder.daemon);
     Overstep { breach: Breach::Forged, detail }
 }
 
@@ -128,7 +128,7 @@ impl Switchboard {
         let present = directory.all(sender);
         match present.iter().find(|resident| resident.daemon == origin.daemon) {
             Some(here) if incarnation < here.incarnation => {
-                let detail = format!("is of a former life of `{sender}`");
+                let detail = format!("is of an earlier incarnation of `{sender}`");
                 Err(Overstep { breach: Breach::Replayed, detail })
             }
             Some(_) => Ok(()),
@@ -167,7 +167,7 @@ impl Switchboard {
                 let key = format!("presence of {agent} at {daemon}");
                 self.rejections.note(&Rejected {
                     breach: Breach::Overstepped,
-                    detail: &format!("is a token that is not to be there: {detail}"),
+                    detail: &format!("is a token that may not be there: {detail}"),
                     claimed: Some(daemon.as_str()),
                     key: &key,
                 });
@@ -197,7 +197,7 @@ impl Switchboard {
             (Resource::Domain | Resource::State | Resource::Goals | Resource::Journal, _)
                 if !rights.may_host_reasoning(&origin.daemon) =>
             {
-                Err("answers what only the ecosystem's reasoning knows".to_owned())
+                Err("answers a question that only reasoning agents answer".to_owned())
             }
             _ => Ok(()),
         };
@@ -220,7 +220,7 @@ fn check_content(
     inform: Option<&Inform>,
 ) -> Result<(), String> {
     let sender = &message.sender;
-    let prefixed = |problem: String| format!("is not its sender's to say: {problem}");
+    let prefixed = |problem: String| format!("is one that its sender may not send: {problem}");
     match (message.performative, inform) {
         (Performative::Request, _) => {
             // An unreadable request has no effect.
@@ -229,7 +229,7 @@ fn check_content(
         }
         (Performative::Cfp, _) => rights.may_ask_for_goals(sender).map_err(prefixed),
         (_, Some(Inform::Epoch(_))) if !rights.may_reason(sender) => Err(prefixed(format!(
-            "`{sender}` is no agent that speaks for the domain, by the ecosystem's file"
+            "the ecosystem's file does not let `{sender}` speak for the domain"
         ))),
         (_, Some(Inform::Model(announced))) if rights.limits_actions(sender, &origin.daemon) => {
             // A model that cannot be read offers no actions.
@@ -449,9 +449,9 @@ mod tests {
         joins("me", "desk--cli-7", 5);
         let query = |sender| message(sender, Performative::QueryRef, serde_json::Value::Null);
         let counted = house.hears("robot-pi", Some("requester"), query("robot"));
-        assert_eq!(counted["replayed"], 1, "it is of a former life");
+        assert_eq!(counted["replayed"], 1, "an earlier incarnation");
         let counted = house.hears("desk", Some("requester"), query("me"));
-        assert_eq!(counted["forged"], 1, "that life is elsewhere");
+        assert_eq!(counted["forged"], 1, "that incarnation is elsewhere");
         drop(house.network);
     }
 
@@ -487,7 +487,7 @@ mod tests {
         assert_eq!(house.hears("robot-pi", None, garbage)["oversized"], 3, "before it is read");
         let mailbox = house.hub.admit(&agent("late"), Incarnation(1), vec![Performative::Inform]);
         drop(house.network);
-        assert_eq!(mailbox.waiting(), 1, "what was short enough is kept for who comes later");
+        assert_eq!(mailbox.waiting(), 1, "a short model is kept for later agents");
     }
 
     /// A daemon without the lamp claims an incarnation of it that no real one will ever exceed.
@@ -504,19 +504,19 @@ mod tests {
         house.hub.presence(Presence::Joined(lamp("gate", 5)));
         assert_eq!(house.hears("gate", None, shine()), none());
         let counted = house.hears("stall", None, says(shine()));
-        assert_eq!(counted, one("forged"), "in a later life");
+        assert_eq!(counted, one("forged"), "in a later incarnation");
         let counted = house.hears("stall", Some("requester"), says(query()));
         assert_eq!(counted["forged"], 2);
 
         house.hub.presence(Presence::Joined(lamp("stall", 1 << 53)));
         let counted = house.hears("stall", Some("requester"), says(query()));
-        assert_eq!(counted["forged"], 2, "it stands by there, and may speak");
+        assert_eq!(counted["forged"], 2, "the standby there may send");
         let counted = house.hears("stall", None, says(shine()));
-        assert_eq!(counted["forged"], 3, "but not of itself: another holds the name");
+        assert_eq!(counted["forged"], 3, "but no model: another is the leader");
         assert_eq!(house.hears("gate", None, shine())["forged"], 3);
 
         house.hub.presence(Presence::Left(lamp("gate", 5)));
-        assert_eq!(house.hears("stall", None, says(shine()))["forged"], 3, "now it holds the name");
+        assert_eq!(house.hears("stall", None, says(shine()))["forged"], 3, "now it is the leader");
         drop(house.network);
     }
 }

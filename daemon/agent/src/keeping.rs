@@ -256,7 +256,7 @@ async fn answers(
                     read.push((journal.clone(), records));
                     until.get_or_insert_with(|| Instant::now() + patience);
                 }
-                Err(error) => tracing::warn!(%journal, %error, "an answer that is no journal"),
+                Err(error) => tracing::warn!(%journal, %error, "an answer cannot be read"),
             }
         }
     }

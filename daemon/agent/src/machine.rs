@@ -180,8 +180,8 @@ impl Lives {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         *last = now.max(last.saturating_add(1));
         if let Err(error) = self.write(*last) {
-            tracing::warn!(%error, "the number of a life cannot be kept; should the clock be put \
-                back before the next start, others will take this daemon's agents for older ones");
+            tracing::warn!(%error, "the number of this incarnation cannot be kept; if the clock \
+                is put back before the next start, others take this daemon's agents for older ones");
         }
         Incarnation(*last)
     }

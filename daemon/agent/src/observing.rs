@@ -95,7 +95,7 @@ impl Observer {
                 }
             }
             Ok(Inform::Epoch(_) | Inform::Answer(_)) => (),
-            Err(error) => tracing::info!(from = %message.sender, %error, "nobody understands it"),
+            Err(error) => tracing::info!(from = %message.sender, %error, "it cannot be read"),
         }
     }
 

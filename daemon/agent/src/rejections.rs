@@ -45,7 +45,7 @@ impl Rejections {
     pub(crate) fn note(&self, rejected: &Rejected<'_>) {
         let Rejected { breach, detail, claimed, key } = *rejected;
         *lock(&self.counts).entry(breach).or_default() += 1;
-        let from = claimed.unwrap_or("nobody known");
+        let from = claimed.unwrap_or("unknown");
         if let Some(unsaid) = self.is_to_say(breach.as_str(), from, Instant::now()) {
             tracing::warn!(
                 from,
@@ -59,7 +59,7 @@ impl Rejections {
 
     /// Counts and logs that an announcement or heartbeat was not accepted.
     pub(crate) fn not_taken(&self, message: &Message, why: &str) {
-        let detail = format!("says of its sender what is not taken: {why}");
+        let detail = format!("describes its sender in a way that is not accepted: {why}");
         let (breach, claimed) = (Breach::NotUnderstood, Some(message.sender.as_str()));
         let key = message.id.as_str();
         self.note(&Rejected { breach, detail: &detail, claimed, key });
@@ -129,9 +129,9 @@ mod tests {
             let lines: Vec<_> = (0..1_000)
                 .filter_map(|name| say(&format!("x{name}{time}"), time * 10 + 1))
                 .collect();
-            assert!(lines.len() <= LINES_MAX as usize, "fresh names are no fresh lines");
+            assert!(lines.len() <= LINES_MAX as usize, "new names add no lines");
         }
-        assert_eq!(say("pi", 51), Some(1_000 - u64::from(LINES_MAX)), "and none is forgotten");
+        assert_eq!(say("pi", 51), Some(1_000 - u64::from(LINES_MAX)), "and all are counted");
         assert!(lock(&rejections.said)["forged"].names.len() <= 2 * LINES_MAX as usize);
 
         let rejected = Rejected { breach: Breach::Forged, detail: "x", claimed: None, key: "k" };

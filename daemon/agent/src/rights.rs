@@ -82,8 +82,8 @@ impl Rights {
             Some(_) => Ok(()),
             None if self.guests.has(daemon.host()) || self.newcomers.has(daemon.host()) => Ok(()),
             None => Err(format!(
-                "the ecosystem's file does not name `{agent}`, and lets `{}` bring nobody else \
-                 (`guests` and `newcomers` in [rights])",
+                "the ecosystem's file does not name `{agent}`, and lets `{}` bring no other \
+                 agent (`guests` and `newcomers` in [rights])",
                 daemon.host()
             )),
         }
@@ -125,8 +125,8 @@ impl Rights {
                 beyond.join("`, `")
             )),
             (_, false) => Err(format!(
-                "the ecosystem's file does not name `{agent}`, and lets `{}` bring nobody who \
-                 offers actions (`newcomers` in [rights])",
+                "the ecosystem's file does not name `{agent}`, and lets `{}` bring no agent \
+                 that offers actions (`newcomers` in [rights])",
                 daemon.host()
             )),
         }
@@ -157,7 +157,7 @@ impl Rights {
                 self.may(&self.changes, agent, "change things", "changes")
             }
             Request::Keep(_) if !self.may_reason(agent) => Err(format!(
-                "`{agent}` is no agent of the reasoning, whose journals are not its own"
+                "`{agent}` is no reasoning agent, and only those write to the Journals"
             )),
             Request::Keep(_) => Ok(()),
             // Sensors and robots report what they observe. An observation takes precedence over
@@ -349,6 +349,6 @@ mod tests {
         assert!(rights.may_reason(&agent("requester")) && !rights.may_reason(&agent("robot")));
         assert!(rights.may_host_reasoning(&daemon("hub")));
         assert!(!rights.may_host_reasoning(&daemon("robot-pi")));
-        assert!(Rights::default().may_reason(&agent("robot")), "where the file names nobody");
+        assert!(Rights::default().may_reason(&agent("robot")), "where the file names no agent");
     }
 }

@@ -88,11 +88,11 @@ mod tests {
         assert_eq!(standing.take(true, now), None, "it has just come");
         assert!(standing.is_about_to_act());
         let later = now + LOOKING_AROUND;
-        assert_eq!(standing.take(false, later), None, "somebody was there before");
+        assert_eq!(standing.take(false, later), None, "another replica is the leader");
         assert_eq!(standing.due(), None);
-        assert_eq!(standing.take(true, later), Some(true), "who has left");
+        assert_eq!(standing.take(true, later), Some(true), "it has left");
         assert_eq!(standing.take(true, later), None);
-        assert_eq!(standing.take(false, later), Some(false), "and has come back");
+        assert_eq!(standing.take(false, later), Some(false), "it has come back");
     }
 
     #[tokio::test(start_paused = true)]

@@ -520,7 +520,7 @@ impl Switchboard {
     fn refuse_overflow(&self, agent: &AgentId, slot: &Slot, payload: &[u8]) {
         self.counters.mailbox_full.fetch_add(1, Ordering::Relaxed);
         let from = acl::sender_of(payload);
-        let from = from.as_ref().map_or("nobody known", AgentId::as_str);
+        let from = from.as_ref().map_or("unknown", AgentId::as_str);
         if let Some(unsaid) = self.rejections.is_to_say("mailbox-full", from, Instant::now()) {
             tracing::warn!(%agent, from, unsaid, "mailbox full: a message is refused");
         }
@@ -576,7 +576,7 @@ impl Switchboard {
             Ok(message) if message.sender == *sender => Arc::new(message),
             Ok(message) => {
                 self.counters.unreadable.fetch_add(1, Ordering::Relaxed);
-                tracing::info!(%sender, claims = %message.sender, "a broadcast under another's name");
+                tracing::info!(%sender, claims = %message.sender, "a broadcast in another's name");
                 return;
             }
             Err(error) => {
@@ -618,7 +618,7 @@ impl Switchboard {
         if bytes <= bytes_max {
             return true;
         }
-        let detail = format!("is to all and {bytes} bytes long, of which {bytes_max} are taken");
+        let detail = format!("is a broadcast of {bytes} bytes; at most {bytes_max} are accepted");
         let claimed = origin.map_or(sender.as_str(), |origin| origin.daemon.as_str());
         let (breach, claimed, key) = (Breach::Oversized, Some(claimed), sender.as_str());
         self.rejections.note(&Rejected { breach, detail: &detail, claimed, key });

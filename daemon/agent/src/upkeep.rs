@@ -100,7 +100,7 @@ pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Contex
     let inform = match message.content_as::<Inform>() {
         Ok(inform) => inform,
         Err(error) => {
-            tracing::info!(from = %message.sender, %error, "an inform that nobody understands");
+            tracing::info!(from = %message.sender, %error, "an inform that cannot be read");
             return;
         }
     };
@@ -383,7 +383,7 @@ impl Heard {
         match followed {
             Ok(Ok(change)) => self.changes.push(change),
             Ok(Err(declined)) => {
-                tracing::warn!(from = %message.sender, %declined, "requests are not followed");
+                tracing::warn!(from = %message.sender, %declined, "requests are not applied");
             }
             Err(diagnostics) => self.mistake = Some(joined(&diagnostics)),
         }

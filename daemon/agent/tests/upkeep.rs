@@ -207,7 +207,7 @@ async fn the_commons_know_what_was_said_before_and_forget_in_time_though_nobody_
     assert!(Arc::ptr_eq(&late, &commons), "one for all");
     let forgotten = heartbeat_lease + removal + blink * 2;
     assert_eq!(known_at(&commons, began, forgotten).await, (false, false));
-    assert!(then.is_present(&name("meter")), "who has looked keeps what was known then");
+    assert!(then.is_present(&name("meter")), "an earlier snapshot does not change");
 
     let (house, began) = (House::new(), Instant::now());
     let commons = house.commons();

@@ -121,7 +121,7 @@ impl fmt::Display for Declined {
             ),
             Declined::FormerIncarnation { agent, reported, current } => write!(
                 f,
-                "`{agent}` lives in incarnation {current}; incarnation {reported} is not believed"
+                "`{agent}` is in incarnation {current}; incarnation {reported} is not believed"
             ),
             Declined::OldSequence { agent, reported, current } => write!(
                 f,
@@ -129,7 +129,10 @@ impl fmt::Display for Declined {
                  believed"
             ),
             Declined::UnknownAgent { agent } => {
-                write!(f, "`{agent}` has not told its action model; ask it for the model first")
+                write!(
+                    f,
+                    "`{agent}` has not announced its action model; ask it for the model first"
+                )
             }
             Declined::Meaningless { detail } => f.write_str(detail),
             Declined::Owned { fact, owner, says: Some(says) } => {
@@ -140,13 +143,13 @@ impl fmt::Display for Declined {
             }
             Declined::NegativeCost { fact, function } => write!(
                 f,
-                "`{fact}` cannot be: what actions cost is made of `{function}`, which is 0 or more"
+                "`{fact}` cannot be: `{function}` is part of the cost of actions, which is 0 or more"
             ),
             Declined::UnknownAction { action, agent, is_given_back } => {
                 let of = agent.as_ref().map(|agent| format!(" of `{agent}`")).unwrap_or_default();
                 match is_given_back {
                     true => write!(f, "`{action}`{of} is not withheld; name it as it was withheld"),
-                    false => write!(f, "nobody offers `{action}`{of}"),
+                    false => write!(f, "no agent offers `{action}`{of}"),
                 }
             }
             Declined::TooMany { what, limit } => {

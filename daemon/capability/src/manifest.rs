@@ -211,7 +211,7 @@ impl Manifest {
                 }
                 Some(earlier) if earlier == signature => (),
                 Some(_) => {
-                    let detail = "it is declared twice, and not alike; the first stands".to_owned();
+                    let detail = "it is declared twice, differently; the first is used".to_owned();
                     self.flaws.push(Flaw { subject: subject.clone(), detail });
                 }
             }
@@ -239,11 +239,11 @@ impl Manifest {
 
     fn offer(&mut self, schema: ActionSchema) {
         if schema.agent.is_none() {
-            let detail = "nobody acts in it; write `:agent ?a - TYPE` before its parameters";
+            let detail = "it has no acting agent; write `:agent ?a - TYPE` before its parameters";
             return self.flaw(Kind::Action, &schema.name, detail);
         }
         if self.offers.iter().any(|offer| offer.schema.name == schema.name) {
-            let detail = "the model has two actions of this name; the first stands";
+            let detail = "the model has two actions of this name; the first is used";
             return self.flaw(Kind::Action, &schema.name, detail);
         }
         let (key, uses) = canonical::action(&schema);

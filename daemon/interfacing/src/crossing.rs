@@ -39,7 +39,7 @@ pub(super) async fn mirror(crossing: Arc<Crossing>, mut sight: Sight, near: Land
         let exported = match crossing.export(&sighted) {
             Ok(exported) => exported,
             Err(why) => {
-                tracing::warn!(agent = %crossing.passage.agent, why, "it has no mirror");
+                tracing::warn!(agent = %crossing.passage.agent, why, "it gets no proxy agent");
                 wait_for_another(&mut sight, life).await;
                 continue;
             }
@@ -81,7 +81,7 @@ async fn live(
     };
     let stopping = near.stopping.child_token();
     let mut life = agent.launch(near.berth(id, via, &stopping));
-    tracing::info!(%id, of = %crossing.passage.agent, far = %crossing.far, "is mirrored");
+    tracing::info!(%id, of = %crossing.passage.agent, far = %crossing.far, "has a proxy agent");
     let ended = tokio::select! {
         biased;
         ended = &mut life => ended,
@@ -97,7 +97,7 @@ async fn live(
         Ok(Ok(())) => (),
         Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),
         // The panic itself has been printed on stderr, with its place.
-        Err(error) => tracing::error!(%id, %error, "the mirror broke"),
+        Err(error) => tracing::error!(%id, %error, "the proxy agent broke off"),
     }
     false
 }
@@ -108,11 +108,11 @@ fn route(crossing: &Crossing, sighted: &Sighted, near: &EcosystemId) -> Option<V
     via.push(crossing.far.clone());
     let agent = &crossing.passage.agent;
     if via.contains(near) {
-        tracing::warn!(%agent, ?via, "comes from here itself: it is not mirrored");
+        tracing::warn!(%agent, ?via, "comes from here itself: it gets no proxy agent");
         return None;
     }
     if via.len() > VIA_MAX {
-        tracing::warn!(%agent, ?via, "has come through too many ecosystems: it is not mirrored");
+        tracing::warn!(%agent, ?via, "came through too many ecosystems: it gets no proxy agent");
         return None;
     }
     Some(via)

@@ -58,7 +58,7 @@ impl Desk {
         let achieve = match message.content_as::<Request>() {
             Ok(Request::Achieve(achieve)) => achieve,
             Ok(_) => {
-                let detail = "a desk takes goals: `achieve`";
+                let detail = "this agent takes goals: `achieve`";
                 return ctx.refuse(&engagement, Reason::Incapable, detail);
             }
             Err(error) => return ctx.not_understood(&message, error.to_string()),
@@ -74,7 +74,7 @@ impl Desk {
         let Desk { far, goals, words, near, outward, counters, .. } = self;
         if !message.via.is_empty() {
             counters.looped.fetch_add(1, Ordering::Relaxed);
-            let detail = "it comes from another ecosystem itself, and goes no further";
+            let detail = "it comes from another ecosystem itself, and is not passed on";
             return Err(Refusal::new(Reason::Conflict, detail));
         }
         let Achieve { goal, keep, priority, partition } = achieve;
@@ -131,7 +131,7 @@ impl Desk {
         match news {
             News::Report(report) => {
                 let detail = match report.outcome {
-                    Outcome::Progress => format!("`{far}` is at it"),
+                    Outcome::Progress => format!("`{far}` works on it"),
                     Outcome::Holds | Outcome::Done => format!("`{far}` says that it holds"),
                     Outcome::Failed => format!("`{far}` cannot reach it"),
                     Outcome::Cancelled => format!("`{far}` has given it up"),
@@ -142,7 +142,7 @@ impl Desk {
                 ctx.refuse(engagement, refusal.reason, format!("`{far}` declines"));
             }
             News::Unanswered => {
-                let detail = format!("nobody in `{far}` answers");
+                let detail = format!("no agent of `{far}` answers");
                 ctx.refuse(engagement, Reason::Unanswered, detail);
             }
         }

@@ -338,9 +338,7 @@ pub(crate) fn goal(
         if let Some(Term::Variable(name)) =
             atom.arguments.iter().find(|term| matches!(term, Term::Variable(_)))
         {
-            return Err(format!(
-                "`?{name}` is no thing: a goal that passes names what it is about"
-            ));
+            return Err(format!("`?{name}` is a variable: a goal that passes names its objects"));
         }
         let fact = translator.fact(&InitElement::Atom(atom.clone()));
         let fact = fact.ok_or_else(|| format!("`{atom}` names what is not exported"))?;
@@ -390,8 +388,8 @@ impl LeftOut {
             Why::Condition(Lost::Unexported(sort, name))
             | Why::Parameter(_, Lost::Unexported(sort, name))
             | Why::Effect(Lost::Unexported(sort, name)) => Some(format!(
-                "who plans with it would plan what cannot be done; export `{name}` too, under \
-                 `{sort}s`, or leave the action out"
+                "a plan there could have steps that cannot be carried out; export `{name}` \
+                 too, under `{sort}s`, or leave the action out"
             )),
             Why::Cost(_) => Some(format!("say what it is to cost here: costs = {{ {near} = 5 }}")),
             _ => None,

@@ -136,7 +136,7 @@ impl Mirror {
                 }
                 Err(why) => {
                     let mirror = &self.crossing.passage.mirror;
-                    tracing::warn!(%mirror, why, "it offers nothing that can be said here");
+                    tracing::warn!(%mirror, why, "it offers nothing that can be expressed here");
                     self.exported.model.actions.clear();
                 }
             }
@@ -205,9 +205,9 @@ impl Device for Mirror {
             return None;
         }
         let count = counters.over_rate.fetch_add(1, Ordering::Relaxed) + 1;
-        tracing::warn!(mirror = %self.crossing.passage.mirror, count, "too much would pass");
+        tracing::warn!(mirror = %self.crossing.passage.mirror, count, "too many messages");
         let detail = format!(
-            "{} messages a second may pass to `{}`, and that is reached; ask again later",
+            "{} messages a second may pass to `{}`, and that limit is reached; ask again later",
             outward.per_second(),
             self.crossing.far
         );

@@ -398,10 +398,10 @@ impl fmt::Display for Lost {
             Lost::Unexported(sort, name) => write!(f, "the {sort} `{name}`, which is not exported"),
             Lost::Private(name) => write!(f, "`{name}`, which is private"),
             Lost::Derived(name) => {
-                write!(f, "`{name}`, which follows by axioms that stay where they are")
+                write!(f, "`{name}`, which follows by axioms that are not exported")
             }
             Lost::Construct("forall") => {
-                write!(f, "that something holds of all there are, and not all are exported")
+                write!(f, "a condition on all objects, and not all are exported")
             }
             Lost::Construct(what) => write!(f, "`{what}`, which has no meaning over there"),
         }

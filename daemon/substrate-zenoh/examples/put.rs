@@ -31,7 +31,7 @@ async fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
         }
         Ok::<_, Box<dyn Error + Send + Sync>>(())
     };
-    tokio::time::timeout(HEARD_WITHIN, is_heard).await.map_err(|_| "nobody listens")??;
+    tokio::time::timeout(HEARD_WITHIN, is_heard).await.map_err(|_| "no session listens")??;
     publisher.put(vec![b'x'; bytes.parse()?]).await?;
     println!("put {bytes} bytes at {key}");
     tokio::io::copy(&mut tokio::io::stdin(), &mut tokio::io::sink()).await?;

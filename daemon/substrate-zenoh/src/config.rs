@@ -123,12 +123,12 @@ pub enum OpenError {
     NotATable,
     /// Scouting without security: other daemons could be found, but no link with them is allowed.
     #[error(
-        "scout (`scouting = true` in `[zenoh]`): plain text stays on this machine, so nobody \
-         elsewhere could be spoken to; secure the ecosystem (`althing help cert`)"
+        "scout (`scouting = true` in `[zenoh]`): plain text stays on this machine, so no \
+         daemon elsewhere could be reached; secure the ecosystem (`althing help cert`)"
     )]
     ScoutingUnsecured,
     /// Zenoh rejects the settings.
-    #[error("read `{at}` of `[zenoh]`; Zenoh's DEFAULT_CONFIG.json5 says what there is")]
+    #[error("read `{at}` of `[zenoh]`; Zenoh's DEFAULT_CONFIG.json5 lists the settings")]
     Settings {
         /// The setting that it rejects.
         at: String,
@@ -188,13 +188,13 @@ impl Settings {
         if own.is_empty() {
             return self;
         }
-        tracing::debug!(?own, "does not call itself");
+        tracing::debug!(?own, "leaves out its own endpoints");
         own_address::without(&mut self.connect_as_written, &own);
         self.connect.retain(|endpoint| !own.contains(endpoint));
         let others = self.connect_as_written.to_string();
         if let Err(error) = self.zenoh.insert_json5("connect/endpoints", &others) {
             // Zenoh then closes the link to itself.
-            tracing::debug!(%error, "the daemon's own endpoints stay among those it calls");
+            tracing::debug!(%error, "the daemon's own endpoints are not left out");
         }
         self
     }
@@ -558,7 +558,7 @@ fn scouts(settings: &Value) -> bool {
 fn unopened(listen: &[String], connect: &[String]) -> String {
     if let ([], [_, ..]) = (listen, connect) {
         let places = connect.join("`, `");
-        return format!("reach a daemon at `{places}`: nobody answers there, or refuses to talk");
+        return format!("reach a daemon at `{places}`: no daemon answers there, or it declines");
     }
     let place = |what: &str, endpoints: &[String]| match endpoints {
         [] => String::new(),

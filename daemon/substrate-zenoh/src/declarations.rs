@@ -88,7 +88,7 @@ impl Declarations {
         old.into_iter().for_each(Entity::undeclare);
         match self.entities(&session, telling) {
             Ok(entities) => self.lock().entities = entities,
-            Err(error) => tracing::error!(%error, "failed to tell again who is here"),
+            Err(error) => tracing::error!(%error, "failed to announce the agents again"),
         }
         for (agent, incarnation) in self.residents() {
             self.declare_token(&session, agent, incarnation, telling);
@@ -139,7 +139,7 @@ impl Declarations {
         let key_expr = self.keys.alive(&agent, incarnation, telling);
         match session.liveliness().declare_token(key_expr).wait() {
             Ok(token) => self.hold(agent, incarnation, token),
-            Err(error) => tracing::debug!(%error, "an agent was not told again"),
+            Err(error) => tracing::debug!(%error, "an agent was not announced again"),
         }
     }
 

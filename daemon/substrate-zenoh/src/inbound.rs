@@ -82,7 +82,7 @@ impl Ear {
         let key = sample.key_expr().as_str();
         let (addressed, is_together) = (keys.addressed(key), keys.is_together(key));
         if sample.kind() != SampleKind::Put || (addressed.is_none() && !is_together) {
-            return tracing::debug!(key, "ignored a message whose key says nothing to us");
+            return tracing::debug!(key, "ignored a message with an unknown key");
         }
         let payload = into_bytes(sample.payload());
         let origin = match security {
@@ -106,7 +106,7 @@ impl Ear {
             self.inbound.rejected(&Rejected { breach, detail, claimed, key });
         };
         let Some(words) = together::unpack(bundle) else {
-            let detail = format!("is a bundle of {} bytes, as nobody packs them", bundle.len());
+            let detail = format!("is a batch of {} bytes that cannot be read", bundle.len());
             return reject(Breach::Oversized, &detail);
         };
         let mut allowed = words.len();

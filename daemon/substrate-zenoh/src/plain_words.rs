@@ -27,8 +27,8 @@ const KINDS_MAX: usize = 64;
 const MEANINGS: &[(&str, &str)] = &[
     (
         "cannot get index of",
-        "Zenoh heard of a daemon that it does not know any more: one has just gone, or come back. \
-         Who is here is asked anew within seconds",
+        "Zenoh received news of a daemon that it does not know any more: one has just left or \
+         come back. The membership is asked for again within seconds",
     ),
     (
         "Too many open files",
@@ -83,13 +83,15 @@ impl<S: Subscriber, T: Fn(String) + 'static> Layer<S> for Telling<T> {
 /// Returns the kind of an error, and the sentence that reports it.
 fn sentence(about: &Metadata<'_>, line: &str) -> (String, String) {
     match MEANINGS.iter().find(|(part, _)| line.contains(part)) {
-        Some((part, meaning)) => ((*part).to_owned(), format!("{meaning}. This is said once")),
+        Some((part, meaning)) => ((*part).to_owned(), format!("{meaning}. This is reported once")),
         None => {
             let place = format!("{}:{}", about.target(), about.line().unwrap_or_default());
             let line = line.trim_end_matches(['.', '!']);
             (
                 place,
-                format!("Zenoh, which carries the messages, reports: {line}. This is said once"),
+                format!(
+                    "Zenoh, which carries the messages, reports: {line}. This is reported once"
+                ),
             )
         }
     }
@@ -143,11 +145,11 @@ mod tests {
         });
         let told = told.lock().expect("no panic").clone();
         assert_eq!(told.len(), 2, "{told:?}");
-        assert!(told[0].starts_with("Zenoh heard of a daemon that it does not know"), "{told:?}");
+        assert!(told[0].starts_with("Zenoh received news of a daemon"), "{told:?}");
         let of_ours = "Zenoh, which carries the messages, reports: ";
         assert_eq!(
             told[1],
-            format!("{of_ours}Unable to accept: ]0;thermometer. This is said once")
+            format!("{of_ours}Unable to accept: ]0;thermometer. This is reported once")
         );
     }
 }

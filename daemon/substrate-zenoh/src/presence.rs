@@ -86,7 +86,7 @@ impl Watch {
     fn hear(watch: &Arc<Watch>, sample: &Sample) {
         let key = sample.key_expr().as_str();
         let Some((resident, telling)) = watch.asking.keys.resident(key) else {
-            return tracing::debug!(key, "ignored a liveliness token that names nobody");
+            return tracing::debug!(key, "ignored a liveliness token that names no agent");
         };
         let daemon = resident.daemon.clone();
         let mut is_unknown = false;

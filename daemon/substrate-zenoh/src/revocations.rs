@@ -150,7 +150,7 @@ async fn tell(session: Weak<Session>, keys: Keys, security: Security, admission:
         if !is_revoked && verifier.has_revoked(identity.certificate()) {
             is_revoked = true;
             tracing::error!(
-                "the certificate of this daemon was revoked: nobody believes it any more"
+                "the certificate of this daemon was revoked: no daemon accepts it any more"
             );
         }
         let is_due = told.is_none_or(|told| told.elapsed() >= REPEAT_PERIOD);

@@ -221,7 +221,7 @@ impl Told {
                 return tracing::debug!(key, "ignored a liveliness token that names no session");
             };
             if !hearing.hear(zid, telling, sample.kind()) {
-                let detail = "is a token of a session, and one more than there is room for";
+                let detail = "is a token of one more session than there is room for";
                 let (breach, claimed) = (Breach::Flooded, None);
                 inbound.rejected(&Rejected { breach, detail, claimed, key });
             }
@@ -322,7 +322,7 @@ impl RollCall {
             }
             if verdict == Verdict::TellAgain {
                 let Answers { untold, unknown, .. } = &answers;
-                tracing::info!(?untold, ?unknown, "tells again who is here: not everybody knows");
+                tracing::info!(?untold, ?unknown, "announces agents again: some daemons miss them");
                 self.declarations.tell_again();
             }
         }
@@ -468,7 +468,7 @@ mod tests {
         let hear = |number: usize, kind| told.hear(&format!("{number:x}"), 0, kind);
         let taken = (0..2 * SESSIONS_MAX).filter(|number| hear(*number, SampleKind::Put));
         assert_eq!(taken.count(), SESSIONS_MAX);
-        assert!(hear(0, SampleKind::Put), "who is known is told again");
+        assert!(hear(0, SampleKind::Put), "a known session is taken again");
         for telling in 0..100 {
             told.hear("0", telling, SampleKind::Put);
         }
@@ -506,7 +506,7 @@ mod tests {
         let mut answers = Answers::default();
         answers.note(pi.clone(), read.as_ref(), ("a1", &me), &told);
         assert!(answers.untold.is_empty() && answers.unknown.is_empty());
-        assert!(lock(&told.known).callers.contains(&me), "who called is known");
+        assert!(lock(&told.known).callers.contains(&me), "the caller is known");
         lock(&told.known).silent.insert(me.clone());
         let read = Roll::read(&Roll::answer(Vec::new(), &told, None, (&pi, &nothing)));
         answers.note(pi, read.as_ref(), ("a1", &me), &told);

@@ -408,10 +408,7 @@ mod tests {
         assert_eq!(roster.put(third.clone(), 0).passed_on, [Presence::Joined(third)]);
         let Follows { passed_on, probe } = roster.delete(&robot, 0);
         assert_eq!(passed_on, [Presence::Left(robot.clone())]);
-        assert!(
-            probe && roster.awaits(&daemon("pi")),
-            "whether its daemon went along is not known"
-        );
+        assert!(probe && roster.awaits(&daemon("pi")), "its daemon may have left as well");
         assert_eq!(roster.put(robot.clone(), 0), Follows::default(), "one probe is enough");
         let joined = roster.answered(&daemon("pi"), Hosts::AsKnown, roster.mark());
         assert_eq!(joined, [Presence::Joined(robot)]);
@@ -519,14 +516,14 @@ mod tests {
         let many = swarm("p1", AGENTS_PER_HOST_MAX + 2);
         assert_eq!(come(&mut roster, &many), AGENTS_PER_HOST_MAX);
         let surplus = roster.surplus();
-        assert_eq!(surplus.len(), 2, "they are told");
+        assert_eq!(surplus.len(), 2, "they are reported");
         assert_eq!(come(&mut roster, &[resident("own", "p1", 1)]), 0, "its host's are counted");
         assert_eq!(roster.surplus().len(), 1);
         for host in ["p2", "p3", "p4"] {
             assert_eq!(come(&mut roster, &swarm(host, AGENTS_PER_HOST_MAX)), AGENTS_PER_HOST_MAX);
         }
         let late = resident("robot", "pi", 1);
-        assert_eq!(come(&mut roster, std::slice::from_ref(&late)), 0, "the house is full");
+        assert_eq!(come(&mut roster, std::slice::from_ref(&late)), 0, "there is no room");
         let next = resident("a-7", "p1--cli-1", 2);
         assert_eq!(roster.put(next.clone(), 0).passed_on, [Presence::Joined(next.clone())]);
         assert_eq!(roster.delete(&next, 0).passed_on, [Presence::Left(next)]);

@@ -98,7 +98,7 @@ impl Security {
         self.open(keys, inbound, channel, key, payload, seal, Some(nonce?))
     }
 
-    #[expect(clippy::too_many_arguments, reason = "what was heard, and where it is told")]
+    #[expect(clippy::too_many_arguments, reason = "a message in its parts")]
     fn open(
         &self,
         keys: &Keys,
@@ -121,7 +121,7 @@ impl Security {
                 if why == Distrust::Uncalled {
                     // Nothing is wrong with the message; its daemon has just started and has not joined
                     // yet.
-                    return tracing::debug!(from = claimed, key = key_expr, "not heard: it {why}");
+                    return tracing::debug!(from = claimed, key = key_expr, "ignored: it {why}");
                 }
                 let (breach, detail) = (breach(why), why.to_string());
                 let (detail, claimed) = (detail.as_str(), claimed.as_deref());

@@ -57,7 +57,7 @@ pub(crate) fn listen(security: Option<&Security>, inbound: &Arc<dyn Inbound>) ->
     tokio::spawn(async move {
         while let Some(claimed) = heard.recv().await {
             let Some(inbound) = inbound.upgrade() else { return };
-            let detail = "is longer than any may be, and was dropped as it came";
+            let detail = "is longer than any message may be, and was dropped";
             let (breach, claimed, key) = (Breach::Oversized, claimed.as_deref(), "a link");
             inbound.rejected(&Rejected { breach, detail, claimed, key });
         }

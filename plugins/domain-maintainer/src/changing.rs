@@ -78,7 +78,7 @@ impl DomainMaintainer {
             None => maintainer.set(&owner, &effects, now),
         };
         let changed = changed.map_err(|declined| declined.refusal())?;
-        let detail = if changed.is_empty() { "so it was already" } else { "believed" };
+        let detail = if changed.is_empty() { "it was so already" } else { "believed" };
         Ok((changed, with_notes(detail, notes)))
     }
 
@@ -134,7 +134,7 @@ impl DomainMaintainer {
         let now = self.upkeep.moment();
         let known = Known::read(observed, now).map_err(|mistakes| unreadable(&mistakes))?;
         if known.is_empty() {
-            return Err(Refusal::new(Reason::BadContent, "it says nothing"));
+            return Err(Refusal::new(Reason::BadContent, "it states no fact"));
         }
         let facts: Vec<InitElement> = known.iter().map(|known| known.fact.clone()).collect();
         let notes = self.notes(&facts, &Owner::Agent(asker.clone()));
@@ -175,6 +175,6 @@ fn with_notes(detail: &str, mut notes: Vec<String>) -> String {
 fn named((action, agent): &(Name, Option<AgentId>)) -> String {
     match agent {
         Some(agent) => format!("`{action}` of `{agent}`"),
-        None => format!("`{action}` of everyone"),
+        None => format!("`{action}` of all agents"),
     }
 }

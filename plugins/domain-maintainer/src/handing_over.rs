@@ -97,7 +97,7 @@ impl DomainMaintainer {
     pub(crate) fn handed(&mut self, message: &Message, handed: &Keeping, ctx: &mut Context<Self>) {
         if message.sender != *ctx.id() || message.incarnation == ctx.incarnation() {
             // If the sender leads again, the message has come back to itself; the sender tries again.
-            let detail = "only who stands by for it hands something over to a Domain Maintainer";
+            let detail = "a Domain Maintainer takes changes over only from its own standby";
             let refusal = Refusal::new(Reason::Incapable, detail);
             return ctx.answer(&Engagement::of(message), Performative::Refuse, &refusal);
         }
@@ -123,12 +123,12 @@ impl DomainMaintainer {
         });
         match taken {
             Ok(change) => {
-                tracing::info!("takes over what was requested of another that acted apart");
+                tracing::info!("takes over the requests of another leader, after a partition");
                 self.tells = Tells::All;
                 upkeep::conclude(self, &change, ctx);
                 self.announce_requests(ctx);
             }
-            Err(why) => tracing::warn!(why, "what was requested of another cannot be taken over"),
+            Err(why) => tracing::warn!(why, "the requests of another leader cannot be taken over"),
         }
     }
 }
@@ -136,7 +136,7 @@ impl DomainMaintainer {
 /// Tries again after [`AGAIN`], up to [`TIMES_MAX`] times.
 fn tell_again(changed: RequestedSince, times: u32, ctx: &mut Context<DomainMaintainer>) {
     if times >= TIMES_MAX {
-        return tracing::warn!("nobody takes over what was requested here");
+        return tracing::warn!("no leader takes over what was requested here");
     }
     ctx.after(AGAIN, move |maintainer: &mut DomainMaintainer, ctx| {
         maintainer.hand_over(later(changed, AGAIN), times + 1, ctx);

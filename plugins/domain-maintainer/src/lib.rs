@@ -47,7 +47,7 @@ const REQUESTED: &str = "state/requested";
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "domain-maintainer",
-    about: "composes what everyone can do, and keeps what is known",
+    about: "composes the actions of all agents, and keeps the known facts",
     drivers: &[],
     stands_by: true,
     build,
@@ -232,11 +232,11 @@ impl Keeps for DomainMaintainer {
         });
         match recalled {
             Ok(change) => {
-                tracing::info!("believes again what was requested before");
+                tracing::info!("restores the changes that were requested earlier");
                 self.tells = Tells::All;
                 upkeep::conclude(self, &change, ctx);
             }
-            Err(why) => tracing::warn!(why, "what was requested before cannot be believed"),
+            Err(why) => tracing::warn!(why, "earlier requests cannot be restored"),
         }
     }
 }

@@ -37,7 +37,7 @@ const OPEN_MAX: usize = 8;
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "doorkeeper",
-    about: "asks people whether those that no file names may take part",
+    about: "asks a person whether agents that no file names may take part",
     drivers: &[],
     stands_by: false,
     build,
@@ -141,7 +141,7 @@ impl Doorkeeper {
         let idle: Vec<_> =
             self.asking.iter().filter(|(_, asking)| is_idle(asking)).map(|(id, _)| *id).collect();
         for id in idle {
-            self.end(id, "they have left".to_owned(), ctx);
+            self.end(id, "the agents have left".to_owned(), ctx);
         }
         let asked: BTreeSet<_> =
             self.asking.values().flat_map(|asking| &asking.about).map(|(one, _)| one).collect();
@@ -187,17 +187,17 @@ impl Doorkeeper {
             Answer::Message(message) if message.performative == Performative::Inform => {
                 match message.content_as::<Inform>() {
                     Ok(Inform::Answer(answer)) => (answer.text, &message.sender),
-                    Ok(_) => return ctx.not_understood(message, "this answers no question"),
+                    Ok(_) => return ctx.not_understood(message, "this does not answer a question"),
                     Err(error) => return ctx.not_understood(message, error.to_string()),
                 }
             }
             Answer::Message(message) => {
-                tracing::debug!(from = %message.sender, "does not answer; somebody else may");
+                tracing::debug!(from = %message.sender, "declines; another may answer");
                 return;
             }
             Answer::Silence | Answer::Undelivered(_) => {
                 if is_of_all {
-                    self.end(id, "nobody has answered".to_owned(), ctx);
+                    self.end(id, "no answer came in time".to_owned(), ctx);
                     self.look_soon(REST, ctx);
                 }
                 return;
@@ -208,7 +208,7 @@ impl Doorkeeper {
             Ok(answers) => {
                 for (applicant, is_in) in &answers {
                     let name = &applicant.name;
-                    tracing::info!(name, is_in, at = %by, "a person has said who takes part");
+                    tracing::info!(name, is_in, at = %by, "a person has admitted or refused it");
                 }
                 self.keep(answers);
             }
@@ -243,10 +243,10 @@ fn read(file: &Path) -> Result<Vec<(Applicant, bool)>, String> {
     let text = match std::fs::read_to_string(file) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(format!("read what people have said: {error}")),
+        Err(error) => return Err(format!("read the decisions: {error}")),
     };
     let kept: Vec<Kept> = serde_json::from_str(&text)
-        .map_err(|error| format!("understand what people have said: {error}"))?;
+        .map_err(|error| format!("understand the decisions: {error}"))?;
     Ok(kept
         .into_iter()
         .map(|Kept { by, name, admitted }| (Applicant { by, name }, admitted))
@@ -262,7 +262,7 @@ fn write(file: &Path, answers: BTreeMap<Applicant, bool>) -> Result<(), String> 
     // Written beside and renamed, so that the file is complete even after a power cut.
     let beside = file.with_extension("json.new");
     let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, file));
-    written.map_err(|error| format!("keep what people have said: {error}"))
+    written.map_err(|error| format!("keep the decisions: {error}"))
 }
 
 #[cfg(test)]
@@ -273,11 +273,11 @@ mod tests {
     fn what_was_said_is_kept() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("admitted.json");
-        assert_eq!(read(&file), Ok(Vec::new()), "nobody has said anything");
+        assert_eq!(read(&file), Ok(Vec::new()), "no decisions yet");
         let one = Applicant { by: "zigbee".to_owned(), name: "t-1".to_owned() };
         write(&file, BTreeMap::from([(one.clone(), false)])).expect("it is written");
         assert_eq!(read(&file), Ok(vec![(one, false)]));
         std::fs::write(&file, "{").expect("a file");
-        assert!(read(&file).is_err_and(|problem| problem.starts_with("understand what")));
+        assert!(read(&file).is_err_and(|problem| problem.starts_with("understand the")));
     }
 }

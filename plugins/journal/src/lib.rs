@@ -41,7 +41,7 @@ const FETCH_AGAIN: Duration = Duration::from_secs(2);
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "journal",
-    about: "keeps goals, plans and outcomes for whoever takes over",
+    about: "keeps goals, plans and outcomes for a standby that takes over",
     drivers: &[],
     stands_by: false,
     build,
@@ -278,11 +278,11 @@ impl Journal {
                         records.retain(|record| journal.records.is_newer(record));
                         if !records.is_empty() {
                             tracing::info!(agent = %ctx.id(), %from, records = records.len(),
-                                "takes what another Journal has kept");
+                                "copies records of another Journal");
                             journal.keep(None, records, ctx);
                         }
                     }
-                    Err(error) => tracing::info!(%from, %error, "an answer that is no journal"),
+                    Err(error) => tracing::info!(%from, %error, "an answer cannot be read"),
                 }
             }
         });

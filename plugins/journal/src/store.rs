@@ -136,7 +136,7 @@ impl Store {
             Err(Trouble::Broken(why)) => {
                 let aside = free_name_beside(path);
                 tracing::error!(file = %path.display(), aside = %aside.display(), why,
-                    "the journal is broken; it is moved aside, and begun anew");
+                    "the journal is broken; it is moved aside, and a new one begins");
                 let failed = |error: io::Error| failed("move aside", path, &error);
                 fs::rename(path, &aside).map_err(failed)?;
                 begin(path)
@@ -353,7 +353,7 @@ mod tests {
         let (store, _) = Store::open(&path).expect("made");
         store.write(&[record("goal/a", 1)], &[]).expect("written");
         let Store::File(file) = &store else { panic!("a file") };
-        *file.database.lock().expect("nobody else") = None;
+        *file.database.lock().expect("no panic") = None;
         store.write(&[record("goal/b", 1)], &[]).expect("written");
         drop(store);
         let (_, records) = Store::open(&path).expect("opened");
@@ -366,7 +366,7 @@ mod tests {
         let path = folder.path().join("journal.redb");
         let (store, _) = Store::open(&path).expect("made");
         let Store::File(file) = store else { panic!("a file") };
-        let database = file.database.lock().expect("nobody else").take().expect("it is open");
+        let database = file.database.lock().expect("no panic").take().expect("it is open");
         let writing = database.begin_write().expect("begun");
         writing.open_table(ABOUT).expect("there").insert(FORMAT_KEY, FORMAT + 1).expect("put");
         writing.commit().expect("written");

@@ -53,7 +53,7 @@ fn offer_of(step: &PlanStep, offers: &Offers) -> Result<(AgentId, Offer), String
         let near = pddl::nearest(word, known.iter().copied());
         let near = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
         if known.is_empty() {
-            "nobody here acts".to_owned()
+            "no agent here offers actions".to_owned()
         } else {
             format!("{near}there is: {}", known.join(", "))
         }
@@ -61,8 +61,8 @@ fn offer_of(step: &PlanStep, offers: &Offers) -> Result<(AgentId, Offer), String
     let Some((agent, actions)) = offers.get_key_value(named) else {
         let known = offers.keys().map(AgentId::as_str).collect();
         return Err(format!(
-            "the first argument of an action is the agent that acts, and `{named}` is none that \
-             is here; {}",
+            "the first argument of an action is the agent that acts, and no agent `{named}` \
+             offers actions here; {}",
             hint(named, known)
         ));
     };

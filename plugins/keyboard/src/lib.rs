@@ -52,7 +52,7 @@ const QUESTION_MARGIN: Duration = Duration::from_millis(500);
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "keyboard",
-    about: "speaks and listens for a person: goals, actions, changes, answers",
+    about: "serves a person: sends goals, actions, changes and answers, shows reports",
     drivers: &[],
     stands_by: false,
     build,
@@ -171,7 +171,7 @@ impl Agent for Keyboard {
 
     fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
         while let Some((_, question)) = self.questions.take_first() {
-            let detail = format!("`{}` was closed before anybody answered", ctx.id());
+            let detail = format!("`{}` was closed before an answer came", ctx.id());
             ctx.refuse(&question.engagement, Reason::Stopping, detail);
         }
         true
@@ -299,7 +299,7 @@ impl Keyboard {
 
     fn cancel(&mut self, conversation: ConversationId, ctx: &mut Context<Self>) {
         if self.preparing.remove(&conversation).is_some() {
-            let report = Report::new(Outcome::Cancelled, "given up before anyone was asked");
+            let report = Report::new(Outcome::Cancelled, "cancelled before it was sent");
             return self.pass(Heard::Report(conversation, report));
         }
         let nothing = serde_json::Value::Null;
@@ -400,7 +400,7 @@ impl Keyboard {
             // The goal goes on; it must not be requested again because its cancellation failed.
             Answer::Undelivered(why) if is_cancel => {
                 let who = to.as_ref().map_or("everyone", AgentId::as_str);
-                let why = format!("`{who}` could not be reached to give it up: {why}");
+                let why = format!("`{who}` could not be reached to cancel it: {why}");
                 keyboard.pass(Heard::Unanswered(conversation.clone(), why));
             }
             answer => keyboard.answered(&conversation, to.as_ref(), answer, ctx),
@@ -497,9 +497,9 @@ impl Keyboard {
         let Some(question) = self.questions.take(number) else { return };
         let patience = question.patience;
         let detail = match &self.heard {
-            Some(_) => format!("nobody at `{}` answered within {patience:?}", ctx.id()),
+            Some(_) => format!("no answer at `{}` within {patience:?}", ctx.id()),
             None => format!(
-                "nobody is at a terminal of `{}`, and nobody elsewhere answered within {patience:?}",
+                "`{}` has no terminal open, and no answer came from elsewhere in {patience:?}",
                 ctx.id()
             ),
         };

@@ -319,7 +319,7 @@ impl PlanExecutor {
                 Ok(report) => self.confirmed(token, step, &agent, report, ctx),
                 Err(error) => {
                     ctx.not_understood(&message, error.to_string());
-                    let problem = format!("`{agent}` confirmed in words nobody understands");
+                    let problem = format!("`{agent}` sent a confirmation that cannot be read");
                     self.failed(token, step, problem, ctx);
                 }
             },

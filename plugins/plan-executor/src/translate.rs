@@ -72,7 +72,7 @@ fn bind(method: &Method, bound: &BTreeMap<&str, &str>) -> Result<BTreeMap<String
             .map(|value| (*value).to_owned())
             .ok_or_else(|| {
                 format!(
-                    "method `{}` speaks of `{template}`, which its action has not",
+                    "method `{}` uses `{template}`, which is no parameter of its action",
                     method.method
                 )
             }),

@@ -114,7 +114,7 @@ impl Call {
                     .any(|(winner, proposal)| winner == agent && proposal.covers == *covers)
             });
             if is_chosen {
-                let detail = "the cheapest set of proposals has this one".to_owned();
+                let detail = "this proposal is in the cheapest set of proposals".to_owned();
                 let choice = value(&Choice { covers: covers.clone(), detail });
                 ctx.go_on(token, agent, Performative::AcceptProposal, choice);
                 judged.insert((agent.clone(), token.clone()));
@@ -156,7 +156,7 @@ impl PlanRequester {
             known.offers.keys().filter(|agent| here.find(agent).is_some()).cloned().collect();
         if called.is_empty() {
             let explained = move |known: &Known, cancel: &Cancel| {
-                let nobody = || "nobody here offers any action".to_owned();
+                let nobody = || "no agent here offers any action".to_owned();
                 explain(known, &open, cancel, |_| nobody()).unwrap_or_else(nobody)
             };
             return self.unplanned(id, known, explained, ctx);
@@ -298,7 +298,8 @@ impl PlanRequester {
         ctx.forget(call.reminder);
         let silent: Vec<_> = call.awaited.keys().map(ToString::to_string).collect();
         if !silent.is_empty() {
-            tracing::info!(conversation = %id, silent = silent.join(", "), "no answer to the call");
+            tracing::info!(conversation = %id, silent = silent.join(", "),
+                "no answer to the call for proposals");
         }
         call.silent.extend(std::mem::take(&mut call.awaited).into_keys());
         let wanted = bundles(&call.conjuncts, &call.bids);
@@ -336,12 +337,12 @@ impl PlanRequester {
         let Phase::Calling(mut call) = phase else { return };
         if let Some(bidder) = call.ahead.first() {
             let (now, patience) = (ctx.now(), CROSSING.max(ctx.settings().grace));
-            let why = format!("the action model that `{bidder}` proposes by is not known here yet");
+            let why = format!("the action model that `{bidder}` bids with is not known here yet");
             if now - *goal.behind_since.get_or_insert(now) < patience {
-                call.reject_all("proposals are called for again: a newer action model comes", ctx);
+                call.reject_all("a new call for proposals follows: an action model is newer", ctx);
                 return self.wait(id, why, CROSSING, ctx);
             }
-            tracing::warn!(conversation = %id, %why, "it is planned without that agent's proposal");
+            tracing::warn!(conversation = %id, %why, "the bid of that agent is left out");
         } else {
             goal.behind_since = None;
         }
@@ -406,7 +407,7 @@ fn why_none(
         let all = known.parts(goal);
         let reason = together::reason(known, &all, &names, cancel);
         match problems.first().filter(|_| missing.is_empty()) {
-            Some(first) => format!("what agents propose does not work together: {first}; {reason}"),
+            Some(first) => format!("the proposals do not work together: {first}; {reason}"),
             None => format!("{reason}{held}"),
         }
     };

@@ -148,7 +148,7 @@ impl PlanRequester {
             return self.cancel(id, ctx);
         }
         self.keep_plan(id, ctx);
-        let detail = "another plan for it is under way, and goes on";
+        let detail = "another plan for the goal is under way, and goes on";
         self.tell(id, Report::new(Outcome::Progress, detail), ctx);
     }
 
@@ -213,7 +213,7 @@ fn read(answer: Answer) -> Result<Report, (String, Duration)> {
     let message = match answer {
         Answer::Message(message) => message,
         Answer::Silence => {
-            return Err(("the Plan Executor fell silent".to_owned(), crate::ASK_AGAIN));
+            return Err(("the Plan Executor stopped answering".to_owned(), crate::ASK_AGAIN));
         }
         Answer::Undelivered(why) => {
             let why = format!("the Plan Executor could not be reached: {why}");

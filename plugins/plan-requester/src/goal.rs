@@ -136,11 +136,11 @@ impl Phase {
             Phase::Compiling(_) => "compiling domain and state".to_owned(),
             Phase::Planning(_) => "planning".to_owned(),
             Phase::Calling(_) => "calling for proposals".to_owned(),
-            Phase::Explaining(_) => "looking why there is no plan".to_owned(),
+            Phase::Explaining(_) => "finding out why there is no plan".to_owned(),
             Phase::Executing(_) => "executing".to_owned(),
             Phase::Cancelling(_) => "cancelling".to_owned(),
             Phase::Yielding(_) => "giving way".to_owned(),
-            Phase::Verifying(_) => "looking whether it holds".to_owned(),
+            Phase::Verifying(_) => "checking whether it holds".to_owned(),
             Phase::Holding => "holds".to_owned(),
         }
     }
@@ -424,8 +424,8 @@ mod tests {
         goal.compare_with(&offers);
         assert_eq!(goal.next_chance(now), None, "it goes on offering what it refuses");
         goal.compare_with(&Offers::new());
-        assert_eq!(goal.next_chance(now), None, "nobody offers it");
-        assert_eq!(goal.avoided(now).len(), 1, "and why is still known");
+        assert_eq!(goal.next_chance(now), None, "no agent offers it");
+        assert_eq!(goal.avoided(now).len(), 1, "the reason is still known");
         goal.compare_with(&offers);
         assert!(goal.avoided(now).is_empty(), "it is offered again");
         goal.avoid(lamp(), &failed(Some(Reason::Incapable)), now);

@@ -91,7 +91,7 @@ impl PlanRequester {
 /// Tries again after [`AGAIN`], up to [`TIMES_MAX`] times.
 fn tell_again(records: Vec<Record>, times: u32, ctx: &mut Context<PlanRequester>) {
     if times >= TIMES_MAX {
-        return tracing::warn!(goals = records.len(), "nobody takes over what it knew");
+        return tracing::warn!(goals = records.len(), "no leader takes these goals over");
     }
     ctx.after(AGAIN, move |requester: &mut PlanRequester, ctx| {
         requester.hand_over(records, times + 1, ctx);

@@ -202,7 +202,7 @@ impl Known {
         let denied = Condition::Not(Box::new(condition.clone()));
         match self.holds(&denied) {
             true => format!("`{condition}` does not hold"),
-            false => format!("nobody knows whether `{condition}` holds"),
+            false => format!("it is unknown whether `{condition}` holds"),
         }
     }
 
@@ -212,7 +212,7 @@ impl Known {
         let standing = self.standing(condition);
         let denied = Condition::Not(Box::new(condition.clone()));
         if !self.holds(&denied) {
-            return Some(format!("{standing}, and nobody here can find out"));
+            return Some(format!("{standing}, and no agent here can find out"));
         }
         let world = self.world().ok()?;
         let mut fluents: Vec<&FluentTerm> = Vec::new();
@@ -232,7 +232,7 @@ impl Known {
         }
         let value = |fluent: &&FluentTerm| match world.value(fluent) {
             Some(value) => format!("`{fluent}` is {value}"),
-            None => format!("nobody knows `{fluent}`"),
+            None => format!("`{fluent}` is unknown"),
         };
         let values: Vec<String> = fluents.iter().map(value).collect();
         Some(format!("{standing}: {}, and no action here changes it", values.join(", ")))
@@ -376,7 +376,7 @@ impl Known {
             .first()
             .and_then(|agent| offers.get(agent.as_str()))
             .and_then(|actions| actions.get(step.action.as_str()))
-            .ok_or_else(|| format!("nobody offers `{step}`"))?;
+            .ok_or_else(|| format!("no agent offers `{step}`"))?;
         Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
     }
 

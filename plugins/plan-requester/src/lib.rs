@@ -231,7 +231,7 @@ impl PlanRequester {
         let former = self.goals.iter().filter(|(_, goal)| goal.is_asked_anew(by, life, asked));
         let former: Vec<_> = former.map(|(id, _)| id.clone()).collect();
         for id in former {
-            tracing::info!(conversation = %id, "its asker was restarted and asks anew");
+            tracing::info!(conversation = %id, "its asker was restarted and asks again");
             self.cancel(&id, ctx);
         }
     }
@@ -248,8 +248,8 @@ impl PlanRequester {
                     format!("{GOALS_MAX} goals are pursued already; ask again when some have ended")
                 }
                 _ => format!(
-                    "{} goals are pursued already, and the askers of {untold} more could not be told yet \
-                     how they ended; ask again later",
+                    "{} goals are pursued already, and {untold} more could not be reported as \
+                     ended yet; ask again later",
                     self.goals.len()
                 ),
             };
@@ -502,12 +502,12 @@ impl PlanRequester {
         let told = ctx.try_answer(&goal.engagement, Performative::Confirm, &report);
         if !report.outcome.is_final() {
             if let Err(why) = told {
-                tracing::debug!(conversation = %id, %why, "progress is not told");
+                tracing::debug!(conversation = %id, %why, "a progress report could not be sent");
             }
             return self.keep(id, ctx);
         }
         if let Err(why) = told {
-            tracing::info!(conversation = %id, %why, "the end of a goal is told later");
+            tracing::info!(conversation = %id, %why, "the final report is sent later");
             self.ended.not_told(goal.engagement.clone(), report);
             self.tell_untold_soon(ctx);
         }
@@ -560,7 +560,7 @@ impl PlanRequester {
                 ctx.forget(timer);
             }
             if let Phase::Calling(call) = goal.phase {
-                call.reject_all("the goal is gone", ctx);
+                call.reject_all("the goal has ended", ctx);
             }
         }
         self.next(ctx);
@@ -634,7 +634,7 @@ fn errors_in(goal: &Goal, known: &Known) -> Vec<pddl::Diagnostic> {
 fn lost_to(goal: &Goal, known: &Known) -> Option<String> {
     let errors = errors_in(goal, known);
     let lost: Vec<_> = errors.iter().map(|error| error.message.as_str()).collect();
-    (!lost.is_empty()).then(|| format!("{}: who brought it is not here", lost.join(", ")))
+    (!lost.is_empty()).then(|| format!("{}: its agent is not here", lost.join(", ")))
 }
 
 /// Returns what is wrong in a goal, checked against the composite domain, as text for a person. `None`
@@ -643,7 +643,7 @@ fn wrong_in(goal: &Goal, known: &Known) -> Option<String> {
     let errors = errors_in(goal, known);
     if errors.is_empty() {
         let both = known.contradiction(&goal.condition)?;
-        return Some(format!("it can never hold: it wants `{both}`, and that `{both}` is not so"));
+        return Some(format!("it can never hold: it requires `{both}` and `(not {both})`"));
     }
     let lines: Vec<_> = errors.iter().map(|error| error.located(&goal.text)).collect();
     Some(lines.join("\n"))

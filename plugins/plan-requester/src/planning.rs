@@ -91,7 +91,7 @@ impl PlanRequester {
         };
         let Ok(proposal) = message.content_as::<PlanProposal>() else {
             let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
-            let why = why.unwrap_or_else(|_| "in words nobody understands".to_owned());
+            let why = why.unwrap_or_else(|_| "its reason cannot be read".to_owned());
             return self.retry(id, format!("the Planning Agent declined: {why}"), crate::BUSY, ctx);
         };
         let judged = self.judge(id, known, &proposal).map(|(plan, cost)| {
@@ -131,7 +131,7 @@ impl PlanRequester {
             let detail = proposal.detail.clone().unwrap_or_default();
             return Err(format!("the planner: {}; {detail}", proposal.status));
         };
-        let wanted = self.wanted(id, known).ok_or("the goal is gone")?;
+        let wanted = self.wanted(id, known).ok_or("the goal has ended")?;
         let plan = pddl::parse_plan(text).into_result().map_err(crate::first)?;
         let cost = known
             .validate(&plan, &wanted)

@@ -81,7 +81,7 @@ impl Keeps for PlanRequester {
                     let plan = plans.remove(key.trim_start_matches(GOAL));
                     self.resume(record, version, plan, ctx);
                 }
-                Err(error) => tracing::warn!(key, %error, "a goal that cannot be read"),
+                Err(error) => tracing::warn!(key, %error, "a goal record cannot be read"),
             }
         }
         // These plans belong to goals that have no record any more.
@@ -102,8 +102,8 @@ impl PlanRequester {
     pub(crate) fn accept(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if self.keeper.journals().is_empty() {
             if self.goals.get(id).is_some_and(|goal| goal.partition == Partition::Wait) {
-                let detail = "there is no Journal here that says which piece is the greater: it is \
-                              pursued in each";
+                let detail = "no Journal is here to decide which partition has the quorum: the \
+                              goal is pursued in each";
                 self.tell(id, progress(detail), ctx);
             }
             return;
@@ -300,7 +300,7 @@ impl PlanRequester {
             return;
         }
         if self.is_asked_anew(&record) {
-            let report = Report::new(Outcome::Cancelled, "its asker asked for it anew");
+            let report = Report::new(Outcome::Cancelled, "its asker has asked for it again");
             return self.keep_ended(&id, report, record, ctx);
         }
         self.go_on(record, version, plan, ctx);
@@ -374,9 +374,9 @@ impl PlanRequester {
         let id = engagement.conversation.clone();
         let condition = match pddl::parse_condition(&asked.goal).into_result() {
             Ok(condition) => condition,
-            Err(_) => return tracing::warn!(conversation = %id, "a goal that cannot be read"),
+            Err(_) => return tracing::warn!(conversation = %id, "a recorded goal cannot be read"),
         };
-        tracing::info!(conversation = %id, goal = asked.goal, rounds, "goes on with a goal");
+        tracing::info!(conversation = %id, goal = asked.goal, rounds, "resumes a goal");
         let mut goal = Goal::new(engagement, life, asked, condition);
         (goal.rounds, goal.failures, goal.version) = (rounds, failures, version);
         goal.taken_over = Some(ctx.now());
@@ -434,7 +434,7 @@ impl PlanRequester {
             | Phase::Executing(token)
             | Phase::Cancelling(token)
             | Phase::Yielding(token) => ctx.close(&token),
-            Phase::Calling(call) => call.reject_all("another takes the goal over", ctx),
+            Phase::Calling(call) => call.reject_all("another replica takes the goal over", ctx),
             _ => (),
         }
     }

@@ -123,7 +123,7 @@ impl PlanningAgent {
 
     fn chosen(&mut self, message: Message, _ctx: &mut Context<Self>) {
         tracing::debug!(conversation = %message.conversation_id, verdict = %message.performative,
-            "my proposal was judged");
+            "the proposal was accepted or rejected");
     }
 }
 

@@ -125,7 +125,7 @@ impl Trial {
 #[tokio::test(start_paused = true)]
 async fn the_reason_names_what_a_goal_has_lost() {
     let reason = Trial::new(Keep::Achieve).told(Outcome::Failed, "").await;
-    assert_eq!(reason, "unknown object `lamp`: who brought it is not here");
+    assert_eq!(reason, "unknown object `lamp`: its agent is not here");
 }
 
 #[tokio::test(start_paused = true)]
@@ -133,7 +133,7 @@ async fn a_goal_that_is_kept_waits_for_what_it_has_lost_and_goes_on() {
     let mut trial = Trial::new(Keep::Maintain);
     trial.a_plan_is_to_be_carried_out().await;
     let news = trial.told(Outcome::Progress, "no plan now").await;
-    let lost = "unknown object `lamp`: who brought it is not here";
+    let lost = "unknown object `lamp`: its agent is not here";
     assert_eq!(news, format!("no plan now: {lost}; waiting for the ecosystem to change"));
     trial.lamp.store(true, Ordering::Relaxed);
     trial.a_plan_is_to_be_carried_out().await;

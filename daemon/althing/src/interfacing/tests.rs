@@ -436,7 +436,7 @@ async fn goals_pass_that_a_rule_names_and_no_others() {
         ("(clean archive)", "not exported"),
         ("(confidential red-room)", "do not pass"),
         ("(forall (?o - office) (clean ?o))", "only facts"),
-        ("(clean ?x)", "names what it is about"),
+        ("(clean ?x)", "names its objects"),
         ("(clean", "1:"),
     ] {
         say(&clerk, goal_for_desk(goal)).await;

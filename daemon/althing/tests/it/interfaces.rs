@@ -82,7 +82,7 @@ fn an_action_that_would_lose_what_it_needs_is_refused() {
             64 | actions = { walk = "move", tidy = "sweep" }
                |                    ^^^^^^
                |
-               = help: who plans with it would plan what cannot be done; export
+               = help: a plan there could have steps that cannot be carried out; export
                        `connected` too, under `predicates`, or leave the action out
 
             1 error

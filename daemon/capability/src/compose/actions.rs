@@ -60,7 +60,7 @@ pub(super) fn gather<'a>(
 fn differs_from_ontology(ours: &BTreeMap<&Name, &Offer>, offer: &Offer) -> Option<String> {
     let declared = ours.get(&offer.schema.name)?;
     (declared.key != offer.key).then(|| {
-        "the ontology declares it otherwise, which stands; copy it or rename it".to_owned()
+        "the ontology declares it differently, which is used; copy it or rename it".to_owned()
     })
 }
 
@@ -78,7 +78,7 @@ fn lost_declaration(party: &Party<'_>, offer: &Offer, report: &Report<'_>) -> Op
     let (kind, name) =
         { used }.find(|(kind, name)| report.lost.contains(&(party.agent, *kind, *name)))?;
     let subject = Subject::new(kind, name);
-    Some(format!("it uses the {subject}, which another agent declares otherwise"))
+    Some(format!("it uses the {subject}, which another agent declares differently"))
 }
 
 /// Checks that the agent is itself an object of the type that `:agent` requires. Returns the fault, or

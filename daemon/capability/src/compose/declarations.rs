@@ -93,7 +93,7 @@ fn yield_to_ontology(declared: &Declaration, words: &[Word<'_>], report: &mut Re
     for (party, word) in words.iter().filter(|(_, word)| !word.repeats(declared)) {
         let owner = if word.subject.kind == Kind::Object { "map" } else { "ontology" };
         let detail = format!(
-            "the {owner} declares {}, which stands; {} is left out",
+            "the {owner} declares {}, which is used; {} is left out",
             shown(declared),
             shown(word)
         );
@@ -115,14 +115,14 @@ fn choose<'a>(
     let stood = |word: &&Word<'a>| incumbent.is_some_and(|stood| is_variant(word.1, stood));
     let first = words.iter().min_by_key(|(party, _)| party.arrival);
     let chosen = words.iter().find(stood).or(first);
-    let (_, winner) = chosen.expect("invariant: a subject has words");
+    let (_, winner) = chosen.expect("invariant: each subject is declared");
     let (agreeing, others): (Vec<_>, Vec<_>) =
         words.iter().partition(|(_, word)| word.agrees(winner));
     let keeper = agreeing.iter().min_by_key(|(party, _)| party.arrival);
     let (keeper, _) = keeper.expect("invariant: the winner agrees with itself");
     for (party, word) in others {
         let detail = format!(
-            "`{}` declares {}, which stands; {} of `{}` is left out",
+            "`{}` declares {}, which is used; {} of `{}` is left out",
             keeper.agent,
             shown(winner),
             shown(word),
@@ -263,8 +263,8 @@ fn axioms_of<'a>(
     for party in parties.iter().filter(|party| party.trusted) {
         for axiom in party.manifest.loose_axioms.iter().filter(|axiom| !known(&axiom.key)) {
             let subject = Subject::new(Kind::Axiom, &axiom.tree.predicate);
-            let detail = "the model does not declare the predicate, and only who declares it may \
-                          derive it";
+            let detail = "the model does not declare the predicate, and only a model that \
+                          declares it may derive it";
             report.leave_out(party.agent, subject, detail.to_owned());
         }
     }

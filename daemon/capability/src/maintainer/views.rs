@@ -269,9 +269,7 @@ impl Maintainer {
         match Statement::of(fact) {
             Statement::Is(key, value) => self.composed().misfit(&key, value),
             Statement::Not(key) => self.composed().misfit(&key, Value::True),
-            Statement::Unusable => {
-                Some("a fact has objects only, and speaks of no other time".to_owned())
-            }
+            Statement::Unusable => Some("a fact names objects only, and no time".to_owned()),
         }
     }
 

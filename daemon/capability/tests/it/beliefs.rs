@@ -44,10 +44,10 @@ fn late_reports_are_not_believed() {
     let late = office.beat("turtlebot-1", (1, 7), "(at turtlebot-1 corridor)", "");
     assert!(matches!(late, Err(Declined::OldSequence { reported: 7, current: 7, .. })), "{late:?}");
 
-    office.admit_life(&turtlebot("turtlebot-1"), 5).expect("a new life");
+    office.admit_life(&turtlebot("turtlebot-1"), 5).expect("a new incarnation");
     let late = office.beat("turtlebot-1", (1, 8), "(at turtlebot-1 office2)", "");
-    expect!["`turtlebot-1` lives in incarnation 5; incarnation 1 is not believed"]
-        .assert_eq(&late.expect_err("a former life").to_string());
+    expect!["`turtlebot-1` is in incarnation 5; incarnation 1 is not believed"]
+        .assert_eq(&late.expect_err("an earlier incarnation").to_string());
     let done = effects("(at turtlebot-1 office2)");
     let now = office.now;
     let agent = id("turtlebot-1");
@@ -74,7 +74,7 @@ fn a_new_life_with_the_same_model_needs_no_model() {
         epoch 2, revision 4
         - (at turtlebot-1 office2)
     "#]]
-    .assert_eq(&told(&change.expect("a heartbeat of the new life")));
+    .assert_eq(&told(&change.expect("a heartbeat of the new incarnation")));
     let stranger = office.beat("turtlebot-3", (1, 1), "", "");
     assert!(matches!(stranger, Err(Declined::UnknownAgent { .. })), "{stranger:?}");
 }
@@ -153,14 +153,14 @@ fn a_persons_word_about_what_an_agent_answers_for_is_refused() {
     // The agent's own fact may be requested again; a fact that no agent is responsible for may be
     // requested by any owner.
     assert!(office.set("keyboard", &at("corridor")).expect("it is so").is_empty());
-    office.set("keyboard", "(known-temperature office2)").expect("nobody answers for it");
+    office.set("keyboard", "(known-temperature office2)").expect("no agent answers for it");
     // A silent or masked agent is not responsible for any fact.
     office.mask("turtlebot-1");
     office.set("keyboard", &at("office2")).expect("it is away");
     assert!(office.known("at").contains(&at("office2")));
     office.unmask("turtlebot-1");
     office.beat("turtlebot-1", (1, 1), &at("corridor"), "").expect("a heartbeat");
-    assert!(!office.known("at").contains(&at("office2")), "its word overrides");
+    assert!(!office.known("at").contains(&at("office2")), "its heartbeat overrides");
 }
 
 #[test]
@@ -190,7 +190,7 @@ fn a_cost_below_zero_is_refused() {
     let declined = office.set("keyboard", "(= (distance corridor office2) -5)").expect_err("no");
     assert_eq!(
         declined.to_string(),
-        "`(= (distance corridor office2) -5)` cannot be: what actions cost is made of `distance`, \
+        "`(= (distance corridor office2) -5)` cannot be: `distance` is part of the cost of actions, \
          which is 0 or more"
     );
     office.set("keyboard", "(= (distance corridor office2) 0)").expect("it may be");
@@ -200,7 +200,7 @@ fn a_cost_below_zero_is_refused() {
 fn a_cost_below_zero_is_believed_of_nobody() {
     let mut office = robots();
     office.beat("turtlebot-1", (1, 1), "(= (distance corridor office2) -5)", "").expect("a beat");
-    assert_eq!(office.known("distance"), "(= (distance corridor office2) 6)", "the map's word");
+    assert_eq!(office.known("distance"), "(= (distance corridor office2) 6)", "the map's fact");
     let misfit = office.maintainer.misfit(&facts("(= (distance corridor office2) -5)")[0]);
     assert_eq!(misfit.as_deref(), Some("actions cost `distance`, and nothing costs less than 0"));
     office.beat("turtlebot-1", (1, 2), "(= (distance corridor office2) 5)", "").expect("a beat");
@@ -247,8 +247,8 @@ fn heartbeats_that_contradict_each_other_do_not_take_turns() {
         assert!(!says(&mut office, "turtlebot-1", beat, "0.2"), "it is what it said before");
         assert!(!says(&mut office, "turtlebot-2", beat, "0.7"), "it is believed already");
     }
-    assert_eq!(speed(&office), Some(word("0.7")), "the word that changed last");
-    assert!(says(&mut office, "turtlebot-1", 10, "0.3"), "a new word is newer");
+    assert_eq!(speed(&office), Some(word("0.7")), "the claim that changed last");
+    assert!(says(&mut office, "turtlebot-1", 10, "0.3"), "a new claim is newer");
     assert_eq!(speed(&office), Some(word("0.3")));
     office.set("keyboard", &word("0.9")).expect_err("both answer for it");
     assert_eq!(speed(&office), Some(word("0.3")));

@@ -22,9 +22,9 @@ fn the_ontology_wins() {
           (:action look :agent ?a - sensor :parameters (?r - room)
             :effect (known-temperature ?r))"],
         expect![[r#"
-            type `room` of `a`: the ontology declares `room - location`, which stands; `room - sensor` is left out
-            predicate `at` of `a`: the ontology declares `(at ?b - mobile-base ?l - location)`, which stands; `(at ?b - mobile-base)` is left out
-            object `corridor` of `a`: the map declares `corridor - location`, which stands; `corridor - room` is left out
+            type `room` of `a`: the ontology declares `room - location`, which is used; `room - sensor` is left out
+            predicate `at` of `a`: the ontology declares `(at ?b - mobile-base ?l - location)`, which is used; `(at ?b - mobile-base)` is left out
+            object `corridor` of `a`: the map declares `corridor - location`, which is used; `corridor - room` is left out
             action `wait` of `a`: it uses the predicate `at` with 1 of its 2 arguments
             actions: look
         "#]],
@@ -43,8 +43,8 @@ fn a_conflict_of_two_agents_names_both() {
                :effect (known-temperature ?r))",
         ],
         expect![[r#"
-            predicate `lit` of `a` and `b`: `a` declares `(lit ?r - room)`, which stands; `(lit ?r ?s - room)` of `b` is left out
-            action `glow` of `b`: it uses the predicate `lit`, which another agent declares otherwise
+            predicate `lit` of `a` and `b`: `a` declares `(lit ?r - room)`, which is used; `(lit ?r ?s - room)` of `b` is left out
+            action `glow` of `b`: it uses the predicate `lit`, which another agent declares differently
             actions: light look
         "#]],
     );
@@ -57,7 +57,7 @@ fn who_was_here_first_stays_after_a_change_of_its_model() {
     let admission = office.admit(&model("b", "(:predicates (lit ?r - room) (dark))"));
     assert_eq!(admission.conflicts, []);
     expect![[r#"
-        predicate `lit` of `b` and `a`: `b` declares `(lit ?r - room)`, which stands; `(lit)` of `a` is left out
+        predicate `lit` of `b` and `a`: `b` declares `(lit ?r - room)`, which is used; `(lit)` of `a` is left out
     "#]].assert_eq(&office.conflicts());
     // The agent with the declaration in force has left: now the declaration of the other is in force.
     office.remove("b");
@@ -65,7 +65,7 @@ fn who_was_here_first_stays_after_a_change_of_its_model() {
     // It stays in force.
     office.admit(&model("b", "(:predicates (lit ?r - room))"));
     expect![[r#"
-        predicate `lit` of `a` and `b`: `a` declares `(lit)`, which stands; `(lit ?r - room)` of `b` is left out
+        predicate `lit` of `a` and `b`: `a` declares `(lit)`, which is used; `(lit ?r - room)` of `b` is left out
     "#]].assert_eq(&office.conflicts());
 }
 
@@ -78,7 +78,7 @@ fn nobody_can_execute_an_action_without_an_agent() {
             :condition (and) :effect (and))"],
         expect![[r#"
             action `sleep` of `a`: no planner here uses durative actions yet; describe it as an `:action`
-            action `think` of `a`: nobody acts in it; write `:agent ?a - TYPE` before its parameters
+            action `think` of `a`: it has no acting agent; write `:agent ?a - TYPE` before its parameters
             actions: 
         "#]],
     );
@@ -117,7 +117,7 @@ fn objects_of_two_types_are_of_the_first() {
     check(
         ["(:objects thing - room)", "(:objects thing - sensor)"],
         expect![[r#"
-        object `thing` of `a` and `b`: `a` declares `thing - room`, which stands; `thing - sensor` of `b` is left out
+        object `thing` of `a` and `b`: `a` declares `thing - room`, which is used; `thing - sensor` of `b` is left out
         actions: 
     "#]],
     );
@@ -153,7 +153,7 @@ fn only_who_declares_a_predicate_derives_it() {
              (:action drift :agent ?a - sensor :parameters (?r - room) :effect (far ?r))",
         ],
         expect![[r#"
-            axiom for `known-temperature` of `a`: the model does not declare the predicate, and only who declares it may derive it
+            axiom for `known-temperature` of `a`: the model does not declare the predicate, and only a model that declares it may derive it
             action `drift` of `b`: it changes `far`, which axioms derive
             actions: 
         "#]],

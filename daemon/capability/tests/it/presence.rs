@@ -93,7 +93,7 @@ fn a_known_model_changes_nothing_and_a_changed_one_makes_an_epoch() {
 #[test]
 fn the_token_of_a_former_life_does_not_count() {
     let mut office = office().with([thermometer("t-1")]);
-    office.admit_life(&thermometer("t-1"), 2).expect("a new life");
+    office.admit_life(&thermometer("t-1"), 2).expect("a new incarnation");
     assert!(office.mask("t-1").is_empty());
     assert!(office.remove("t-1").is_empty());
     let now = office.now;

@@ -44,7 +44,7 @@ fn who_hears_the_same_need_not_read_it_again() {
     let one = office().with([thermometer("t-1"), thermometer("t-2")]);
     let digest = model_digest(&thermometer("t-1"), &Methods::new());
     let read = |life, digest| one.maintainer.announcement(&id("t-1"), Incarnation(life), digest);
-    assert!(read(2, &digest).is_none(), "another life");
+    assert!(read(2, &digest).is_none(), "another incarnation");
     assert!(read(1, "another").is_none(), "another model");
     let mut other = office().with([thermometer("t-2")]);
     let now = other.now;

@@ -106,7 +106,7 @@ fn actions_are_changed_together_or_not_at_all() {
     let now = office.now;
     let wrong = [of("move", None), of("fly", Some(id("t")))];
     let declined = office.maintainer.change_actions(&wrong, &[], now).expect_err("no fly");
-    assert_eq!(declined.to_string(), "nobody offers `fly` of `t`");
+    assert_eq!(declined.to_string(), "no agent offers `fly` of `t`");
     assert_eq!(office.known("offers-move"), "(offers-move t)");
     let wrong = [of("move", None)];
     let declined = office.maintainer.change_actions(&[], &wrong, now).expect_err("it is not");

@@ -265,7 +265,7 @@ async fn an_unknown_certificate_does_not_get_in() {
         "root_ca_certificate": house.folder.authority(),
         "verify_name_on_connect": false,
     } } } });
-    let router = config.open(ear("router").0).await.expect("it listens to nobody");
+    let router = config.open(ear("router").0).await.expect("it listens on no endpoint");
     let _token = router.announce(&agent("intruder"), acl::Incarnation(1)).expect("open");
 
     let b = house.open("b", &[&a]).await;
@@ -610,7 +610,7 @@ async fn a_revocation_reaches_all_while_they_run() {
         () = repeat(&b, "c") => {}
         _ = async { tokio::join!(a.hear_all(&lines), c.hear_all(&lines)) } => {}
     }
-    assert!(apart.folder.revocations().exists(), "kept for the next life");
+    assert!(apart.folder.revocations().exists(), "kept for the next incarnation");
     assert_eq!(a.ask(Some("b"), Resource::State, None).await, [""; 0]);
     a.request("c", "x", "we remain");
     c.hear("to x request: we remain <a>").await;

@@ -221,7 +221,7 @@ async fn a_question_ends_with_the_goal_that_it_was_asked_for() {
     let question = there.is_asked().await;
     asker.terminal.say.send(Said::Cancel(goal)).await.expect("the keyboard listens");
     let (closed, why) = there.hears_closed().await;
-    let expected = "withdrawn: nobody waits for the answer any more";
+    let expected = "withdrawn: the answer is not needed any more";
     assert_eq!((closed, &*why), (question, expected));
     office.close().await;
 }

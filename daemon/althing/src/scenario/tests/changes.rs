@@ -141,13 +141,13 @@ async fn what_makes_no_sense_is_refused_with_the_reason() {
     let actions =
         |withhold, give_back| Request::ChangeActions(ChangeActions { withhold, give_back });
     let cases = [
-        (actions(of("fly"), Vec::new()), "refuse: nobody offers `fly`"),
+        (actions(of("fly"), Vec::new()), "refuse: no agent offers `fly`"),
         (
             actions(Vec::new(), of("report-temperature")),
             "refuse: `report-temperature` is not withheld; name it as it was withheld",
         ),
         (actions(Vec::new(), Vec::new()), "refuse: it names no action to change"),
-        (Request::Observe(Observation::default()), "refuse: it says nothing"),
+        (Request::Observe(Observation::default()), "refuse: it states no fact"),
         (metric("(:metric minimize (joy))"), "refuse: "),
         (metric("minimize"), "refuse: "),
         (believe("(at (", ""), "refuse: "),
