@@ -161,7 +161,7 @@ mod tests {
     #[tokio::test]
     async fn who_hangs_has_failed_before_the_method_has() {
         let problem = measured(&["sleep", "600"], json!({})).await.expect_err("it hangs");
-        assert_eq!(problem, "hear from `sleep` within 1.9s: it was ended");
+        assert_eq!(problem, "wait for `sleep`: it did not end within 1.9s and was killed");
     }
 
     #[tokio::test]
