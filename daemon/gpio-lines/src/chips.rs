@@ -234,7 +234,7 @@ impl Board for Chips {
             // The chip has no interrupts. Any other problem occurs again in the second request.
             Err(error) => {
                 let request = place.request(&plain)?;
-                tracing::info!(line = place.name, "looked at again and again: failed to {error}");
+                tracing::info!(line = place.name, "the line is polled: failed to {error}");
                 (request, false)
             }
         };
