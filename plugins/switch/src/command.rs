@@ -38,7 +38,7 @@ impl Command {
         let word = printed.trim();
         is_on(word).ok_or_else(|| {
             let told: String = word.chars().take(TOLD_CHARS).collect();
-            format!("take what `{}` prints for on or off: {told}", state.name())
+            format!("read on or off from what `{}` prints: {told}", state.name())
         })
     }
 
