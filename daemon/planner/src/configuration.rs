@@ -31,7 +31,7 @@ pub(crate) enum Method {
 pub const CONFIGURATIONS: &[Configuration] = &[
     Configuration {
         name: "althing",
-        summary: "a quick climb; then landmarks, preferred operators, novelty and types take turns",
+        summary: "hill climbing; then landmarks, preferred operators, novelty and types take turns",
         heuristics: &["ff", "landmarks", "novelty"],
         optimal: false,
         method: Method::Lists {
@@ -69,7 +69,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
     },
     Configuration {
         name: "curious",
-        summary: "what is new before what looks near; the second lane of two threads",
+        summary: "novelty before estimated distance; the second search of two threads",
         heuristics: &["ff", "landmarks", "novelty"],
         optimal: false,
         method: Method::Lists { climb: false, lists: CURIOUS },
@@ -90,7 +90,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
     },
     Configuration {
         name: "astar-blind",
-        summary: "A* that knows nothing",
+        summary: "A* without a heuristic",
         heuristics: &["blind"],
         optimal: true,
         method: Method::AStar { heuristic: "blind" },
