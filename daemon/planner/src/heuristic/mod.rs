@@ -104,7 +104,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     },
     Heuristic {
         name: "landmarks",
-        summary: "the number of landmarks (facts of every plan) that are not achieved yet, or lost again",
+        summary: "the number of landmarks (facts of every plan) not achieved yet, or lost again",
         admissible: false,
         consistent: false,
         build: None,
