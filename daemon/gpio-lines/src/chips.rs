@@ -206,7 +206,7 @@ impl Place {
         match info {
             Ok(info) if info.consumer == CONSUMER => "another agent of Althing".to_owned(),
             Ok(info) if !info.consumer.is_empty() => format!("`{}`", info.consumer),
-            _ => "somebody".to_owned(),
+            _ => "another program".to_owned(),
         }
     }
 }
