@@ -261,7 +261,7 @@ fn an_upgrade_takes_over_and_one_that_does_not_work_is_taken_back() {
         version("0.2.0")(status) && !status["reason"].is_null()
     });
     let reason = status["reason"].as_str().unwrap_or_default();
-    assert!(reason.contains("taken back") && reason.contains("it is broken"), "{reason}");
+    assert!(reason.contains("rolled back") && reason.contains("it is broken"), "{reason}");
     office.await_devices(1);
 
     fs::write(next.join("plugin.toml"), "name = \"thermometer\"\n").expect("a file");
