@@ -520,14 +520,14 @@ fn a_device_is_told_what_it_said_that_it_takes() {
     office.await_devices(2);
     let door = await_discovered(&office, "door1", |one| one["joined"] == false);
     let problem = door["problem"].to_string();
-    assert!(problem.contains("it wants a code"), "{problem}");
+    assert!(problem.contains("it needs a code"), "{problem}");
     let (code, said) = office.ask(&["goal", "(powered office1)"]);
     assert_eq!(code, Some(0), "{said}");
     told.await_text(r#"lab/plug/set {"power":"on"}"#);
     // The lamp never reports that it is on, so the goal is not reached.
     let (_, said) = office.ask(&["act", "(turn-on-lamp lamp1 office1)"]);
     told.await_text("lab/lamp/set on,255");
-    assert!(said.contains("hear from `lab/lamp` that it has done so"), "{said}");
+    assert!(said.contains("receive a report on `lab/lamp` that it is done"), "{said}");
     let all = told.all();
     assert!(all.iter().all(|told| !told.ends_with(" ON") && !told.contains("door")), "{all:?}");
 }
@@ -704,7 +704,7 @@ fn who_is_who_and_where() {
         office.await_fact(fact, true);
     }
     let far = await_discovered(&office, "office1-far", |one| one["joined"] == false);
-    assert_eq!(far["problem"], "it says that it stands in `Garden`, which is no room here");
+    assert_eq!(far["problem"], "its area is `Garden`, which is no room here");
     for name in ["thermometer", "thermometer-leaa02", "hall"] {
         await_discovered(&office, name, |one| one["joined"] == true);
     }

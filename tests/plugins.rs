@@ -261,7 +261,7 @@ fn an_upgrade_takes_over_and_one_that_does_not_work_is_taken_back() {
         version("0.2.0")(status) && !status["reason"].is_null()
     });
     let reason = status["reason"].as_str().unwrap_or_default();
-    assert!(reason.contains("taken back") && reason.contains("it is broken"), "{reason}");
+    assert!(reason.contains("rolled back") && reason.contains("it is broken"), "{reason}");
     office.await_devices(1);
 
     fs::write(next.join("plugin.toml"), "name = \"thermometer\"\n").expect("a file");
@@ -340,7 +340,7 @@ fn a_check_starts_the_program_and_says_what_to_do_where_it_fails() {
     for (name, program, expected, help) in [
         ("exits", "echo it is broken >&2; exit 3", "exit code 3: it is broken", None),
         ("hidden", "cat /etc/shadow; exit 126", "exit code 126: cat: ", Some("[permissions] read")),
-        ("idle", "exec sleep 600", "`agent-of-idle` was not here within 2s", Some("first line")),
+        ("idle", "exec sleep 600", "`agent-of-idle` did not join within 2s", Some("first line")),
         (
             "module",
             "echo \"No module named 'zenoh'\" >&2; exit 1",
@@ -369,9 +369,9 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
     // The text of some cases depends on features of the kernel.
     let cases = [
         ("exits", "echo it is broken >&2; exit 3", "", "exit code 3: it is broken"),
-        ("garbage", "while :; do head -c 4096 /dev/urandom; done", "", "was not here within 2s"),
-        ("hangs", "exec sleep 600", "", "`agent-of-hangs` was not here within 2s"),
-        ("stubborn", "trap '' TERM; while :; do sleep 1; done", "", "was not here within 2s"),
+        ("garbage", "while :; do head -c 4096 /dev/urandom; done", "", "did not join within 2s"),
+        ("hangs", "exec sleep 600", "", "`agent-of-hangs` did not join within 2s"),
+        ("stubborn", "trap '' TERM; while :; do sleep 1; done", "", "did not join within 2s"),
         ("forks", forks, "", "it has 18 processes, and may have 16|fork"),
         ("greedy", "exec tail /dev/zero", memory, "MiB of memory, and may hold 48"),
         ("hoards", hoards, disk, " MiB on disk, in "),
@@ -481,7 +481,7 @@ fn a_folder_that_others_can_write_to_is_refused() {
     });
     fs::set_permissions(office.plugins_folder(), Permissions::from_mode(0o777)).expect("our own");
     let (code, said) = office.ask(&["plugin", "add", &package.display().to_string()]);
-    assert!(code != Some(0) && said.contains("somebody else can write to it"), "{said}");
+    assert!(code != Some(0) && said.contains("other users can write to it"), "{said}");
 }
 
 #[test]
@@ -498,7 +498,7 @@ fn who_floods_is_slowed_and_then_stopped_and_nobody_else_suffers() {
     await_status(&office, "floods", |status| status["dropped"].as_u64() > Some(0));
     let (code, said) = office.ask(&["goal", "(known-temperature office2)"]);
     assert_eq!(code, Some(0), "{said}");
-    let why = "it sent more messages than are taken, for too long";
+    let why = "it sent more messages than are accepted, for too long";
     let is_stopped = |status: &Value| {
         let reason = status["reason"].as_str().unwrap_or_default();
         reason.contains(why) && status["restarts"].as_u64() >= Some(1)

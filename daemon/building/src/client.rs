@@ -163,7 +163,7 @@ impl Connection {
     async fn step(&mut self) -> Result<(), String> {
         match self.next_event().await {
             Event::Command(command) => self.obey(command).await.map_err(|err| err.to_string()),
-            Event::InboxClosed => Err("nobody needs it any more".to_owned()),
+            Event::InboxClosed => Err("no client needs it any more".to_owned()),
             Event::Line(Ok(Some(line))) => self.hear(&line),
             Event::Line(Ok(None)) => Err("the building closed it".to_owned()),
             Event::Line(Err(err)) => Err(err.to_string()),

@@ -144,7 +144,7 @@ pub enum LayoutError {
         robot: String,
     },
     /// The camera has too many views, or a view lies in a direction that no camera can take.
-    #[error("let `{camera}` see so: at most 16 places, pan -170 to 170, tilt -90 to 90 degrees")]
+    #[error("point `{camera}` so: at most 16 places, pan -170 to 170, tilt -90 to 90 degrees")]
     BadView {
         /// The camera.
         camera: String,
@@ -215,7 +215,7 @@ pub enum DeviceError {
         device: String,
     },
     /// The robot is on another errand.
-    #[error("send `{device}`: it is on another errand; cancel that one first")]
+    #[error("send `{device}`: it is driving already; cancel that drive first")]
     Busy {
         /// The robot.
         device: String,
@@ -241,7 +241,7 @@ pub enum DeviceError {
         device: String,
     },
     /// The text is too long for a screen.
-    #[error("show that on `{device}`: {bytes_max} bytes are possible")]
+    #[error("show that on `{device}`: at most {bytes_max} bytes are possible")]
     TooLong {
         /// The screen.
         device: String,
@@ -263,7 +263,7 @@ pub enum DeviceError {
         reason: String,
     },
     /// The building's server refused the request.
-    #[error("be heard by the building: {reason}")]
+    #[error("get an answer of the building: {reason}")]
     Refused {
         /// The reason, and what would have been right.
         reason: String,

@@ -55,7 +55,7 @@ pub(crate) fn replay(layout: &Layout, truth: &Truth) -> Replayed {
     let mut replayed = Replayed::default();
     if truth.forgotten_count() > 0 {
         let count = truth.forgotten_count();
-        replayed.problems.push(format!("the log has forgotten its first {count} occurrences"));
+        replayed.problems.push(format!("the log has dropped its first {count} events"));
     }
     let mut places = starts(layout);
     for Occurrence { sequence, event, .. } in truth.occurrences() {
@@ -63,7 +63,8 @@ pub(crate) fn replay(layout: &Layout, truth: &Truth) -> Replayed {
             Event::Moved { robot, from, to } => {
                 let stood = places.insert(robot, to);
                 if stood != Some(from) || layout.meters(from, to).is_none() {
-                    let problem = format!("`{robot}` went from `{from}` to `{to}`: no way it had");
+                    let problem =
+                        format!("`{robot}` went from `{from}` to `{to}`, which is impossible");
                     replayed.problems.push(problem);
                 }
                 let (robot, to) = (robot.clone(), to.clone());
@@ -103,7 +104,7 @@ fn prove(
         return Ok(mounted);
     }
     let place = place.map_or("nowhere", String::as_str);
-    Err(format!("`{sensor}` measured `{location}` and was in `{place}`"))
+    Err(format!("`{sensor}` measured `{location}`, but was in `{place}`"))
 }
 
 /// The location of each robot at the start.

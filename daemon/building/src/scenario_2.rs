@@ -224,7 +224,7 @@ impl Check<'_> {
                 Some([first, second, added])
             }
             moments => {
-                let problem = format!("two deaths and a new sensor, in this order: {moments:?}");
+                let problem = format!("expected two deaths and then a new sensor, at: {moments:?}");
                 self.problems.push(problem);
                 None
             }
@@ -262,14 +262,15 @@ impl Check<'_> {
         for (index, robot) in ROBOTS.iter().enumerate() {
             let sensor = format!("ir-{}", index + 1);
             if !self.within(&span).any(|reading| reading.sensor == sensor) {
-                self.problems.push(format!("`{robot}` had no part in the work"));
+                self.problems.push(format!("`{robot}` measured nothing"));
             }
             let wing = &self.scenario.wings[index];
             let away = trips.iter().find(|trip| trip.robot == *robot && !wing.contains(&trip.to));
             if let Some(trip) = away {
                 let to = &trip.to;
-                self.problems
-                    .push(format!("`{robot}` drove to `{to}`, which the other has nearer"));
+                self.problems.push(format!(
+                    "`{robot}` drove to `{to}`, to which the other robot was closer"
+                ));
             }
         }
     }

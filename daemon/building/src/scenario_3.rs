@@ -111,13 +111,13 @@ impl Access {
         for (visit, admission) in self.visits.iter().zip(admissions) {
             let Visit { person, manner } = visit;
             if admission.person != *person || admission.asked.is_empty() {
-                problems.push(format!("nobody was asked who `{person}` is"));
+                problems.push(format!("the question was not asked for `{person}`"));
             }
             for asked in &admission.asked {
                 let place = replayed.place_of(&self.layout, ROBOT, *asked);
                 if place != Some(&self.entry) {
                     let place = place.unwrap_or("nowhere");
-                    problems.push(format!("`{ROBOT}` asked for `{person}` and was in `{place}`"));
+                    problems.push(format!("`{ROBOT}` asked for `{person}`, but was in `{place}`"));
                 }
             }
             if admission.validated != manner.is_valid() {
@@ -142,15 +142,15 @@ impl Access {
         let expected: Vec<_> = self.visits.iter().map(|visit| &visit.person).collect();
         let came: Vec<_> = entered.iter().map(|(_, person)| *person).collect();
         if came != expected {
-            problems.push(format!("{expected:?} were to come to `{}`: {came:?}", self.entry));
+            problems.push(format!("expected {expected:?} at `{}`, found {came:?}", self.entry));
         }
         let first = entered.first().map_or(u64::MAX, |(sequence, _)| *sequence);
         match replayed.trips.first() {
             Some(trip) if trip.sequence < first => {
-                problems.push(format!("`{}` drove before anybody had come", trip.robot));
+                problems.push(format!("`{}` drove before a person had come", trip.robot));
             }
             Some(_) => (),
-            None => problems.push(format!("`{ROBOT}` drove nowhere")),
+            None => problems.push(format!("`{ROBOT}` did not drive")),
         }
         problems
     }
@@ -240,8 +240,8 @@ mod tests {
         for seed in 0..100 {
             assert_eq!(problems(seed, true, true, true).await, [""; 0], "seed {seed}");
             for (comes, waits, honest, word) in [
-                (false, true, true, "and was in"),
-                (true, false, true, "before anybody had come"),
+                (false, true, true, "but was in"),
+                (true, false, true, "before a person had come"),
                 (true, true, false, "validated, though"),
             ] {
                 let problems = problems(seed, comes, waits, honest).await;

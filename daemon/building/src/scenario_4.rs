@@ -100,7 +100,7 @@ impl Meeting {
             let found = { truth.occurrences() }
                 .find(|occurrence| occurrence.sequence >= from && happened(&occurrence.event));
             let Some(found) = found else {
-                problems.push(format!("it is not so that {act}, in its turn"));
+                problems.push(format!("this did not happen, or not in its turn: {act}"));
                 break;
             };
             from = found.sequence + 1;
@@ -112,10 +112,10 @@ impl Meeting {
             occurrence.sequence < broken && shows(&occurrence.event, ROBOTS_SCREEN)
         });
         if in_vain {
-            problems.push("the robot showed the text though the screen still did".to_owned());
+            problems.push("the robot showed the text while the screen still showed it".to_owned());
         }
         if !truth.presented_in(room).any(|shown| shown == text) {
-            problems.push(format!("nobody in `{room}` sees the text now"));
+            problems.push(format!("no screen in `{room}` shows the text now"));
         }
         if problems.is_empty() { Ok(()) } else { Err(problems) }
     }
@@ -188,7 +188,7 @@ mod tests {
             (3, "it failed"),
             (4, "came to the room"),
             (5, "the robot showed the text"),
-            (6, "sees the text now"),
+            (6, "shows the text now"),
         ] {
             let problems = problems(left_out).await;
             assert!(problems.iter().any(|text| text.contains(word)), "{left_out}: {problems:?}");

@@ -87,7 +87,9 @@ fn plans(job: &Job<'_>, folder: &Path, ending: Ending) -> Result<Vec<Plan>, Engi
         match (problem, parsed.value) {
             (None, Some(plan)) => match job.lowered.names.raise(plan) {
                 Ok(plan) => plans.push(plan),
-                Err(name) => unreadable = Some(format!("nothing is called `{name}`")),
+                Err(name) => {
+                    unreadable = Some(format!("the task has no action or object `{name}`"));
+                }
             },
             (problem, _) => unreadable = problem.map(ToString::to_string).or(unreadable),
         }

@@ -46,7 +46,7 @@ const REACH_GOAL: &str = "reach-goal";
 /// Runs Metric-FF, and a second time without costs if it does not support the metric.
 pub(crate) fn answer(job: &Job<'_>) -> Result<Answer, EngineError> {
     if job.options.aim == Aim::CheapestPlan {
-        let said = "no search of mine proves that a plan is the cheapest".to_owned();
+        let said = "none of its searches proves that a plan is the cheapest".to_owned();
         return Err(EngineError::Beyond { engine: Engine::MetricFf, said });
     }
     let folder = job.folder()?;
@@ -97,7 +97,7 @@ fn steps(job: &Job<'_>, said: &str) -> Result<Plan, EngineError> {
     let lines = said.lines().filter_map(|line| step(line.trim()));
     let steps: Vec<PlanStep> = lines.filter(|step| step.action != REACH_GOAL).collect();
     job.lowered.names.raise(Plan { steps, cost: None }).map_err(|name| {
-        let problem = format!("nothing is called `{name}`");
+        let problem = format!("the task has no action or object `{name}`");
         EngineError::UnreadablePlan { engine: Engine::MetricFf, problem }
     })
 }

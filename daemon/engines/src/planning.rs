@@ -137,7 +137,7 @@ fn judge(
     match (ending, fault) {
         (Ending::GoalReached, Some(fault)) => Err(EngineError::WrongPlan { engine, fault }),
         (Ending::GoalReached, None) => {
-            let problem = "it says that there is one, and wrote none".to_owned();
+            let problem = "it reports a plan, and wrote none".to_owned();
             Err(EngineError::UnreadablePlan { engine, problem })
         }
         (ending, _) => Ok(Outcome { plan: None, ending, proven_optimal: false }),

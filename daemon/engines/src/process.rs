@@ -240,7 +240,7 @@ impl Run {
                 (None, Some(signal)) => format!("signal {signal}"),
                 (None, None) => status.to_string(),
             },
-            End::OutOfTime => "the end of its time".to_owned(),
+            End::OutOfTime => "a time-out".to_owned(),
             End::Cancelled => "a cancellation".to_owned(),
         }
     }

@@ -206,7 +206,7 @@ impl Place {
         match info {
             Ok(info) if info.consumer == CONSUMER => "another agent of Althing".to_owned(),
             Ok(info) if !info.consumer.is_empty() => format!("`{}`", info.consumer),
-            _ => "somebody".to_owned(),
+            _ => "another program".to_owned(),
         }
     }
 }
@@ -234,7 +234,7 @@ impl Board for Chips {
             // The chip has no interrupts. Any other problem occurs again in the second request.
             Err(error) => {
                 let request = place.request(&plain)?;
-                tracing::info!(line = place.name, "looked at again and again: failed to {error}");
+                tracing::info!(line = place.name, "the line is polled: failed to {error}");
                 (request, false)
             }
         };

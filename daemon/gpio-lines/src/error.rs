@@ -52,7 +52,7 @@ pub enum LineError {
         consumer: String,
     },
     /// The user of this process may not open the chip.
-    #[error("open `{}`: permission denied; let this user into the group `gpio`", path.display())]
+    #[error("open `{}`: permission denied; add this user to the group `gpio`", path.display())]
     NotAllowed {
         /// Path of the chip.
         path: PathBuf,

@@ -34,7 +34,7 @@ fn a_real_kernels_lines_are_watched_driven_unplugged_and_plugged_in() {
         "as it was left Ok(true)",
         "seen from the other side Ok(false)",
         PRESS,
-        "kept for who comes late Ok([true, false])",
+        "kept for a late reader Ok([true, false])",
         "button Here(false)",
         PRESS,
         "button Here(true)",
@@ -116,7 +116,7 @@ async fn come_late(input: &Input) {
     say(PRESS);
     tokio::time::sleep(Duration::from_secs(1)).await;
     let edges = tokio::time::timeout(PATIENCE, button.edges()).await;
-    say(format!("kept for who comes late {:?}", edges.expect("in time")));
+    say(format!("kept for a late reader {:?}", edges.expect("in time")));
 }
 
 /// Unbinds the chip's driver, and binds it again.

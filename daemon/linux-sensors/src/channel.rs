@@ -67,7 +67,7 @@ pub enum ReadError {
         device: Identity,
     },
     /// The device reports a number that means “no value”, or that is impossible.
-    #[error("believe `{device}`, which says {value}: no sensor measures that")]
+    #[error("use {value}, the value of `{device}`: no sensor measures that")]
     Impossible {
         /// The device.
         device: Identity,
@@ -75,7 +75,7 @@ pub enum ReadError {
         value: f64,
     },
     /// The device was powered up, and has not measured yet.
-    #[error("believe `{device}`, which has just been powered up")]
+    #[error("use the value of `{device}`: it has just been powered up")]
     PoweredUp {
         /// The device.
         device: Identity,

@@ -120,8 +120,8 @@ fn each_way_of_telling_a_value_is_understood() {
              bus/w1/devices/w1_bus_master1 -> ../../../devices/w1_bus_master1",
             &[
                 "ds18b20@28-0316a2791234 temperature temperature 21.437",
-                "ds18b20@28-0316a2795678 temperature temperature believe \
-                 `ds18b20@28-0316a2795678`, which has just been powered up",
+                "ds18b20@28-0316a2795678 temperature temperature use \
+                 the value of `ds18b20@28-0316a2795678`: it has just been powered up",
             ],
         ),
     ] {
@@ -195,30 +195,30 @@ fn what_a_kernel_calls_no_value_is_none() {
              devices/i2c-1/1-0048/name: lm75
              devices/i2c-1/1-0048/hwmon/hwmon0/temp1_fault: 0
              devices/i2c-1/1-0048/hwmon/hwmon0/temp1_input: -128000",
-            "believe `lm75@i2c-1/1-0048`, which says -128: no sensor measures that",
+            "use -128, the value of `lm75@i2c-1/1-0048`: no sensor measures that",
         ),
         (
             "class/hwmon/hwmon0 -> ../../devices/i2c-1/1-0048/hwmon/hwmon0
              devices/i2c-1/1-0048/hwmon/hwmon0/device -> ../..
              devices/i2c-1/1-0048/name: lm75
              devices/i2c-1/1-0048/hwmon/hwmon0/temp1_input: 127937",
-            "believe `lm75@i2c-1/1-0048`, which says 127.937: no sensor measures that",
+            "use 127.937, the value of `lm75@i2c-1/1-0048`: no sensor measures that",
         ),
         (
             "bus/w1/devices/28-0316a2791234 -> ../../../devices/w1_bus_master1/28-0316a2791234
              devices/w1_bus_master1/28-0316a2791234/temperature: 85000",
-            "believe `ds18b20@28-0316a2791234`, which has just been powered up",
+            "use the value of `ds18b20@28-0316a2791234`: it has just been powered up",
         ),
         (
             "bus/w1/devices/28-0316a2791234 -> ../../../devices/w1_bus_master1/28-0316a2791234
              devices/w1_bus_master1/28-0316a2791234/temperature: -127000",
-            "believe `ds18b20@28-0316a2791234`, which says -127: no sensor measures that",
+            "use -127, the value of `ds18b20@28-0316a2791234`: no sensor measures that",
         ),
         (
             "bus/iio/devices/iio:device0 -> ../../../devices/i2c-1/1-0076/iio:device0
              devices/i2c-1/1-0076/name: bme280
              devices/i2c-1/1-0076/iio:device0/in_humidityrelative_input: 655350",
-            "believe `bme280@i2c-1/1-0076`, which says 655.35: no sensor measures that",
+            "use 655.35, the value of `bme280@i2c-1/1-0076`: no sensor measures that",
         ),
     ] {
         let (_folder, sysfs) = lay(tree);

@@ -77,14 +77,15 @@ impl Broker {
         if is_encrypted != ca.is_some() {
             return wrong(match is_encrypted {
                 true => {
-                    "say whom it trusts: ca = \"/etc/ssl/certs/ca-certificates.crt\", or your own"
+                    "name the certificate authorities to trust: \
+                     ca = \"/etc/ssl/certs/ca-certificates.crt\", or your own"
                 }
                 false => "`ca` is for TLS; write mqtts://HOST:PORT",
             });
         }
         for (key, file) in [("password-file", &password_file), ("ca", &ca)] {
             if file.as_ref().is_some_and(|file| file.is_relative()) {
-                return wrong(&format!("`{key}` needs a whole path, from / on"));
+                return wrong(&format!("`{key}` needs an absolute path"));
             }
         }
         let user = match (user, password_file) {
@@ -110,11 +111,12 @@ impl Broker {
             self.host == "localhost" || self.host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback());
         match (&self.ca, &self.user) {
             (None, Some(_)) if !is_here => {
-                Some("the password travels as plain text; `mqtts://` would hide it")
+                Some("the password is sent as plain text; `mqtts://` would encrypt it")
             }
-            (None, None) if !is_here => {
-                Some("what a broker elsewhere says is plain text and anybody's")
-            }
+            (None, None) if !is_here => Some(
+                "messages from the broker are plain text: others in the network can read and \
+                 change them",
+            ),
             _ => None,
         }
     }
@@ -231,9 +233,9 @@ mod tests {
         let user = || Some("me".to_owned());
         for (broker, expected) in [
             (Broker::new(None, None, path(), None), "a `password-file` needs its `user`"),
-            (Broker::new(None, user(), Some("x".into()), None), "needs a whole path"),
+            (Broker::new(None, user(), Some("x".into()), None), "needs an absolute path"),
             (Broker::new(Some("x"), None, None, path()), "`ca` is for TLS"),
-            (Broker::new(Some("mqtts://x"), None, None, None), "say whom it trusts"),
+            (Broker::new(Some("mqtts://x"), None, None, None), "name the certificate authorities"),
         ] {
             assert!(broker.is_err_and(|problem| problem.contains(expected)), "{expected}");
         }

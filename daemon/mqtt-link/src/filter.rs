@@ -11,7 +11,9 @@ pub fn filter_problem(filter: &str) -> Option<String> {
         return Some(problem);
     }
     if filter.starts_with("$share/") || filter.starts_with("$queue/") {
-        return Some(format!("`{filter}` is a shared subscription: others would get its texts"));
+        return Some(format!(
+            "`{filter}` is a shared subscription: other clients would receive some of its messages"
+        ));
     }
     let levels = filter.split('/').count();
     for (number, level) in filter.split('/').enumerate() {
@@ -31,8 +33,9 @@ pub fn topic_problem(topic: &str) -> Option<String> {
         return Some(problem);
     }
     let has_wildcard = topic.contains(['+', '#']);
-    has_wildcard
-        .then(|| format!("nothing can be said to `{topic}`: `+` and `#` are only to listen"))
+    has_wildcard.then(|| {
+        format!("nothing can be published to `{topic}`: `+` and `#` are only for subscriptions")
+    })
 }
 
 fn text_problem(topic: &str) -> Option<String> {
@@ -109,9 +112,8 @@ mod tests {
         for filter in ["lab/+/t", "lab/#", "#", "/", "a//b", " ", "$SYS/x", "büro/t"] {
             assert_eq!(filter_problem(filter), None);
         }
-        assert!(
-            topic_problem("lab/+/set").is_some_and(|problem| problem.contains("only to listen"))
-        );
+        let problem = topic_problem("lab/+/set").unwrap_or_default();
+        assert!(problem.contains("only for subscriptions"), "{problem}");
         assert_eq!(topic_problem("lab/x/set"), None);
     }
 }

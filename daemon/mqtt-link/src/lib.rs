@@ -208,7 +208,7 @@ impl Connection {
         let waiting = Arc::new(waiting);
         lock(&self.inboxes).push((filter.to_owned(), Arc::downgrade(&waiting)));
         match filter_problem(filter) {
-            Some(problem) => tracing::warn!("failed to listen: {problem}"),
+            Some(problem) => tracing::warn!("failed to subscribe: {problem}"),
             None if self.trouble.borrow().is_none() => self.subscribe([filter.to_owned()]),
             None => (),
         }
@@ -241,10 +241,10 @@ impl Connection {
             return Err(format!("reach the broker: {trouble}"));
         }
         if let Some(problem) = topic_problem(topic) {
-            return Err(format!("say it: {problem}"));
+            return Err(format!("publish to it: {problem}"));
         }
         let said = self.client.try_publish(topic, QoS::AtLeastOnce, is_kept, text.as_bytes());
-        said.map_err(|_| "say it: too much waits to be said to the broker".to_owned())
+        said.map_err(|_| "publish: too many messages wait to be sent to the broker".to_owned())
     }
 
     /// Records the reason why there is no connection, and logs each new reason once.
@@ -252,9 +252,9 @@ impl Connection {
         self.trouble.send_if_modified(|trouble| {
             let (is_news, was_connected) = (trouble.as_ref() != Some(&problem), trouble.is_none());
             if is_news && was_connected {
-                tracing::warn!(%broker, problem, "lost the broker; it is called again");
+                tracing::warn!(%broker, problem, "lost the broker; connecting again");
             } else if is_news {
-                tracing::warn!(%broker, problem, "the broker is not reached; it is called again");
+                tracing::warn!(%broker, problem, "the broker is not reached; trying again");
             }
             *trouble = Some(problem);
             is_news
@@ -331,10 +331,11 @@ impl Connection {
             if *code != SubscribeReasonCode::Failure {
                 continue;
             }
-            tracing::warn!(filter, "the broker does not let this daemon listen");
+            tracing::warn!(filter, "the broker does not let this daemon subscribe");
             let topics = lock(&self.topics);
             if let Some(said) = topics.single.get(filter).or_else(|| topics.patterns.get(filter)) {
-                let refused = format!("the broker does not let this daemon listen to `{filter}`");
+                let refused =
+                    format!("the broker does not let this daemon subscribe to `{filter}`");
                 said.send_modify(|said| said.refused = Some(refused));
             }
         }
@@ -347,17 +348,17 @@ impl Connection {
             return tracing::warn!(
                 topic,
                 bytes,
-                "ignored a text of more than {TEXT_BYTES_MAX} bytes"
+                "ignored a message of more than {TEXT_BYTES_MAX} bytes"
             );
         }
         let Ok(text) = std::str::from_utf8(payload) else {
-            return tracing::info!(topic, "ignored what is no text");
+            return tracing::info!(topic, "ignored a message that is no text");
         };
         self.keep(topic, text, *retain);
         lock(&self.inboxes).retain(|(filter, waiting)| {
             let Some(waiting) = waiting.upgrade() else { return false };
             if fits(filter, topic) && waiting.put(topic, text) {
-                tracing::warn!(filter, topic, "ignored: too many texts wait to be read");
+                tracing::warn!(filter, topic, "ignored: too many messages wait to be read");
             }
             true
         });
@@ -371,7 +372,7 @@ impl Connection {
         let listening = fitting.map(|(_, said)| said).chain(topics.single.get(topic));
         for said in listening {
             if text.len() > WORD_BYTES_MAX {
-                tracing::warn!(topic, "ignored a text of more than {WORD_BYTES_MAX} bytes");
+                tracing::warn!(topic, "ignored a message of more than {WORD_BYTES_MAX} bytes");
                 return;
             }
             let word = Word { text: text.into(), at: Instant::now(), session, is_retained };
@@ -470,7 +471,7 @@ mod tests {
         connection.answered(&SubAck::new(7, codes));
         assert_eq!(one.borrow().refused, None);
         let refused = other.borrow().refused.clone().expect("it was not granted");
-        assert_eq!(refused, "the broker does not let this daemon listen to `b/+`");
+        assert_eq!(refused, "the broker does not let this daemon subscribe to `b/+`");
         // The next connection may grant it.
         connection.connected();
         assert_eq!(other.borrow().refused, None);

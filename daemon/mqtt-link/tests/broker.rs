@@ -119,5 +119,5 @@ async fn what_is_said_while_the_broker_is_away_is_not_said_later() {
     let first = first.expect("no panic").expect("the door hears");
     assert_eq!(first, "LOCK");
     let problem = connection.say("door/+/set", "LOCK").expect_err("it is no topic");
-    assert!(problem.contains("only to listen"), "{problem}");
+    assert!(problem.contains("only for subscriptions"), "{problem}");
 }

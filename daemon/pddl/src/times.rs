@@ -30,7 +30,7 @@ impl Plan {
             let ((one, before), (other, step)) = (&pair[0], &pair[1]);
             if let (Some(time), true) = (step.time, one == other) {
                 let message = format!(
-                    "`{}` has the time of `{}`, {time}: it is taken after it, as the file has them",
+                    "`{}` has the same time as `{}`, {time}: the order in the file is kept",
                     step.action, before.action
                 );
                 warnings.push(Diagnostic::warning(step.span, message));

@@ -291,7 +291,7 @@ impl Handle {
         // SAFETY: the function exists; it writes one pointer to a variable of that type.
         let code = unsafe { (functions.class(class).create)(&raw mut raw) };
         functions.check(code, WHAT)?;
-        let nothing = || CallError { what: WHAT.to_owned(), reason: "it made none".into(), code };
+        let nothing = || CallError { what: WHAT.to_owned(), reason: "there is none".into(), code };
         let raw = NonNull::new(raw).ok_or_else(nothing)?;
         Ok(Handle { functions, class, raw })
     }
@@ -370,7 +370,7 @@ impl Handle {
             Read::Sensor { sensor_type, set_sensor_type, value } => {
                 // A device that was unplugged has lost the type.
                 if self.int(sensor_type, "read it")? != wanted_type {
-                    self.set(set_sensor_type, wanted_type, "say what sensor it is")?;
+                    self.set(set_sensor_type, wanted_type, "set the type of the sensor")?;
                 }
                 self.double(value, "read it")
             }

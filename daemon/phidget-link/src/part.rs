@@ -230,7 +230,7 @@ fn fitting(fits: impl Fn(&Part) -> bool) -> String {
         .filter(|part| fits(part))
         .map(|part| match part.name {
             Some(name) => format!("`sensor = \"{name}\"`"),
-            None => "no `sensor`, for a Phidget of its own".to_owned(),
+            None => "no `sensor` (a Phidget that measures by itself)".to_owned(),
         })
         .collect();
     parts.join(" or ")
@@ -264,8 +264,8 @@ mod tests {
             (
                 Some("1111"),
                 Temperature,
-                "a `1111` measures motion, and no temperature: write no `sensor`, for a Phidget of \
-                 its own or `sensor = \"1125\"` or `sensor = \"1124\"`",
+                "a `1111` measures motion, and no temperature: write no `sensor` (a Phidget \
+                 that measures by itself) or `sensor = \"1125\"` or `sensor = \"1124\"`",
             ),
             (
                 Some("1125"),

@@ -1,19 +1,20 @@
 #!/usr/bin/env python3
-"""Competition tasks: the embedded planner beside another one, on the same machine in the same hour.
+"""Compares the embedded planner with another one on competition tasks, on the same machine in the same hour.
 
 usage: competition.py BENCH [--set classical|numeric] [--time 30] [--core N] [--other 'CMD'] [--only ALTHING|OTHER]
                       [--anytime] [--every N]
 
-BENCH is a folder with SET.tasks (a line per task: `DOMAIN PROBLEM`, files in SET/) and SET/; results go to
-target/competition/SET/*.jsonl, and a run goes on where those end: `rm -r target/competition` begins anew. `cargo build --release` comes before. The other planner of the
-classical set is Fast Downward (`pip install up-fast-downward`), `--alias lama-first`; any other is named by --other, with
-{domain} {problem} {plan}. Both get a core, 2 GiB, an empty PATH and `althing validate` as a judge. Prints Markdown.
+BENCH is a folder with SET.tasks (a line per task: `DOMAIN PROBLEM`, files in SET/) and SET/. Run `cargo build
+--release` first. Results go to target/competition/SET/*.jsonl. A second run continues where they end; `rm -r
+target/competition` starts anew. The other planner of the classical set is Fast Downward (`pip install
+up-fast-downward`) with `--alias lama-first`; --other names a different one, with {domain} {problem} {plan}. Each
+planner gets one core, 2 GiB and an empty PATH, and `althing validate` checks its plans. Prints Markdown.
 
-With --anytime both go on after their first plan, to cheaper ones, until the limit (`--anytime` and `--alias lama`), and
-the cheapest counts. --every 4 takes every fourth task only.
+With --anytime, both search for cheaper plans after the first one until the time limit (`--anytime` and `--alias
+lama`), and the cheapest counts. --every 4 takes every fourth task only.
 
-The agile score is that of the competitions: 1 for a task solved within a second, less for each second more, on a
-logarithmic scale, 0 at the limit.
+The agile score is that of the competitions: 1 for a task solved within a second, then less on a logarithmic scale,
+and 0 at the time limit.
 """
 import argparse, contextlib, importlib.util, json, math, os, pathlib, re, resource, shlex, signal, subprocess, sys
 import tempfile, time
@@ -31,12 +32,12 @@ def command_of_fast_downward(alias):
 
 
 def task_lines(bench, which, every):
-    """The lines of a list of tasks, `DOMAIN PROBLEM` each, or every so many of them."""
+    """Returns the lines of a list of tasks, `DOMAIN PROBLEM` each, or only every `every`th of them."""
     return [line for line in open(pathlib.Path(bench) / f"{which}.tasks") if line.split("#")[0].split()][::every]
 
 
 def confine(core):
-    """Runs in the planner's process before the planner does: one core, 2 GiB."""
+    """Returns a function that limits the planner's process before the planner runs: one core, 2 GiB."""
     def begin():
         resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
         if core is not None:
@@ -45,19 +46,19 @@ def confine(core):
 
 
 def newest(plan):
-    """The plan file, or of several (`plan.1`, `plan.2`, …) the last one."""
+    """Returns the plan file, or the last one if there are several (`plan.1`, `plan.2`, …)."""
     numbered = [path for path in plan.parent.glob(plan.name + ".*") if path.suffix[1:].isdigit()]
     return max(numbered, key=lambda path: int(path.suffix[1:]), default=plan)
 
 
 def cost_of(text):
-    """What a plan says that it costs, or how many actions it has."""
+    """Returns the cost that is written in a plan, or its number of actions if there is none."""
     said = re.findall(r"^;\s*cost\s*[=:]\s*([0-9.eE+]+)", text, re.MULTILINE)
     return float(said[-1]) if said else float(sum("(" in line.split(";")[0] for line in text.splitlines()))
 
 
 def attempt(command, domain, problem, args):
-    """Plans once; the row of the results."""
+    """Runs the planner once, and returns the row for the results."""
     with tempfile.TemporaryDirectory() as folder:
         plan = pathlib.Path(folder) / "plan"
         words = [word.format(domain=domain, problem=problem, plan=plan) for word in shlex.split(command)]
@@ -68,7 +69,7 @@ def attempt(command, domain, problem, args):
             child.wait(args.time)
         except subprocess.TimeoutExpired:
             pass
-        # What the planner has started ends with it.
+        # Kills all processes that the planner has started.
         with contextlib.suppress(ProcessLookupError):
             os.killpg(child.pid, signal.SIGKILL)
         child.wait()
@@ -82,7 +83,7 @@ def attempt(command, domain, problem, args):
 
 
 def run(command, args, out):
-    """Tries every task that the results do not have yet."""
+    """Runs the planner on each task that is not in the results yet."""
     done = rows(out)
     for line in task_lines(args.bench, args.set, args.every):
         domain, problem = line.split("#")[0].split()[:2]
@@ -155,7 +156,7 @@ def main():
     further = " --anytime" if args.anytime else ""
     alias = "lama" if args.anytime else "lama-first"
     commands = {
-        # Somewhat less memory than there is: code and stacks want room, too.
+        # Less than the 2 GiB, because code and stacks need memory too.
         "althing": f"{ALTHING} plan {{domain}} {{problem}} --plan {{plan}} --memory-limit 1800 --time-limit {args.time - 0.2:g}{further}",
         "other": args.other or (command_of_fast_downward(alias) if args.set == "classical" and args.only != "althing" else None),
     }

@@ -1,27 +1,27 @@
 #!/usr/bin/env python3
-"""States evaluated in a second of search: the embedded planner beside Fast Downward, both as `lama-first`.
+"""Compares the states evaluated per second of search: the embedded planner and Fast Downward, both as `lama-first`.
 
 usage: evaluations.py BENCH [--time 20] [--core N] [--every N]
 
-BENCH is a folder with classical.tasks and classical/; `cargo build --release` and `pip install up-fast-downward` come
-before. Every task is given to both, one after the other, for that many seconds as a whole; those that both search for
-more than a second count, solved or not. Seconds before the search (reading, grounding, landmarks) are not counted for
-either. Where Fast Downward is stopped, what it said last about its search is taken. Prints Markdown.
+BENCH is a folder with classical.tasks and classical/. Run `cargo build --release` and `pip install up-fast-downward`
+first. Each planner gets each task for --time seconds in all, one planner after the other. A task counts, solved or
+not, if both planners search for more than a second. The time before the search (reading, grounding, landmarks) is not
+counted. If Fast Downward is stopped, its last progress line is taken. Prints Markdown.
 """
 import argparse, json, os, pathlib, re, shlex, signal, statistics, subprocess, tempfile
 
 from competition import ALTHING, command_of_fast_downward, task_lines
 
-# Fast Downward's word on its progress, and on the end of a search.
+# Fast Downward's output about its progress, and at the end of a search.
 PROGRESS = re.compile(r"\[t=([\d.]+)s.*?\] g=\d+, (\d+) evaluated")
 EVALUATED = re.compile(r"Evaluated (\d+) state")
 SEARCH_TIME = re.compile(r"Search time: ([\d.]+)s")
-# No search that is shorter counts.
+# Shorter searches do not count.
 SECONDS_MIN = 1
 
 
 def run(words, seconds, folder):
-    """What a command printed until it ended or its time was up; it ends with all that it started."""
+    """Returns what a command printed until it ended or its time was over; then kills it with its children."""
     process = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True)
     try:
         return process.communicate(timeout=seconds)[0]
@@ -31,7 +31,7 @@ def run(words, seconds, folder):
 
 
 def own(domain, problem, seconds, folder):
-    """Evaluations, and seconds of search."""
+    """Returns the number of evaluations of the embedded planner, and its seconds of search."""
     words = [ALTHING, "plan", domain, problem, "--search", "lama-first", "--json", "--time-limit", seconds]
     printed = run([str(word) for word in words], seconds + 10, folder)
     figures = json.loads(printed).get("statistics", {}) if printed else {}
@@ -39,7 +39,7 @@ def own(domain, problem, seconds, folder):
 
 
 def other(domain, problem, seconds, folder):
-    """The same, of Fast Downward."""
+    """Returns the number of evaluations of Fast Downward, and its seconds of search."""
     command = command_of_fast_downward("lama-first").format(domain=domain, problem=problem, plan=folder / "plan")
     printed = run(shlex.split(command), seconds, folder)
     evaluated, took = EVALUATED.search(printed), SEARCH_TIME.search(printed)

@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Random small tasks: the least cost by brute force and the one that Fast Downward proves are the same.
+"""Checks on random small tasks that the least cost found by brute force is the one that Fast Downward proves.
 
 usage: random_tasks.py FOLDER [--every N]
 
-FOLDER is what this leaves:
+FOLDER is the result of:
 
     mkdir FOLDER; ALTHING_TASKS=10000 ALTHING_TASKS_FOLDER=FOLDER \\
         cargo test --release -p planner --test it planner_and_brute_force_agree
 
-Each task is searched by Fast Downward (`pip install up-fast-downward`) with `astar(blind())`. What differs is told, and
-the exit code is 1 if anything does.
+Fast Downward (`pip install up-fast-downward`) searches each task with `astar(blind())`. Differences are printed, and
+the exit code is 1 if there are any.
 """
 import argparse, concurrent.futures, importlib.util, os, pathlib, re, subprocess, sys, tempfile
 
@@ -24,7 +24,7 @@ def driver():
 
 
 def least(driver, domain, problem):
-    """What Fast Downward says: `none`, a cost, or why it says nothing."""
+    """Returns the result of Fast Downward: `none`, a cost, or the reason why there is neither."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, driver, domain, problem, "--search", "astar(blind())"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)

@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
-"""Plans for competition tasks, judged by a validator that is not ours: unified-planning's.
+"""Checks plans for competition tasks with a validator of another project: unified-planning's.
 
 usage: second_opinion.py BENCH [--set classical|numeric] [--time 30] [--core N]
 
-BENCH is a folder with SET.tasks and SET/, as competition.py wants it. `cargo build --release` and
-`pip install unified-planning` come before. Each task is planned for by `althing-plan` within so many seconds and 2 GiB;
-what is found is told as `valid`, `invalid` or `unreadable`, with the reason, and the exit code is 1 unless all are valid.
+BENCH is a folder with SET.tasks and SET/, as for competition.py. Run `cargo build --release` and `pip install
+unified-planning` first. `althing-plan` plans for each task within --time seconds and 2 GiB. Each plan is reported as
+`valid`, `invalid` or `unreadable`, with the reason, and the exit code is 1 unless all are valid.
 
-unified-planning cannot read all that the competitions write. What says nothing about whether a plan works is put in its
-words first: metrics are left out; `total-cost` begins with 0 where the problem does not say so; a predicate that has the
-name of a function, and that nothing can use therefore, is not declared; nor has a function a value that is not declared.
+unified-planning cannot read everything that the competitions write. So the tasks are changed first, in ways that do
+not affect whether a plan is valid: metrics are left out; `total-cost` begins with 0 if the problem gives no value; a
+predicate with the name of a function, which nothing can use, is removed; and so are values of functions that are not
+declared.
 """
 import argparse, os, pathlib, re, subprocess, sys, tempfile, warnings
 
@@ -21,7 +22,7 @@ PROGRAM = ROOT / "target/release/althing-plan"
 
 
 def section(text, begins):
-    """Where the parenthesis that begins so begins, and where it ends; nothing, if there is none."""
+    """Returns where the first expression with this beginning starts and ends; `None` if there is none."""
     start = text.find(begins)
     if start < 0:
         return None
@@ -39,7 +40,7 @@ def without(text, begins):
 
 
 def readable(domain, problem):
-    """The same task in words that unified-planning can read."""
+    """Returns the same task in a form that unified-planning can read."""
     problem = without(problem, "(:metric")
     if "total-cost" in domain and not re.search(r"\(=\s*\(\s*total-cost", problem):
         problem = problem.replace("(:init", "(:init (= (total-cost) 0)", 1)
@@ -67,10 +68,10 @@ def judge(domain, problem, plan):
         task = reader.parse_problem_string(*readable(domain, problem))
         steps = reader.parse_plan(task, str(plan))
         validator = SequentialPlanValidator()
-        # It doubts that it can do what it can: products of numbers that never change.
+        # Its own checks refuse what it supports: products of numbers that never change.
         validator.skip_checks = True
         result = validator.validate(task, steps)
-    except Exception as err:  # Whatever it stumbles over, it has not understood the task.
+    except Exception as err:  # After any exception the task counts as not read.
         return f"unreadable: {' '.join(f'{type(err).__name__}: {err}'.split())[:200]}"
     if result.status == ValidationResultStatus.VALID:
         return "valid"

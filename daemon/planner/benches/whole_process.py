@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""A building's problem, from the start of a process to its end: `althing-plan` beside Fast Downward.
+"""Compares whole processes, from start to end, on a building's problem: `althing-plan` and Fast Downward.
 
 usage: whole_process.py [--starts 30] [--core N] [--build release|dist]
 
-The office of `office/` (the paper's Scenario 1: robots, thermometers, rooms), in words that Fast Downward reads: agents are
-first parameters, distances whole numbers. All plan from the same two files and write a plan, in turns, each in a fresh
-process: `althing-plan`, `althing plan` (the same in the daemon's program), and Fast Downward's driver with
-`--alias lama-first`. Prints the medians and their ratios, once all have found a plan that `althing validate` accepts. Before: `cargo build --release` (or `--profile dist`, what packages are made
-of), and `pip install up-fast-downward`.
+The problem is the office of `office/` (the paper's Scenario 1: robots, thermometers, rooms), in a form that Fast
+Downward reads: agents are first parameters, distances are whole numbers. Three programs plan from the same two files
+and write a plan, in turns, each in a new process: `althing-plan`, `althing plan` (the same in the daemon's program),
+and Fast Downward's driver with `--alias lama-first`. Prints the medians and their ratios if `althing validate`
+accepts all plans. Run `cargo build --release` (or `--profile dist`, of which packages are made) and `pip install
+up-fast-downward` first.
 """
 import argparse, os, pathlib, re, statistics, subprocess, sys, tempfile, time
 
@@ -18,7 +19,7 @@ AIM = 50
 
 
 def plainly(text):
-    """The same without agents and fractions."""
+    """Returns the text without agents and fractions."""
     text = re.sub(r":agent (\?\S+ - \S+)\s*:parameters \(", r":parameters (\1 ", text)
     return text.replace(":multi-agent ", "").replace("8.5", "8")
 
@@ -39,7 +40,7 @@ def main():
     args = parser.parse_args()
     build = ROOT / "target" / args.build
     if args.core is not None:
-        # For this process and those it starts: `taskset` before each would be a process more to start.
+        # Also for the processes that it starts; `taskset` would be one more process each time.
         os.sched_setaffinity(0, {args.core})
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)

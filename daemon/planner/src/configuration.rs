@@ -32,7 +32,7 @@ pub(crate) enum Method {
 pub const CONFIGURATIONS: &[Configuration] = &[
     Configuration {
         name: "althing",
-        summary: "a quick climb; then landmarks, preferred operators, novelty and types take turns",
+        summary: "hill climbing; then landmarks, preferred operators, novelty and types take turns",
         heuristics: &["ff", "landmarks", "novelty"],
         optimal: false,
         method: Method::Lists {
@@ -70,7 +70,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
     },
     Configuration {
         name: "curious",
-        summary: "what is new before what looks near; the second lane of two threads",
+        summary: "novelty before estimated distance; the second search of two threads",
         heuristics: &["ff", "landmarks", "novelty"],
         optimal: false,
         method: Method::Lists { climb: false, lists: CURIOUS },
@@ -91,7 +91,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
     },
     Configuration {
         name: "astar-blind",
-        summary: "A* that knows nothing",
+        summary: "A* without a heuristic",
         heuristics: &["blind"],
         optimal: true,
         method: Method::AStar { heuristic: Admissible::Blind },

@@ -242,7 +242,7 @@ impl fmt::Display for PlanError {
                 f.write_str("read the domain and the problem")?;
                 diagnostics.iter().try_for_each(|diagnostic| write!(f, "; {diagnostic}"))
             }
-            PlanError::Internal(fault) => write!(f, "confirm a plan of our own making: {fault}"),
+            PlanError::Internal(fault) => write!(f, "confirm a plan of this planner: {fault}"),
         }
     }
 }

@@ -22,7 +22,7 @@ pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String
     let says = |words: &str| why.contains(words);
     // Must come before “Permission denied”: here it is the daemon that is denied something, and not the
     // plugin.
-    let advice = if says("it is not known what it keeps on disk") {
+    let advice = if says("what it keeps on disk cannot be counted") {
         "its daemon counts what it keeps: let the folders in its home be readable for its own user, \
          and their paths shorter than 4096 bytes"
     } else if says("error while loading shared libraries") {
@@ -39,9 +39,9 @@ pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String
          [permissions]"
     } else if says("MemoryError") || says("Cannot allocate memory") || says("MiB of memory") {
         "it needs more memory: [permissions] memory"
-    } else if says("was not here within") {
-        "it has to join where the first line on its standard input says (docs/plugins.md), within \
-         `ready-within`"
+    } else if says("did not join within") {
+        "it must join the endpoint that the first line on its standard input names \
+         (docs/plugins.md), within `ready-within`"
     } else {
         return None;
     };
@@ -76,11 +76,12 @@ mod tests {
                 "name the real program in `run`",
             ),
             (
-                "it is not known what it keeps on disk: its folder /d cannot be read: Permission denied",
+                "what it keeps on disk cannot be counted: its folder /d cannot be read: Permission \
+                 denied",
                 "readable for its own user",
             ),
             ("error while loading shared libraries: libx.so: cannot open", "a library"),
-            ("`a` was not here within 20s", "the first line on its standard input"),
+            ("`a` did not join within 20s", "the first line on its standard input"),
             ("PermissionError: [Errno 1] Operation not permitted", "network = true"),
         ] {
             let advice = advice(why, Path::new("/usr/bin/python3"), Path::new("/p"));

@@ -114,7 +114,9 @@ impl Attendant {
 
     fn answered(&mut self, number: u64, answer: Answer, ctx: &mut Context<Self>) {
         let outcome = match answer {
-            Answer::Silence => Err(Failure::Driver("hear from its plugin in time".to_owned())),
+            Answer::Silence => {
+                Err(Failure::Driver("receive an answer from its plugin in time".to_owned()))
+            }
             Answer::Undelivered(why) => Err(Failure::Driver(format!("reach its plugin: {why}"))),
             Answer::Message(message) => match message.performative {
                 Performative::Agree => return,
@@ -123,13 +125,13 @@ impl Attendant {
                     Ok(report) => judged(report),
                     Err(error) => {
                         ctx.not_understood(&message, error.to_string());
-                        Err(Failure::Driver(format!("understand its plugin: {error}")))
+                        Err(Failure::Driver(format!("read the answer of its plugin: {error}")))
                     }
                 },
                 _ => {
                     let refusal = message.content_as::<Refusal>().map(|refusal| refusal.detail);
-                    let why = refusal.unwrap_or_else(|_| "without a reason".to_owned());
-                    Err(Failure::Driver(format!("go on: its plugin declined: {why}")))
+                    let why = refusal.unwrap_or_else(|_| "no reason given".to_owned());
+                    Err(Failure::Driver(format!("act: its plugin refused: {why}")))
                 }
             },
         };
@@ -142,7 +144,7 @@ impl Attendant {
 
     fn forget(&mut self, number: u64, ctx: &mut Context<Self>) {
         if let Some(UnderWay { exchange, to, .. }) = self.under_way.remove(&number) {
-            tracing::debug!(agent = %to, "gives it up");
+            tracing::debug!(agent = %to, "cancels the action");
             ctx.withdraw(&exchange, &Cancelling::default());
         }
     }

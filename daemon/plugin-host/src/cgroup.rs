@@ -81,17 +81,19 @@ impl Tree {
         let missing =
             CONTROLLERS.iter().find(|name| !known.split_whitespace().any(|it| it == **name));
         if let Some(missing) = missing {
-            return Err(format!("the control group {shown} has no `{missing}`"));
+            return Err(format!("the control group {shown} has no `{missing}` controller"));
         }
         if rustix::process::geteuid().is_root() && !is_marked(folder) {
             return Err(format!(
-                "the control group {shown} was not given to this daemon (Delegate=yes)"
+                "the control group {shown} is not delegated to this daemon (Delegate=yes)"
             ));
         }
         let own = std::process::id().to_string();
         let others = read("cgroup.procs");
         if others.lines().any(|process| process != own) {
-            return Err(format!("the control group {shown} has other processes than this daemon"));
+            return Err(format!(
+                "the control group {shown} contains processes other than this daemon"
+            ));
         }
         let divide = || -> io::Result<()> {
             let part = folder.join(OWN);
@@ -102,7 +104,7 @@ impl Tree {
         };
         divide().map_err(|error| {
             format!(
-                "the control group {shown} was not given to this daemon (Delegate=yes): {error}"
+                "the control group {shown} is not delegated to this daemon (Delegate=yes): {error}"
             )
         })?;
         Ok(Tree(folder.to_owned()))
@@ -208,7 +210,8 @@ mod tests {
         write("cgroup.controllers", "cpuset cpu io memory pids");
         write("cgroup.procs", "1\n2\n");
         let problem = Tree::at(folder.path()).expect_err("it is another's");
-        assert!(problem.contains("given to this daemon") || problem.contains("other processes"));
+        let expected = ["delegated to this daemon", "processes other"];
+        assert!(expected.iter().any(|text| problem.contains(text)), "{problem}");
         assert!(!folder.path().join(OWN).exists(), "nothing was made there");
     }
 

@@ -144,7 +144,7 @@ fn wire(processes: u32) -> Value {
 }
 
 fn plain(name: &str) -> AgentId {
-    AgentId::new(name).expect("invariant: the host's names are names")
+    AgentId::new(name).expect("invariant: the names of the host's own agents are valid")
 }
 
 /// Admits or rejects the agents that join the endpoint.
@@ -176,10 +176,10 @@ impl Reception {
                 None => {
                     let plugin = &self.package.manifest.name;
                     let why = format!(
-                        "`{plugin}` was not asked for it, and its manifest does not say that it \
-                         `brings` such an agent"
+                        "`{plugin}` was not asked for this agent, and its manifest does not name \
+                         it in `brings`"
                     );
-                    tracing::warn!(%agent, "is not let in: {why}");
+                    tracing::warn!(%agent, "is rejected: {why}");
                     self.accepted.send_modify(|accepted| drop(accepted.insert(agent, Err(why))));
                     continue;
                 }

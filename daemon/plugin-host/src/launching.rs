@@ -74,7 +74,7 @@ impl Ward {
 
     /// Returns the placeholder that is used before the means are known. It has none.
     pub(crate) fn unknown() -> Ward {
-        let why = "nobody has looked yet";
+        let why = "this machine has not been checked yet";
         Ward { means: Means::none(why), tree: Err(why.to_owned()), private: Vec::new() }
     }
 
@@ -111,7 +111,8 @@ impl Ward {
             let kind = std::fs::metadata(&real).map(|metadata| metadata.file_type());
             let is_socket = kind.is_ok_and(|kind| kind.is_socket());
             let socket = || {
-                let why = "it is a socket: a plugin connects to that of its own daemon alone";
+                let why =
+                    "it is a socket: a plugin may connect only to the socket of its own daemon";
                 is_socket.then(|| why.to_owned())
             };
             if let Some(why) = read_objection(&real).or_else(private).or_else(socket) {

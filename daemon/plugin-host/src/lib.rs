@@ -291,11 +291,11 @@ impl Keeper {
         let lacks = found.plan(&Permissions::default()).lacks();
         match lacks.is_empty() {
             true => {
-                tracing::info!(limits = found.limits(), "plugins are confined, nothing is missing")
+                tracing::info!(limits = found.limits(), "plugins are fully confined")
             }
             false => tracing::warn!(
                 limits = found.limits(),
-                "plugins are not fully confined on this machine; of a plugin: {}",
+                "plugins are not fully confined on this machine; for each plugin: {}",
                 lacks.join("; ")
             ),
         }
@@ -324,7 +324,11 @@ impl Keeper {
             Ok(watcher) => Some(watcher),
             Err(error) => {
                 let folder = folder.display();
-                tracing::info!(%folder, %error, "the folder of plugins is looked at now and then");
+                tracing::info!(
+                    %folder,
+                    %error,
+                    "the folder of plugins cannot be watched; it is checked periodically"
+                );
                 None
             }
         }
@@ -479,7 +483,7 @@ impl Keeper {
         if !beyond.is_empty() {
             let asks = listed(&beyond);
             let why = format!(
-                "it asks for {asks}, and nobody has allowed that: althing plugin allow {name}"
+                "it asks for {asks}, which is not allowed yet: althing plugin allow {name}"
             );
             return Some((State::NotAllowed, why));
         }

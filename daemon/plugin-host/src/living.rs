@@ -90,7 +90,7 @@ impl Living {
             return Some(format!("it keeps {FILES_MAX} files and more in {home}"));
         }
         let hides = kept.hides.as_ref()?;
-        Some(format!("it is not known what it keeps on disk: {hides}"))
+        Some(format!("what it keeps on disk cannot be counted: {hides}"))
     }
 
     fn computes_too_much(
@@ -118,7 +118,7 @@ impl Living {
             self.is_slowed = true;
             slow_down(look.group);
             counted.inspect(|group| group.slow_down(may));
-            tracing::warn!(plugin = manifest.name, "computes too much: it is slowed");
+            tracing::warn!(plugin = manifest.name, "uses too much of the processor: it is slowed");
         }
         (self.over_cpu >= CPU_STOPPED).then(|| {
             let (took, may) = (share * 100.0, may * 100.0);
@@ -137,9 +137,9 @@ impl Living {
                 |agent: &&WantedAgent| !matches!(accepted.get(&agent.name), Some(Ok(())));
             let missing = wanted.agents.iter().find(is_missing);
             return Some(match missing.map(|agent| (&agent.name, accepted.get(&agent.name))) {
-                Some((agent, Some(Err(why)))) => format!("`{agent}` is not let in: {why}"),
-                Some((agent, _)) => format!("`{agent}` was not here within {within:?}"),
-                None => format!("none of its agents was here within {within:?}"),
+                Some((agent, Some(Err(why)))) => format!("`{agent}` is rejected: {why}"),
+                Some((agent, _)) => format!("`{agent}` did not join within {within:?}"),
+                None => format!("none of its agents joined within {within:?}"),
             });
         }
         if self.ready.is_some() && self.heard.elapsed() >= SILENT && !wanted.agents.is_empty() {

@@ -99,7 +99,7 @@ impl Inner {
             (self.second, self.in_second) = (now, 0);
             let dropped = std::mem::take(&mut self.dropped);
             if dropped > 0 {
-                self.write(&format!("[althing] {dropped} lines were too many, and left out"));
+                self.write(&format!("[althing] {dropped} lines left out: too many in one second"));
             }
         }
         self.in_second += 1;
@@ -117,7 +117,7 @@ impl Inner {
 
     fn write(&mut self, line: &str) {
         if let Err(error) = self.try_write(line) {
-            tracing::debug!(plugin = self.name, %error, "its words could not be written down");
+            tracing::debug!(plugin = self.name, %error, "failed to write its output to its log");
         }
     }
 

@@ -241,7 +241,7 @@ impl Reading {
     fn manifest(&mut self, raw: Raw) -> Manifest {
         self.name(&raw.name);
         if raw.version.get_ref().trim().is_empty() {
-            self.wrong(&raw.version, "a version says something", "write one, such as \"0.1.0\"");
+            self.wrong(&raw.version, "the version is empty", "write one, such as \"0.1.0\"");
         }
         self.protocol(&raw.protocol);
         let run_place = raw.run.as_ref().map(|run| span(run.span())).unwrap_or_default();
@@ -336,7 +336,7 @@ impl Reading {
         let duration = humantime::parse_duration(said.get_ref()).ok();
         let duration = duration.filter(|it| !it.is_zero() && *it <= TIMEOUT_MAX);
         if duration.is_none() {
-            let message = format!("`{}` is no duration up to a day", said.get_ref());
+            let message = format!("`{}` is no duration between zero and one day", said.get_ref());
             self.wrong(said, message, "write how long it may take, such as \"2s\"");
         }
         duration
@@ -357,7 +357,7 @@ impl Reading {
         let text = pattern.get_ref();
         let beginning = text.strip_suffix('*').unwrap_or(text);
         if beginning.is_empty() || AgentId::new(beginning.trim_end_matches('-')).is_err() {
-            let message = format!("`{text}` does not say which agents");
+            let message = format!("`{text}` names no agent and no beginning of names");
             self.wrong(pattern, message, "write a name, or the beginning of names: \"lamp-*\"");
             return None;
         }
@@ -404,7 +404,7 @@ impl Reading {
         for path in &paths {
             if let Some(why) = objection(path.get_ref()) {
                 let shown = path.get_ref().display();
-                let message = format!("{what} `{shown}` is given to no plugin: {why}");
+                let message = format!("{what} `{shown}` cannot be given to a plugin: {why}");
                 let help = "docs/plugins.md, “Rights”, says what can be given";
                 self.wrong(path, message, help);
             }
@@ -469,8 +469,12 @@ memory = "64MiB"
             ("protocol = \"1\"", "protocol = \"one\"", "no versions"),
             ("run = [\"python3\", \"agent.py\"]", "", "nothing to run"),
             ("run = [\"python3\", \"agent.py\"]", "run = []", "no program"),
-            ("memory = \"64MiB\"", "devices = [\"/\"]", "devices `/` is given to no plugin"),
-            ("memory = \"64MiB\"", "read = [\"/home/anna\"]", "this folder is shared by many"),
+            ("memory = \"64MiB\"", "devices = [\"/\"]", "devices `/` cannot be given to a plugin"),
+            (
+                "memory = \"64MiB\"",
+                "read = [\"/home/anna\"]",
+                "many programs and users share this folder",
+            ),
             ("memory = \"64MiB\"", "disk = \"much\"", "disk `much`"),
             ("memory = \"64MiB\"", "memory = \"64\"", "memory `64`"),
             ("timeout = \"2s\"", "timeout = \"soon\"", "`soon` is no duration"),

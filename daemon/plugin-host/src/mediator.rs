@@ -75,7 +75,12 @@ impl Mediator {
                 Ok(None) => return,
                 Err(error) => {
                     // Calls that wait for an answer then fail with `ENOSYS`.
-                    return tracing::error!(group = ?mediator.group, %error, "the system calls of a plugin are not heard any more: those that wait for an answer fail");
+                    return tracing::error!(
+                        group = ?mediator.group,
+                        %error,
+                        "system calls of a plugin cannot be received any more: those that wait for \
+                         an answer fail"
+                    );
                 }
             }
         }
@@ -126,7 +131,8 @@ impl Mediator {
     ) -> Result<Response, Errno> {
         let descriptor = u32::try_from(call.arguments[0] & 0xffff_ffff).map_err(|_| Errno::BADF)?;
         if !self.sockets.iter().any(|known| known == path) {
-            tracing::debug!(group = ?self.group, path = %path.display(), "may not be connected to");
+            let path = path.display();
+            tracing::debug!(group = ?self.group, %path, "a connection to this socket is refused");
             return Err(Errno::ACCESS);
         }
         let theirs = format!("/proc/{}/fd/{descriptor}", call.thread);
@@ -195,7 +201,7 @@ impl Mediator {
 fn respond(listener: &Listener, id: u64, response: Result<Response, Errno>) {
     let response = response.unwrap_or_else(|errno| Response::Error(errno.raw_os_error()));
     if let Err(error) = listener.respond(id, response) {
-        tracing::debug!(%error, "a call is not answered");
+        tracing::debug!(%error, "a system call is not answered");
     }
 }
 

@@ -165,7 +165,8 @@ impl Package {
         })?;
         if model.agent != agent.as_str() {
             return Err(format!(
-                "the model in `{name}` is of `{}` and not of `{agent}`: write (agent {{{{ agent }}}})",
+                "the model in `{name}` is for `{}`, not for `{agent}`: write \
+                 (agent {{{{ agent }}}})",
                 model.agent
             ));
         }
@@ -194,13 +195,13 @@ impl Package {
             };
             if method.method != known.method || method.arguments != known.arguments {
                 return Some(format!(
-                    "its `{called}` is the method `{}`, and in the manifest of `{name}` `{}`",
+                    "its `{called}` has the method `{}`, but the manifest of `{name}` says `{}`",
                     method.method, known.method
                 ));
             }
             let declared = own.map(|own| own.actions.iter().find(|own| own.name == action.name));
             if declared.is_some_and(|declared| declared != Some(action)) {
-                return Some(format!("its `{called}` is not that of the model in `{name}`"));
+                return Some(format!("its `{called}` differs from that of the model in `{name}`"));
             }
         }
         None

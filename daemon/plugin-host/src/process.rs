@@ -103,11 +103,11 @@ impl Launcher {
         command.stdin(Stdio::null()).stderr(Stdio::null());
         let said = match tokio::time::timeout(ENTERING, command.output()).await {
             Ok(Ok(output)) => output.stdout,
-            Ok(Err(error)) => return Err(format!("it cannot be tried out: {error}")),
-            Err(_) => return Err(format!("it is not tried out within {ENTERING:?}")),
+            Ok(Err(error)) => return Err(format!("the test process cannot be started: {error}")),
+            Err(_) => return Err(format!("the test process does not answer within {ENTERING:?}")),
         };
         serde_json::from_slice(&said)
-            .map_err(|_| "a process that tries it out ends before it can say".to_owned())
+            .map_err(|_| "the test process ended without an answer".to_owned())
     }
 }
 
@@ -179,7 +179,8 @@ impl Process {
         // A process group of its own: signals to the daemon's group, such as that of Ctrl-C, do not reach
         // the watch.
         let mut watch = command.process_group(0).spawn()?;
-        let word = watch.stdin.take().ok_or_else(|| io::Error::other("a pipe was asked for"))?;
+        let no_pipe = || io::Error::other("the watch has no standard input");
+        let word = watch.stdin.take().ok_or_else(no_pipe)?;
         Ok((watch, word))
     }
 

@@ -159,7 +159,7 @@ pub(crate) fn candidates(
     let own = own.filter(|file| is_executable(file)).map(Candidate::named);
     let found: Vec<_> = own.chain(on_path(name, path)).collect();
     if found.is_empty() {
-        return Err(format!("there is no `{name}` on this daemon's PATH, with which it runs"));
+        return Err(format!("there is no `{name}` on the PATH of this daemon"));
     }
     Ok(found)
 }
@@ -220,7 +220,7 @@ async fn really(candidate: &Candidate, scope: Scope<'_>, steps: u32) -> Result<P
     let Candidate { file, asked } = candidate;
     let shown = file.display();
     if steps == 0 {
-        return Err(format!("{shown}: too many scripts stand for one another"));
+        return Err(format!("{shown}: too many scripts start one another"));
     }
     let own = match candidate.is_trusted() {
         true => binary(file),
@@ -313,7 +313,8 @@ async fn behind(shim: &Shim, file: &Path, scope: Scope<'_>, steps: u32) -> Resul
     let said = asked.run(ANSWER_WITHIN).await;
     let said = said.map_err(|error| {
         format!(
-            "{shown} is a shim of {manager}, and that does not say what it stands for: failed to {error}"
+            "{shown} is a shim of {manager}, and `{manager} which` does not name the program: \
+             failed to {error}"
         )
     })?;
     let real = PathBuf::from(said.lines().next().unwrap_or_default().trim());

@@ -64,7 +64,7 @@ impl Escort {
             let life = (sighted.incarnation, sighted.digest.clone());
             if let Some(objection) = self.objection(&sighted) {
                 tracing::warn!(agent = %self.agent, plugin = self.package.manifest.name,
-                    "is not let in: {objection}");
+                    "is rejected: {objection}");
                 self.note(Some(Err(objection)));
                 tokio::select! {
                     biased;
@@ -140,7 +140,7 @@ impl Escort {
         match ended {
             Ok(Ok(())) => Ok(()),
             Ok(Err(error)) => Err(format!("failed to {error}")),
-            Err(_) => Err("the agent broke".to_owned()),
+            Err(_) => Err("the agent has panicked".to_owned()),
         }
     }
 
@@ -265,7 +265,7 @@ impl Device for Proxy {
                 biased;
                 outcome = bell.act(to, call, timeout, number) => outcome,
                 _ = sight.wait_for(is_gone) => {
-                    Err(Failure::Driver("go on: its plugin has ended meanwhile".to_owned()))
+                    Err(Failure::Driver("act: its plugin has ended meanwhile".to_owned()))
                 }
             }
         })

@@ -224,7 +224,7 @@ impl Right {
             Right::Device(path) => format!("to read and write the device {}", path.display()),
             Right::Read(path) => format!("to read {}", path.display()),
             Right::Memory(bytes) => format!("to hold {} of memory", bytes_text(*bytes)),
-            Right::Cpu(share) => format!("to compute {:.0} % of a core", share * 100.0),
+            Right::Cpu(share) => format!("to use {:.0} % of a core", share * 100.0),
             Right::Files(files) => format!("to have {files} files open"),
             Right::Processes(processes) => format!("to run {processes} processes at a time"),
             Right::Disk(bytes) => format!("to keep {} on disk", bytes_text(*bytes)),
@@ -314,7 +314,8 @@ pub(crate) fn read_objection(path: &Path) -> Option<String> {
     let is_home = path.parent() == Some(Path::new("/home"));
     if is_whole || is_home {
         return Some(
-            "this folder is shared by many: name the file or folder in it that the plugin needs"
+            "many programs and users share this folder: name the file or folder in it that the \
+             plugin needs"
                 .to_owned(),
         );
     }
@@ -328,7 +329,7 @@ pub(crate) fn read_objection(path: &Path) -> Option<String> {
 
 fn path_objection(path: &Path) -> Option<String> {
     if !path.is_absolute() {
-        return Some("write a path from / on".to_owned());
+        return Some("write an absolute path".to_owned());
     }
     let is_printed = path.to_str().is_some_and(|text| !text.contains(char::is_control));
     if !is_printed {
@@ -336,7 +337,7 @@ fn path_objection(path: &Path) -> Option<String> {
     }
     let is_plain = |part| matches!(part, Component::Normal(_) | Component::RootDir);
     (!path.components().all(is_plain))
-        .then(|| "it leads elsewhere: write it without `..`".to_owned())
+        .then(|| "it contains `..`: write the path without it".to_owned())
 }
 
 /// Parses a size such as `"64MiB"` into bytes; `None` if it is not a whole number with a unit, or too

@@ -48,7 +48,7 @@ pub struct Shelf {
 #[non_exhaustive]
 pub enum ShelfError {
     /// The package to be added has mistakes.
-    #[error("add a package that is not whole: {}", .0.first())]
+    #[error("add the package, which has a mistake: {}", .0.first())]
     Faulty(Box<Faults>),
     /// There is no package of this name.
     #[error("find a plugin `{name}` in {}", folder.display())]
@@ -59,7 +59,7 @@ pub enum ShelfError {
         folder: PathBuf,
     },
     /// The package asks for rights that were not allowed.
-    #[error("let `{name}` use {}: nobody has allowed that", listed(asks))]
+    #[error("let `{name}` use {}: that is not allowed yet", listed(asks))]
     NotAllowed {
         /// Name of the package.
         name: String,
@@ -215,7 +215,8 @@ impl Shelf {
         for name in self.names().iter().filter(|name| has_run(name)) {
             if let Ok(package) = Package::open(&self.at(name)) {
                 let asks = package.manifest.permissions.asks();
-                tracing::info!(plugin = name, rights = listed(&asks), "keeps what it used so far");
+                let rights = listed(&asks);
+                tracing::info!(plugin = name, rights, "keeps the rights that it has used so far");
                 self.note_rights(name, &asks)?;
             }
         }
@@ -343,7 +344,7 @@ fn others_cannot_write(path: &Path) -> Result<(), ShelfError> {
     let (who, cure) = match metadata.mode() & OTHERS_WRITE {
         0 if metadata.uid() == own || metadata.uid() == 0 => return Ok(()),
         0 => ("another user owns it and", format!("chown -R {own} {shown}")),
-        _ => ("somebody else", format!("chmod -R go-w {shown}")),
+        _ => ("other users", format!("chmod -R go-w {shown}")),
     };
     Err(ShelfError::Writable { path: path.to_owned(), who, cure })
 }
@@ -429,7 +430,7 @@ mod tests {
         let shelf = Shelf { folder: source.path().join("plugins") };
         let path = asking(source.path(), "network = true\ndevices = [\"/dev/i2c-1\"]");
         let error = shelf.add(&path, &[Right::Network]).expect_err("half of it");
-        assert!(error.to_string().contains("devices=/dev/i2c-1: nobody has"), "{error}");
+        assert!(error.to_string().contains("devices=/dev/i2c-1: that is not allowed"), "{error}");
         assert!(shelf.names().is_empty());
         let device = Right::Device("/dev/i2c-1".into());
         shelf.add(&path, &[Right::Network, device.clone()]).expect("all of it");
@@ -482,7 +483,7 @@ mod tests {
         assert!(error.contains("chmod -R go-w ") && error.contains("agent"), "{error}");
         open(&shelf.folder);
         let error = shelf.add(&path, &[]).expect_err("anybody").to_string();
-        assert!(error.contains("plugins: somebody else can write to it"), "{error}");
+        assert!(error.contains("plugins: other users can write to it"), "{error}");
     }
 
     #[test]
@@ -491,7 +492,7 @@ mod tests {
         let shelf = Shelf { folder: source.path().join("plugins") };
         let path = package(source.path(), "");
         let error = shelf.add(&path, &[]).expect_err("no version");
-        assert!(error.to_string().contains("plugin.toml:2:11: a version says"), "{error}");
+        assert!(error.to_string().contains("plugin.toml:2:11: the version is empty"), "{error}");
         assert!(shelf.names().is_empty());
     }
 }

@@ -231,7 +231,7 @@ impl Supervision {
     fn roll_back(&self, why: &str) -> bool {
         match self.ground.shelf.roll_back(&self.name) {
             Ok(true) => {
-                let said = format!("taken back to the version before: {why}");
+                let said = format!("rolled back to the version before: {why}");
                 tracing::warn!(plugin = self.name, "{said}");
                 self.log.remark(&said);
                 let mut taken_back = self.ground.taken_back();
@@ -338,7 +338,7 @@ impl Supervision {
                 status = process.ended() => return Some(self.with_last_words(ending(status))),
                 _ = accepted.changed() => (),
                 () = endpoint.meter.flooded.notified() => {
-                    return Some("it sent more messages than are taken, for too long".to_owned());
+                    return Some("it sent more messages than are accepted, for too long".to_owned());
                 }
                 _ = looks.tick() => {
                     let (dropped, look) = (endpoint.meter.dropped(), looking.look(counted).await);
@@ -376,7 +376,7 @@ impl Supervision {
         let is_ready =
             wanted.agents.iter().all(is_here) && (!here.is_empty() || wanted.agents.is_empty());
         let objected = accepted.iter().find_map(|(agent, is)| Some((agent, is.as_ref().err()?)));
-        let objection = objected.map(|(agent, why)| format!("`{agent}` is not let in: {why}"));
+        let objection = objected.map(|(agent, why)| format!("`{agent}` is rejected: {why}"));
         if is_ready && living.ready.is_none() {
             living.ready = Some(Instant::now());
             let took = living.began.elapsed();

@@ -180,7 +180,7 @@ impl Stage {
             if let Some((agent, why)) =
                 here.iter().find_map(|(a, is)| Some((a, is.as_ref().err()?)))
             {
-                return Err(format!("`{agent}` is not let in: {why}"));
+                return Err(format!("`{agent}` is rejected: {why}"));
             }
             let is_here = |wanted: &&WantedAgent| here.contains_key(&wanted.name);
             let missing = self.wanted.iter().find(|wanted| !is_here(wanted));
@@ -193,11 +193,11 @@ impl Stage {
                 Ok(()) = accepted.changed() => (),
                 () = tokio::time::sleep_until(deadline) => return match missing {
                     Some(agent) => Err(self.with_last_words(format!(
-                        "`{}` was not here within {within:?}",
+                        "`{}` did not join within {within:?}",
                         agent.name
                     ))),
                     None if waits_for_agents => Err(self.with_last_words(format!(
-                        "none of its agents was here within {within:?}"
+                        "none of its agents joined within {within:?}"
                     ))),
                     None => Ok(Vec::new()),
                 },
@@ -215,8 +215,9 @@ impl Stage {
 
 /// Returns the reason why a plugin that must be fully confined does not run; `None` if it may run.
 pub(crate) fn not_confined(is_required: bool, lacks: &[String]) -> Option<String> {
-    (is_required && !lacks.is_empty())
-        .then(|| format!("`confinement = \"require\"`, and here {}", lacks.join("; ")))
+    (is_required && !lacks.is_empty()).then(|| {
+        format!("`confinement = \"require\"` is set, and on this machine {}", lacks.join("; "))
+    })
 }
 
 /// Returns the daemon of an ecosystem without other daemons.

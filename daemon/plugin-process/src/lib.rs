@@ -50,7 +50,7 @@ pub fn run(plugins: &[PluginEntry]) -> ExitCode {
     if hello.protocol != SCHEMA_VERSION {
         let theirs = hello.protocol;
         return failed(&format!(
-            "speak version {theirs} of the protocol; I speak {SCHEMA_VERSION}"
+            "speak version {theirs} of the protocol; this plugin speaks {SCHEMA_VERSION}"
         ));
     }
     // One worker thread for the connection, and this thread for the agents.
@@ -84,7 +84,7 @@ fn failed(problem: &str) -> ExitCode {
 async fn live(plugins: &[PluginEntry], hello: Hello) -> Result<(), String> {
     let first = |found: Vec<pddl::Diagnostic>| {
         let first = found.first().map(ToString::to_string).unwrap_or_default();
-        format!("read what the daemon says of the building: {first}")
+        format!("read the domain and the map that the daemon sends: {first}")
     };
     let mut resources = Resources::default();
     if let Some(socket) = &hello.building {

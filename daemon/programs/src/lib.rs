@@ -40,7 +40,7 @@ pub enum ProgramError {
         source: io::Error,
     },
     /// The program did not end in time, and was killed.
-    #[error("hear from `{program}` within {within:?}: it was ended")]
+    #[error("wait for `{program}`: it did not end within {within:?} and was killed")]
     TimedOut {
         /// The program.
         program: String,
@@ -48,7 +48,7 @@ pub enum ProgramError {
         within: Duration,
     },
     /// The program printed 64 KiB or more.
-    #[error("read more than {} KiB, which `{program}` prints", OUTPUT_BYTES_MAX >> 10)]
+    #[error("read the output of `{program}`: it prints more than {} KiB", OUTPUT_BYTES_MAX >> 10)]
     TooMuch {
         /// The program.
         program: String,
@@ -102,7 +102,7 @@ impl Program {
         let mut child = command.spawn().map_err(failed("run"))?;
         let _group = child.id().map(Group);
         let (text, complaint) = tokio::join!(read(child.stdout.take()), read(child.stderr.take()));
-        let text = text.map_err(failed("read what is printed by"))?;
+        let text = text.map_err(failed("read the output of"))?;
         if text.len() >= OUTPUT_BYTES_MAX {
             return Err(ProgramError::TooMuch { program: program() });
         }
@@ -193,7 +193,7 @@ mod tests {
 
     #[tokio::test]
     async fn who_floods_is_read_to_a_bound() {
-        let said = "read more than 64 KiB, which `yes` prints";
+        let said = "read the output of `yes`: it prints more than 64 KiB";
         assert_eq!(problem(program(&["yes", "12"]), PATIENCE).await, said);
         // A program that writes to a closed pipe is ended by the system.
         let complains = problem(script("yes it is broken >&2; exit 5"), PATIENCE).await;
@@ -221,7 +221,7 @@ mod tests {
         let file = folder.path().join("pids");
         let text = format!("sleep 600 & echo $! > {0}; echo $$ >> {0}; wait", file.display());
         let said = problem(script(&text), Duration::from_millis(500)).await;
-        assert_eq!(said, "hear from `/bin/sh` within 500ms: it was ended");
+        assert_eq!(said, "wait for `/bin/sh`: it did not end within 500ms and was killed");
         let pids = std::fs::read_to_string(&file).expect("it has begun");
         assert_eq!(pids.lines().count(), 2);
         all_end(&pids).await;

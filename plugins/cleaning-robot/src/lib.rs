@@ -164,7 +164,7 @@ impl Device for CleaningRobot {
                 Box::pin(std::future::ready(Ok(Done::Emptied)))
             }
             EMPTY_BIN => {
-                let failure = format!("empty the bin anywhere but at `{}`", self.home);
+                let failure = format!("empty the bin: the robot is not at `{}`", self.home);
                 Box::pin(std::future::ready(Err(Failure::Driver(failure))))
             }
             _ => {

@@ -98,7 +98,7 @@ impl Config {
         let (id, domain) = (blueprint.id.as_str(), &blueprint.host.ontology.name);
         if model.agent.as_str() != id {
             let problem =
-                format!("model: it is of `{}`; write (define (agent {id}) …", model.agent);
+                format!("model: it is for `{}`; write (define (agent {id}) …", model.agent);
             return Err(blueprint.problem(problem));
         }
         if model.domain != *domain {

@@ -108,7 +108,7 @@ fn mistakes_say_what_would_be_right() {
         (
             with("(agent c)", "(agent d)"),
             json!({ "brew": run }),
-            "model: it is of `d`; write (define (agent c) …",
+            "model: it is for `d`; write (define (agent c) …",
         ),
         (
             with("(increase (total-cost) 3)", "(when (clean ?c) (brewed ?r))"),

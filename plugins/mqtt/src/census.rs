@@ -94,7 +94,7 @@ impl Gateway {
         }
         if let Some(area) = device.area.as_deref() {
             // A device that states an unknown area is not assigned to another room by its name.
-            let unknown = || format!("it says that it stands in `{area}`, which is no room here");
+            let unknown = || format!("its area is `{area}`, which is no room here");
             return self.rooms.get(&core(area)).cloned().ok_or_else(unknown);
         }
         let begins = self.rooms.values().filter(|room| begins_with(&device.name, room));

@@ -89,15 +89,15 @@ impl Classes {
         for (name, class) in &classes {
             if class.kind().is_none() {
                 return Err(format!(
-                    "classes.{name}: write action, known, value and unit of what is measured, \
-                     action, known and yes of a yes or no, or state, on and off of what is switched"
+                    "classes.{name}: write action, known, value and unit for a number, \
+                     action, known and yes for a yes or no, or state, on and off for a switch"
                 ));
             }
         }
         let unsayable = classes.iter().find_map(|(name, class)| Some((name, class.unsayable()?)));
         match unsayable {
             Some((name, word)) => Err(format!(
-                "classes.{name}: `{word}` cannot be a word of PDDL here; use a-z, 0-9, - and _"
+                "classes.{name}: `{word}` cannot be a name in PDDL; use a-z, 0-9, - and _"
             )),
             None => Ok(Classes(classes)),
         }
@@ -225,7 +225,7 @@ mod tests {
         let unsayable = serde_json::json!({ "lamp": {
             "agent": "lamp", "state": "(lit", "on": "on", "off": "off" } });
         let problem = Classes::with(&unsayable).expect_err("no word");
-        assert!(problem.contains("`(lit` cannot be a word"), "{problem}");
+        assert!(problem.contains("`(lit` cannot be a name"), "{problem}");
         let problem = Classes::with(&half).expect_err("its words are not enough");
         assert!(problem.starts_with("classes.door: write"), "{problem}");
     }

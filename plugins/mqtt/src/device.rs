@@ -111,7 +111,7 @@ impl Known {
             Found::Text(said) => said,
             Found::Unknown if self.is_word(text) => text.trim().to_owned(),
             Found::Unknown => {
-                return Some(Word::NotKnown("it says that it does not know".to_owned()));
+                return Some(Word::NotKnown("it reports that the value is unknown".to_owned()));
             }
             Found::Nothing => return None,
             // Home Assistant then takes the text as it is, if it is one of the expected ones.
@@ -133,12 +133,13 @@ impl Known {
     fn number(&self, said: &str) -> Option<Word> {
         let told: String = said.chars().take(40).collect();
         let Ok(number) = said.parse::<f64>() else {
-            return Some(Word::NotKnown(format!("it says `{told}`, which is no number")));
+            return Some(Word::NotKnown(format!("it reports `{told}`, which is no number")));
         };
         let Some(Kind::Number { unit, .. }) = self.class.kind() else { return None };
         let value = number * self.factor + self.offset;
         if !is_possible(value, unit) {
-            return Some(Word::NotKnown(format!("it says {told}, which cannot be in {unit}")));
+            let problem = format!("it reports {told}, which is impossible in {unit}");
+            return Some(Word::NotKnown(problem));
         }
         // Rounded, so that 68 °F are exactly 20 °C.
         Some(Word::Is(Value::Number((value * 1e6).round() / 1e6)))
@@ -152,7 +153,7 @@ impl Known {
         if is(&self.feature.no) {
             return Some(Word::Is(Value::Yes(false)));
         }
-        is(&self.feature.neither).then(|| Word::NotKnown(format!("it says `{said}`")))
+        is(&self.feature.neither).then(|| Word::NotKnown(format!("it reports `{said}`")))
     }
 
     /// Returns a value as PDDL facts; `term` is the feature's term in PDDL.
@@ -295,7 +296,8 @@ async fn said(
 ) -> Result<Value, String> {
     let Some(source) = known.feature.states.first() else {
         // A device that does not report its state is assumed to be as it was last commanded.
-        return wanted.map(Value::Yes).ok_or_else(|| "hear from it: it says nothing".to_owned());
+        let problem = || "learn its state: it reports none".to_owned();
+        return wanted.map(Value::Yes).ok_or_else(problem);
     };
     let topic = &source.topic;
     let until = Instant::now() + WORD;
@@ -312,11 +314,11 @@ async fn said(
             continue;
         }
         return Err(match (wanted, standing) {
-            (Some(_), _) => format!("hear from `{topic}` that it has done so"),
+            (Some(_), _) => format!("receive a report on `{topic}` that it is done"),
             (None, Standing::NotKnown(Some(reason))) => {
-                format!("find the {} in what `{topic}` says: {reason}", known.name)
+                format!("find the {} in the message on `{topic}`: {reason}", known.name)
             }
-            (None, _) => format!("hear from `{topic}`: it has said nothing yet"),
+            (None, _) => format!("receive a value on `{topic}`: nothing was received yet"),
         });
     }
 }

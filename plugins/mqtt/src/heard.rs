@@ -172,12 +172,13 @@ impl Hearing {
             Some((Word::Is(value), at, session)) => {
                 let age = now.saturating_duration_since(*at);
                 if known.feature.expires.is_some_and(|expires| age >= expires) {
-                    return Standing::NotKnown(Some("it has said nothing for too long".to_owned()));
+                    let reason = "it has reported nothing for too long".to_owned();
+                    return Standing::NotKnown(Some(reason));
                 }
                 if is_switch && *session != self.session(feature) {
                     let reason = match known.feature.states.is_empty() {
-                        true => "it says nothing, and the broker was away since it was told",
-                        false => "it has said nothing since the broker was away",
+                        true => "it reports no state, and the broker was away since its command",
+                        false => "it has reported nothing since the broker was away",
                     };
                     let reason = reason.to_owned();
                     return Standing::NotKnown(Some(reason));
@@ -216,7 +217,8 @@ impl Hearing {
         if !refusals.is_empty()
             && let Some(refusal) = refusals.into_iter().collect::<Option<Vec<_>>>()
         {
-            return refusal.into_iter().next().map(|refusal| format!("hear from it: {refusal}"));
+            let first = refusal.into_iter().next();
+            return first.map(|refusal| format!("receive its messages: {refusal}"));
         }
         let taken = self.take_in();
         let (heard, known) = (taken.features.get(feature)?, self.features.get(feature)?);
@@ -230,8 +232,8 @@ impl Hearing {
         let is_said = heard.voices.contains(&Some(false));
         let topic = availability.voices.first().map_or("", |voice| voice.source.topic.as_str());
         Some(match is_said {
-            true => "go on: it is offline".to_owned(),
-            false => format!("go on: it has not said under `{topic}` that it is online"),
+            true => "use it: it is offline".to_owned(),
+            false => format!("use it: it has not reported on `{topic}` that it is online"),
         })
     }
 
@@ -446,7 +448,7 @@ fn together(all: Vec<(Standing, usize)>, loud: Value) -> Option<(Standing, usize
     match all.iter().find(away) {
         Some(gone) if all.iter().all(|one| away(&one)) => Some(gone.clone()),
         Some((_, feature)) => {
-            let reason = "another of its kind in the same device is away".to_owned();
+            let reason = "another of its kind in the same device is unavailable".to_owned();
             Some((Standing::NotKnown(Some(reason)), *feature))
         }
         // The oldest value decides: the result is valid for as long as this value is.

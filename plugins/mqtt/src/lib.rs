@@ -58,7 +58,7 @@ use part::Part;
 /// A gateway to an MQTT broker.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "mqtt",
-    about: "a gateway to an MQTT broker, whose devices appear as agents by themselves",
+    about: "a gateway to an MQTT broker: its devices appear as agents by themselves",
     drivers: &[],
     stands_by: false,
     build,
@@ -283,7 +283,7 @@ impl Gateway {
             return false;
         };
         if let Err(problem) = understood {
-            tracing::warn!(topic, "ignored what is not understood: {problem}");
+            tracing::warn!(topic, "ignored a message that is not understood: {problem}");
         }
         true
     }

@@ -69,7 +69,7 @@ impl Parts {
                 Some(Kind::Switch { .. }) => {
                     let (name, label) = (&known.name, &known.feature.label);
                     unused.push(Unused::because(format!(
-                        "its {name} `{label}` only says how it is: it cannot be switched by this device"
+                        "its {name} `{label}` only reports its state: it cannot be switched"
                     )));
                 }
                 None => (),
@@ -85,7 +85,7 @@ impl Parts {
                 Some(_) if known.feature.rank >= NOT_OF_THE_ROOM => {
                     let (name, label) = (&known.name, &known.feature.label);
                     unused.push(Unused::as_usual(format!(
-                        "its {name} `{label}` is not that of the room, as its name says"
+                        "its {name} `{label}` is not about the room, as its name shows"
                     )));
                 }
                 // Of two thermometers in one device, the first is used.
@@ -93,7 +93,7 @@ impl Parts {
                     Some(other) if other.feature.rank == known.feature.rank => {
                         let (name, speaks) = (&known.name, &other.feature.label);
                         unused.push(Unused::as_usual(format!(
-                            "it measures its {name} in several places; `{speaks}` speaks for it"
+                            "it measures its {name} in several places; `{speaks}` is used"
                         )));
                     }
                     Some(_) => (),
@@ -138,8 +138,8 @@ fn hears_itself(feature: &Feature) -> Option<String> {
     let topic = told.into_iter().find(is_heard)?;
     let label = &feature.label;
     Some(format!(
-        "its `{label}` says under `{topic}` how it is, and is told there what to be: the command \
-         would be heard as if it were done; give it a state topic of its own"
+        "its `{label}` reports its state on `{topic}` and receives its commands there: a command \
+         would be read as a report; give it a state topic of its own"
     ))
 }
 
@@ -162,7 +162,8 @@ fn known(feature: &Feature, classes: &Classes) -> Result<Known, Unused> {
     let Some((name, class)) = found else {
         let called = &feature.class;
         let reason = format!(
-            "its {called} has no words here; `classes.{called}` in the gateway's config gives it some"
+            "there is no class for its {called}; `classes.{called}` in the gateway's config adds \
+             one"
         );
         // Most devices measure things that no plan needs, such as their battery or their signal.
         return Err(match feature.command {
@@ -199,7 +200,7 @@ fn problem(unused: Vec<Unused>, is_useless: bool) -> Option<String> {
         }
     }
     if reasons.is_empty() {
-        let nothing = "nothing that it measures or switches has words here";
+        let nothing = "there is no class for anything that it measures or switches";
         return is_useless.then(|| nothing.to_owned());
     }
     let more = reasons.len().saturating_sub(REASONS_MAX);

@@ -144,7 +144,8 @@ fn of_first(name: &str, parts: &BTreeSet<String>) -> Described {
                 });
             }
             ("roller", _) => {
-                unused.push(Unused::because("its roller: a blind or a curtain has no words here"));
+                let reason = "its roller: there is no class for a blind or a curtain";
+                unused.push(Unused::because(reason));
             }
             ("sensor", "temperature") => features.push(numbered("temperature", "°C")),
             ("sensor", "humidity") => features.push(numbered("humidity", "%")),
@@ -209,7 +210,7 @@ fn of_second(name: &str, parts: &BTreeSet<String>) -> Described {
             ("humidity", Some(_)) => features.push(measured("humidity", "rh", "%")),
             ("illuminance", Some(_)) => features.push(measured("illuminance", "lux", "lx")),
             ("cover" | "rgb" | "rgbw" | "cct" | "thermostat", Some(_)) => {
-                unused.push(Unused::because(format!("its {kind}: it has no words here")));
+                unused.push(Unused::because(format!("its {kind}: there is no class for it")));
             }
             _ => (),
         }

@@ -191,7 +191,7 @@ fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described
         .map(|(chip, _)| Unused::as_usual(format!("its `{chip}` measures the device itself")))
         .collect();
     if relays.contains(&3) {
-        unused.push(Unused::because("its shutter: a blind or a curtain has no words here"));
+        unused.push(Unused::because("its shutter: there is no class for a blind or a curtain"));
     }
     if let Some(problem) = mqtt_link::topic_problem(&config.topic(CMND, "STATE")) {
         features.clear();

@@ -50,9 +50,9 @@ const ASKED: u8 = 4;
 
 /// Kinds of exposed features of which nothing can be used, with the reasons.
 const UNUSED: &[(&str, &str)] = &[
-    ("cover", "a blind or a curtain has no words here"),
-    ("fan", "a fan has no words here"),
-    ("climate", "what it heats or cools to has no words here"),
+    ("cover", "there is no class for a blind or a curtain"),
+    ("fan", "there is no class for a fan"),
+    ("climate", "there is no class for a set temperature"),
 ];
 
 /// The devices that the bridge has described, by address.
@@ -154,7 +154,7 @@ fn described(base: &str, device: Device) -> Option<Described> {
     let is_raw = |feature: &Feature| feature.class == "illuminance" && feature.unit.is_empty();
     let has_lux = features.iter().any(|feature| feature.class == "illuminance_lux");
     if features.iter().any(is_raw) && !has_lux {
-        let reason = "its illuminance has no unit: Zigbee2MQTT 1.x says it raw";
+        let reason = "its illuminance has no unit: Zigbee2MQTT 1.x reports raw values";
         unused.push(Unused::because(reason));
     }
     features.retain(|feature| !is_raw(feature));

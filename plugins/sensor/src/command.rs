@@ -47,7 +47,7 @@ pub(crate) fn probe(
     let factor = factor.unwrap_or(1.0);
     if !factor.is_finite() || factor == 0.0 {
         return Err(
-            blueprint.problem(format!("factor = {factor} leaves nothing of what is measured"))
+            blueprint.problem(format!("factor = {factor}: write a finite number other than 0"))
         );
     }
     let every = every.as_deref().map(humantime::parse_duration).transpose();
@@ -68,7 +68,7 @@ impl Command {
             })?,
         };
         let value = text::value(&said, quantity).ok_or_else(|| {
-            format!("take what `{name}` prints for a measurement: {}", text::told(&said))
+            format!("read a number from what `{name}` prints: {}", text::told(&said))
         })?;
         Ok(value * self.factor)
     }
@@ -138,9 +138,9 @@ mod tests {
     #[tokio::test]
     async fn what_goes_wrong_is_told() {
         for (command, more, expected) in [
-            (&["echo", "$HOME"][..], json!({}), "what `echo` prints for a measurement: $HOME"),
-            (&["echo", "nan"], json!({}), "take what `echo` prints for a measurement: nan"),
-            (&["true"], json!({}), "take what `true` prints for a measurement: "),
+            (&["echo", "$HOME"][..], json!({}), "read a number from what `echo` prints: $HOME"),
+            (&["echo", "nan"], json!({}), "read a number from what `echo` prints: nan"),
+            (&["true"], json!({}), "read a number from what `true` prints: "),
             (&["echo", "{}"], json!({ "json": "/a" }), "find /a in what `echo` prints: {}"),
             (&["/no/such/program"], json!({}), "run `/no/such/program`: No such file or directory"),
             (
@@ -150,7 +150,7 @@ mod tests {
             ),
             (&[], json!({}), "driver `command` needs a `command`: a program and its arguments"),
             (&["echo"], json!({ "json": "temp" }), "json = \"temp\": write where in the text"),
-            (&["echo"], json!({ "factor": 0 }), "factor = 0 leaves nothing of what is measured"),
+            (&["echo"], json!({ "factor": 0 }), "factor = 0: write a finite number other than 0"),
             (&["echo"], json!({ "every": "often" }), "every: expected number at 0"),
         ] {
             let problem = measured(command, more).await.expect_err(expected);
@@ -161,7 +161,7 @@ mod tests {
     #[tokio::test]
     async fn who_hangs_has_failed_before_the_method_has() {
         let problem = measured(&["sleep", "600"], json!({})).await.expect_err("it hangs");
-        assert_eq!(problem, "hear from `sleep` within 1.9s: it was ended");
+        assert_eq!(problem, "wait for `sleep`: it did not end within 1.9s and was killed");
     }
 
     #[tokio::test]

@@ -152,7 +152,7 @@ impl Config {
         }
         if let Some(pointer) = self.json.as_deref().filter(|pointer| !pointer.starts_with('/')) {
             let problem =
-                format!("json = \"{pointer}\": write where in the text, such as \"/main/temp\"");
+                format!("json = \"{pointer}\": write a JSON pointer, such as \"/main/temp\"");
             return Err(blueprint.problem(problem));
         }
         Ok(Hardware {

@@ -415,7 +415,7 @@ impl Sensor {
 fn believable(measured: Result<Measurement, String>) -> Result<Measurement, String> {
     match measured {
         Ok(Measurement { value, .. }) if !value.is_finite() => {
-            Err(format!("believe what was measured: {value}"))
+            Err(format!("use the measured value {value}: it is no finite number"))
         }
         other => other,
     }

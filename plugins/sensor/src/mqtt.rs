@@ -95,7 +95,8 @@ impl Mqtt {
             let value = text::said(&word.text, quantity, self.pointer.as_deref())?;
             Some(value.map(|value| Measurement { value, at: word.at }))
         });
-        let problem = |told| format!("find the {quantity} in what `{}` says: {told}", self.topic);
+        let problem =
+            |told| format!("find the {quantity} in the message on `{}`: {told}", self.topic);
         Some(match measured {
             Some(measured) => measured.map_err(problem),
             None => Err(problem(text::told(&newest.text))),
@@ -118,7 +119,9 @@ impl Probe for Mqtt {
                 (None, Some(trouble)) => {
                     Err(format!("reach the broker {}: {trouble}", mqtt.broker))
                 }
-                (None, None) => Err(format!("hear from `{}`: it has said nothing yet", mqtt.topic)),
+                (None, None) => {
+                    Err(format!("receive a value on `{}`: nothing was received yet", mqtt.topic))
+                }
             }
         })
     }
@@ -135,7 +138,8 @@ impl Probe for Mqtt {
                 {
                     return Ok(measured);
                 }
-                link.said.changed().await.map_err(|_| "hear from its broker".to_owned())?;
+                let changed = link.said.changed().await;
+                changed.map_err(|_| "receive messages from its broker".to_owned())?;
             }
         })
     }
@@ -278,7 +282,7 @@ mod tests {
         let problem = measure(&mut sensor, "temperature").await.expect_err("it is not known");
         assert_eq!(
             problem.to_string(),
-            "find the temperature in what `zigbee2mqtt/thermo` says: null"
+            "find the temperature in the message on `zigbee2mqtt/thermo`: null"
         );
     }
 
@@ -312,7 +316,10 @@ mod tests {
         let Some(broker) = Broker::start() else { return };
         let mut sensor = thermometer(&broker).await;
         let problem = measure(&mut sensor, "temperature").await.expect_err("nothing was said");
-        assert_eq!(problem.to_string(), "hear from `zigbee2mqtt/thermo`: it has said nothing yet");
+        assert_eq!(
+            problem.to_string(),
+            "receive a value on `zigbee2mqtt/thermo`: nothing was received yet"
+        );
         for rubbish in ["", "{", "[]", r#"{"temperature":null}"#, r#"{"temperature":"warm"}"#] {
             broker.retain("zigbee2mqtt/thermo", rubbish);
             let mut sensor = thermometer(&broker).await;
@@ -352,12 +359,12 @@ mod tests {
             (json!({ "topic": "a/+" }), "topic `a/+`: write that of one device, without + and #"),
             (
                 json!({ "topic": "a", "broker": "mqtts://x:8883" }),
-                "broker `mqtts://x:8883`: say whom it trusts: \
-                 ca = \"/etc/ssl/certs/ca-certificates.crt\", or your own",
+                "broker `mqtts://x:8883`: name the certificate authorities \
+                 to trust: ca = \"/etc/ssl/certs/ca-certificates.crt\", or your own",
             ),
             (
                 json!({ "topic": "a", "json": "temperature" }),
-                "json = \"temperature\": write where in the text, such as \"/main/temp\"",
+                "json = \"temperature\": write a JSON pointer, such as \"/main/temp\"",
             ),
             (
                 json!({ "topic": "a", "broker": "x:many" }),

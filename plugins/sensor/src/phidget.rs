@@ -99,7 +99,7 @@ fn lines(
     }
     let is_of_two_cables = lines.len() > 1 && lines.iter().any(|line| line.part.has_cables());
     if wiring.humidity_port.is_some() && !is_of_two_cables {
-        return Err("`humidity-port` is for a sensor with two cables, of which both are used: \
+        return Err("`humidity-port` is for a sensor with two cables when both are used: \
                     `sensor = \"1125\"` and `humidity = true`"
             .to_owned());
     }
@@ -116,18 +116,18 @@ fn address(
     let Wiring { serial, mut hub_port, mut port, humidity_port, .. } = *wiring;
     if part.needs_input() && hub_port.is_none() && port.is_none() {
         return Err(format!(
-            "{part} hangs on an input: write the `port` of the interface kit, or the `hub-port`"
+            "{part} needs an input: write the `port` of the interface kit, or the `hub-port`"
         ));
     }
     if is_one_of_two && part.has_cables() {
         let humidity_port = humidity_port.ok_or_else(|| {
             format!(
-                "{part} has two cables: write the `humidity-port`, where that of the humidity is"
+                "{part} has two cables: write the `humidity-port`, the port of its humidity cable"
             )
         })?;
         let place = if port.is_some() { &mut port } else { &mut hub_port };
         if *place == Some(humidity_port) {
-            let problem = "has two cables: `humidity-port` is another than that of the temperature";
+            let problem = "has two cables: `humidity-port` must differ from the temperature's";
             return Err(format!("{part} {problem}"));
         }
         if quantity == "humidity" {
@@ -145,9 +145,9 @@ fn scale(part: &Part, factor: Option<f64>) -> Result<f64, String> {
     match factor {
         Some(_) if !part.is_unscaled() => Err(format!("{part} has a unit: leave the `factor` out")),
         Some(factor) if factor.is_finite() && factor > 0.0 => Ok(factor),
-        Some(factor) => Err(format!("factor = {factor} leaves nothing of what is measured")),
+        Some(factor) => Err(format!("factor = {factor}: write a number greater than 0")),
         None if part.is_unscaled() => Err(format!(
-            "{part} says how bright it is in no unit: write a `factor`, the lux at its brightest"
+            "{part} reports brightness without a unit: write a `factor`, the lux at its maximum"
         )),
         None => Ok(1.0),
     }
@@ -178,7 +178,7 @@ impl Line {
         };
         let answered = tokio::time::timeout_at(until, answered).await;
         answered.unwrap_or_else(|_| {
-            Err(format!("hear of {part} at {address} in time: libphidget22 does not answer"))
+            Err(format!("reach {part} at {address} in time: libphidget22 does not answer"))
         })
     }
 
@@ -497,7 +497,7 @@ mod tests {
         for _ in 0..2 {
             let began = Instant::now();
             let failure = measure(&mut sensor, "temperature").await.expect_err("it hangs");
-            let expected = "hear of a 1125 at port 0 of Phidget 12345 in time: libphidget22 does";
+            let expected = "reach a 1125 at port 0 of Phidget 12345 in time: libphidget22 does";
             assert!(failure.to_string().contains(expected), "{failure}");
             assert!(began.elapsed() < 2 * MEASURING, "it would hang for six seconds");
         }
@@ -528,29 +528,30 @@ mod tests {
             ),
             (
                 json!({ "quantity": "temperature", "sensor": "1111", "port": 1 }),
-                "a `1111` measures motion, and no temperature: write no `sensor`, for a Phidget of \
-                 its own or `sensor = \"1125\"` or `sensor = \"1124\"`",
+                "a `1111` measures motion, and no temperature: write no `sensor` (a Phidget \
+                 that measures by itself) or `sensor = \"1125\"` or `sensor = \"1124\"`",
             ),
             (
                 json!({ "quantity": "motion", "sensor": "1111" }),
-                "a 1111 hangs on an input: write the `port` of the interface kit, or the `hub-port`",
+                "a 1111 needs an input: write the `port` of the interface kit, or the `hub-port`",
             ),
             (
                 json!({ "humidity": true, "sensor": "1125", "port": 0 }),
-                "a 1125 has two cables: write the `humidity-port`, where that of the humidity is",
+                "a 1125 has two cables: write the `humidity-port`, the port of its humidity cable",
             ),
             (
                 json!({ "humidity": true, "sensor": "1125", "port": 0, "humidity-port": 0 }),
-                "a 1125 has two cables: `humidity-port` is another than that of the temperature",
+                "a 1125 has two cables: `humidity-port` must differ from the temperature's",
             ),
             (
                 json!({ "sensor": "1125", "port": 0, "humidity-port": 1 }),
-                "`humidity-port` is for a sensor with two cables, of which both are used: \
+                "`humidity-port` is for a sensor with two cables when both are used: \
                  `sensor = \"1125\"` and `humidity = true`",
             ),
             (
                 json!({ "quantity": "light", "sensor": "1105", "port": 0 }),
-                "a 1105 says how bright it is in no unit: write a `factor`, the lux at its brightest",
+                "a 1105 reports brightness without a unit: write a `factor`, the lux at its \
+                 maximum",
             ),
             (
                 json!({ "quantity": "light", "sensor": "1127", "port": 0, "factor": 2 }),

@@ -38,7 +38,7 @@ impl Command {
         let word = printed.trim();
         is_on(word).ok_or_else(|| {
             let told: String = word.chars().take(TOLD_CHARS).collect();
-            format!("take what `{}` prints for on or off: {told}", state.name())
+            format!("read on or off from what `{}` prints: {told}", state.name())
         })
     }
 
@@ -182,8 +182,8 @@ mod tests {
     async fn who_fails_hangs_or_floods_is_no_switch_for_a_while() {
         for (on, expected) in [
             ("echo trying >&2; echo no bulb >&2; exit 3", "run `/bin/sh`: exit status: 3: no bulb"),
-            ("sleep 600 & wait", "hear from `/bin/sh` within 2s: it was ended"),
-            ("yes", "read more than 64 KiB, which `/bin/sh` prints"),
+            ("sleep 600 & wait", "wait for `/bin/sh`: it did not end within 2s and was killed"),
+            ("yes", "read the output of `/bin/sh`: it prints more than 64 KiB"),
             ("kill -9 $$", "run `/bin/sh`: signal: 9 (SIGKILL)"),
         ] {
             let mut lamp = lamp(on, json!({})).await;

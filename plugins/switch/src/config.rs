@@ -111,9 +111,7 @@ impl Config {
             None => Ok(usual),
         };
         if state.is_none() && self.every.is_some() {
-            return Err(
-                blueprint.problem("`every` is how often `state` is looked at; say that too")
-            );
+            return Err(blueprint.problem("`every` is the period of `state`; write `state` too"));
         }
         let every = duration("every", self.every.take(), EVERY)?;
         let time_out = duration("time-out", self.time_out.take(), TIME_OUT)?;
@@ -122,7 +120,7 @@ impl Config {
             return Err(blueprint.problem(problem));
         }
         if time_out.is_zero() || time_out > TIME_OUT_MAX {
-            let problem = format!("time-out: write more than nothing and at most {TIME_OUT_MAX:?}");
+            let problem = format!("time-out: write more than 0s and at most {TIME_OUT_MAX:?}");
             return Err(blueprint.problem(problem));
         }
         Ok(Commanded { on, off, state, every, time_out })

@@ -147,7 +147,7 @@ fn mistakes_say_what_would_be_right() {
         ),
         ("command", commanded("lamp", json!({ "off": null })), "needs a program for `off`"),
         ("command", commanded("lamp", json!({ "state": [""] })), "needs a program for `state`"),
-        ("command", commanded("lamp", json!({ "every": "1s" })), "`every` is how often `state`"),
+        ("command", commanded("lamp", json!({ "every": "1s" })), "`every` is the period"),
         (
             "command",
             commanded("lamp", json!({ "state": ["x"], "every": "1ms" })),
@@ -156,7 +156,7 @@ fn mistakes_say_what_would_be_right() {
         (
             "command",
             commanded("lamp", json!({ "time-out": "1h" })),
-            "time-out: write more than nothing and at most 120s",
+            "time-out: write more than 0s and at most 120s",
         ),
         ("command", commanded("lamp", json!({ "time-out": "soon" })), "time-out `soon`: expected"),
         ("", json!({ "location": "lab", "kind": "lamp" }), "it needs a `driver`: \"gpio\" for a"),

@@ -95,7 +95,7 @@ impl TurtleBot {
         if place == here {
             return Ok(here);
         }
-        Err(Failure::Driver(format!("do anything at `{place}`: the base stands at `{here}`")))
+        Err(Failure::Driver(format!("act at `{place}`: the base stands at `{here}`")))
     }
 
     fn validated(&self) -> Vec<OwnFact> {
@@ -179,7 +179,7 @@ impl Device for TurtleBot {
             Done::Moved(moved) => self.base.performed(&moved),
             Done::Validated(place) => {
                 let observed = facts_of(&format!("(validated {place})"));
-                let detail = format!("somebody logged in at {place}");
+                let detail = format!("a person logged in at {place}");
                 self.validated.insert(place, Instant::now());
                 let observations = observed.into_iter().map(|fact| fact.fact).collect();
                 Performed { detail, observations }

@@ -103,7 +103,7 @@ fn read_pin(path: &Path) -> Result<String, String> {
     if mode & 0o027 != 0 {
         let path = path.display();
         return Err(format!(
-            "others can read or change it (mode {mode:03o}); close it with `chmod 600 {path}`"
+            "other users can read or change it (mode {mode:03o}); close it with `chmod 600 {path}`"
         ));
     }
     let mut text = String::new();
@@ -146,7 +146,8 @@ impl Login {
         };
         let secret = secret.trim();
         if secret.is_empty() || attempts == 0 {
-            return Err(problem("`login` needs a PIN that is not empty, and attempts".to_owned()));
+            let what = "`login` needs a PIN that is not empty, and `attempts` of at least 1";
+            return Err(problem(what.to_owned()));
         }
         let duration = |text: &str| {
             humantime::parse_duration(text).map_err(|error| problem(format!("`{text}`: {error}")))
@@ -239,7 +240,7 @@ impl Attempt {
             let again = if attempt == 1 { "" } else { "That was wrong. " };
             let text = format!("{again}Who is at {}? Log in with your PIN.", self.place);
             let asked = self.ask.send(Asking::This(text)).await;
-            asked.map_err(|_| failed("ask anybody: the screen is off"))?;
+            asked.map_err(|_| failed("ask for a PIN: the screen is off"))?;
             self.is_open = true;
             let answer = self.answers.recv().await;
             self.is_open = false;
@@ -250,17 +251,17 @@ impl Attempt {
                 Some(News::Answer(_)) => (),
                 Some(News::Refused(refusal)) => {
                     self.close_for(self.rest);
-                    return Err(failed(&format!("validate anybody: {}", refusal.detail)));
+                    return Err(failed(&format!("validate a person: {}", refusal.detail)));
                 }
                 Some(News::Unanswered(why)) => {
                     self.close_for(self.rest);
-                    return Err(failed(&format!("validate anybody: {why}")));
+                    return Err(failed(&format!("validate a person: {why}")));
                 }
-                Some(News::Report(_)) | None => return Err(failed("hear anybody")),
+                Some(News::Report(_)) | None => return Err(failed("receive an answer")),
             }
         }
         self.close_for(LOCKED_FOR);
-        Err(failed(&format!("validate anybody: {} answers were wrong", self.attempts)))
+        Err(failed(&format!("validate a person: {} answers were wrong", self.attempts)))
     }
 
     fn close_for(&self, time: Duration) {

@@ -62,9 +62,8 @@ impl Patrol {
         let every = humantime::parse_duration(&every)
             .map_err(|error| blueprint.problem(format!("patrol.every `{every}`: {error}")))?;
         if places.is_empty() || every.is_zero() {
-            return Err(
-                blueprint.problem("a `patrol` needs places, and a while between".to_owned())
-            );
+            let problem = "a `patrol` needs `places`, and `every` greater than 0s";
+            return Err(blueprint.problem(problem.to_owned()));
         }
         let map = &blueprint.host.map.objects;
         let is_on_map =

@@ -133,7 +133,7 @@ async fn a_robot_runs_one_errand_at_a_time_and_two_robots_pass_each_other() {
         building.navigate("turtlebot-2", "corridor"),
     );
     assert_eq!((one, other), (Ok(()), Ok(())));
-    assert!(again.unwrap_err().to_string().contains("on another errand"));
+    assert!(again.unwrap_err().to_string().contains("it is driving already"));
     check(
         &building,
         expect![[r#"

@@ -154,8 +154,8 @@ async fn claims_that_the_building_denies_are_found() {
         Dies::AfterReport,
         |played| forget(played, moved),
         expect![[r#"
-            `ir-1` measured `office1` and was in `corridor`
-            `ir-1` measured `office2` and was in `corridor`
+            `ir-1` measured `office1`, but was in `corridor`
+            `ir-1` measured `office2`, but was in `corridor`
             `office1` was not measured by a robot at all before `thermometer-office2` died
             no robot measured `office2` after `thermometer-office2` died"#]],
     )
@@ -189,7 +189,7 @@ async fn claims_that_the_building_denies_are_found() {
     check(
         Dies::AfterReport,
         |played| played.truth.log.next_sequence += 1,
-        expect!["the log has forgotten its first 1 occurrences"],
+        expect!["the log has dropped its first 1 events"],
     )
     .await;
 }
@@ -250,9 +250,9 @@ async fn a_robot_that_goes_where_it_cannot_is_found() {
         };
         let expected = match from {
             "conf-room" => {
-                expect!["`turtlebot-1` went from `conf-room` to `corridor`: no way it had"]
+                expect!["`turtlebot-1` went from `conf-room` to `corridor`, which is impossible"]
             }
-            _ => expect!["`turtlebot-1` went from `office2` to `office1`: no way it had"],
+            _ => expect!["`turtlebot-1` went from `office2` to `office1`, which is impossible"],
         };
         check(Dies::AfterReport, went, expected).await;
     }

@@ -102,9 +102,9 @@ async fn it_holds_for_every_seed_where_all_is_done() {
 async fn it_fails_where_anything_is_left_out() {
     for (flaw, word) in [
         (Flaw::NobodyReplans, "no robot measured"),
-        (Flaw::OneRobotDoesAll, "which the other has nearer"),
+        (Flaw::OneRobotDoesAll, "to which the other robot was closer"),
         (Flaw::SensorIsIgnored, "1 times after"),
-        (Flaw::SensorNeverComes, "a new sensor, in this order"),
+        (Flaw::SensorNeverComes, "and then a new sensor"),
         (Flaw::Lies, "the user was told 0 °C"),
     ] {
         for seed in 0..20 {

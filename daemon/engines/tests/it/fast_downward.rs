@@ -112,7 +112,7 @@ fn what_it_brings_is_not_believed() {
     assert!(matches!(wrong, EngineError::WrongPlan { .. }), "{wrong:?}");
     assert_eq!(wrong.to_string(), "confirm the plan of Fast Downward: goal: (q) does not hold");
     for (plan, problem) in
-        [("(a-fly)\n", "nothing is called `a-fly`"), ("", "wrote none"), ("(a-go", "")]
+        [("(a-fly)\n", "no action or object `a-fly`"), ("", "wrote none"), ("(a-go", "")]
     {
         let unreadable = err("0", plan);
         assert!(matches!(unreadable, EngineError::UnreadablePlan { .. }), "{unreadable:?}");

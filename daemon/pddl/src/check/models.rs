@@ -46,7 +46,7 @@ impl<'t> Checker<'_, 't> {
     }
 
     fn declared_otherwise(&mut self, name: &'t Name, shared: String) {
-        let message = format!("the ontology declares `{name}` otherwise, and wins");
+        let message = format!("the ontology declares `{name}` differently, and takes precedence");
         self.report(Diagnostic::warning(name.span(), message).with_rule(shared));
     }
 

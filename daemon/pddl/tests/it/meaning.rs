@@ -389,7 +389,7 @@ fn models_build_on_the_ontology() {
              :effect (barked ?l))",
         expect![[r#"
             1:71: warning: supertype `animal` is not declared; declare it: `animal - object` at `animal`
-            1:122: warning: the ontology declares `at` otherwise, and wins [(at ?r - robot ?l - location)] at `at`
+            1:122: warning: the ontology declares `at` differently, and takes precedence [(at ?r - robot ?l - location)] at `at`
             2:51: hint: unknown object `kitchen`; the map or another agent has to bring it at `kitchen`
             3:63: error: unknown type `locaton`; did you mean `location`? at `locaton`
             4:23: error: unknown predicate `barked` at `barked`

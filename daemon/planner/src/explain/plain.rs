@@ -212,7 +212,7 @@ impl Why<'_> {
         }
         match is_changed {
             true => format!("no action makes {subject} true of these objects"),
-            false => format!("no action makes {subject} true, and `:init` does not say it"),
+            false => format!("no action makes {subject} true, and `:init` does not contain it"),
         }
     }
 

@@ -26,12 +26,9 @@ impl fmt::Display for Explanation {
             f.write_str(match (self.is_complete, self.parts) {
                 (false, _) => "what is missing was not found within the bounds of the search",
                 (true, 0 | 1) => {
-                    "it can be reached where nothing is undone; what is in the way is how the \
-                     steps towards it interfere"
+                    "it can be reached if no step undoes anything; the steps towards it interfere"
                 }
-                (true, _) => {
-                    "each part can be reached alone; what is in the way is how they interfere"
-                }
+                (true, _) => "each part can be reached alone; together they interfere",
             })?;
         }
         for (number, (lead, subjects, rest)) in sentences.iter().enumerate() {
@@ -64,7 +61,7 @@ impl Obstacle {
 
     fn rest(&self, there: &[&Name]) -> String {
         if self.is_numeric {
-            return "an action would do, if it were not for an amount".to_owned();
+            return "an action would do, but a numeric condition prevents it".to_owned();
         }
         let is_here = |missing: &Missing| matches!(missing.agent, Who::Here(_));
         let (here, new): (Vec<&Alternative>, Vec<&Alternative>) =
@@ -94,7 +91,7 @@ impl Obstacle {
             true if self.actions.is_empty() => {
                 "no agent that is or was here has an action for it".to_owned()
             }
-            true => "more than two things are missing for it that no agent brings about".to_owned(),
+            true => "it needs more than two conditions that no agent makes true".to_owned(),
         }
     }
 

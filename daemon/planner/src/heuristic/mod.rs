@@ -119,7 +119,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     },
     Heuristic {
         name: "landmarks",
-        summary: "the number of facts that every plan achieves and this way has not, or lost again",
+        summary: "the number of landmarks (facts of every plan) not achieved yet, or lost again",
         admissible: false,
         consistent: false,
     },

@@ -110,7 +110,7 @@ impl<'s> Scope<'s> {
             Expression::Duration(span)
             | Expression::ContinuousTime(span)
             | Expression::TotalTime(span) => {
-                let message = "time is only known to durative actions and metrics";
+                let message = "time is only defined in durative actions and metrics";
                 self.symbols.problems.push(Diagnostic::error(*span, message));
                 return None;
             }

@@ -221,13 +221,13 @@ fn parts_that_are_reached_alone_interfere() {
     let both = explained(&office, GUARDS, &[], "(and (at tb office1) (at tb office2))");
     expect![[r#"
         each part can be reached alone;
-        what is in the way is how they interfere
+        together they interfere
     "#]]
     .assert_eq(&lines(&both));
     let one = explained(&office, GUARDS, &[], "(at tb office1)");
     expect![[r#"
-        it can be reached where nothing is undone;
-        what is in the way is how the steps towards it interfere
+        it can be reached if no step undoes anything;
+        the steps towards it interfere
     "#]]
     .assert_eq(&lines(&one));
 }
@@ -245,7 +245,7 @@ fn an_amount_in_the_way_is_said_so() {
     let explanation = explained(&texts, &[("work", "work", "offers-work")], &[], "(done)");
     expect![[r#"
         no agent here can reach `(done)`;
-        an action would do, if it were not for an amount
+        an action would do, but a numeric condition prevents it
     "#]]
     .assert_eq(&lines(&explanation));
 }

@@ -176,7 +176,7 @@ impl Plan {
             "it can change modes, times and lengths of files that it can reach",
         );
         let sockets = match self.has_room {
-            true => "it can connect to Unix sockets in what `read` shows it",
+            true => "it can connect to Unix sockets in the folders that `read` names",
             false => "it can connect to Unix sockets of this user, those of daemons included",
         };
         say(!self.hides_sockets(), sockets);
@@ -251,7 +251,7 @@ mod tests {
             assert!(without.contains(expected), "{without}");
         }
         let shown = means(7, true, false).plan(&asking(false, &["/srv/a"]), true).lacks();
-        assert_eq!(shown, ["it can connect to Unix sockets in what `read` shows it"]);
+        assert_eq!(shown, ["it can connect to Unix sockets in the folders that `read` names"]);
         let nothing = Means::none("no kernel at all").plan(&asking(false, &[]), false).lacks();
         assert_eq!(nothing.len(), 6, "{nothing:?}");
         let files = |means: Means| means.plan(&asking(false, &[]), false).lacks()[0].clone();

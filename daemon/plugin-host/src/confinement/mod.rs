@@ -168,7 +168,7 @@ impl Confinement {
         self.end_with_parent()?;
         if let Some(group) = &self.cgroup {
             let joined = std::fs::write(group.join("cgroup.procs"), "0");
-            joined.map_err(|source| limit("what it takes", source))?;
+            joined.map_err(|source| limit("its resources by a control group", source))?;
         }
         let devices: Vec<PathBuf> =
             PLAIN_DEVICES.iter().map(PathBuf::from).chain(self.devices.iter().cloned()).collect();
@@ -209,7 +209,7 @@ impl Confinement {
 
     fn end_with_parent(&self) -> Result<(), ConfinementError> {
         let failed =
-            |errno: rustix::io::Errno| limit("its life to that of the daemon", errno.into());
+            |errno: rustix::io::Errno| limit("its lifetime to that of the daemon", errno.into());
         rustix::process::set_parent_process_death_signal(Some(Signal::KILL)).map_err(failed)?;
         let parent = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get());
         // The parent may have ended before the signal was set.

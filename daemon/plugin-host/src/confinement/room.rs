@@ -105,7 +105,7 @@ pub(super) fn enter(furniture: &Furniture) -> Result<(), RoomError> {
 /// Moves the machine's files below [`OLD`], and mounts an empty root for the room at [`NEW`].
 fn leave(somewhere: &Path) -> Result<(), RoomError> {
     let private = MountPropagationFlags::PRIVATE | MountPropagationFlags::REC;
-    mount_change("/", private).map_err(|errno| failed("keep mounts to itself", errno.into()))?;
+    mount_change("/", private).map_err(|errno| failed("keep mounts private", errno.into()))?;
     // Any existing folder serves as a mount point; it is reachable again once the mount is the root.
     tmpfs(somewhere)?;
     let base = |name: &str| somewhere.join(name.trim_start_matches('/'));
@@ -118,10 +118,11 @@ fn leave(somewhere: &Path) -> Result<(), RoomError> {
 
 /// Makes [`NEW`] the root, and unmounts everything else.
 fn enter_new() -> Result<(), RoomError> {
-    std::env::set_current_dir(NEW).map_err(|error| failed("enter the room", error))?;
+    std::env::set_current_dir(NEW).map_err(|error| failed("enter the namespace room", error))?;
     pivot(Path::new("."), Path::new("."))?;
-    unmount(".", UnmountFlags::DETACH).map_err(|errno| failed("let go of files", errno.into()))?;
-    std::env::set_current_dir("/").map_err(|error| failed("enter the room", error))
+    unmount(".", UnmountFlags::DETACH)
+        .map_err(|errno| failed("unmount the old root", errno.into()))?;
+    std::env::set_current_dir("/").map_err(|error| failed("enter the namespace room", error))
 }
 
 fn pivot(root: &Path, old: &Path) -> Result<(), RoomError> {

@@ -8,22 +8,22 @@ use crate::described::{Command, Feature, NOT_OF_THE_ROOM, Reading, Source, Teleg
 
 /// Components of which nothing can be used, with the reasons.
 const UNUSED: &[(&str, &str)] = &[
-    ("alarm_control_panel", "to arm and disarm an alarm is left to people"),
+    ("alarm_control_panel", "arming and disarming an alarm is left to people"),
     ("button", "a press leaves no state that a goal could ask for"),
     ("camera", "a picture is no fact of a room"),
     ("device_automation", "a trigger is an event and no state"),
-    ("device_tracker", "where a thing or a person is, no room's fact says"),
+    ("device_tracker", "no fact of a room says where a thing or a person is"),
     ("event", "an event is no state"),
     ("image", "a picture is no fact of a room"),
     ("lawn_mower", "it works outside of rooms"),
-    ("notify", "it is told to people, not to rooms"),
-    ("number", "a number that is set has no words here"),
+    ("notify", "a notification is for people"),
+    ("number", "there is no class for a number that is set"),
     ("scene", "a scene has no state that a goal could ask for"),
-    ("select", "a choice has no words here"),
+    ("select", "there is no class for a choice"),
     ("tag", "a tag that is read is an event and no state"),
-    ("text", "a text that is set has no words here"),
-    ("update", "its software is left to people"),
-    ("vacuum", "where it cleans, it does not say by rooms"),
+    ("text", "there is no class for a text that is set"),
+    ("update", "updating its software is left to people"),
+    ("vacuum", "it does not report in which room it cleans"),
     ("water_heater", "it measures its water, not the room"),
 ];
 
@@ -103,8 +103,8 @@ pub(crate) fn features(
         "switch" => switch(config, label).map(|found| vec![found]),
         "light" => light(config, label).map(|found| vec![found]),
         "lock" => lock(config, label).map(|found| vec![found]),
-        "climate" => surroundings(config, label, "what it heats or cools to has no words here"),
-        "humidifier" => surroundings(config, label, "what it moistens to has no words here"),
+        "climate" => surroundings(config, label, "there is no class for a set temperature"),
+        "humidifier" => surroundings(config, label, "there is no class for a set humidity"),
         "fan" | "siren" => on_off(component, config, label).map(|found| vec![found]),
         "cover" | "valve" => open_close(component, config, label).map(|found| vec![found]),
         _ => Err(format!("Home Assistant's discovery has no component `{component}`")),
@@ -151,7 +151,7 @@ fn sensor(config: &Config, label: &str) -> Result<Feature, String> {
         None => class_of_unit(&unit).ok_or("it does not say its device class")?,
     };
     if class == "illuminance" && unit.is_empty() {
-        return Err("it has no unit, so that it may be raw".to_owned());
+        return Err("it has no unit, so its values may be raw".to_owned());
     }
     let source = config.source("state_topic", "value_template", Reading::Whole)?;
     Ok(Feature {
@@ -295,7 +295,7 @@ fn template_light(config: &Config, label: &str) -> Result<Feature, String> {
 }
 
 fn lock(config: &Config, label: &str) -> Result<Feature, String> {
-    let code = "it wants a code, and a plan has none to give";
+    let code = "it needs a code, and plans contain no codes";
     if config.has("code_format") {
         return Err(code.to_owned());
     }
@@ -370,7 +370,7 @@ fn on_off(component: &str, config: &Config, label: &str) -> Result<Feature, Stri
 
 fn open_close(component: &str, config: &Config, label: &str) -> Result<Feature, String> {
     if config.is("reports_position") == Some(true) || !config.has("state_topic") {
-        return Err("it says only how far it is open".to_owned());
+        return Err("it reports only how far it is open".to_owned());
     }
     let source = config.source("state_topic", "value_template", Reading::Whole)?;
     let payloads = [("payload_open", "OPEN"), ("payload_close", "CLOSE")];

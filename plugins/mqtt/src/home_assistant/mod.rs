@@ -58,7 +58,7 @@ impl Discovery {
             return Ok(());
         }
         if !self.texts.contains_key(topic) && self.texts.len() >= ENTITIES_MAX {
-            return Err(format!("more than {ENTITIES_MAX} entities are told of"));
+            return Err(format!("more than {ENTITIES_MAX} entities are announced"));
         }
         let within = topic.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('/'));
         let component = within.and_then(|within| within.split('/').next()).unwrap_or_default();
@@ -206,7 +206,7 @@ fn whole(config: &Config, object: &str) -> Vec<Entity> {
             entity(&platform, component.with_base(), &name)
         }
         None => {
-            let reason = format!("its component `{name}` does not say its `platform`");
+            let reason = format!("its component `{name}` has no `platform`");
             let unused = Some(Unused::because(reason));
             Entity { unused, ..about(&component, object) }
         }

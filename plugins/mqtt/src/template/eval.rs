@@ -404,7 +404,7 @@ impl<'e> Evaluation<'e> {
         match filters::applied(&self.state, name, arguments) {
             Some(own) => own,
             None if GO_THROUGH.contains(&name) && arguments.first().is_some_and(is_single) => {
-                Err(wrong(format!("`{name}` wants several, and gets one")))
+                Err(wrong(format!("`{name}` needs several values, and gets one")))
             }
             None => self.state.apply_filter(name, arguments),
         }

@@ -60,7 +60,7 @@ pub(super) fn wrong(problem: impl Into<String>) -> Error {
 }
 
 pub(super) fn missing() -> Error {
-    Error::new(ErrorKind::UndefinedError, "what it asks for is not there")
+    Error::new(ErrorKind::UndefinedError, "the value that it asks for does not exist")
 }
 
 impl Number {

@@ -58,7 +58,7 @@ async fn a_goal_that_undoes_itself_is_told_from_a_missing_capability() {
     let robot = robot.expect("the paper has one").clone();
     let goal = format!("(and (at {robot} office1) (at {robot} office2))");
     let told = wish(&set, "ann", &goal).await;
-    let interfere = "each part can be reached alone; what is in the way is how they interfere";
+    let interfere = "each part can be reached alone; together they interfere";
     assert!(told.contains(interfere), "{told}");
 }
 
