@@ -507,8 +507,8 @@ fn a_stopped_bystander_keeps_no_command_waiting() {
     let took = began.elapsed();
     office.signal("conf-room-pi", "CONT");
     assert_eq!(code, Some(0), "{said}");
-    assert!(said.contains("conf-room-pi.sock stands still (process "), "{said}");
-    assert!(said.contains("joins by unixsock-stream/"), "{said}");
+    assert!(said.contains("conf-room-pi.sock does not respond (process "), "{said}");
+    assert!(said.contains("connects to unixsock-stream/"), "{said}");
     assert!(took < Duration::from_secs(9), "Zenoh alone waits ten seconds: {took:?}");
 }
 
@@ -531,7 +531,7 @@ fn misses_no_line(time_scale: &str) {
     let noted = notes(child.0.stderr.take().expect("a pipe"));
     let mut all = await_note(&said, "a plan of 5 steps");
     office.signal("conf-room-pi", "STOP");
-    await_note(&noted, "conf-room-pi.sock stands still (process ");
+    await_note(&noted, "conf-room-pi.sock does not respond (process ");
     all += &await_note(&said, "the goal holds");
     office.signal("conf-room-pi", "CONT");
     assert_eq!(child.within(PATIENCE), Some(0), "{all}");
@@ -570,7 +570,7 @@ fn who_waits_for_a_goal_hears_that_nobody_leads() {
     office.up(&["office2-pi", "reasoning"], &[]);
     let (_goal, _said, notes) = kept_goal(&office);
     office.kill("reasoning");
-    await_note(&notes, "nobody leads: no daemon that is seen hosts `plan-requester`");
+    await_note(&notes, "`plan-requester` has no leader: no daemon in reach hosts it");
     office.up(&["reasoning"], &[]);
     await_note(&notes, "`plan-requester` leads again, at daemon `reasoning`");
 }

@@ -402,7 +402,7 @@ impl Asked {
     }
 
     fn has_ended(&self) -> bool {
-        let ends = ["done", "failed", "refused", "nobody", "cancelled"];
+        let ends = ["done", "failed", "refused", "no reply", "cancelled"];
         self.said.last().is_some_and(|last| ends.iter().any(|end| last.starts_with(end)))
     }
 

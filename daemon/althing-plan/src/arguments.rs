@@ -20,7 +20,7 @@ plan that is not proven to be the cheapest: 1 out of memory, 2 out of time,
 Other engines are programs of their own. Fast Downward is found on PATH or,
 after `pip install up-fast-downward`, in a Python on PATH; Metric-FF on PATH.
 The variables ALTHING_FAST_DOWNWARD and ALTHING_METRIC_FF name another program.
-Their memory limit is one for each of their processes.";
+The memory limit applies to each of their processes.";
 
 /// Returns the help text below the options; `name` is the command in its examples.
 pub fn help(name: &str) -> String {
@@ -50,7 +50,7 @@ pub struct PlanArgs {
     /// what is available]
     #[arg(long, value_name = "MIB", value_parser = mebibytes)]
     pub memory_limit: Option<u32>,
-    /// Search on so many threads, 1 or 2; the same number finds the same plan
+    /// The number of search threads, 1 or 2; the same number finds the same plan
     #[arg(
         long,
         value_name = "N",
@@ -58,19 +58,19 @@ pub struct PlanArgs {
         value_parser = clap::value_parser!(u16).range(1..)
     )]
     pub threads: u16,
-    /// Which planner
+    /// The planner
     #[arg(long, value_enum, default_value_t = Engine::Embedded)]
     pub engine: Engine,
-    /// How the first plan is searched for; --list shows the ways there are
+    /// The search configuration for the first plan; --list shows all
     #[arg(long, value_name = "NAME", default_value = planner::CONFIGURATIONS[0].name, value_parser = search())]
     pub search: String,
-    /// Show heuristics and ways to search, and what they promise
+    /// List the heuristics and search configurations, with their guarantees
     #[arg(long)]
     pub list: bool,
-    /// Go on after the first plan, to cheaper ones, until a limit
+    /// After the first plan, search for cheaper ones until a limit
     #[arg(long)]
     pub anytime: bool,
-    /// Go on until a plan is proven to be the cheapest, or a limit
+    /// Search until a plan is proven to be the cheapest, or until a limit
     #[arg(long)]
     pub optimal: bool,
     /// How the outcome is printed.

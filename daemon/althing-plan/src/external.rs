@@ -46,7 +46,7 @@ pub(crate) fn run(args: &PlanArgs, engine: Engine, task: &Task, started: Instant
     let cancel = Cancel::new();
     let interrupted = on_interrupt(cancel.clone());
     let telling = Telling::start(args, started, move |seconds| {
-        format!("{engine} has been at it for {seconds} s")
+        format!("{engine} has been running for {seconds} s")
     });
     let outcome = engines::plan(&installation, &task.domain, &task.problem, &options, &cancel);
     drop(telling);

@@ -206,13 +206,13 @@ fn refusal(args: &PlanArgs) -> Option<Diagnostic> {
         return refuse("`--anytime` with another engine", "the embedded planner can do it");
     }
     if args.anytime && args.optimal {
-        let help = "`--optimal` says nothing until it has the cheapest plan";
+        let help = "`--optimal` prints no plan before the cheapest one";
         return refuse("`--anytime` with `--optimal`", help);
     }
     if args.optimal && args.engine == Engine::MetricFf {
         return refuse(
             "`--optimal` with Metric-FF",
-            "none of its searches proves anything cheapest",
+            "none of its searches proves that a plan is the cheapest",
         );
     }
     None

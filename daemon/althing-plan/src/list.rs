@@ -25,7 +25,7 @@ pub(crate) fn run(as_json: bool) -> ExitCode {
         };
         entry(&mut text, one.name, kind, one.summary);
     }
-    text += "\nWays to search (--search), the default first; all are complete\n";
+    text += "\nSearch configurations (--search), the default first; all are complete\n";
     for one in CONFIGURATIONS {
         let kind = if one.optimal { "first plan is the cheapest" } else { "any plan first" };
         let kind = format!("{kind}; {}", one.heuristics.join(", "));

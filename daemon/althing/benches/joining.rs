@@ -199,7 +199,7 @@ impl Bench {
     async fn heard(&mut self, what: impl Fn(&EpochChange) -> bool) -> Outcome<Instant> {
         loop {
             let heard = tokio::time::timeout(PATIENCE, self.changes.recv()).await?;
-            let (at, change) = heard.ok_or("nobody listens")?;
+            let (at, change) = heard.ok_or("the listener has ended")?;
             if what(&change) {
                 return Ok(at);
             }

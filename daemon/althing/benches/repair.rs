@@ -19,7 +19,7 @@
 #[path = "../../../tests/support/mod.rs"]
 mod house;
 #[path = "../src/scenario/setting.rs"]
-#[allow(dead_code, reason = "the scenarios that nobody plays here use the rest")]
+#[allow(dead_code, reason = "the scenarios that are not played here use the rest")]
 mod setting;
 mod support;
 #[path = "repair/wires.rs"]
@@ -247,7 +247,7 @@ impl Stage {
 
     async fn next_act(&mut self) -> Outcome<(Instant, Act)> {
         let heard = tokio::time::timeout(PATIENCE, self.acts.recv()).await?;
-        Ok(heard.ok_or("nobody listens")?)
+        Ok(heard.ok_or("the listener has ended")?)
     }
 }
 

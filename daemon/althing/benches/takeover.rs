@@ -188,7 +188,7 @@ async fn until_kept(person: &Person) -> Outcome<()> {
 async fn next(heard: &mut mpsc::Receiver<Asked>, is_it: impl Fn(&Asked) -> bool) -> Outcome<Asked> {
     loop {
         let asked = tokio::time::timeout(PATIENCE, heard.recv()).await?;
-        let asked = asked.ok_or("nobody listens")?;
+        let asked = asked.ok_or("the listener has ended")?;
         if is_it(&asked) {
             return Ok(asked);
         }

@@ -156,7 +156,7 @@ async fn cost(count: usize, mode: Mode, aim: Aim) -> Outcome<Arc<Counts>> {
         daemons.insert(entry.daemon.clone(), daemon);
     }
     let (keyboard, mut terminal) = Keyboard::with_terminal();
-    let reasoning = daemons.get("reasoning").ok_or("nobody reasons")?;
+    let reasoning = daemons.get("reasoning").ok_or("no process hosts the reasoning agents")?;
     support::launch(&AgentId::new("user")?, Box::new(keyboard), reasoning, "campus");
     let names = devices.iter().map(|device| device.name().to_owned()).collect();
     support::await_offers(reasoning, &names).await?;

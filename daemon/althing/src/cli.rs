@@ -28,19 +28,19 @@ Try it
 Run   up        run the daemon: this machine's agents join the ecosystem
       keyboard  open a prompt to a running ecosystem, in any terminal
       scenario  play a scenario of the paper in a simulated building
-Ask   goal      for an outcome: follow it, keep it up, give it up
-      act       for one action         set      change what is known to be true
-      mode      who plans, from now on answer   what an agent asks people
-Look  agents    who is here            domain   what all can do, as PDDL
-      state     what is known          goals    what is wanted, how it stands
+Ask   goal      for an outcome: follow it, keep it, cancel it
+      act       for one action         set      change the known facts
+      mode      set the planning mode  answer   an agent's question to a person
+Look  agents    that are present       domain   all agents' actions, as PDDL
+      state     the known facts        goals    and the state of each
       watch     the messages           mailbox  how full agents' mailboxes are
 Plan  plan      without an ecosystem   validate a plan, to the step that fails
-      check     show what is wrong in ecosystem files, PDDL, action models
-      replay    what was recorded      send     one message as it is written
-More  plugin    programs that bring agents: add them, see how they are
+      check     find mistakes in ecosystem files, PDDL, action models
+      replay    a recording            send     one message as it is written
+More  plugin    programs that bring agents: add, list, remove them
       cert      keys, certificates sensors  plugged in   completions of shells
 
-Options: -v, -vv (log more), --json (where something is printed), -h, -V
+Options: -v, -vv (log more), --json (output for programs), -h, -V
 ";
 
 /// The whole command line.
@@ -56,7 +56,7 @@ Options: -v, -vv (log more), --json (where something is printed), -h, -V
     subcommand_required = true
 )]
 pub(crate) struct Cli {
-    /// Log to stderr what happens; -vv how (ALTHING_LOG says it in detail)
+    /// Log events to stderr, with -vv in detail (the variable ALTHING_LOG filters them)
     #[arg(short, long, action = ArgAction::Count, global = true, display_order = 900)]
     pub(crate) verbose: u8,
 
@@ -80,7 +80,7 @@ pub(crate) enum Command {
     Up(UpArgs),
     /// Play a scenario of the paper against the simulated building, and check the outcome
     Scenario(ScenarioArgs),
-    /// Open a prompt to a running ecosystem: goals, actions, answers, and what comes of them
+    /// Open a prompt to a running ecosystem: goals, actions, answers, and their outcomes
     #[command(after_help = KEYBOARD_HELP)]
     Keyboard(KeyboardArgs),
     /// Ask a running ecosystem for a goal, and follow it to its end
@@ -88,37 +88,37 @@ pub(crate) enum Command {
     /// Ask for one action, and follow it to its end
     #[command(after_help = ACT_HELP)]
     Act(ActArgs),
-    /// Change what is known of the world
+    /// Change the known facts
     #[command(after_help = SET_HELP)]
     Set(SetArgs),
-    /// Change the flow while it runs: who plans for the goals from now on
+    /// Change the planning mode of the running ecosystem
     Mode(ModeArgs),
     /// Answer a question that an agent asks a person; without arguments, list the open ones
     #[command(after_help = ANSWER_HELP)]
     Answer(AnswerArgs),
-    /// Show who is here, with which capabilities
+    /// Show the agents that are present, and what they offer
     Agents(AgentsArgs),
     /// Show what all agents can do together, as a PDDL domain
     Domain(AskArgs),
-    /// Show what is known of the world, from whom, and until when
+    /// Show the known facts, the agent that states each, and until when it is believed
     State(AskArgs),
-    /// Show the goals, where they stand, and what has happened
+    /// Show the goals, the state of each, and its history
     Goals(AskArgs),
     /// Show the messages of a running ecosystem as they are sent
     #[command(after_help = WATCH_HELP)]
     Watch(WatchArgs),
-    /// Play what was recorded into a fresh ecosystem
+    /// Replay a recording in a new ecosystem, and compare the outcomes
     #[command(after_help = REPLAY_HELP)]
     Replay(ReplayArgs),
     /// Show how full agents' mailboxes are, and what has overflowed
     Mailbox(MailboxArgs),
-    /// Make keys and certificates for daemons, show them, take them back
+    /// Make, show and revoke keys and certificates of daemons
     #[command(after_help = cert::HELP)]
     Cert(cert::CertArgs),
-    /// Show which sensors the kernel of this machine knows, and how to bring them in
+    /// Show the sensors that this machine's kernel knows, and how to add them to an ecosystem
     #[command(after_help = SENSORS_HELP)]
     Sensors(SensorsArgs),
-    /// Add programs that bring agents, see how they are, take them away
+    /// Add, list and remove plugins: programs that bring agents
     #[command(after_help = plugin::HELP)]
     Plugin(plugin::PluginArgs),
     /// Send one message as it is written, and print the answers
@@ -127,24 +127,24 @@ pub(crate) enum Command {
     /// Find a plan for a PDDL domain and problem
     #[command(after_help = althing_plan::arguments::help("althing plan"))]
     Plan(PlanArgs),
-    /// Check a plan, tell its cost, or the step and the condition that fail
+    /// Check a plan: print its cost, or the step and the condition that fail
     #[command(after_help = VALIDATE_HELP)]
     Validate(ValidateArgs),
-    /// Show what is wrong in ecosystem files, PDDL files and action models
+    /// Find mistakes in ecosystem files, PDDL files and action models
     #[command(after_help = CHECK_HELP)]
     Check(CheckArgs),
-    /// Print what lets a shell complete this command line
+    /// Print a script that makes a shell complete `althing` commands
     #[command(after_help = COMPLETIONS_HELP)]
     Completions(CompletionsArgs),
 }
 
 const SENSORS_HELP: &str = "\
-Looks at Industrial I/O, hardware monitoring and 1-wire below /sys; needs no
-rights. A sensor that is not listed has no driver: `dtoverlay=...` on a
-Raspberry Pi, `modprobe` and `new_device` elsewhere. Names and places stay as
-they are when sensors are plugged in in another order.
+Reads Industrial I/O, hardware monitoring and 1-wire below /sys; needs no
+special rights. A sensor that is not listed has no driver: `dtoverlay=...` on a
+Raspberry Pi, `modprobe` and `new_device` elsewhere. Names and places stay the
+same when the sensors are plugged in in another order.
 
-  althing sensors --toml >> office.toml    then say in which room each stands";
+  althing sensors --toml >> office.toml    then write the room of each sensor";
 
 const VALIDATE_HELP: &str = "\
 Exit codes: 0 the plan works, 1 it does not, 33 bad input, 34 unsupported
@@ -153,29 +153,29 @@ Example: althing validate domain.pddl problem.pddl plan.txt";
 
 const CHECK_HELP: &str = "\
 A problem and an action model are checked against the domain that they name: one
-of the files given, or one found beside them. Of an ecosystem, every agent is
-built as `up` builds it, and let go.
+of the files given, or one found beside them. For an ecosystem file, every agent
+is built as `up` builds it, and not started.
 
-Exit codes: 0 nothing wrong, 33 mistakes were found
+Exit codes: 0 no mistakes, 33 mistakes were found
 
 Examples: althing check althing.toml
           althing check domains/*/*.pddl --json";
 
 const KEYBOARD_HELP: &str = "\
 At the prompt, Tab completes, `help` lists the verbs, Ctrl-D ends. A line that
-begins with `(` is a goal. Where standard input is no terminal, its lines are
-done one after the other, and the exit code is 1 if one of them failed.
+begins with `(` is a goal. If standard input is not a terminal, its lines are
+executed one after the other, and the exit code is 1 if one of them failed.
 
 Examples: althing keyboard
           echo \"act (move turtlebot-1 corridor office1)\" | althing keyboard";
 
 const ACT_HELP: &str = "\
-The first argument of an action is the agent that acts. Ctrl-C gives it up.
+The first argument of an action is the agent that acts. Ctrl-C cancels it.
 
 Example: althing act \"(move turtlebot-1 corridor office1)\"";
 
 const SET_HELP: &str = "\
-What an agent says of itself overrides it with the agent's next heartbeat.
+Facts that an agent states itself override the change with its next heartbeat.
 
 Examples: althing set \"(known-temperature office1)\"
           althing set \"(= (distance corridor office1) 9)\"
@@ -183,9 +183,9 @@ Examples: althing set \"(known-temperature office1)\"
 
 const ANSWER_HELP: &str = "\
 Examples: althing answer               lists the open questions
-          althing answer 1 yes         where one keyboard alone has a question 1
+          althing answer 1 yes         if only one keyboard has a question 1
           althing answer hall/1 yes    question 1 of the keyboard `hall`
-          althing answer 1             asks for the answer, a secret unseen
+          althing answer 1             prompts for the answer, hides a secret
           althing answer 1 < pin       takes the first line of a file";
 
 const WATCH_HELP: &str = "\
@@ -194,16 +194,17 @@ Examples: althing watch
           althing watch --record day.jsonl    for `althing replay`";
 
 const REPLAY_HELP: &str = "\
-What came from outside (goals, actions, changes) is said again, at its time, to
-agents that are started afresh in memory, with a fresh simulated building. How
-each ended is held against how it ended then.
+The requests from outside (goals, actions, changes) are sent again, each at its
+time, to agents that are started in memory, with a new simulated building. The
+outcome of each request is compared with the recorded one.
 
-Lost are messages of all agents, not only what is played; whatever is promised
-to arrive is sent again. The same seed loses the same messages of each sender;
-time is real, so what they say may differ. A single action that is asked for on
-stale news may be declined where it was not then.
+--lose and --duplicate apply to the messages of all agents, not only to the
+requests; messages whose delivery is guaranteed are sent again. The same seed
+loses the same messages of each sender; time is real, so their contents may
+differ. An action that is requested because of outdated facts may be refused
+although it was accepted in the recording.
 
-Exit codes: 0 all ended as they did, 1 something did not, 33 no recording, 78 no
+Exit codes: 0 all outcomes as recorded, 1 some differ, 33 not a recording, 78 no
 ecosystem
 
 Example: althing replay day.jsonl --ecosystem office.toml --speed 10 --lose 0.1";
@@ -228,22 +229,22 @@ pub(crate) struct UpArgs {
     /// The ecosystem file [default: ./althing.toml, then the configuration folders]
     #[arg(value_name = "ECOSYSTEM.toml")]
     pub(crate) file: Option<PathBuf>,
-    /// Which of the file's daemons this is [default: the host name]
+    /// The daemon of the file that this machine runs [default: the host name]
     #[arg(long, value_name = "NAME")]
     pub(crate) daemon: Option<String>,
-    /// A goal from the start: PDDL, or a name from the file; may be repeated
+    /// A goal to pursue from the start: PDDL, or a name from the file; may be repeated
     #[arg(long = "goal", value_name = "GOAL")]
     pub(crate) goals: Vec<String>,
-    /// Who plans, instead of what the file says
+    /// The planning mode, in place of the one in the file
     #[arg(long)]
     pub(crate) mode: Option<ModeArg>,
-    /// Where another daemon is, such as tls/office-pi.local:7447; may be repeated
+    /// The endpoint of another daemon, such as tls/office-pi.local:7447; may be repeated
     #[arg(long, value_name = "ENDPOINT")]
     pub(crate) connect: Vec<String>,
     /// Open a prompt on this terminal; Ctrl-D there ends the daemon too
     #[arg(long)]
     pub(crate) keyboard: bool,
-    /// Stop when standard input ends, as it does with the program that started this
+    /// Stop when standard input ends, as it does when the program that started this one ends
     #[arg(long, conflicts_with = "keyboard")]
     pub(crate) until_stdin_ends: bool,
 }
@@ -251,7 +252,7 @@ pub(crate) struct UpArgs {
 /// `althing keyboard`
 #[derive(Debug, Args)]
 pub(crate) struct KeyboardArgs {
-    /// What agents call this keyboard, to ask whoever sits at it [default: a new name]
+    /// The name of this keyboard, for the agents that ask its user [default: a new name]
     #[arg(long, value_name = "NAME")]
     pub(crate) name: Option<String>,
     #[command(flatten)]
@@ -263,19 +264,19 @@ pub(crate) struct KeyboardArgs {
 /// `althing scenario`
 #[derive(Debug, Args)]
 pub(crate) struct ScenarioArgs {
-    /// Which scenario of the paper
+    /// The scenario of the paper; 4 is its Figure 1
     #[arg(value_name = "N", value_parser = clap::value_parser!(u8).range(1..=4))]
     pub(crate) number: u8,
-    /// Who plans [default: decentralized]
+    /// The planning mode [default: decentralized]
     #[arg(long)]
     pub(crate) mode: Option<ModeArg>,
     /// Spread the agents over several `althing up` processes
     #[arg(long)]
     pub(crate) processes: bool,
-    /// What carries the messages within one process
+    /// The transport of messages between the agents of one process
     #[arg(long, value_enum, default_value_t = SubstrateArg::Zenoh, conflicts_with = "processes")]
     pub(crate) substrate: SubstrateArg,
-    /// Draw another building: rooms, doors, distances, which sensor dies
+    /// Generate another building: rooms, doors, distances, the sensor that dies
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
     #[command(flatten)]
@@ -302,14 +303,14 @@ pub(crate) struct WishArgs {
     /// Keep the goal: plan again whenever it no longer holds
     #[arg(long, conflicts_with = "cancel")]
     pub(crate) maintain: bool,
-    /// More is more urgent; without it, what the file says of it, or 0
+    /// The priority; greater goes first [default: that of the goal in the file, or 0]
     #[arg(long, value_name = "N", allow_negative_numbers = true, conflicts_with = "cancel")]
     pub(crate) priority: Option<i32>,
-    /// What happens to it while the ecosystem is in pieces; without it, what the file says of it,
-    /// or pursue
+    /// What happens to the goal during a network partition [default: that of the goal in the file,
+    /// or pursue]
     #[arg(long, value_enum, conflicts_with = "cancel")]
     pub(crate) partition: Option<PartitionArg>,
-    /// Give up the goal of this conversation
+    /// Cancel the goal of this conversation
     #[arg(long, value_name = "ID")]
     pub(crate) cancel: Option<String>,
 }
@@ -349,7 +350,7 @@ pub(crate) struct FactArgs {
     /// Facts, such as "(door-open d1)" or "(= (distance corridor office1) 9)"
     #[arg(required = true, value_name = "FACT")]
     pub(crate) facts: Vec<String>,
-    /// They are true no longer
+    /// The facts are no longer true
     #[arg(long)]
     pub(crate) retract: bool,
 }
@@ -357,7 +358,7 @@ pub(crate) struct FactArgs {
 /// `althing mode`
 #[derive(Debug, Args)]
 pub(crate) struct ModeArgs {
-    /// Who plans from now on
+    /// The planning mode from now on
     pub(crate) mode: ModeArg,
     #[command(flatten)]
     pub(crate) reach: ReachArgs,
@@ -379,9 +380,9 @@ pub(crate) struct AnswerArgs {
 /// An answer, here and at the prompt.
 #[derive(Debug, Args)]
 pub(crate) struct ReplyArgs {
-    /// Which question: its number, or KEYBOARD/NUMBER
+    /// The question: its number, or KEYBOARD/NUMBER
     pub(crate) id: Option<String>,
-    /// What to answer; without it you are asked, or standard input is read, which suits a secret
+    /// The answer; if left out, it is prompted for, or read from standard input, as fits a secret
     pub(crate) text: Vec<String>,
 }
 
@@ -396,10 +397,10 @@ pub(crate) struct MailboxArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// Whose mailbox, here and at the prompt.
+/// The agent of a mailbox, here and at the prompt.
 #[derive(Debug, Args)]
 pub(crate) struct WhoseArgs {
-    /// Whose mailbox [default: everybody's]
+    /// The agent [default: all agents]
     #[arg(value_name = "AGENT")]
     pub(crate) agent: Option<String>,
 }
@@ -419,7 +420,7 @@ pub(crate) struct SendArgs {
 /// `althing completions`
 #[derive(Debug, Args)]
 pub(crate) struct CompletionsArgs {
-    /// For which shell
+    /// The shell
     pub(crate) shell: ShellArg,
 }
 
@@ -429,7 +430,7 @@ pub(crate) struct SensorsArgs {
     /// Print lines for an ecosystem file instead: an agent for each sensor
     #[arg(long, conflicts_with = "json")]
     pub(crate) toml: bool,
-    /// Where the kernel shows its devices
+    /// The folder where the kernel shows its devices
     #[arg(long, value_name = "FOLDER", default_value = "/sys")]
     pub(crate) sysfs: PathBuf,
     #[command(flatten)]
@@ -448,7 +449,7 @@ pub(crate) struct AskArgs {
 /// `althing agents`
 #[derive(Debug, Args)]
 pub(crate) struct AgentsArgs {
-    /// Show instead what has appeared and no file names, with the lines that would
+    /// Show instead the discovered agents, which no file names, and the lines that name them
     #[arg(long)]
     pub(crate) discovered: bool,
     #[command(flatten)]
@@ -461,7 +462,7 @@ pub(crate) struct WatchArgs {
     /// Only the messages of this conversation, as a sequence diagram
     #[arg(long, value_name = "ID")]
     pub(crate) conversation: Option<String>,
-    /// Write them into this file instead, for `althing replay`
+    /// Write the messages to this file instead, for `althing replay`
     #[arg(long, value_name = "FILE", conflicts_with = "json")]
     pub(crate) record: Option<PathBuf>,
     /// How large the file may become
@@ -476,25 +477,25 @@ pub(crate) struct WatchArgs {
 /// `althing replay`
 #[derive(Debug, Args)]
 pub(crate) struct ReplayArgs {
-    /// What `althing watch --record` has written
+    /// The recording that `althing watch --record` has written
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
-    /// The ecosystem that it is played into, a fresh one in memory
+    /// The ecosystem to replay it in; its agents are started in memory
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) ecosystem: Option<String>,
-    /// How much faster than it was, the simulated building too
+    /// How many times faster than recorded, the simulated building included
     #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = speed)]
     pub(crate) speed: f64,
-    /// Which part of the messages is lost, from 0 to 1
+    /// The share of the messages that is lost, from 0 to 1
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]
     pub(crate) lose: f64,
-    /// Which part of the messages comes twice, from 0 to 1
+    /// The share of the messages that arrives twice, from 0 to 1
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]
     pub(crate) duplicate: f64,
-    /// Which messages that are; the same of the same seed
+    /// The seed that chooses the lost and doubled messages
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) seed: u64,
-    /// How long an end is waited for, beyond the time it took then, in seconds
+    /// How long to wait for an outcome beyond its recorded time, in seconds
     #[arg(long, value_name = "S", default_value_t = 60)]
     pub(crate) patience: u32,
     #[command(flatten)]
@@ -520,7 +521,7 @@ pub(crate) struct WatchWords {
     /// The same, as on the command line
     #[arg(long, value_name = "ID")]
     pub(crate) conversation: Option<String>,
-    /// Watch no longer
+    /// Stop watching
     #[arg(long)]
     pub(crate) off: bool,
 }
@@ -550,11 +551,11 @@ pub(crate) struct CheckArgs {
     /// Ecosystem files (.toml), PDDL domains, problems and action models
     #[arg(required_unless_present = "tree", value_name = "FILE")]
     pub(crate) files: Vec<PathBuf>,
-    /// Read every .pddl file below this folder, and count what becomes of them; list what is
-    /// refused, and why
+    /// Read every .pddl file below this folder; count the results, and list what is refused, with
+    /// the reasons
     #[arg(long, value_name = "FOLDER", conflicts_with = "files")]
     pub(crate) tree: Option<PathBuf>,
-    /// With --tree, list the oddities that files were read in spite of, too
+    /// With --tree, list the warnings for the files that are read, too
     #[arg(long, requires = "tree")]
     pub(crate) warnings: bool,
     /// Stop after this many seconds, reading included
@@ -567,13 +568,13 @@ pub(crate) struct CheckArgs {
 /// How a running ecosystem is found.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct ReachArgs {
-    /// Which ecosystem: its file, or its name in the configuration folders
+    /// The ecosystem: its file, or its name in the configuration folders
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) ecosystem: Option<String>,
-    /// Where a daemon of it is, such as tls/office-pi.local:7447; may be repeated
+    /// The endpoint of one of its daemons, such as tls/office-pi.local:7447; may be repeated
     #[arg(long, value_name = "ENDPOINT")]
     pub(crate) connect: Vec<String>,
-    /// With whose key to speak, where it is secured [default: that of this machine's daemon]
+    /// The name of the key to use in a secured ecosystem [default: this machine's daemon]
     #[arg(long = "as", value_name = "NAME")]
     pub(crate) key: Option<String>,
 }
@@ -589,16 +590,16 @@ pub(crate) enum ShellArg {
     Fish,
 }
 
-/// What carries messages.
+/// The transport of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SubstrateArg {
     /// Zenoh
     Zenoh,
-    /// A wire within the process
+    /// A transport in memory
     Memory,
 }
 
-/// Who plans.
+/// The planning mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ModeArg {
     /// One planning agent plans for all
@@ -607,12 +608,12 @@ pub(crate) enum ModeArg {
     Decentralized,
 }
 
-/// What happens to a goal while the ecosystem is in pieces.
+/// What happens to a goal during a network partition.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum PartitionArg {
-    /// Every piece of the ecosystem goes on with what it has
+    /// Every part of the ecosystem pursues the goal with the agents that it reaches
     Pursue,
-    /// Planned for only where most Journals can be seen
+    /// Only the part that reaches a quorum of the Journals plans for the goal
     Wait,
 }
 

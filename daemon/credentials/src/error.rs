@@ -38,7 +38,7 @@ pub enum CredentialError {
         mode: u32,
     },
     /// Every user of this machine can replace the file.
-    #[error("trust {0}: anybody can write it (mode {mode:03o}); take that right away: chmod o-w {0}",
+    #[error("trust {0}: every user can write it (mode {mode:03o}); forbid that: chmod o-w {0}",
         path.display())]
     Writable {
         /// The file, or its folder.
@@ -55,16 +55,16 @@ pub enum CredentialError {
         problem: String,
     },
     /// The file to create exists already.
-    #[error("make {}: it is there already, and what it has signed would be worth nothing without \
-             it; move the folder away first, if that is meant", path.display())]
+    #[error("make {}: it exists already, and without it the certificates that it has signed are \
+             worth nothing; to make a new one, move the folder away first", path.display())]
     Exists {
         /// The file.
         path: PathBuf,
     },
     /// No certificate can be made out to this name.
     #[error(
-        "make a certificate for `{0}`: of a daemon with a certificate the name has at most 40 \
-         letters and no `--`, which stands in those of its guests"
+        "make a certificate for `{0}`: the name of a daemon with a certificate has at most 40 \
+         letters and no `--`, which marks the names of its guests"
     )]
     Name(String),
     /// A host name that cannot stand in a certificate.
@@ -118,24 +118,24 @@ pub enum Distrust {
     #[error("is signed with a certificate that was revoked")]
     Revoked,
     /// The signature does not match the message.
-    #[error("has a signature that is not one over it: it was changed, or signed by another")]
+    #[error("has a signature that does not match: it was changed, or signed by another daemon")]
     Forged,
     /// The sender's name does not match the certificate.
     #[error("is signed by a daemon in the name of another")]
     Impostor,
     /// The message was received before, or is of an earlier incarnation of its sender.
-    #[error("was heard before, or is of a former life")]
+    #[error("was received before, or is of an earlier incarnation")]
     Replayed,
     /// The message is for an earlier incarnation of its receiver.
-    #[error("is for a former life of this daemon: somebody plays it again, or its sender is late")]
+    #[error("is for an earlier incarnation of this daemon: it is replayed, or its sender is late")]
     Belated,
     /// The message was sealed too long ago.
-    #[error("was held back for longer than anybody waits for it")]
+    #[error("was delayed for longer than any receiver waits")]
     Overdue,
     /// The sender has not answered a call yet, or had not when it sent this: the message may be old.
-    #[error("was said before its daemon was called")]
+    #[error("was sent before its daemon answered a roll call")]
     Uncalled,
     /// The sender exceeds its rate limit.
-    #[error("is one of too many")]
+    #[error("exceeds the message rate of its sender")]
     Flooded,
 }

@@ -102,7 +102,7 @@ impl Identity {
         };
         let key = files::read_key(&key_path)?;
         let key = Ed25519KeyPair::from_pkcs8_maybe_unchecked(key.secret_pkcs8_der())
-            .map_err(|_| malformed(&key_path, "it is no Ed25519 key"))?;
+            .map_err(|_| malformed(&key_path, "it is not an Ed25519 key"))?;
         let certificate = Certificate::read(&path)?;
         if certificate.public_key.as_ref().map(<[u8; 32]>::as_slice)
             != Some(key.public_key().as_ref())
@@ -111,7 +111,7 @@ impl Identity {
             return Err(malformed(&path, &problem));
         }
         if certificate.subject != daemon.as_str() {
-            let problem = format!("it is made out to `{}`", certificate.subject);
+            let problem = format!("it is the certificate of `{}`", certificate.subject);
             return Err(malformed(&path, &problem));
         }
         if let Err(why) = trust.check(&certificate, SystemTime::now()) {
@@ -153,7 +153,7 @@ impl Identity {
     /// Returns the files of its key, its certificate and its authority's certificate, for TLS.
     pub fn files(&self) -> (std::path::PathBuf, std::path::PathBuf, std::path::PathBuf) {
         let daemon = DaemonId::new(&self.certificate.subject);
-        let daemon = daemon.expect("invariant: it was made out to a daemon when it was read");
+        let daemon = daemon.expect("invariant: its subject was a daemon when it was read");
         let folder = &self.folder;
         (folder.key(&daemon), folder.certificate(&daemon), folder.authority())
     }

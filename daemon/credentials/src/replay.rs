@@ -302,7 +302,7 @@ mod tests {
             let name = format!("pi--cli-{guest}");
             assert_eq!(replays.note(&name, place(1, false), later), Err(Distrust::Uncalled));
         }
-        assert_eq!(replays.speakers.len(), 1, "who is not heard is not remembered");
+        assert_eq!(replays.speakers.len(), 1, "rejected senders are not remembered");
         let mut note = |place| replays.note("pi", place, later);
         assert_eq!(note(place(12, false)), Ok(()));
         let reborn = Place { life: 6, ..place(1, false) };

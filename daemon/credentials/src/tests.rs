@@ -251,7 +251,7 @@ fn a_list_of_revocations_is_believed_for_its_signature_and_never_an_older_one() 
     assert_eq!(verifier.take_revocations(b"garbage"), None);
     assert_eq!(verifier.take_revocations(&second), Some(true));
     assert_eq!(verifier.take_revocations(&second), Some(false));
-    assert_eq!(verifier.take_revocations(&first), Some(false), "whoever keeps it back is too late");
+    assert_eq!(verifier.take_revocations(&first), Some(false), "an older list is not taken");
     let mut changed = second;
     let last = changed.len() - 1;
     changed[last] ^= 1;
@@ -310,7 +310,7 @@ fn what_anybody_can_write_is_not_trusted() {
         assert_eq!(allow(path, mode).is_ok(), is_trusted, "{} {mode:o}", path.display());
     }
     let refused = allow(&folder, 0o707).expect_err("anybody's").to_string();
-    assert!(refused.contains("(mode 707); take that right away: chmod o-w"), "{refused}");
+    assert!(refused.contains("(mode 707); forbid that: chmod o-w"), "{refused}");
     assert!(allow(&folder, 0o1777).is_ok(), "sticky");
 }
 

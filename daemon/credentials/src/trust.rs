@@ -89,7 +89,7 @@ impl Trust {
             let list = Revocations::from_pem(&files::read(path)?, &self.authority);
             let list = list.ok_or_else(|| CredentialError::Malformed {
                 path: path.clone(),
-                problem: "it is no list of revocations that this ecosystem's authority has signed"
+                problem: "it is not a list of revocations signed by this ecosystem's authority"
                     .to_owned(),
             })?;
             if newest.as_ref().is_none_or(|newest| newest.number() < list.number()) {

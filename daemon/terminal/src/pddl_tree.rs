@@ -88,7 +88,7 @@ const HEAD_BYTES: usize = 4_096;
 /// Reads every PDDL file below `folder`, and calls `tell` with each.
 pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<Tree, String> {
     if !folder.is_dir() {
-        return Err(format!("read `{}`: it is no folder", folder.display()));
+        return Err(format!("read `{}`: it is not a folder", folder.display()));
     }
     let mut paths = Vec::new();
     walk(folder, &mut paths)

@@ -69,7 +69,7 @@ impl Source {
             return Ok(Source::new(name, text));
         }
         if is_binary(&bytes) {
-            return Err("it is no text".to_owned());
+            return Err("it is not UTF-8 text".to_owned());
         }
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,

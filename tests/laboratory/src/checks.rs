@@ -79,27 +79,27 @@ fn torn(story: &Story) -> Option<String> {
             && is_torn
             && !["cheaper plan", "declined"].iter().any(|other| line.contains(other))
     });
-    torn.map(|(at, line)| format!("{}: torn by a blink at {at:.3?}: {line}", story.wish.goal))
+    torn.map(|(at, line)| format!("{}: broken by a blink at {at:.3?}: {line}", story.wish.goal))
 }
 
 /// A person with a terminal that still runs must receive the outcome of each goal.
 fn unheard(story: &Story) -> Option<String> {
     let is_unheard = story.is_listening && !story.is_settled();
     let last = story.heard.last().map_or("nothing", |(_, line)| line.as_str());
-    is_unheard.then(|| format!("{}: its end was never heard; last: {last}", story.wish.goal))
+    is_unheard.then(|| format!("{}: its end was never received; last: {last}", story.wish.goal))
 }
 
 /// Every failure must have a reason.
 fn unexplained(story: &Story) -> Option<String> {
     let goal = &story.wish.goal;
-    story.has_no_reason.then(|| format!("{goal}: it came to nothing, and nobody says why"))
+    story.has_no_reason.then(|| format!("{goal}: it failed, and no reason was given"))
 }
 
 /// Exactly-once: people see no duplicate confirmations, even if messages are delivered twice.
 fn repeated(city: &City, story: &Story) -> Option<String> {
     let said = city.said.count(story.conversation.as_ref()?);
     let (heard, goal) = (story.reports, &story.wish.goal);
-    (heard > said).then(|| format!("{goal}: {said} confirmations were said, {heard} heard"))
+    (heard > said).then(|| format!("{goal}: {said} confirmations were sent, {heard} received"))
 }
 
 /// An accepted goal must end or still be pursued, also if its terminal is gone.
@@ -124,7 +124,7 @@ fn vanished(
 fn unread(mailboxes: &[Mailboxes]) -> Vec<String> {
     let all = mailboxes.iter().flat_map(|of_daemon| &of_daemon.mailboxes);
     let full = all.filter(|mailbox| mailbox.waiting > UNREAD_MAX);
-    full.map(|mailbox| format!("`{}` has {} letters unread", mailbox.agent, mailbox.waiting))
+    full.map(|mailbox| format!("`{}` has {} messages unread", mailbox.agent, mailbox.waiting))
         .collect()
 }
 

@@ -55,7 +55,7 @@ pub fn broken(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
         broken.extend(twice(agent, tokens));
         broken.extend(overtaken(agent, tokens));
         let unknown = tokens.iter().find(|token| !given.knows(agent, token));
-        broken.extend(unknown.map(|token| format!("`{agent}` began {token}, which nobody asked")));
+        broken.extend(unknown.map(|token| format!("`{agent}` began {token}, not requested")));
     }
     broken.extend(strayed(given, begun, truth));
     broken.extend(unrecorded(begun, truth));
@@ -102,8 +102,8 @@ fn strayed(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
         let mut commanded = tokens.filter_map(|token| given.way(robot, token));
         if let Some([from, to]) = ways.iter().find(|way| !commanded.any(|other| other == **way)) {
             strayed.push(format!(
-                "`{robot}` set off from {from} to {to}, and had begun no command for it, or had \
-                 obeyed that one before"
+                "`{robot}` set off from {from} to {to}, without a command for it, or twice for one \
+                 command"
             ));
         }
     }

@@ -139,12 +139,12 @@ impl Gate {
         if self.way == Way::Back {
             let passed = count(|counters| counters.passed.load(Ordering::Relaxed));
             if passed > 0 {
-                broken.push(format!("{passed} requests came back to where they came from"));
+                broken.push(format!("{passed} requests came back to the ecosystem that sent them"));
             }
             let is_lent =
                 self.open.as_ref().is_some_and(|open| open.annex.find(&id(MIRROR)).is_some());
             if !is_lent {
-                broken.push(format!("`{LENT}` is here, and has no mirror in the annex"));
+                broken.push(format!("`{LENT}` is present, and has no proxy agent in the annex"));
             }
         }
         broken

@@ -336,7 +336,7 @@ impl Aborted {
         match (&mut self.0).await {
             Ok(Ok(())) => Ok(()),
             Ok(Err(error)) => Err(error.to_string()),
-            Err(error) => Err(format!("go on: it broke: {error}")),
+            Err(error) => Err(format!("go on: it panicked: {error}")),
         }
     }
 }

@@ -17,19 +17,19 @@ struct Arguments {
     /// How many seeds to play.
     #[arg(long, default_value_t = 100)]
     seeds: u64,
-    /// The first of them.
+    /// The first seed.
     #[arg(long, default_value_t = 0)]
     from: u64,
-    /// Play one seed again, and tell its story. RUST_LOG=info tells what its agents log.
+    /// Replay one seed and print its history. RUST_LOG=info prints the logs of its agents, too.
     #[arg(long, value_name = "SEED")]
     replay: Option<u64>,
-    /// Leave out what keeps a promise: some seed should fail.
+    /// Disable one guarantee: some seed should fail.
     #[arg(long, value_name = "GUARD")]
     without: Option<Guard>,
     /// Go on after the first seed that fails.
     #[arg(long)]
     all: bool,
-    /// How many seeds to play side by side; one per core, if not said.
+    /// How many seeds to play in parallel [default: one per core]
     #[arg(long)]
     jobs: Option<usize>,
 }
@@ -68,7 +68,7 @@ fn replay(seed: u64, without: Option<Guard>) -> ExitCode {
                 "{} faults took effect; of {} messages: {kinds}",
                 effects.struck, effects.told.sent
             );
-            println!("{goals:?}; {lasted:.1?} of its own time; digest {digest:016x}");
+            println!("{goals:?}; {lasted:.1?} of simulated time; digest {digest:016x}");
             if verdict.broken.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
         }
         Err(error) => {

@@ -149,7 +149,7 @@ impl Trial {
             let now = self.city.now();
             self.city.recover();
             while let Some((_, fault)) = faults.next_if(|(at, _)| *at <= now) {
-                tracing::info!(?fault, "goes wrong");
+                tracing::info!(?fault, "fault");
                 self.city.suffer(&fault);
             }
             while errands.next_if(|at| *at <= now).is_some() {
@@ -157,7 +157,7 @@ impl Trial {
             }
             while let Some((number, wish)) = wishes.next_if(|(_, wish)| wish.at <= now) {
                 let by = wish.by;
-                tracing::info!(goal = wish.goal, by, "is wished for");
+                tracing::info!(goal = wish.goal, by, "goal requested");
                 if !self.city.people[by].wish(number, &wish) {
                     self.city.people[0].wish(number, &wish);
                 }
@@ -227,7 +227,7 @@ impl Trial {
         for person in &city.people {
             for known in person.stories.values() {
                 let (wish, who) = (&known.wish, &person.name);
-                let listens = if known.is_listening { "" } else { ", whose terminal died" };
+                let listens = if known.is_listening { "" } else { ", terminal killed" };
                 story.push(format!(
                     "{who}{listens}: {} ({:?}, {:?}), {:?}",
                     wish.goal, wish.keep, wish.partition, known.conversation
@@ -285,7 +285,7 @@ impl TrialError {
     /// Error for an ontology or a map that cannot be parsed.
     pub(crate) fn words(mistakes: Vec<pddl::Diagnostic>) -> TrialError {
         let mistakes: Vec<_> = mistakes.iter().map(ToString::to_string).collect();
-        TrialError(format!("read the words of the trial: {}", mistakes.join("; ")))
+        TrialError(format!("read the domain or map of the trial: {}", mistakes.join("; ")))
     }
 }
 

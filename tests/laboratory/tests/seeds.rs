@@ -122,7 +122,7 @@ fn fencing_is_missed() {
 
 #[test]
 fn remembering_what_was_heard_is_missed() {
-    missed_for(Guard::Duplicates, "confirmations were said");
+    missed_for(Guard::Duplicates, "confirmations were sent");
 }
 
 #[test]
@@ -132,7 +132,7 @@ fn the_journal_is_missed() {
 
 #[test]
 fn the_grace_is_missed() {
-    missed_for(Guard::Grace, "torn by a blink");
+    missed_for(Guard::Grace, "broken by a blink");
 }
 
 #[test]

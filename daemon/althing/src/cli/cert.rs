@@ -11,7 +11,7 @@ machines are mutual TLS, and the sender's daemon signs every message. The
 authority's key stays on the machine where it was made; a daemon needs three
 files of the folder: authority.pem, NAME.pem and NAME.key.
 
-`daemon`, `show` and `revoke` speak of ./althing.toml unless --ecosystem names
+`daemon`, `show` and `revoke` use ./althing.toml unless --ecosystem names
 another file.
 
 Examples: althing cert authority althing.toml
@@ -30,13 +30,13 @@ pub(crate) struct CertArgs {
 /// What can be done with certificates.
 #[derive(Debug, Subcommand)]
 pub(crate) enum CertCommand {
-    /// Make the authority of an ecosystem: whoever it gives a certificate belongs to it
+    /// Make the authority of an ecosystem, which signs the certificates of its daemons
     Authority(CertAuthorityArgs),
-    /// Make keys and certificates for daemons, and for people's machines that have none
+    /// Make keys and certificates for daemons, and for people's machines without one
     Daemon(CertDaemonArgs),
-    /// Show what there is, and how long it is good
+    /// Show the certificates, and how long each is valid
     Show(CertShowArgs),
-    /// Take back all certificates of a daemon; running daemons hear of it within seconds
+    /// Revoke all certificates of a daemon; running daemons learn of it within seconds
     Revoke(CertRevokeArgs),
 }
 
@@ -46,10 +46,10 @@ pub(crate) struct CertAuthorityArgs {
     /// The ecosystem: its file, or its name [default: ./althing.toml]
     #[arg(value_name = "ECOSYSTEM|FILE")]
     pub(crate) ecosystem: Option<String>,
-    /// How long it lasts
+    /// How long the authority is valid
     #[arg(long, value_name = "DAYS", default_value_t = credentials::AUTHORITY_DAYS, value_parser = days())]
     pub(crate) days: u32,
-    /// Where keys are [default: what the file says, or keys/NAME in the configuration folder]
+    /// The folder of the keys [default: that of the file, or keys/NAME in the configuration folder]
     #[arg(long, value_name = "FOLDER")]
     pub(crate) folder: Option<PathBuf>,
     #[command(flatten)]
@@ -62,10 +62,11 @@ pub(crate) struct CertDaemonArgs {
     /// Daemons, by their names in the ecosystem's file
     #[arg(required = true, value_name = "NAME")]
     pub(crate) names: Vec<String>,
-    /// Where it is reached besides NAME and NAME.local: a host name or an IP address; repeatable
+    /// An address of the machine besides NAME and NAME.local: a host name or an IP address;
+    /// repeatable
     #[arg(long = "host", value_name = "HOST")]
     pub(crate) hosts: Vec<String>,
-    /// How long it lasts
+    /// How long the certificates are valid
     #[arg(long, value_name = "DAYS", default_value_t = credentials::DAEMON_DAYS, value_parser = days())]
     pub(crate) days: u32,
     #[command(flatten)]
@@ -86,7 +87,7 @@ pub(crate) struct CertShowArgs {
 /// `althing cert revoke`
 #[derive(Debug, Args)]
 pub(crate) struct CertRevokeArgs {
-    /// Whose
+    /// The daemon to revoke
     #[arg(value_name = "NAME")]
     pub(crate) name: String,
     #[command(flatten)]
@@ -98,10 +99,10 @@ pub(crate) struct CertRevokeArgs {
 /// Where certificates are.
 #[derive(Debug, Args)]
 pub(crate) struct CertPlaceArgs {
-    /// Of which ecosystem: its file, or its name [default: ./althing.toml]
+    /// The ecosystem: its file, or its name [default: ./althing.toml]
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) ecosystem: Option<String>,
-    /// Where keys are [default: what the file says, or keys/NAME in the configuration folder]
+    /// The folder of the keys [default: that of the file, or keys/NAME in the configuration folder]
     #[arg(long, value_name = "FOLDER")]
     pub(crate) folder: Option<PathBuf>,
 }

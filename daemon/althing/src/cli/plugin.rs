@@ -9,21 +9,21 @@ use terminal::arguments::PrintArgs;
 use super::{AskArgs, ReachArgs};
 
 pub(super) const HELP: &str = "\
-A plugin is a folder with a plugin.toml and a program in any language. Put into
-the folder of plugins while the daemon runs, its agents take part at once; what
-crashes is started again, and given up in the end; what takes too much is
-stopped. docs/plugins.md says how to write one.
+A plugin is a folder with a plugin.toml and a program in any language. When it
+is put into the folder of plugins of a running daemon, its agents join at once.
+A program that crashes is started again, and given up if it keeps crashing; one
+that exceeds its limits is stopped. docs/plugins.md says how to write one.
 
-A plugin has the least rights; what its manifest asks for beyond them a person
-allows when it is added, or a script by `--allow`. A package that was copied by
-hand waits for it.
+A plugin has the least rights. If its manifest asks for more, a person allows
+them when the plugin is added, or a script with `--allow`. A package that was
+copied by hand is not started until they are allowed.
 
 Examples: althing plugin check ./thermometer      starts it once
           althing plugin add ./thermometer
-          althing plugin allow thermometer        where it was copied by hand
+          althing plugin allow thermometer        if it was copied by hand
           althing plugin list
           althing plugin logs thermometer
-          althing plugin enable thermometer       begins anew what was given up";
+          althing plugin enable thermometer       after it was given up";
 
 /// `althing plugin`
 #[derive(Debug, Args)]
@@ -36,19 +36,19 @@ pub(crate) struct PluginArgs {
 /// What can be done with plugins.
 #[derive(Debug, Subcommand)]
 pub(crate) enum PluginCommand {
-    /// Show the plugins of a running ecosystem, how they are, and why
+    /// Show the plugins of a running ecosystem, the state of each, and its reason
     List(AskArgs),
-    /// Show what is wrong with a package before it is added, and try whether it starts
+    /// Check a package before it is added: find mistakes, and try to start it
     Check(PluginCheckArgs),
-    /// Put a package into this machine's folder of plugins, or a newer one in its place
+    /// Add a package to this machine's folder of plugins, or replace another version
     Add(PluginAddArgs),
-    /// Allow a plugin what it asks for beyond the least
+    /// Allow the rights that a plugin asks for
     Allow(PluginAllowArgs),
-    /// Take a plugin away
+    /// Remove a plugin
     Remove(PluginNameArgs),
-    /// Take a plugin into use again; begins anew what was given up
+    /// Start a plugin that was disabled or given up
     Enable(PluginNameArgs),
-    /// Take a plugin out of use
+    /// Stop a plugin until it is enabled
     Disable(PluginNameArgs),
     /// Show what a plugin has printed
     Logs(PluginLogsArgs),
@@ -60,10 +60,11 @@ pub(crate) struct PluginCheckArgs {
     /// Folders with a plugin.toml
     #[arg(required = true, value_name = "FOLDER")]
     pub(crate) packages: Vec<PathBuf>,
-    /// Look at the files only, and start nothing
+    /// Check the files only, and do not start the program
     #[arg(long)]
     pub(crate) files_only: bool,
-    /// The ecosystem whose words and map it is told [default: ./althing.toml, or this user's]
+    /// The ecosystem that gives the plugin its domain and map [default: ./althing.toml, or this
+    /// user's]
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) ecosystem: Option<String>,
     #[command(flatten)]
@@ -89,7 +90,7 @@ pub(crate) struct PluginAddArgs {
 /// `althing plugin allow`
 #[derive(Debug, Args)]
 pub(crate) struct PluginAllowArgs {
-    /// Which
+    /// The plugin
     #[arg(value_name = "NAME")]
     pub(crate) name: String,
     #[command(flatten)]
@@ -103,8 +104,8 @@ pub(crate) struct PluginAllowArgs {
 /// What a plugin is allowed beyond the least.
 #[derive(Debug, Args)]
 pub(crate) struct PluginRightsArgs {
-    /// Allow this, and ask nobody: network, devices=PATH, read=PATH, memory=SIZE, cpu=SHARE, files=N,
-    /// processes=N, disk=SIZE
+    /// Allow this right without asking: network, devices=PATH, read=PATH, memory=SIZE, cpu=SHARE,
+    /// files=N, processes=N, disk=SIZE
     #[arg(long, value_name = "RIGHT", value_delimiter = ',')]
     pub(crate) allow: Vec<Right>,
 }
@@ -112,7 +113,7 @@ pub(crate) struct PluginRightsArgs {
 /// `althing plugin remove`, `enable` and `disable`
 #[derive(Debug, Args)]
 pub(crate) struct PluginNameArgs {
-    /// Which
+    /// The plugin
     #[arg(value_name = "NAME")]
     pub(crate) name: String,
     #[command(flatten)]
@@ -124,10 +125,10 @@ pub(crate) struct PluginNameArgs {
 /// `althing plugin logs`
 #[derive(Debug, Args)]
 pub(crate) struct PluginLogsArgs {
-    /// Which
+    /// The plugin
     #[arg(value_name = "NAME")]
     pub(crate) name: String,
-    /// How many lines, the last ones
+    /// How many of the last lines
     #[arg(long, short = 'n', value_name = "N", default_value_t = 40)]
     pub(crate) lines: usize,
     #[command(flatten)]
@@ -139,10 +140,11 @@ pub(crate) struct PluginLogsArgs {
 /// Where a machine's plugins are.
 #[derive(Debug, Args)]
 pub(crate) struct PluginPlaceArgs {
-    /// The ecosystem whose file says where [default: ./althing.toml, or this user's folder]
+    /// The ecosystem; its file names the folder of plugins [default: ./althing.toml, or this user's
+    /// folder]
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) ecosystem: Option<String>,
-    /// The folder itself
+    /// The folder of plugins
     #[arg(long, value_name = "FOLDER", conflicts_with = "ecosystem")]
     pub(crate) folder: Option<PathBuf>,
 }

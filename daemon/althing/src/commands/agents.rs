@@ -44,7 +44,7 @@ async fn discovered(view: &View, json: bool) -> ExitCode {
         }
     }
     if text.is_empty() {
-        text = "nothing has appeared that the ecosystem's file does not name\n".to_owned();
+        text = "no agents are present that the ecosystem's file does not name\n".to_owned();
     }
     output::print(text, exit::DONE)
 }

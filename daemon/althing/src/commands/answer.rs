@@ -36,7 +36,7 @@ pub(crate) async fn list(view: &View, json: bool) -> ExitCode {
         return output::print_json(&json!({ "questions": open }), exit::DONE);
     }
     if open.is_empty() {
-        return output::print("no agent asks anybody\n", exit::DONE);
+        return output::print("no questions are open\n", exit::DONE);
     }
     let mut text = format!("{:<28} {:<20} {:>8}  QUESTION\n", "ID", "FROM", "LEFT");
     for OpenQuestion { keyboard, question, from, text: asked, left, .. } in &open {
@@ -68,7 +68,7 @@ fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
         if question.seal_to.is_some() {
             output::note(
                 "a command line can be read by every user of this machine, and the shell keeps it; \
-                 for a secret, leave the answer out, and you are asked",
+                 for a secret, leave the answer out, and type it when asked",
             );
         }
         return Ok(words.join(" "));
@@ -84,7 +84,7 @@ fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
         if bytes as u64 > ANSWER_BYTES_MAX {
             return Err(format!("an answer may have {ANSWER_BYTES_MAX} bytes, and this is longer"));
         }
-        let line = String::from_utf8(line).map_err(|_| "the answer is no UTF-8".to_owned())?;
+        let line = String::from_utf8(line).map_err(|_| "the answer is not UTF-8".to_owned())?;
         return Ok(line.trim_end_matches(['\r', '\n']).to_owned());
     }
     output::note(&visible::line(&question.text));
@@ -124,12 +124,12 @@ async fn meant(view: &View, id: &str) -> Result<OpenQuestion, String> {
     };
     match meant[..] {
         [one] => Ok(one.clone()),
-        [] if open.is_empty() => Err(format!("no question `{id}` is open, nor any other")),
+        [] if open.is_empty() => Err(format!("no question is open, neither `{id}` nor another")),
         [] => {
             let all: Vec<_> = open.iter().collect();
             Err(format!("no question `{id}` is open; open: {}", ids(&all)))
         }
-        _ => Err(format!("several keyboards have a question {id}: say {}", ids(&meant))),
+        _ => Err(format!("several keyboards have a question {id}: choose {}", ids(&meant))),
     }
 }
 

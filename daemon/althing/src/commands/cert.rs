@@ -63,7 +63,7 @@ fn authority(args: &CertAuthorityArgs) -> ExitCode {
         let _ = writeln!(text, "Secure the ecosystem by a line in its file: [security]");
     }
     text += "Make a certificate for each daemon: althing cert daemon NAME...\n";
-    text += "Keep authority.key to yourself, and a copy in a safe place.\n";
+    text += "Keep authority.key secret, and a copy in a safe place.\n";
     output::print(text, exit::DONE)
 }
 
@@ -99,7 +99,7 @@ fn daemon(args: &CertDaemonArgs) -> ExitCode {
     }
     let _ = writeln!(
         text,
-        "Copy to each machine, in a way that nobody listens to: authority.pem, NAME.pem, NAME.key"
+        "Copy to each machine over an encrypted channel: authority.pem, NAME.pem, NAME.key"
     );
     output::print(text, exit::DONE)
 }
@@ -171,8 +171,8 @@ fn revoke(args: &CertRevokeArgs) -> ExitCode {
     };
     let text = format!(
         "revoked `{name}`: {certificates}\n\
-         Daemons that read this folder tell all others within seconds. Where none does, copy\n\
-         {} into the folder of any one of them.\n",
+         Daemons that read this folder tell all others within seconds. If none reads it, copy\n\
+         {} into the folder of any daemon.\n",
         list.display()
     );
     output::print(text, exit::DONE)
@@ -243,8 +243,8 @@ impl Place {
         let near = pddl::nearest(name.as_str(), known);
         let near = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
         output::note(&format!(
-            "warning: the ecosystem has no daemon called `{name}`{near} With this certificate \
-             people can take part, and no agents of the file"
+            "warning: with this certificate people can take part, but no agents of the file: the \
+             ecosystem has no daemon called `{name}`{near}"
         ));
     }
 }

@@ -26,6 +26,6 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
         Some(Snapshot { epoch, domain, .. }) => {
             output::print(format_args!("; epoch {epoch}\n{domain}\n"), exit::DONE)
         }
-        None => client::unavailable("hear from a Domain Maintainer: none is here", json),
+        None => client::unavailable("reach a Domain Maintainer: none is present", json),
     }
 }

@@ -31,7 +31,7 @@ pub(super) fn awake_first(endpoints: &[String]) -> Vec<String> {
     let (mut awake, mut stopped) = (Vec::new(), Vec::new());
     for endpoint in endpoints {
         let why = match listener(endpoint) {
-            Some(Listener::Full) => Some("it takes no connection".to_owned()),
+            Some(Listener::Full) => Some("it accepts no connection".to_owned()),
             Some(Listener::Process(Some(process))) if is_stopped(process) => {
                 Some(format!("process {process} is stopped; `kill -CONT {process}` lets it go on"))
             }
@@ -44,10 +44,10 @@ pub(super) fn awake_first(endpoints: &[String]) -> Vec<String> {
     }
     for (endpoint, why) in &stopped {
         let instead = match awake.first() {
-            Some(other) => format!("this command joins by {other}"),
-            None => "there is no other here, so this command waits for it".to_owned(),
+            Some(other) => format!("this command connects to {other}"),
+            None => "this machine has no other, so this command waits for it".to_owned(),
         };
-        output::note(&format!("the daemon at {endpoint} stands still ({why}); {instead}"));
+        output::note(&format!("the daemon at {endpoint} does not respond ({why}); {instead}"));
     }
     awake.extend(stopped.into_iter().map(|(endpoint, _)| endpoint));
     awake

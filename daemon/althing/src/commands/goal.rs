@@ -20,7 +20,7 @@ pub(super) fn run(args: &GoalArgs) -> ExitCode {
             Err(problem) => return (link, super::wrong(&problem, json)),
         };
         let interrupt = match args.wish.cancel {
-            Some(_) => Interrupt::Leave("it was asked to be given up".to_owned()),
+            Some(_) => Interrupt::Leave("cancelling it was requested".to_owned()),
             None => Interrupt::LeaveGoal(client::reach_words(&args.reach)),
         };
         let manner = Manner { to: Some("plan-requester"), json, interrupt };

@@ -24,9 +24,9 @@ pub(super) fn run(args: &AskArgs) -> ExitCode {
 pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
     match ask(view).await {
         Some(goals) if json => output::print_json(&json!({ "goals": goals }), exit::DONE),
-        Some(goals) if goals.is_empty() => output::print("nobody wants anything\n", exit::DONE),
+        Some(goals) if goals.is_empty() => output::print("no goals\n", exit::DONE),
         Some(goals) => output::print(paragraphs(&goals, &Zoned::now()), exit::DONE),
-        None => client::unavailable("hear from a Plan Requester: none is here", json),
+        None => client::unavailable("reach a Plan Requester: none is present", json),
     }
 }
 

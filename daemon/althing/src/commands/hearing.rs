@@ -25,7 +25,7 @@ pub(crate) fn lines(heard: &Heard) -> Vec<Styled> {
         Heard::Asked(id) => vec![line(Color::Dim, "asked", id.as_str())],
         Heard::Report(_, report) => of_report(report),
         Heard::Refused(_, refusal) => block(Color::Red, "refused", &refusal.detail),
-        Heard::Unanswered(_, why) => block(Color::Red, "nobody", why),
+        Heard::Unanswered(_, why) => block(Color::Red, "no reply", why),
         Heard::Answered(message) => vec![of_message(message)],
         Heard::Question(open) => {
             let OpenQuestion { question, from, text, left, .. } = open;

@@ -30,7 +30,7 @@ async fn open(link: &Link, id: AgentId, is_chosen: bool, json: bool) -> ExitCode
     // A generated name is unique, so it is not checked.
     if is_chosen && let Some(daemon) = link.view.holder(&id).await {
         let problem = format!(
-            "be `{id}`: an agent of that name is at daemon `{daemon}`; choose another with --name"
+            "use the name `{id}`: an agent at daemon `{daemon}` has it; choose another with --name"
         );
         return client::unavailable(&problem, json);
     }
@@ -41,6 +41,6 @@ async fn open(link: &Link, id: AgentId, is_chosen: bool, json: bool) -> ExitCode
     if prompt::run(guest, interruption::interrupted()).await {
         return exit::with(exit::DONE);
     }
-    output::note("some of what was asked for failed");
+    output::note("some requests failed");
     exit::with(super::speaking::FAILED)
 }

@@ -38,14 +38,14 @@ pub(crate) async fn print(view: &View, whose: &WhoseArgs, json: bool) -> ExitCod
             let near = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
             client::unavailable(&format!("find `{agent}`: it is not here{near}"), json)
         }
-        None if daemons.is_empty() => client::unavailable("hear from any daemon", json),
+        None if daemons.is_empty() => client::unavailable("reach any daemon", json),
         _ if json => output::print_json(&json!({ "daemons": daemons }), exit::DONE),
         _ => output::print(table(&daemons, whose.agent.is_none()), exit::DONE),
     }
 }
 
 fn table(daemons: &[Mailboxes], with_daemons: bool) -> String {
-    let header = ["WAITING", "ROOM FOR", "RECEIVED", "OVERFLOWED"];
+    let header = ["WAITING", "CAPACITY", "RECEIVED", "OVERFLOWED"];
     let [waiting, most, received, overflowed] = header;
     let mut text =
         format!("{:<30} {waiting:>8} {most:>9} {received:>10} {overflowed:>11}\n", "AGENT");

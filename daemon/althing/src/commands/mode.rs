@@ -12,7 +12,7 @@ use crate::commands::speaking::{self, Interrupt, Manner};
 pub(super) fn run(args: &ModeArgs) -> ExitCode {
     let json = args.print.json;
     client::with_link(&args.reach, json, async |link| {
-        let interrupt = Interrupt::Leave("the flow may have been changed all the same".to_owned());
+        let interrupt = Interrupt::Leave("the mode may have been changed all the same".to_owned());
         let manner = Manner { to: Some("plan-requester"), json, interrupt };
         let code = speaking::say(&link, Said::Mode(args.mode.into()), manner).await;
         (link, code)

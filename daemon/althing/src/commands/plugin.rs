@@ -66,7 +66,7 @@ async fn list(view: &View, json: bool) -> ExitCode {
             let (folder, daemon) = (&plugins.folder, &plugins.daemon);
             let _ = writeln!(
                 text,
-                "`{daemon}` has none: althing plugin add FOLDER, or put it into {folder}"
+                "`{daemon}` has no plugins: althing plugin add FOLDER, or copy one into {folder}"
             );
         }
         found.iter().for_each(|plugins| text += &confined(plugins));

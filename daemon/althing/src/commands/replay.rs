@@ -53,7 +53,7 @@ pub(super) fn run(args: &ReplayArgs) -> ExitCode {
     };
     if ecosystem.name != recording.header.ecosystem {
         output::note(&format!(
-            "warning: it was recorded in `{}`, and is played in `{}`",
+            "warning: the recording is of `{}`, and is replayed in `{}`",
             recording.header.ecosystem, ecosystem.name
         ));
     }
@@ -217,25 +217,26 @@ impl Show {
         let mut text = String::new();
         for (play, end) in plays.iter().zip(ends) {
             let mark = if is_same((play, end)) { '✓' } else { '✗' };
-            text +=
-                &format!("{mark} {}: {}\n  then {}, now {end}\n", play.who, play.words, play.end);
+            text += &format!(
+                "{mark} {}: {}\n  recorded: {}, now: {end}\n",
+                play.who, play.words, play.end
+            );
         }
         let left_out = plural(self.plays.left_out, "message");
         text += &format!(
-            "{} of {} played from {} in {}; {left_out} left out\n",
+            "{} of {} replayed from {} in {}; {left_out} left out\n",
             plays.len(),
-            plural(plays.len(), "thing that was asked for"),
+            plural(plays.len(), "request"),
             self.name,
             brief(took)
         );
         if self.mishaps.lose > 0.0 || self.mishaps.duplicate > 0.0 {
             let seed = self.mishaps.seed;
-            text +=
-                &format!("{lost} of {all} messages lost, {doubled} came twice (--seed {seed})\n");
+            text += &format!("{lost} of {all} messages lost, {doubled} doubled (--seed {seed})\n");
         }
         text += &match otherwise {
-            0 => "all ended as they did\n".to_owned(),
-            count => format!("{count} did not end as then\n"),
+            0 => "all ended as recorded\n".to_owned(),
+            count => format!("{count} did not end as recorded\n"),
         };
         output::print(text, code)
     }

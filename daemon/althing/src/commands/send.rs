@@ -131,7 +131,7 @@ fn text(file: &Path) -> Result<String, String> {
 /// content must have the form that belongs to both.
 fn draft(text: &str) -> Result<Draft, String> {
     let written: Written = serde_json::from_str(text).map_err(|error| {
-        format!("this is no message: {}; see althing help send", worded(&error))
+        format!("this is not a message: {}; see althing help send", worded(&error))
     })?;
     let Written { performative, receiver, content, protocol, conversation_id, reply_by, rest } =
         written;
@@ -143,7 +143,7 @@ fn draft(text: &str) -> Result<Draft, String> {
     let left_out: Vec<_> = rest.keys().map(String::as_str).collect();
     if !left_out.is_empty() {
         output::note(&format!(
-            "left to the keyboard, which says it itself: {}",
+            "ignored, because the keyboard sets it itself: {}",
             left_out.join(", ")
         ));
     }
@@ -219,7 +219,7 @@ fn shape(performative: Performative, content: &Value) -> Result<Protocol, String
         }
         Performative::Cancel => Ok(Protocol::Goal),
         _ => Err(format!(
-            "a `{performative}` answers somebody; a keyboard sends what opens an exchange: \
+            "a `{performative}` answers a message; a keyboard sends what opens an exchange: \
              request, query-ref, cfp, cancel"
         )),
     }

@@ -72,9 +72,9 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
             _ = signal::ctrl_c() => {
                 match (&interrupt, &about) {
                     (Interrupt::GiveUp, Some(about)) => {
-                        output::note("giving it up; Ctrl-C once more leaves without its last word");
+                        output::note("cancelling; Ctrl-C once more leaves without the outcome");
                         let _ = terminal.say.send(Said::Cancel(about.clone())).await;
-                        interrupt = Interrupt::Leave("it was asked to be given up".to_owned());
+                        interrupt = Interrupt::Leave("cancelling it was requested".to_owned());
                         continue;
                     }
                     (left, about) => output::note(&left.advice(about.as_ref())),
@@ -88,7 +88,7 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
             }
         };
         let Some(mut heard) = heard else {
-            return client::unavailable("hear: the keyboard has ended", json);
+            return client::unavailable("receive an answer: the keyboard agent has ended", json);
         };
         about = about.or_else(|| heard.conversation().cloned());
         if let Heard::Report(about, report) = &mut heard {
@@ -116,13 +116,13 @@ impl Interrupt {
         match (self, about) {
             (Interrupt::Leave(advice), _) => advice.clone(),
             (Interrupt::LeaveGoal(reach), Some(id)) => format!(
-                "the goal goes on without you\n\
-                 how it stands:  althing goals{reach}\n\
-                 follow it:      althing watch --conversation {id}{reach}\n\
-                 give it up:     althing goal --cancel {id}{reach}"
+                "the goal goes on without this command\n\
+                 its state:   althing goals{reach}\n\
+                 follow it:   althing watch --conversation {id}{reach}\n\
+                 cancel it:   althing goal --cancel {id}{reach}"
             ),
-            (Interrupt::LeaveGoal(_), None) => "nothing was asked for yet".to_owned(),
-            (Interrupt::GiveUp, _) => "the action goes on without you".to_owned(),
+            (Interrupt::LeaveGoal(_), None) => "nothing was requested yet".to_owned(),
+            (Interrupt::GiveUp, _) => "the action goes on without this command".to_owned(),
         }
     }
 }
@@ -140,7 +140,7 @@ async fn begin(link: &Link, said: Said, manner: &Manner<'_>) -> Result<Terminal,
         link.node.switchboard().introduced().await;
     }
     let sent = terminal.say.send(said).await;
-    sent.map_err(|_| "speak: the keyboard has ended")?;
+    sent.map_err(|_| "send the request: the keyboard agent has ended")?;
     Ok(terminal)
 }
 
@@ -184,7 +184,7 @@ async fn greet(link: &Link, to: Option<&str>) -> Result<(), &'static str> {
         return Err("see any agent of the ecosystem");
     }
     if let Some(wanted) = wanted.filter(|wanted| directory.find(wanted).is_none()) {
-        output::note(&format!("`{wanted}` is not here yet; what you say waits for it"));
+        output::note(&format!("`{wanted}` is not here yet; the request waits for it"));
     }
     Ok(())
 }

@@ -27,7 +27,7 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
     match state {
         Some(state) if json => output::print_json(&json!(state), exit::DONE),
         Some(state) => output::print(table(&state), exit::DONE),
-        None => client::unavailable("hear from a Domain Maintainer: none is here", json),
+        None => client::unavailable("reach a Domain Maintainer: none is present", json),
     }
 }
 

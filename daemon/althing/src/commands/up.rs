@@ -138,8 +138,8 @@ impl Place {
             if ecosystem.security.is_some() && !ecosystem.daemons.is_empty() {
                 let known: Vec<_> = ecosystem.daemons.iter().map(DaemonId::as_str).collect();
                 return Err(format!(
-                    "the ecosystem is secured, and its file gives nothing to `{daemon}`, which \
-                     nobody would believe; say with --daemon which this is: {}",
+                    "the ecosystem is secured, and its file has no daemon `{daemon}`: the others \
+                     would reject its messages; name this daemon with --daemon: {}",
                     known.join(", ")
                 ));
             }
@@ -224,7 +224,7 @@ async fn abroad(
             let (ours, theirs) = (ecosystem.shore(ours), other.shore(theirs));
             interfacing::connect(&entry, &ours, &theirs).map_err(|error| error.to_string())?;
         }
-        tracing::info!(ecosystem = %other.name, called = %entry.called, "joined too");
+        tracing::info!(ecosystem = %other.name, called = %entry.called, "joined another ecosystem");
         abroad.push((node, stay));
     }
     Ok(abroad)
@@ -416,8 +416,8 @@ fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
     tracing::info!(locators = ?node.locators, "listening");
     if ecosystem.security.is_none() {
         tracing::warn!(
-            "`{}` is not secured: messages are plain text and anybody's, and so stay on \
-            this machine; `althing help cert` says how to secure it",
+            "`{}` is not secured: messages are neither encrypted nor signed, and so stay \
+            on this machine; `althing help cert` says how to secure it",
             ecosystem.name
         );
     }

@@ -96,9 +96,9 @@ impl Vigil {
         self.is_door_told = is_stopped;
         is_news.then(|| {
             format!(
-                "the daemon at {door} stands still (process {process} is stopped), and this \
+                "the daemon at {door} does not respond (process {process} is stopped), and this \
                  command is connected to it: within twenty seconds it connects to another \
-                 daemon, if there is one, and tells what was said of the goal meanwhile"
+                 daemon, if there is one, and prints the reports on the goal that it missed"
             )
         })
     }
@@ -114,7 +114,7 @@ impl Vigil {
         self.unreached = self.unreached.saturating_add(1);
         (self.unreached == UNREACHED_LOOKS && !self.is_door_told).then(|| {
             "no daemon of the ecosystem is reached any more; this command waits until one is, and \
-             then tells how the goal stands; Ctrl-C ends it"
+             then prints the state of the goal; Ctrl-C ends it"
                 .to_owned()
         })
     }
@@ -134,7 +134,7 @@ impl Vigil {
                 self.leaderless = self.leaderless.saturating_add(1);
                 (self.leaderless == 2).then(|| {
                     format!(
-                        "nobody leads: no daemon that is seen hosts `{leader}`; the goal waits \
+                        "`{leader}` has no leader: no daemon in reach hosts it; the goal waits \
                          until a standby takes over, or its daemon comes back"
                     )
                 })

@@ -20,7 +20,7 @@ pub(super) fn parse(text: &str) -> Result<Duration, String> {
     };
     match Duration::try_from_secs_f64(number * seconds) {
         Ok(duration) if !duration.is_zero() && duration <= MAX => Ok(duration),
-        _ => Err("more than nothing and at most 24h is possible".to_owned()),
+        _ => Err("write more than 0 and at most 24h".to_owned()),
     }
 }
 

@@ -124,7 +124,7 @@ fn resolve(parts: &[&str]) -> Result<(Vec<String>, &'static Shape, &'static str)
             }
             // Keys of Zenoh contain `_`.
             Shape::Free => path.push(lower),
-            Shape::List(_) => return Err("agents stand in the ecosystem file alone".to_owned()),
+            Shape::List(_) => return Err("agents are set in the ecosystem file only".to_owned()),
             _ => return Err(format!("`{}` has no keys below it", path.join("."))),
         }
     }
@@ -134,7 +134,7 @@ fn resolve(parts: &[&str]) -> Result<(Vec<String>, &'static Shape, &'static str)
             Err(suggestion(parts, "", &known))
         }
         Shape::Each(_) => Err("name a key in it".to_owned()),
-        Shape::List(Shape::Table(_)) => Err("agents stand in the ecosystem file alone".to_owned()),
+        Shape::List(Shape::Table(_)) => Err("agents are set in the ecosystem file only".to_owned()),
         _ => Ok((path, shape, about)),
     }
 }

@@ -45,7 +45,7 @@ const fn key(name: &'static str, shape: Shape, about: &'static str) -> Key {
 
 /// An ecosystem file.
 pub(super) static FILE: Shape = Shape::Table(&[
-    key("ecosystem", Shape::Table(ECOSYSTEM), "what the ecosystem is"),
+    key("ecosystem", Shape::Table(ECOSYSTEM), "its name, files and daemons"),
     key("zenoh", Shape::Free, "handed to Zenoh as it is"),
     key("agent", Shape::List(&Shape::Table(AGENT)), "the agents, one [[agent]] each"),
     key(
@@ -54,10 +54,10 @@ pub(super) static FILE: Shape = Shape::Table(&[
         "other ecosystems, one [[interface]] each",
     ),
     key("goals", Shape::Each(&Shape::Brief("goal", GOAL)), "goals with a name, in PDDL"),
-    key("timing", Shape::Table(TIMING), "how long things may take"),
-    key("limits", Shape::Table(LIMITS), "how many there may be"),
+    key("timing", Shape::Table(TIMING), "periods and deadlines"),
+    key("limits", Shape::Table(LIMITS), "lengths of queues"),
     key("security", Shape::Table(SECURITY), "links by TLS, and signed messages"),
-    key("rights", Shape::Table(RIGHTS), "who may do what where that is secured"),
+    key("rights", Shape::Table(RIGHTS), "rights, in a secured ecosystem"),
     key("plugins", Shape::Table(PLUGINS), "plugins that run as processes"),
     key("building", Shape::Table(BUILDING), "the simulated building"),
 ]);
@@ -66,7 +66,7 @@ const ECOSYSTEM: &[Key] = &[
     key("name", Shape::Text, "its name, such as \"smart-office\""),
     key("domain", Shape::Text, "the file of the shared ontology, such as \"domain.pddl\""),
     key("problem", Shape::Text, "the file of the map, such as \"map.pddl\""),
-    key("mode", Shape::Choice(&["centralized", "decentralized"]), "who plans"),
+    key("mode", Shape::Choice(&["centralized", "decentralized"]), "the planning mode"),
     key("daemons", Shape::List(&Shape::Text), "daemons that host no agent yet"),
 ];
 
@@ -74,11 +74,7 @@ const GOAL: &[Key] = &[
     key("goal", Shape::Text, "the goal, in PDDL"),
     key("keep", Shape::Choice(&["achieve", "maintain"]), "whether it is reached once, or kept"),
     key("priority", PRIORITY, "greater goes first"),
-    key(
-        "partition",
-        Shape::Choice(&["pursue", "wait"]),
-        "what happens to it while the ecosystem is in pieces",
-    ),
+    key("partition", Shape::Choice(&["pursue", "wait"]), "what happens to it during a partition"),
 ];
 
 /// Bounds that fit into an `i32` and that people can still compare.
@@ -86,8 +82,8 @@ const PRIORITY: Shape = Shape::Number { min: -1_000_000.0, max: 1_000_000.0 };
 
 const AGENT: &[Key] = &[
     key("name", Shape::Text, "its name, such as \"thermometer-office2\""),
-    key("plugin", Shape::Text, "what it is, such as \"temperature-sensor\""),
-    key("package", Shape::Text, "the package whose process brings it"),
+    key("plugin", Shape::Text, "its kind, such as \"temperature-sensor\""),
+    key("package", Shape::Text, "the package with the program that brings it"),
     key("daemon", Shape::Texts, "which machine hosts it; of several, one at a time"),
     key("driver", Shape::Text, "what it acts through, such as \"simulated\""),
     key("config", Shape::Free, "handed to the plugin as it is"),
@@ -97,22 +93,22 @@ const AGENT: &[Key] = &[
 /// An interface. Words that are not in its tables do not pass, in either direction.
 const INTERFACE: &[Key] = &[
     key("ecosystem", Shape::Text, "the other ecosystem's file, such as \"house.toml\""),
-    key("daemon", Shape::Text, "which of our machines joins both"),
-    key("as", Shape::Text, "what it is called over there"),
+    key("daemon", Shape::Text, "our daemon that joins both ecosystems"),
+    key("as", Shape::Text, "its name in the other ecosystem"),
     key("rate", Shape::Number { min: 0.01, max: 10_000.0 }, "messages a second, each way"),
     key("types", WORDS, "ours = theirs"),
     key("predicates", WORDS, "ours = theirs"),
     key("functions", WORDS, "ours = theirs"),
     key("objects", WORDS, "ours = theirs"),
-    key("import", Shape::List(&Shape::Table(RULE)), "what of theirs is here"),
-    key("export", Shape::List(&Shape::Table(RULE)), "what of ours is there"),
+    key("import", Shape::List(&Shape::Table(RULE)), "what the other ecosystem lends this one"),
+    key("export", Shape::List(&Shape::Table(RULE)), "what this ecosystem lends the other"),
 ];
 
 const WORDS: Shape = Shape::Each(&Shape::Text);
 
 const RULE: &[Key] = &[
-    key("agent", Shape::Text, "whom it is about, under its own name"),
-    key("as", Shape::Text, "what it is called on the other side"),
+    key("agent", Shape::Text, "the agent, by its own name"),
+    key("as", Shape::Text, "its name on the other side"),
     key("performatives", Shape::List(&Shape::Choice(PASSING)), "what passes to and from it"),
     key("actions", WORDS, "ours = theirs"),
     key("costs", Shape::Each(&Shape::Number { min: 0.0, max: 1e9 }), "what an action costs plans"),
@@ -150,14 +146,14 @@ const LIMITS: &[Key] = &[
 const SECURITY: &[Key] = &[
     key("folder", Shape::Text, "where keys and certificates are"),
     key("warn-days", Shape::Count, "how long before its end a certificate is announced"),
-    key("messages-per-second-max", Shape::Count, "what one daemon may send"),
+    key("messages-per-second-max", Shape::Count, "messages that one daemon may send"),
 ];
 
 const RIGHTS: &[Key] = &[
-    key("guests", Shape::Texts, "daemons through which people take part; \"*\" is all"),
+    key("guests", Shape::Texts, "daemons that people may use; \"*\" is all"),
     key("newcomers", Shape::Texts, "daemons that may bring agents which the file does not name"),
     key("goals", Shape::Texts, "agents that may ask for goals; \"guests\", \"*\""),
-    key("changes", Shape::Texts, "agents that may change what is known; \"guests\", \"*\""),
+    key("changes", Shape::Texts, "agents that may change the known facts; \"guests\", \"*\""),
 ];
 
 const PLUGINS: &[Key] = &[
@@ -165,12 +161,12 @@ const PLUGINS: &[Key] = &[
     key(
         "admit",
         Shape::Choice(&["all", "ask", "listed"]),
-        "whether agents not named here take part",
+        "whether agents that the file does not name join",
     ),
     key(
         "confinement",
         Shape::Choice(&["available", "require"]),
-        "whether plugins run where the kernel cannot confine them whole",
+        "whether plugins run where the kernel cannot confine them fully",
     ),
 ];
 

@@ -18,7 +18,7 @@ pub(crate) fn begin_anew() {
     // die of that signal, because other daemons have closed the links to which its other threads
     // write.
     let Err(error) = execv(c"/proc/self/exe", &arguments);
-    tracing::error!(%error, "could not begin anew; some may not see this daemon");
+    tracing::error!(%error, "failed to restart this daemon; some others may not see it");
 }
 
 /// Removes the lock files beside the sockets, so that the next incarnation can take the sockets.

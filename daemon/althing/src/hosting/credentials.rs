@@ -149,13 +149,13 @@ impl GuestKeys {
             let place = folder.path().display();
             return Err(match here.is_empty() {
                 true => format!(
-                    "speak in `{ecosystem}`, which is secured: there is no key in {place}; speak \
-                     as the user of the daemon, or make one with `althing cert daemon NAME`"
+                    "join `{ecosystem}`, which is secured: there is no key in {place}; run this as \
+                     the user of the daemon, or make a key with `althing cert daemon NAME`"
                 ),
                 false => {
                     let names: Vec<_> = here.iter().map(DaemonId::as_str).collect();
                     let names = names.join(", ");
-                    format!("choose whose key of {place} to speak with: say --as, one of {names}")
+                    format!("choose a key in {place}: name one with --as: {names}")
                 }
             });
         };

@@ -65,7 +65,7 @@ pub(crate) enum EnterError {
         source: io::Error,
     },
     /// Another running process is this daemon.
-    #[error("be `{daemon}`: a daemon of this name is running here already")]
+    #[error("start as `{daemon}`: a daemon of this name is running here already")]
     Taken {
         /// The name.
         daemon: DaemonId,
@@ -137,7 +137,7 @@ async fn pass(folder: &Path) -> Result<File, EnterError> {
         Ok(passed) => passed.map_err(|source| EnterError::Io { path, source })?,
         // Two daemons that enter at once may connect to each other, and retry if that fails.
         // Staying away for ever because another process is suspended would be worse.
-        Err(_) => tracing::warn!(door = %path.display(), "somebody stands in the door"),
+        Err(_) => tracing::warn!(door = %path.display(), "another process keeps the lock"),
     }
     Ok(door)
 }

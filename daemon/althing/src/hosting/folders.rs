@@ -122,7 +122,7 @@ fn close(folder: &Path) -> io::Result<()> {
         if (about.is_file() || about.is_dir()) && mode & OTHERS != 0 {
             let closed = fs::set_permissions(&path, Permissions::from_mode(mode & !OTHERS));
             let _ = closed.inspect_err(|error| {
-                tracing::warn!(path = %path.display(), %error, "others can read it");
+                tracing::warn!(path = %path.display(), %error, "other users can read this path");
             });
         }
     }

@@ -32,14 +32,14 @@ pub(crate) fn watch_socket(socket: PathBuf) -> SocketWatch {
             if is_missing && was_missing && !can_be_made(&socket) {
                 return tracing::error!(
                     socket = %socket.display(),
-                    "somebody deleted this daemon's socket, by which commands reach it, and its \
+                    "this daemon's socket, by which commands reach it, was deleted, and its \
                      folder cannot be made again: no command reaches it until it is restarted"
                 );
             }
             if is_missing && was_missing {
                 tracing::warn!(
                     socket = %socket.display(),
-                    "somebody deleted this daemon's socket, by which commands reach it: begins anew \
+                    "this daemon's socket, by which commands reach it, was deleted: restarts \
                      to make it again"
                 );
                 begin_anew();

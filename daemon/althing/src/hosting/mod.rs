@@ -119,7 +119,7 @@ pub(crate) enum HostError {
         plugin: String,
     },
     /// A guest was to host an agent, but it has no part of an ecosystem file.
-    #[error("host `{agent}`: a guest hosts nobody")]
+    #[error("host `{agent}`: a guest hosts no agents")]
     Guest {
         /// The agent.
         agent: AgentId,

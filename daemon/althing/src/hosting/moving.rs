@@ -30,7 +30,7 @@ pub(crate) fn watch_addresses() {
             thread::sleep(PERIOD);
             let Some(now) = addresses() else { continue };
             if let Some((interface, address)) = moved(&first, &now) {
-                tracing::warn!(interface, %address, "this machine has another address: begins anew");
+                tracing::warn!(interface, %address, "this machine has a new address: restarts");
                 begin_anew();
                 return;
             }

@@ -99,7 +99,7 @@ pub(crate) fn become_plugin() -> Option<ExitCode> {
                 arguments.map(|argument| argument.to_string_lossy().into_owned()).collect();
             confinement.become_program(&program, &arguments)
         }
-        Err(error) => format!("failed to understand how it is confined: {error}"),
+        Err(error) => format!("failed to read the plugin's confinement: {error}"),
     };
     output::note(&problem);
     Some(exit::with(exit::UNAVAILABLE))

@@ -115,7 +115,7 @@ fn differences(own: &Files, other: &Files) -> Vec<String> {
     let said = differing.map(|(what, ours, theirs)| {
         format!(
             "daemon `{}` has read another {what} ({theirs}) than daemon `{}` here ({ours}): its \
-             agents decline what is planned by this one; put the same file on both machines and \
+             agents decline plans of this one; put the same file on both machines and \
              reload both (SIGHUP)",
             other.daemon, own.daemon
         )

@@ -29,7 +29,7 @@ pub(crate) fn watch_standstill(lease: Duration) {
             let Some(now) = uptime() else { return };
             let stood_still = now.saturating_sub(last).saturating_sub(PERIOD);
             if stood_still > missed {
-                tracing::warn!(?stood_still, "stood still, and was counted as gone: begins anew");
+                tracing::warn!(?stood_still, "was suspended, and counted as gone: restarts");
                 begin_anew();
             }
             last = now;

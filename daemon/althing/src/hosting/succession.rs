@@ -69,7 +69,7 @@ pub(crate) fn succeed(
                 // Another daemon was faster, or the process that serves it is suspended.
                 Ok(None) => (),
                 Err(problem) if told.as_ref() != Some(&problem) => {
-                    tracing::warn!(problem, "cannot serve the simulated building on");
+                    tracing::warn!(problem, "failed to take over the simulated building");
                     told = Some(problem);
                 }
                 Err(_) => (),

@@ -113,7 +113,7 @@ impl Supervision {
                 () = self.unplugged.cancelled() => return,
             }
             wait = (wait * 2).min(RESTART_LAST);
-            tracing::warn!(%id, "launched again");
+            tracing::warn!(%id, "is restarted after a failure");
             next = (self.plugin.build)(self.blueprint.clone());
         }
     }
@@ -139,7 +139,7 @@ impl Supervision {
             Ok(Ok(())) => return true,
             Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),
             // The panic message itself is on stderr already, with its source location.
-            Err(error) => tracing::error!(%id, %error, "the agent broke"),
+            Err(error) => tracing::error!(%id, %error, "the agent panicked"),
         }
         self.stopping.is_cancelled()
     }

@@ -141,7 +141,7 @@ impl Desk<'_> {
             return;
         }
         let near = pddl::nearest(agent.as_str(), models.keys().map(AgentId::as_str));
-        let message = format!("the other ecosystem's file has no agent `{agent}` that acts");
+        let message = format!("the other ecosystem's file has no actuator `{agent}`");
         let found = Diagnostic::warning(Span::default(), message).with_suggestion(near);
         self.say(&format!("{path}.agent"), found);
     }
@@ -214,7 +214,7 @@ impl Desk<'_> {
             Err(why) => self.say(
                 &format!("{path}.agent"),
                 Diagnostic::error(Span::default(), why).with_help(
-                    "a mirror needs a type: export one of those it is of, under `types`",
+                    "a proxy agent needs a type: export one of its types, under `types`",
                 ),
             ),
         }

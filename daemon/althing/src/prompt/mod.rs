@@ -94,7 +94,7 @@ pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
                     refresher.again();
                 }
                 Typed::Interrupted => {
-                    output::note("Ctrl-D ends, `cancel N` gives up what was asked for");
+                    output::note("Ctrl-D ends, `cancel N` cancels a goal or an action");
                     is_idle = true;
                 }
                 Typed::End => has_ended = true,

@@ -10,10 +10,10 @@ use crate::cli::{ActionArgs, FactArgs, ModeArg, ReplyArgs, WatchWords, WhoseArgs
 const HELP: &str = "\
 Ask    (GOAL)  goal GOAL|NAME [--maintain] [--priority N]
        act (ACTION)            one action: (move turtlebot-1 corridor office1)
-       set [--retract] (FACT)  what is known to be true
+       set [--retract] (FACT)  change the known facts
        mode MODE               centralized or decentralized
-       cancel N                give up what was asked for as [N]
-       answer N TEXT           answer an agent; without words: who asks
+       cancel N                cancel the goal or action [N]
+       answer N TEXT           answer question N; `answer` alone: all open ones
 Look   agents  domain  state  goals  mailbox [AGENT]
        watch [N|ID]            the messages, or those of one goal; watch --off
 Else   help VERB  quit         Tab completes, Ctrl-D ends
@@ -29,42 +29,42 @@ struct Line {
 /// The verbs of the prompt.
 #[derive(Debug, Subcommand)]
 pub(super) enum Verb {
-    /// Ask for a goal, or give one up
+    /// Ask for a goal, or cancel one
     Goal(WishArgs),
     /// Ask for one action
     Act(ActionArgs),
-    /// Change what is known of the world
+    /// Change the known facts
     Set(FactArgs),
-    /// Change who plans from now on
+    /// Change the planning mode
     Mode {
-        /// The flow
+        /// The planning mode from now on
         mode: ModeArg,
     },
-    /// Give up a goal or an action
+    /// Cancel a goal or an action
     Cancel {
         /// Its number, or its conversation
         id: String,
     },
     /// Answer an agent's question, or list the open ones
     Answer(ReplyArgs),
-    /// Show the goals and how they stand
+    /// Show the goals and the state of each
     Goals,
-    /// Show who is here
+    /// Show the agents that are present
     Agents,
-    /// Show what all can do together, as PDDL
+    /// Show what all agents can do together, as a PDDL domain
     Domain,
-    /// Show what is known of the world
+    /// Show the known facts
     State,
     /// Show how full mailboxes are
     Mailbox(WhoseArgs),
     /// Show the messages as they are sent
     Watch(WatchWords),
-    /// Tell what can be typed
+    /// List the verbs, or explain one
     Help {
-        /// About which verb
+        /// The verb to explain
         verb: Option<String>,
     },
-    /// Leave
+    /// Leave the prompt
     #[command(alias = "exit")]
     Quit,
 }

@@ -90,8 +90,8 @@ impl Desk<'_> {
             let message =
                 format!("{few} of {all} ways lead in one direction only; this is the first");
             let help = format!(
-                "write the way back too: ({WAY} {first_to} {first_from}); a way that is meant so \
-                 says `; one way` in its line"
+                "write the way back too: ({WAY} {first_to} {first_from}); if one way is intended, \
+                 write `; one way` in its line"
             );
             return self.say_of_map(Diagnostic::warning(*first, message).with_help(help));
         }
@@ -107,7 +107,7 @@ impl Desk<'_> {
                     }),
             };
             let help = format!(
-                "write ({WAY} {to} {from}){length} too; if it is meant so, `; one way` behind it"
+                "write ({WAY} {to} {from}){length} too; if one way is intended, write `; one way` after it"
             );
             self.say_of_map(Diagnostic::warning(*span, message).with_help(help));
         }
@@ -176,7 +176,7 @@ impl Desk<'_> {
             };
             let help = format!(
                 "write, under (:init, ({WAY} {hub} {name}) (= ({LENGTH} {hub} {name}) 5), and the \
-                 same back; if it is meant so, `; no way` in the line of its name"
+                 same back; if that is intended, write `; no way` in the line of its name"
             );
             self.say_of_map(Diagnostic::warning(*span, message).with_help(help));
         }

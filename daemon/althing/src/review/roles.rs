@@ -9,14 +9,14 @@ use crate::config::AgentEntry;
 /// The plugin of each role, the consequence if it is missing, and whether the agent must have the
 /// plugin's name, because others address it by that name.
 const ROLES: &[(&str, &str, bool)] = &[
-    ("domain-maintainer", "nobody knows who is here and what is true", true),
-    ("plan-requester", "nobody takes goals", true),
-    ("plan-executor", "nobody carries plans out", true),
+    ("domain-maintainer", "no agent keeps the domain and the known facts", true),
+    ("plan-requester", "no agent takes goals", true),
+    ("plan-executor", "no agent carries plans out", true),
 ];
 
 /// The role that only the centralised flow needs.
 const CENTRAL: (&str, &str, bool) =
-    ("planning-agent", "nobody plans in the mode \"centralized\"", false);
+    ("planning-agent", "no agent plans in the mode \"centralized\"", false);
 
 impl Desk<'_> {
     /// Warns about roles that no agent has, or that an agent has under a name by which it is not

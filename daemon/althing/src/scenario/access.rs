@@ -54,8 +54,8 @@ pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result
     problems.extend(access.check(&building.truth(), &admissions).err().unwrap_or_default());
     set.strike().await;
     let verdict = format!(
-        "the robot came to {} when somebody had come there, asked nowhere else, and let in \
-         whoever gave the right answer, and nobody else",
+        "the robot came to {} when a person had come there, asked nowhere else, and let in \
+         those that gave the right answer, and no others",
         access.entry
     );
     Ok(Played { problems, verdict, admissions, ..Played::default() })
@@ -151,7 +151,7 @@ impl Play<'_> {
     ) -> Result<(), String> {
         let (text, how) = match manner {
             Manner::NobodyAnswers => {
-                self.performance.say("  nobody answers");
+                self.performance.say("  no answer");
                 return Ok(());
             }
             Manner::TwoAtOnce => (PIN, "two keyboards answer at once"),
@@ -203,7 +203,7 @@ impl Play<'_> {
 /// Returns the next message on the network. Records in `validity` when the robot's fact that a
 /// person is validated changes.
 async fn hear(ear: &mut Ear, validity: &mut Vec<bool>, robot: &str) -> Result<Message, String> {
-    let message = ear.heard.recv().await.ok_or("nobody is heard any more")?;
+    let message = ear.heard.recv().await.ok_or("the listener has ended")?;
     if message.sender.as_str() == robot
         && let Ok(inform @ Inform::Heartbeat(_)) = message.content_as::<Inform>()
     {

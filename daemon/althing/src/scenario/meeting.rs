@@ -55,7 +55,7 @@ async fn acts(
     meeting.plug_in(&building).map_err(|error| error.to_string())?;
     performance.plug_in(screen).await?;
     performance.until(|truth| truth.channel_of(screen).is_some()).await?;
-    performance.say(format!("{screen} has a channel, and nobody asked for it"));
+    performance.say(format!("{screen} has a channel; no goal asked for it"));
     performance.ask(&format!("(can-present {room})"), Keep::Achieve).await?;
     performance.until_it_holds().await?;
     performance.ask(&format!("(presented {MEDIUM} {room})"), Keep::Maintain).await?;

@@ -40,7 +40,7 @@ pub(super) async fn until_curtain(
 ) -> Result<(), String> {
     match tokio::time::timeout(PLAYED_WITHIN, play).await {
         Ok(ended) => ended,
-        Err(_) => Err(format!("the curtain fell after {PLAYED_WITHIN:?}")),
+        Err(_) => Err(format!("the scenario did not end within {PLAYED_WITHIN:?}")),
     }
 }
 
@@ -82,7 +82,7 @@ impl<'t> Performance<'t> {
         let usher = Usher::new(expected, seen);
         let id = name("usher")?;
         self.set.node.launch(id, usher, self.set.ecosystem.domain.name.as_str());
-        all.await.map_err(|_| "nobody watches the door".to_owned())?;
+        all.await.map_err(|_| "the agent that waits for the devices has ended".to_owned())?;
         let place = match self.set.processes.len() {
             0 => "in one process".to_owned(),
             processes => format!("in {processes} processes"),

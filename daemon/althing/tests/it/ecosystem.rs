@@ -133,7 +133,7 @@ fn mistakes_in_the_environment_are_shown_like_those_of_the_file() {
             1 | ALTHING_AGENT__NAME=x
               | ^^^^^^^^^^^^^^^^^^^
               |
-              = help: agents stand in the ecosystem file alone
+              = help: agents are set in the ecosystem file only
 
             error: `ALTHING_ECOSYSTEM__MOD` is no key of an ecosystem file
              --> environment:2:1
@@ -228,7 +228,7 @@ temperatures = { hall = -300 }
           |        ^^^^^^^^^^^^^
           |
           = help: did you mean "centralized"?
-          = rule: mode = "centralized" | "decentralized"  # who plans
+          = rule: mode = "centralized" | "decentralized"  # the planning mode
 
         error: `Kitchen Pi` cannot be the name of a daemon
          --> house.toml:6:26

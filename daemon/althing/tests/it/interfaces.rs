@@ -144,13 +144,13 @@ fn names_that_would_meet_or_could_be_mistaken_are_refused() {
                 ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
             "#]],
             expect![[r#"
-            error: `room-217` is what `blue-room` stands for already
+            error: `blue-room` stands for `room-217` already
               --> ecosystems/firm.toml:52:12
                |
             52 | red-room = "room-217"
                |            ^^^^^^^^^^
                |
-               = help: what comes back could be either: give each a word of its own
+               = help: it could not be translated back: give each a name of its own
 
             1 error
         "#]],
@@ -164,7 +164,7 @@ fn mistakes_in_a_rule_point_at_it() {
         .shows(expect![[r#"
             ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): ok
         "#]], expect![[r#"
-            warning: the other ecosystem's file has no agent `sweper-1` that acts
+            warning: the other ecosystem's file has no actuator `sweper-1`
               --> ecosystems/firm.toml:62:9
                |
             62 | agent = "sweper-1"

@@ -187,7 +187,7 @@ fn what_is_no_text_is_refused_as_a_whole() {
     sandbox.check(TASK, 33).shows(
         expect![""],
         expect![[r#"
-        error: failed to read `evening.pddl`: it is no text
+        error: failed to read `evening.pddl`: it is not UTF-8 text
 
         1 error
     "#]],

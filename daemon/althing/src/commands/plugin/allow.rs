@@ -41,7 +41,7 @@ pub(super) fn run(args: &PluginAllowArgs) -> ExitCode {
         return output::print_json(&json!({ "plugin": name, "allowed": allowed }), exit::DONE);
     }
     match consent.is_empty() {
-        true => output::print(format!("{name} may use all that it asks for already\n"), exit::DONE),
+        true => output::print(format!("{name} has all rights that it asks for\n"), exit::DONE),
         false => output::print(format!("allowed {name} {}\n", listed(&consent)), exit::DONE),
     }
 }
@@ -56,7 +56,7 @@ pub(super) fn consent(
     json: bool,
 ) -> Result<Vec<Right>, ExitCode> {
     for right in allowed.iter().filter(|right| !beyond.iter().any(|asked| right.covers(asked))) {
-        output::note(&format!("note: `{name}` does not ask for {right}, or may use it already"));
+        output::note(&format!("note: `{name}` does not ask for {right}, or has it already"));
     }
     let is_covered = |asked: &&Right| allowed.iter().any(|right| right.covers(asked));
     let missing: Vec<Right> = beyond.iter().filter(|asked| !is_covered(asked)).cloned().collect();
@@ -73,8 +73,8 @@ pub(super) fn consent(
     if !io::stdin().is_terminal() || !io::stderr().is_terminal() {
         let words: Vec<_> = missing.iter().map(|right| format!(" --allow {right}")).collect();
         output::note(&format!(
-            "error: `{name}` asks for the right\n{wants}and nobody is asked here. To allow that: \
-             {command}{}",
+            "error: `{name}` asks for the right\n{wants}and no terminal is here to ask for \
+             consent. To allow that: {command}{}",
             words.concat()
         ));
         return Err(exit::with(exit::NOT_ALLOWED));
@@ -82,7 +82,7 @@ pub(super) fn consent(
     if asked(&format!("`{name}` asks for the right\n{wants}Allow that? [y/N]")) {
         return Ok(beyond.to_vec());
     }
-    output::note("nothing was allowed, and nothing is done");
+    output::note("nothing was allowed, and nothing was changed");
     Err(exit::with(exit::NOT_ALLOWED))
 }
 

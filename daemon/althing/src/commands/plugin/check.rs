@@ -109,7 +109,7 @@ impl Desk {
         self.json.push(value);
         let said = format!(
             "{name} {version}: nothing is wrong with its files; it was not started, because it asks \
-             for rights that nobody has allowed; to try it with them: althing plugin check{} {}",
+             for rights that are not allowed; to try it with them: althing plugin check{} {}",
             words.concat(),
             package.folder.display()
         );
@@ -153,7 +153,8 @@ fn without_ecosystem(package: &Package) -> Host {
     let domain: Option<Domain> = pddl::parse_domain(&format!("(define (domain {name}))")).value;
     let map = format!("(define (problem trial) (:domain {name}) (:init) (:goal (and)))");
     let map = pddl::parse_problem(&map).value;
-    let (domain, map) = (domain.expect("invariant: it is PDDL"), map.expect("invariant: the same"));
+    let (domain, map) =
+        (domain.expect("invariant: it is valid PDDL"), map.expect("invariant: it is valid PDDL"));
     Host::new(domain, map)
 }
 

@@ -81,7 +81,7 @@ impl Reload {
         };
         if place.daemon != self.place.daemon {
             output::note(&format!(
-                "SIGHUP: by {file} this is daemon `{}` and no longer `{}`; restart it",
+                "SIGHUP: in {file} this is now daemon `{}`, and no longer `{}`; restart it",
                 place.daemon, self.place.daemon
             ));
             return Next::GoesOn;
@@ -89,15 +89,15 @@ impl Reload {
         let fixed = fixed(&self.ecosystem, &ecosystem, &self.goals);
         if !fixed.is_empty() {
             output::note(&format!(
-                "SIGHUP: {file} is read anew\n  this daemon restarts itself, for what has changed \
-                 is read at the start only: {}",
+                "SIGHUP: {file} was read again\n  this daemon restarts itself, because what has \
+                 changed is read at the start only: {}",
                 fixed.join(", ")
             ));
             return Next::BeginsAnew;
         }
         let (old, new) = (built_in(&self.place.agents), built_in(&place.agents));
         let mut difference = Difference::between(&old, &new);
-        let mut said = vec![format!("SIGHUP: {file} is read anew")];
+        let mut said = vec![format!("SIGHUP: {file} was read again")];
         let goals = changed_goals(&self.ecosystem, &ecosystem);
         if !goals.is_empty() {
             said.push(format!("goals from now on: {}", goals.join(", ")));
@@ -118,7 +118,7 @@ impl Reload {
             match node.plug_in((*entry).clone()) {
                 Ok(()) => kept.push((*entry).clone()),
                 Err(error) => {
-                    said.push(format!("`{}` is not begun: failed to {error}", entry.name));
+                    said.push(format!("`{}` is not started: failed to {error}", entry.name));
                     difference.come.remove(&entry.name);
                     difference.changed.remove(&entry.name);
                     let again = before.filter(|entry| node.plug_in((**entry).clone()).is_ok());
@@ -169,7 +169,7 @@ impl Difference {
         for (what, agents) in [
             ("agents that are new", &self.come),
             ("agents that have left", &self.gone),
-            ("agents that began anew", &self.changed),
+            ("agents that were restarted", &self.changed),
         ] {
             let names: Vec<_> = agents.iter().map(|agent| format!("`{agent}`")).collect();
             if !names.is_empty() {

@@ -101,7 +101,8 @@ impl Meaning<'_> {
         if hosts.len() > 1 {
             self.about_value(&format!("{path}.daemon"), |span| {
                 let message = "several daemons cannot host an agent of a package";
-                Diagnostic::error(span, message).with_help("give it to one, or write an entry each")
+                Diagnostic::error(span, message)
+                    .with_help("give it to one, or write several entries")
             });
         }
     }
@@ -132,7 +133,7 @@ impl Meaning<'_> {
             let known = self.known_plugins.iter().filter(|plugin| plugin.stands_by);
             let known: Vec<_> = known.map(|plugin| format!("`{}`", plugin.name)).collect();
             let help = format!(
-                "give it to one, or write an entry each; only of these can others stand by: {}",
+                "give it to one, or write several entries; only these can have standbys: {}",
                 known.join(", ")
             );
             self.about_value(&format!("{path}.daemon"), |span| {
@@ -251,8 +252,8 @@ impl Meaning<'_> {
     /// Warns about an agent that is assigned to no daemon while others are: probably forgotten.
     fn homeless(&mut self, path: &str, name: Option<&str>) {
         let agent = name.map_or("an agent".to_owned(), |name| format!("agent `{name}`"));
-        let message = format!("{agent} is given to no daemon");
-        let help = "others are; without `daemon`, every machine that runs alone hosts it";
+        let message = format!("{agent} has no key `daemon`");
+        let help = "others have one; without it, every machine that runs alone hosts the agent";
         self.about_key(path, |span| Diagnostic::warning(span, message).with_help(help));
     }
 }

@@ -98,8 +98,8 @@ impl Meaning<'_> {
         let mut first: BTreeMap<String, &str> = BTreeMap::new();
         for (ours, theirs) in words {
             let Some(other) = first.insert(theirs.to_lowercase(), ours) else { continue };
-            let message = format!("`{theirs}` is what `{other}` stands for already");
-            let help = "what comes back could be either: give each a word of its own";
+            let message = format!("`{other}` stands for `{theirs}` already");
+            let help = "it could not be translated back: give each a name of its own";
             self.about_value(&format!("{path}.{ours}"), |span| {
                 Diagnostic::error(span, message).with_help(help)
             });

@@ -87,7 +87,7 @@ impl Meaning<'_> {
         limits.extend((0..agents).map(|index| format!("agent.{index}.actions")));
         for path in limits {
             if self.is_in_file(&path) {
-                let message = "nobody sees to rights in an ecosystem that is not secured";
+                let message = "rights are not enforced in an ecosystem that is not secured";
                 let help = "write [security], and make certificates with `althing cert`";
                 self.about_key(&path, |span| Diagnostic::warning(span, message).with_help(help));
             }

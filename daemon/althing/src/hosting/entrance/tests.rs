@@ -187,7 +187,7 @@ async fn a_name_is_taken_once() {
     let folder = folder();
     let first = come(&folder, "a").await;
     let second = enter(folder.path(), &daemon("a")).await.expect_err("it is taken");
-    assert_eq!(second.to_string(), "be `a`: a daemon of this name is running here already");
+    assert_eq!(second.to_string(), "start as `a`: a daemon of this name is running here already");
     assert_eq!(called(&come(&folder, "b").await), ["a"], "and the first is still here");
     drop(first);
 }

@@ -72,5 +72,5 @@ async fn why_an_agent_was_chosen_is_told_where_others_could_answer() {
     let chosen = told.iter().find(|text| text.starts_with("progress: chosen: ")).expect("a choice");
     assert!(chosen.contains("for `(known-temperature office2)` at cost "), "{chosen}");
     assert!(chosen.contains("`turtlebot-1` bid "), "{chosen}");
-    assert!(!chosen.contains("declined"), "whose business it is not is no news: {chosen}");
+    assert!(!chosen.contains("declined"), "agents that cannot take part are not listed: {chosen}");
 }
