@@ -1,4 +1,4 @@
-//! Contents of messages, as the paper's roles send them (Table 1; design, “Messages”).
+//! Contents of messages, as the paper's roles send them (Table 1; docs/design.md, “Messages”).
 //!
 //! Facts, goals, models and plans are sent as PDDL text inside these types. All types ignore unknown
 //! fields. The envelope does not interpret contents.
@@ -232,7 +232,7 @@ pub struct HistoryEntry {
 /// An agent's actions, each with the method that carries it out.
 pub type Methods = BTreeMap<String, Method>;
 
-/// The method that an actuator runs for an action (design, “Action models”).
+/// The method that an actuator runs for an action (docs/design.md, “Action models”).
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Method {
@@ -259,9 +259,9 @@ pub struct Act {
     pub token: ActionToken,
 }
 
-/// Identifier of one commitment to act (design, “Execution”). The actuator executes it at most once; if
-/// it is requested again, the actuator answers with the result. The actuator refuses a token of a plan
-/// that is older than the newest one it has seen for the same goal.
+/// Identifier of one commitment to act (docs/design.md, “Execution”). The actuator executes it at most
+/// once; if it is requested again, the actuator answers with the result. The actuator refuses a token of
+/// a plan that is older than the newest one it has seen for the same goal.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ActionToken {
@@ -449,7 +449,7 @@ pub enum Reason {
     StaleToken,
     /// There is no object of this name.
     Unknown,
-    /// The feature is part of the design, but not implemented yet.
+    /// The feature is planned, but not implemented yet.
     NotBuilt,
     /// The content contradicts another agent or the ontology.
     Conflict,

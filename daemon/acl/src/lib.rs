@@ -1,6 +1,6 @@
 //! FIPA ACL, the language of agents: the envelope, its performatives and its contents.
 //!
-//! - [`Message`] is the envelope (FIPA SC00061; design, “Messages”).
+//! - [`Message`] is the envelope (FIPA SC00061; docs/design.md, “Messages”).
 //! - [`content`] has the contents that the paper's roles send; PDDL is sent as text.
 //! - [`Hello`] is the first input of a plugin that is a process of its own.
 //! - [`codec`] writes and reads JSON. It extracts enough from an unreadable text to answer it.

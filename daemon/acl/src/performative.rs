@@ -78,7 +78,7 @@ impl Performative {
     }
 
     /// Whether a message with this performative to one agent is a commitment or an answer to one. Such
-    /// messages are retried until a receipt arrives (design, “Zenoh promises less than it seems”).
+    /// messages are retried until a receipt arrives (docs/design.md, “Delivery”).
     ///
     /// `cfp` and `inform` tolerate loss: the initiator sends a `cfp` again to silent agents until the
     /// round closes, and the next heartbeat replaces a lost one. A `not-understood` is never retried,

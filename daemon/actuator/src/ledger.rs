@@ -1,9 +1,9 @@
 //! Command ledger of an actuator: each token is executed at most once, also across incarnations.
 //!
-//! The actuator is the arbiter (design, “Execution”). A token is on disk before its method runs. A
-//! token of an older plan for a goal than the newest one seen is refused. An executor that takes over
-//! and requests a token again gets its outcome; if an earlier incarnation began the token and did not
-//! end it, the outcome cannot be known.
+//! The actuator is the arbiter (docs/design.md, “Execution”). A token is on disk before its method
+//! runs. A token of an older plan for a goal than the newest one seen is refused. An executor that
+//! takes over and requests a token again gets its outcome; if an earlier incarnation began the token
+//! and did not end it, the outcome cannot be known.
 
 use std::collections::{HashMap, VecDeque};
 use std::fs::{File, OpenOptions};

@@ -1,5 +1,5 @@
 //! Replicated records: an agent writes records to the ecosystem's Journals, and reads them when it
-//! becomes the leader (design, “No single point of failure”).
+//! becomes the leader (docs/design.md, “Fail-over”).
 //!
 //! Each leader writes under a term of its own, greater than any it has read (fencing). So its
 //! versions are newer than those of earlier leaders, whatever their clocks say. Journals that join

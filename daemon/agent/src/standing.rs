@@ -1,5 +1,5 @@
-//! Leadership among replicas: whether this agent is the leader or a standby (design, “No single
-//! point of failure”).
+//! Leadership among replicas: whether this agent is the leader or a standby (docs/design.md,
+//! “Fail-over”).
 //!
 //! The holder of the name in the directory is the leader; all directories agree once presence
 //! changes have spread. A replica that has just started waits a moment before it becomes the

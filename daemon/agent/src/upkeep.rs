@@ -4,8 +4,8 @@
 //! - Models and heartbeats arrive as broadcast `inform`s; a model that was missed is requested.
 //! - When an agent's token is lost or its heartbeats stop, its capabilities are masked at once. If
 //!   it stays away for [`Settings::removal`](crate::Settings), its objects and facts are removed
-//!   too (design, “Presence”). Silence alone is enough, because a router can lose the end of a
-//!   token.
+//!   too (docs/design.md, “Membership”). Silence alone is enough, because a router can lose the end
+//!   of a token.
 //! - Changes that requests made at the central maintainer arrive with its announcements, for
 //!   maintainers that otherwise receive heartbeats only.
 //!

@@ -1,6 +1,6 @@
 //! Limits on the inputs of each agent. What exceeds a limit is refused with a reason, never truncated.
 //!
-//! The design is for a building of a hundred agents, each with ten actions and some tens of facts. Each
+//! A building is expected to have a hundred agents, each with ten actions and some tens of facts. Each
 //! limit is an order of magnitude above that, and bounds what one faulty agent can take from the
 //! others.
 

@@ -1,5 +1,5 @@
-//! Interfacing nodes (the paper, “Interfacing Node”; design, “Between ecosystems”): a daemon that takes
-//! part in two ecosystems, and passes on exactly what its rules export.
+//! Interfacing nodes (the paper, “Interfacing Node”; docs/design.md, “Between ecosystems”): a daemon that
+//! takes part in two ecosystems, and passes on exactly what its rules export.
 //!
 //! - No message crosses; agents are represented. On the *far* side, where an agent runs, an
 //!   `agent::Observer` watches it. On the *near* side a proxy agent (`mirror`) stands for it: an actuator

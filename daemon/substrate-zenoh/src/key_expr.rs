@@ -1,8 +1,8 @@
 //! All key expressions of an ecosystem: how they are built, and how they are read.
 //!
-//! There is one constructor and one parser per row of the table in the design, “Messages”. Chunks are
-//! plain, so that any Zenoh tool can listen. Parsers return `None` for a key that does not parse: keys come
-//! from outside, where any client can write anything.
+//! There is one constructor and one parser per row of the table in docs/design.md, “Key expressions”.
+//! Chunks are plain, so that any Zenoh tool can listen. Parsers return `None` for a key that does not parse:
+//! keys come from outside, where any client can write anything.
 //!
 //! `telling` is how often a session has declared everything again; see `declarations`.
 
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn every_row_of_the_design_has_its_key() {
+    fn every_documented_row_has_its_key() {
         let (keys, robot) = (keys(), agent("robot"));
         let to = Address { daemon: daemon("pi"), agent: robot.clone() };
         let request = Subject::Message(Performative::Request);

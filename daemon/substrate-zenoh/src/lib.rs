@@ -1,7 +1,8 @@
 //! The substrate over Zenoh: one embedded router session per daemon.
 //!
 //! - [`Config::open`] opens a session; the result, [`ZenohSubstrate`], is a [`substrate::Substrate`].
-//! - `key_expr` is the only place where key expressions are built and read (design, “Messages”).
+//! - `key_expr` is the only place where key expressions are built and read (docs/design.md, “Key
+//!   expressions”).
 //! - Every daemon is a *router*, because Zenoh's peers do not relay since 1.9. A process that cannot be a
 //!   router (a command line, a plugin in a process of its own) opens as a *client*.
 //! - With a [`Security`], links are TLS both ways and every message is signed: `sealing`.

@@ -1,5 +1,5 @@
 //! Requests that change the running ecosystem: the state, the plan metric, the available actions, and
-//! observations (design, “Action models”).
+//! observations (docs/design.md, “Action models”).
 //!
 //! A request is confirmed, with remarks about facts that do not count now and about agents that
 //! contradict it; or it is refused as a whole, with the reason.

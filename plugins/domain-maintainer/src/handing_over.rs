@@ -1,5 +1,5 @@
 //! Hand-over after a partition: a Domain Maintainer that becomes a standby sends the leader what
-//! requests changed while both led, each in its partition (design, “No single point of failure”).
+//! requests changed while both led, each in its partition (docs/design.md, “Fail-over”).
 //!
 //! No agent repeats requested changes by itself, so the hand-over is tried until it is confirmed. If
 //! both sides changed the same thing, the change of the remaining leader stands.

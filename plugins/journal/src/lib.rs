@@ -1,5 +1,5 @@
 //! The Journal: replica store for records that must outlive a process, such as goals and plans; a new
-//! leader reads them (design, “No single point of failure”).
+//! leader reads them (docs/design.md, “Fail-over”).
 //!
 //! - `request` (records) → `confirm` when they are on this machine's disk, `refuse` with the reason if
 //!   they cannot be stored. Of each key the newest version is kept, whichever agent wrote it.

@@ -1,5 +1,5 @@
-//! One plan per goal at a time, whichever replica of the Plan Requester asks for it (design, “No single
-//! point of failure”).
+//! One plan per goal at a time, whichever replica of the Plan Requester asks for it (docs/design.md,
+//! “Fail-over”).
 //!
 //! A Plan Requester that takes a goal over asks for the plan that its predecessor was running. Three
 //! cases:

@@ -1,5 +1,5 @@
 //! Cancels plans of goals that have ended or hold, made by another replica of the Plan Requester. That
-//! replica was cut off or died, and its plans may still run (design, “No single point of failure”).
+//! replica was cut off or died, and its plans may still run (docs/design.md, “Fail-over”).
 
 use acl::content::{CallOff, Execute, Request, value};
 use acl::{ConversationId, Performative, Protocol};

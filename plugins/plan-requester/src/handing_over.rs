@@ -1,5 +1,4 @@
-//! Hand-over from a leader that becomes a standby to the new leader (design, “No single point of
-//! failure”).
+//! Hand-over from a leader that becomes a standby to the new leader (docs/design.md, “Fail-over”).
 //!
 //! The Journals may lack some goals: those that were requested in a partition without a Journal, or
 //! that ended a moment ago. So the former leader sends its records to the new leader directly, until

@@ -1,5 +1,4 @@
-//! Fail-over of goals from one replica of the Plan Requester to another (design, “No single point of
-//! failure”).
+//! Fail-over of goals from one replica of the Plan Requester to another (docs/design.md, “Fail-over”).
 //!
 //! - The Journals keep a record of each goal, `goal/CONVERSATION`, and while its plan runs, of the
 //!   plan, `plan/CONVERSATION`. A goal is accepted once it is on disk on this machine and on one other

@@ -1,5 +1,5 @@
-//! Selection of proposals (design, “The two flows”): the cheapest set that covers the goal and has a
-//! valid combined plan.
+//! Selection of proposals (docs/design.md, “The two flows”): the cheapest set that covers the goal and
+//! has a valid combined plan.
 //!
 //! The proposals of one agent are alternatives: at most one of each agent is chosen. Ties are broken by
 //! fewer agents, then by agent names, so that every Plan Requester chooses alike.

@@ -61,7 +61,7 @@ pub(crate) fn effects(believe: &str) -> Effects {
     Effects { believe: facts(believe), retract: Vec::new() }
 }
 
-/// The example of the design, section 5.
+/// The example of docs/design.md, “Action models”, with a private object.
 pub(crate) fn turtlebot(name: &str) -> String {
     format!(
         "(define (agent {name}) (:domain smart-office)

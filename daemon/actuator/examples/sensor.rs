@@ -1,0 +1,131 @@
+//! A sensor, written from scratch: its action model, its facts, its method.
+//!
+//! `cargo run -p actuator --example sensor`
+//!
+//! The sensor implements [`Device`]. Heartbeats, bids, its own planner and the ledger of commands are
+//! those of [`Actuator`]. The example runs the sensor on an in-memory network (`office`). In a real
+//! ecosystem, the constant `PLUGIN` is given to `plugin_process::run`, which makes a package's program of
+//! it (docs/plugins.md), or it gets a line in daemon/althing/src/plugins.rs.
+
+mod office;
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::time::{Duration, Instant};
+
+use acl::Deadline;
+use acl::content::Method;
+use actuator::{
+    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Place, facts_of,
+    model_of,
+};
+use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use serde::Deserialize;
+use serde_json::json;
+
+use office::{Wish, play};
+
+/// The entry of a daemon's table of plugins.
+const PLUGIN: PluginEntry = PluginEntry {
+    name: "example-thermometer",
+    about: "reports the temperature of the room it stands in",
+    drivers: &[],
+    stands_by: false,
+    build,
+};
+
+/// How long a measured temperature counts as known.
+const VALID_FOR: Duration = Duration::from_secs(600);
+
+/// The `config` of an agent in the ecosystem file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Config {
+    location: Place,
+}
+
+struct Thermometer {
+    id: String,
+    room: Place,
+    /// The last measurement in °C, and its time.
+    measured: Option<(f64, Instant)>,
+}
+
+/// Reads the config and checks it. Opens no hardware: `althing check` builds agents, too.
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    let Config { location } = blueprint.config_as()?;
+    let checked = blueprint.host.has_place(location.as_str());
+    checked.map_err(|problem| blueprint.problem(problem))?;
+    let device = Thermometer { id: blueprint.id.to_string(), room: location, measured: None };
+    Ok(Box::new(Actuator::new(&blueprint, device)?))
+}
+
+impl Device for Thermometer {
+    /// The result of the method: a temperature in °C.
+    type Yield = f64;
+
+    fn describe(&self) -> Description {
+        let Thermometer { id, room, .. } = self;
+        // The effect says what is known after the action; `:observe` names the value that is found.
+        let model = model_of(&format!(
+            "(define (agent {id}) (:domain smart-office)
+               (:objects {id} - temperature-sensor)
+               (:init (located {id} {room}))
+               (:action report-temperature
+                 :agent ?s - temperature-sensor
+                 :parameters (?r - room)
+                 :precondition (located ?s ?r)
+                 :effect (and (known-temperature ?r) (increase (total-cost) 1))
+                 :observe (temperature ?r)))"
+        ));
+        let method = Method {
+            method: "measure".to_owned(),
+            arguments: BTreeMap::new(),
+            timeout: Deadline(Duration::from_secs(2)),
+        };
+        Description { model, methods: [("report-temperature".to_owned(), method)].into() }
+    }
+
+    /// Returns all facts that the sensor answers for. A fact that is missing is false, and a number that
+    /// is missing has no value.
+    fn facts(&self) -> Vec<OwnFact> {
+        let Thermometer { id, room, measured } = self;
+        let mut facts = facts_of(&format!("(located {id} {room})"));
+        if let Some((celsius, at)) = measured {
+            let left = VALID_FOR.saturating_sub(at.elapsed());
+            let known = format!("(known-temperature {room}) (= (temperature {room}) {celsius})");
+            let known = facts_of(&known).into_iter();
+            facts.extend(known.map(|fact| OwnFact { known_for: Some(left), ..fact }));
+        }
+        facts
+    }
+
+    /// Runs the method. The agent's task must not block, so the work is in the future.
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<f64, Failure>> {
+        if call.method != "measure" {
+            let unknown = Failure::UnknownMethod(call.method.clone());
+            return Box::pin(std::future::ready(Err(unknown)));
+        }
+        Box::pin(async { measure().await.map_err(Failure::Driver) })
+    }
+
+    /// Keeps the measurement. [`Device::facts`] is called next, before the action is confirmed.
+    fn performed(&mut self, _call: &Call, celsius: f64) -> Performed {
+        self.measured = Some((celsius, Instant::now()));
+        let observations = self.facts().into_iter().map(|fact| fact.fact).collect();
+        Performed { detail: format!("{celsius} °C at {}", self.room), observations }
+    }
+}
+
+/// Reads the hardware; here, a number after a moment. An error completes “failed to …”.
+async fn measure() -> Result<f64, String> {
+    tokio::time::sleep(Duration::from_millis(20)).await;
+    Ok(21.5)
+}
+
+#[tokio::main]
+async fn main() -> Result<(), Box<dyn Error>> {
+    let wish =
+        Wish { goal: "(known-temperature office1)", method: "measure", arguments: BTreeMap::new() };
+    play(PLUGIN, "thermometer-1", json!({ "location": "office1" }), wish).await
+}
