@@ -24,10 +24,6 @@ use crate::mailbox::{Letter, Mailbox};
 use crate::standing::Standing;
 use crate::switchboard::Switchboard;
 
-/// How long another agent may hold the name before the new agent gives up. The agents of a daemon
-/// that was killed behind a cut link keep their names for the length of Zenoh's lease.
-const NAME_AWAITED: Duration = Duration::from_secs(6);
-
 /// An agent: its state and its callbacks.
 pub trait Agent: Sized + Send + 'static {
     /// Returns the table of callbacks for messages.
@@ -207,7 +203,7 @@ async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> 
 /// a lease.
 async fn await_name(id: &AgentId, switchboard: &Switchboard) -> Result<(), LaunchError> {
     let (mut directory, mut changes) = switchboard.presence_changes();
-    let deadline = Instant::now() + NAME_AWAITED;
+    let deadline = Instant::now() + switchboard.settings().name_awaited();
     while let Some(holder) = directory.find(id).cloned() {
         match tokio::time::timeout_at(deadline, changes.recv()).await {
             Ok(_) => directory = switchboard.directory(),

@@ -53,7 +53,8 @@ impl Commons {
     /// Creates a model without agents.
     pub(crate) fn new(host: &Host) -> Commons {
         let (ontology, map) = (Arc::clone(&host.ontology), Arc::clone(&host.map));
-        let maintainer = Arc::new(Maintainer::new(ontology, map, Scope::Public));
+        let maintainer = Maintainer::new(ontology, map, Scope::Public);
+        let maintainer = Arc::new(maintainer.with_silence_limit(host.settings.silence_limit()));
         let (leaving, asked) = (BTreeSet::new(), BTreeSet::new());
         let (unread, refused) = (BTreeMap::new(), Refused::default());
         let state = State { maintainer, leaving, asked, unread, refused };

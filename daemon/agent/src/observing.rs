@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use acl::content::{Heartbeat, Inform, Methods, ModelAnnouncement};
 use acl::{AgentId, EcosystemId, Incarnation, Message, Performative};
+use capability::SilenceLimit;
 use pddl::{ActionModel, InitElement};
 use substrate::{Ask, Presence, Resource};
 use tokio::sync::{mpsc, watch};
@@ -15,10 +16,6 @@ use tokio::time::Instant;
 use crate::base_agent::Agent;
 use crate::callbacks::Callbacks;
 use crate::context::{Context, Work};
-
-/// Silence after which an agent counts as gone, in periods of its own heartbeat; the same number as
-/// `capability::SILENCE_HALF_PERIODS`.
-const SILENCE_PERIODS: f32 = 3.5;
 
 /// Latest snapshot of an observed agent.
 #[derive(Clone, Debug)]
@@ -45,11 +42,14 @@ pub struct Sighted {
 pub type Sight = watch::Receiver<Option<Sighted>>;
 
 /// Agent that observes other agents.
+#[derive(Default)]
 pub struct Observer {
     watched: BTreeMap<AgentId, watch::Sender<Option<Sighted>>>,
     fetching: BTreeMap<AgentId, Work>,
     /// Channel for agents that are met on the way; set if all agents are watched.
     newcomers: Option<mpsc::Sender<(AgentId, Sight)>>,
+    /// How long an agent may be silent: a setting, known once the observer is active.
+    silence: SilenceLimit,
 }
 
 impl Observer {
@@ -59,14 +59,14 @@ impl Observer {
             agents.map(|agent| (agent, watch::Sender::new(None))).collect();
         let sights =
             watched.iter().map(|(agent, seen)| (agent.clone(), seen.subscribe())).collect();
-        (Observer { watched, fetching: BTreeMap::new(), newcomers: None }, sights)
+        (Observer { watched, ..Observer::default() }, sights)
     }
 
     /// Creates an observer of all agents that join. If `newcomers` is full when an agent joins,
     /// that agent is not watched.
     pub fn of_all(newcomers: mpsc::Sender<(AgentId, Sight)>) -> Observer {
         let newcomers = Some(newcomers);
-        Observer { watched: BTreeMap::new(), fetching: BTreeMap::new(), newcomers }
+        Observer { newcomers, ..Observer::default() }
     }
 
     /// Starts to watch an agent that has joined, if all agents are watched.
@@ -129,14 +129,14 @@ impl Observer {
             digest: heartbeat.digest.clone(),
             facts: facts_of(heartbeat),
             sequence: heartbeat.sequence,
-            due: due(heartbeat),
+            due: due(heartbeat, self.silence),
         }));
     }
 
     /// Handles a heartbeat; returns `false` if its model is not known.
     fn heard(&mut self, message: &Message, beat: &Heartbeat) -> bool {
         let Some(seen) = self.watched.get(&message.sender) else { return true };
-        let mut is_known = false;
+        let (mut is_known, silence) = (false, self.silence);
         seen.send_if_modified(|sighted| {
             let of_it = |sighted: &&mut Sighted| {
                 sighted.incarnation == message.incarnation && sighted.digest == beat.digest
@@ -151,7 +151,7 @@ impl Observer {
                 facts.iter().map(|(fact, _)| fact.clone()).collect()
             };
             let is_news = told(&facts) != told(&sighted.facts);
-            (sighted.facts, sighted.sequence, sighted.due) = (facts, beat.sequence, due(beat));
+            (sighted.facts, sighted.sequence, sighted.due) = (facts, beat.sequence, due(beat, silence));
             is_news
         });
         is_known
@@ -201,6 +201,7 @@ impl Agent for Observer {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
+        self.silence = ctx.settings().silence_limit();
         self.look_around(ctx);
     }
 
@@ -224,8 +225,12 @@ impl Agent for Observer {
     }
 }
 
-fn due(beat: &Heartbeat) -> Instant {
-    Instant::now() + beat.period.0.min(Duration::from_secs(3_600)).mul_f32(SILENCE_PERIODS)
+/// Returns the time from which the agent counts as silent. Its period is bounded, so that the time can be
+/// computed.
+fn due(beat: &Heartbeat, silence: SilenceLimit) -> Instant {
+    let period = beat.period.0.min(Duration::from_secs(3_600));
+    let tolerated = silence.of_period(period).min(Duration::from_secs(24 * 3_600));
+    Instant::now() + tolerated
 }
 
 /// Returns the facts of a heartbeat, each with its expiry. Facts that cannot be parsed are left out.

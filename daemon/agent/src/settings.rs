@@ -2,6 +2,14 @@
 
 use std::time::Duration;
 
+use capability::SilenceLimit;
+
+/// The lease of Zenoh's links (`substrate_zenoh::LEASE`); this crate does not know that one.
+const LINK_LEASE: Duration = Duration::from_secs(4);
+
+/// How long after a lease has passed all daemons know it.
+const DETECTION: Duration = Duration::from_secs(2);
+
 /// Times and bounds that apply to every agent of a daemon.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -65,6 +73,17 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// How long an agent may be silent: the lease, in proportion to the period of its own heartbeats.
+    pub fn silence_limit(&self) -> SilenceLimit {
+        SilenceLimit::new(self.heartbeat_lease, self.heartbeat_period)
+    }
+
+    /// How long an agent that starts waits until its name is free. The agents of a daemon that was killed
+    /// behind a cut link keep their names until both leases have passed and all daemons have noticed.
+    pub(crate) fn name_awaited(&self) -> Duration {
+        self.heartbeat_lease.max(LINK_LEASE) + DETECTION
+    }
+
     /// Returns a description of what is impossible about these settings, such as a lease within a
     /// heartbeat period or a removal within the grace; `None` if nothing is.
     pub fn problem(&self) -> Option<String> {

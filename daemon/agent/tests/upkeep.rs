@@ -106,9 +106,13 @@ struct House {
 
 impl House {
     fn new() -> House {
+        House::with(Settings::default())
+    }
+
+    fn with(settings: Settings) -> House {
         let daemon = DaemonId::new("d").expect("a name");
         let ecosystem = EcosystemId::new("test").expect("a name");
-        let switchboard = Switchboard::new(ecosystem, daemon.clone(), Settings::default());
+        let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings);
         let network = Network::new();
         switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
         House { switchboard, _network: network }
@@ -137,7 +141,8 @@ impl House {
     fn keep(&self, scope: Scope) -> mpsc::UnboundedReceiver<Change> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let maintainer =
-            Maintainer::new(ontology.expect("a domain"), map.expect("a problem"), scope);
+            Maintainer::new(ontology.expect("a domain"), map.expect("a problem"), scope)
+                .with_silence_limit(self.switchboard.settings().silence_limit());
         let (tell, changes) = mpsc::unbounded_channel();
         let keeper = Keeper { upkeep: Upkeep::new(maintainer), changes: tell };
         drop(Box::new(keeper).launch(self.berth("keeper", 1)));
@@ -150,8 +155,8 @@ const FAR: Duration = Duration::from_secs(3600);
 
 /// Runs a meter with so many heartbeats; returns when its capability left, and when its fact became
 /// unknown.
-async fn silence_of(beats: u64) -> (Duration, Duration) {
-    let house = House::new();
+async fn silence_of(beats: u64, settings: Settings) -> (Duration, Duration) {
+    let house = House::with(settings);
     let mut changes = house.keep(Scope::Everything);
     let began = Instant::now();
     let _meter = Box::new(Meter { beats_left: beats, sequence: 0 }).launch(house.berth("meter", 2));
@@ -171,9 +176,10 @@ async fn silence_of(beats: u64) -> (Duration, Duration) {
 
 #[tokio::test(start_paused = true)]
 async fn a_silent_agent_is_masked_then_forgotten_although_its_token_stays() {
-    let Settings { heartbeat_period, heartbeat_lease, removal, .. } = Settings::default();
-    for beats in [1, 3] {
-        let (masked, forgotten) = silence_of(beats).await;
+    let patient = Settings { heartbeat_lease: Duration::from_secs(9), ..Settings::default() };
+    for (beats, settings) in [(1, Settings::default()), (3, Settings::default()), (2, patient)] {
+        let Settings { heartbeat_period, heartbeat_lease, removal, .. } = settings.clone();
+        let (masked, forgotten) = silence_of(beats, settings).await;
         let last_beat = heartbeat_period * u32::try_from(beats - 1).expect("few");
         let about = |told: Duration, expected: Duration| {
             assert!(told >= expected && told < expected + Duration::from_millis(50), "{told:?}");

@@ -125,6 +125,6 @@ fn heartbeat(announced: &Announcement, digest: &str, sequence: u64) -> Beat {
         sequence,
         digest: digest.to_owned(),
         facts: said.into_iter().map(Known::from).collect(),
-        due: None,
+        period: None,
     }
 }

@@ -14,11 +14,16 @@ use crate::declined::Declined;
 use crate::described::Described;
 use crate::moment::Moment;
 
-/// Number of half periods for which an agent may be silent before its capabilities are masked.
+/// How long an agent may be silent before its capabilities are masked, in proportion to the period of its
+/// own heartbeats.
 ///
-/// Three and a half periods: one heartbeat may be lost and one may be late. The half period prevents a
-/// race between a third heartbeat that is on time and the limit.
-pub const SILENCE_HALF_PERIODS: u32 = 7;
+/// The default is three and a half periods: one heartbeat may be lost and one may be late. The half period
+/// prevents a race between a third heartbeat that is on time and the limit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SilenceLimit {
+    lease: Duration,
+    period: Duration,
+}
 
 /// An announced action model with its methods. Cheap to clone: clones share it.
 #[derive(Clone, Debug)]
@@ -44,8 +49,8 @@ pub struct Beat {
     pub digest: String,
     /// Facts known to the agent, and `(unknown FACT)` for those that are unknown to it.
     pub facts: Vec<Known>,
-    /// Time at which its capabilities are masked if no further heartbeat arrives; `None`: never.
-    pub due: Option<Moment>,
+    /// Time until the next heartbeat is due; `None`: the agent is never counted as silent.
+    pub period: Option<Duration>,
 }
 
 /// A heartbeat that equals the one before it, except for its number.
@@ -157,15 +162,32 @@ impl Beat {
     ) -> Result<Beat, Vec<Diagnostic>> {
         let Heartbeat { digest, sequence, facts, known_for, period } = heartbeat;
         let known = Known::read_all(facts, known_for, now)?;
-        let due = Some(silent_from(period.0, now));
+        let period = Some(period.0);
         let (digest, sequence) = (digest.clone(), *sequence);
-        Ok(Beat { agent, incarnation, sequence, digest, facts: known, due })
+        Ok(Beat { agent, incarnation, sequence, digest, facts: known, period })
     }
 }
 
-/// Returns the time at which an agent is silent, if its next heartbeat is due in `period` from `now`.
-pub(crate) fn silent_from(period: Duration, now: Moment) -> Moment {
-    now.after(period.saturating_mul(SILENCE_HALF_PERIODS) / 2)
+// === impl SilenceLimit ===
+
+impl SilenceLimit {
+    /// Tolerates a silence of `lease` of agents that send a heartbeat every `period`.
+    pub fn new(lease: Duration, period: Duration) -> SilenceLimit {
+        SilenceLimit { lease, period }
+    }
+
+    /// Returns the tolerated silence of an agent that sends a heartbeat every `period`.
+    pub fn of_period(self, period: Duration) -> Duration {
+        let nanos = period.as_nanos().saturating_mul(self.lease.as_nanos());
+        let nanos = nanos / self.period.as_nanos().max(1);
+        Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
+    }
+}
+
+impl Default for SilenceLimit {
+    fn default() -> SilenceLimit {
+        SilenceLimit::new(Duration::from_millis(3_500), Duration::from_millis(1_000))
+    }
 }
 
 // === impl Known ===
@@ -276,5 +298,3 @@ fn known(told: &[RequestedFact], now: Moment) -> Result<Vec<(AgentId, Known)>, V
     }
     Ok(facts)
 }
-
-const _: () = assert!(SILENCE_HALF_PERIODS > 2 * 3, "one heartbeat lost, one late");

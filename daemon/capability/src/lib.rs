@@ -60,7 +60,7 @@ pub use digest::{model_digest, problem_digest, text_digest};
 pub use fact::Owner;
 pub use follower::{Follower, Lag};
 pub use inputs::{
-    Announcement, Beat, Effects, Known, Repeated, Requests, RequestsSince, SILENCE_HALF_PERIODS,
+    Announcement, Beat, Effects, Known, Repeated, Requests, RequestsSince, SilenceLimit,
 };
 pub use maintainer::{Admission, AgentView, ClaimedBy, Maintainer, Provenance, Scope, Sight};
 pub use moment::Moment;

@@ -25,7 +25,7 @@ use crate::composite::Composite;
 use crate::conflict::Conflict;
 use crate::declined::Declined;
 use crate::fact::{FactKey, Owner};
-use crate::inputs::Announcement;
+use crate::inputs::{Announcement, SilenceLimit};
 use crate::manifest::Manifest;
 use crate::moment::Moment;
 use crate::remembered::Remembered;
@@ -74,6 +74,7 @@ pub struct Admission {
 pub struct Maintainer {
     shared: Arc<Shared>,
     scope: Scope,
+    silence: SilenceLimit,
     /// Whether it adopts the changes by requests that the central maintainer announces.
     follows: bool,
     roster: Roster,
@@ -126,6 +127,7 @@ impl Maintainer {
         let mut maintainer = Maintainer {
             shared,
             scope,
+            silence: SilenceLimit::default(),
             follows: !everything,
             roster: Roster::default(),
             remembered,
@@ -146,6 +148,13 @@ impl Maintainer {
         };
         maintainer.believe_map();
         maintainer
+    }
+
+    /// Sets how long an agent may be silent before its capabilities are masked.
+    #[must_use]
+    pub fn with_silence_limit(mut self, silence: SilenceLimit) -> Maintainer {
+        self.silence = silence;
+        self
     }
 
     /// Adds a model that is new, changed, or of a new incarnation of the agent; and composes.

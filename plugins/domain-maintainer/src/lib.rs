@@ -55,7 +55,9 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let (ontology, map) = (&blueprint.host.ontology, &blueprint.host.map);
-    let mut maintainer = Maintainer::new(Arc::clone(ontology), Arc::clone(map), Scope::Everything);
+    let maintainer = Maintainer::new(Arc::clone(ontology), Arc::clone(map), Scope::Everything);
+    let silence = blueprint.host.settings.silence_limit();
+    let mut maintainer = maintainer.with_silence_limit(silence);
     // Standby until the agent is told that it leads.
     maintainer.stands_by(true);
     Ok(Box::new(DomainMaintainer {

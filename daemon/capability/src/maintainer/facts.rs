@@ -11,7 +11,7 @@ use crate::belief::{Claim, Source};
 use crate::change::Change;
 use crate::declined::Declined;
 use crate::fact::{FactKey, Owner, Statement, Value};
-use crate::inputs::{Beat, Effects, Known, Repeated, silent_from};
+use crate::inputs::{Beat, Effects, Known, Repeated};
 use crate::limits;
 use crate::moment::Moment;
 use crate::roster::Member;
@@ -33,7 +33,7 @@ impl Maintainer {
     /// newer one; if the agent, or this incarnation of it, has not announced its model; or if it has
     /// too many facts.
     pub fn believe_heartbeat(&mut self, beat: Beat, now: Moment) -> Result<Change, Declined> {
-        let Beat { agent, incarnation, sequence, digest, facts, due } = beat;
+        let Beat { agent, incarnation, sequence, digest, facts, period } = beat;
         self.roster.check(&agent, incarnation)?;
         if facts.len() > limits::FACTS_PER_OWNER_MAX {
             let limit = limits::FACTS_PER_OWNER_MAX;
@@ -44,6 +44,7 @@ impl Maintainer {
         if sequence <= current {
             return Err(Declined::OldSequence { agent, reported: sequence, current });
         }
+        let due = period.map(|period| now.after(self.silence.of_period(period)));
         self.roster.hear(&agent, sequence, due, now)?;
         let mut said = BTreeSet::new();
         let mut denied = Vec::new();
@@ -97,7 +98,8 @@ impl Maintainer {
         if !self.beliefs.is_calm(&Owner::Agent(agent.clone())) {
             return None;
         }
-        self.roster.hear(agent, sequence, Some(silent_from(period, now)), now).ok()?;
+        let due = now.after(self.silence.of_period(period));
+        self.roster.hear(agent, sequence, Some(due), now).ok()?;
         Some(self.conclude(now))
     }
 
