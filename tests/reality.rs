@@ -17,7 +17,7 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::Stdio;
 
-use building::{Building, Device, Event, Layout, Truth};
+use building::{Building, BuildingDevice, BuildingEvent, Layout, Truth};
 use kernel::{SAID, THERMOMETER, said_in};
 use serde_json::json;
 use support::broker::Broker;
@@ -97,7 +97,7 @@ async fn until_read(building: &Building, sensor: &str, room: &str, since: u64) {
     let is_it = |truth: &Truth| {
         let mut since = truth.occurrences().filter(|occurrence| occurrence.sequence >= since);
         since.any(|occurrence| {
-            matches!(&occurrence.event, Event::Read { sensor: by, location, .. }
+            matches!(&occurrence.event, BuildingEvent::Read { sensor: by, location, .. }
                 if by == sensor && location == room)
         })
     };
@@ -110,11 +110,11 @@ fn robot(layout: &Layout, socket: &Path) -> String {
     let mut text = String::new();
     for device in layout.devices() {
         text += &match device {
-            Device::Robot { name, start, .. } => format!(
+            BuildingDevice::Robot { name, start, .. } => format!(
                 "[[agent]]\nname = \"{name}\"\nplugin = \"turtlebot\"\n\
                  config = {{ start = \"{start}\" }}\n\n"
             ),
-            Device::MountedSensor { name, carrier } => format!(
+            BuildingDevice::MountedSensor { name, carrier } => format!(
                 "[[agent]]\nname = \"{name}\"\nplugin = \"ir-temperature-sensor\"\n\
                  config = {{ mounted-on = \"{carrier}\", valid-for = \"4s\" }}\n\n"
             ),
@@ -134,7 +134,7 @@ async fn what_goes_down_is_taken_over_by_the_building_s_truth() {
         let layout = Layout::seeded(0).layout;
         let (heard, python) = ("office2", "conf-room");
         let robots = layout.devices().iter().filter_map(|device| match device {
-            Device::MountedSensor { name, .. } => Some(name.clone()),
+            BuildingDevice::MountedSensor { name, .. } => Some(name.clone()),
             _ => None,
         });
         let ir = { robots }.next().expect("the paper's robot has one");
@@ -184,7 +184,8 @@ async fn what_goes_down_is_taken_over_by_the_building_s_truth() {
         assert_eq!(office.ask(&["plugin", "disable", "thermometer"]).0, Some(0));
         until_read(&building, &ir, python, since).await;
         // A new sensor is installed, and the robot is no longer needed for the room.
-        let new = Device::FixedSensor { name: "new-1".to_owned(), location: heard.to_owned() };
+        let new =
+            BuildingDevice::FixedSensor { name: "new-1".to_owned(), location: heard.to_owned() };
         building.add_device(new).expect("a new name");
         sensors(
             &office.plugins_folder(),

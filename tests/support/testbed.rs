@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use acl::content::{ActionToken, BelievedState, Record};
 use acl::{AgentId, DaemonId, EcosystemId};
-use building::{Building, Event, Layout, Server};
+use building::{Building, BuildingEvent, Layout, Server};
 use credentials::{Folder, Identity, Trust, Verifier};
 use serde_json::Value;
 use substrate::{Ask, Delivery, Inbound, Presence, Question, Resident, Resource, Substrate as _};
@@ -273,7 +273,7 @@ impl Testbed {
     pub(crate) fn departures(&self, since: u64) -> usize {
         let truth = self.building.truth();
         let since = truth.occurrences().filter(|each| each.sequence >= since);
-        since.filter(|each| matches!(each.event, Event::Departed { .. })).count()
+        since.filter(|each| matches!(each.event, BuildingEvent::Departed { .. })).count()
     }
 
     /// Waits until the robot has set off since a position of the log; fails if the goal ends before.

@@ -15,8 +15,8 @@ use std::time::Duration;
 use acl::Deadline;
 use acl::content::Method;
 use actuator::{
-    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Place, facts_of,
-    model_of,
+    Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
+    PlaceName, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use serde::Deserialize;
@@ -37,14 +37,14 @@ const PLUGIN: PluginEntry = PluginEntry {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Config {
-    location: Place,
+    location: PlaceName,
     /// Cups for which there are beans.
     cups: u32,
 }
 
 struct CoffeeMachine {
     id: String,
-    room: Place,
+    room: PlaceName,
     cups: u32,
     is_ready: bool,
 }
@@ -61,13 +61,13 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 
 impl CoffeeMachine {
     /// Checks a request, and returns the time that brewing takes.
-    fn brewing_time(&self, call: &Call) -> Result<Duration, Failure> {
+    fn brewing_time(&self, call: &MethodCall) -> Result<Duration, MethodFailure> {
         if call.method != "brew" {
-            return Err(Failure::UnknownMethod(call.method.clone()));
+            return Err(MethodFailure::UnknownMethod(call.method.clone()));
         }
         let room = call.argument("room")?;
         if room != self.room.as_str() {
-            return Err(Failure::Driver(format!("brew in {room}: the machine is elsewhere")));
+            return Err(MethodFailure::Driver(format!("brew in {room}: the machine is elsewhere")));
         }
         Ok(Duration::from_millis(50))
     }
@@ -109,7 +109,7 @@ impl Device for CoffeeMachine {
     }
 
     /// Runs the method. Dropping the future cancels it, so a real driver has to stop the machine then.
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<(), Failure>> {
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<(), MethodFailure>> {
         let time = self.brewing_time(call);
         Box::pin(async move {
             tokio::time::sleep(time?).await;
@@ -117,10 +117,10 @@ impl Device for CoffeeMachine {
         })
     }
 
-    fn performed(&mut self, _call: &Call, (): ()) -> Performed {
+    fn on_success(&mut self, _call: &MethodCall, (): ()) -> MethodResult {
         self.cups = self.cups.saturating_sub(1);
         self.is_ready = true;
-        Performed { detail: format!("coffee at {}", self.room), observations: Vec::new() }
+        MethodResult { detail: format!("coffee at {}", self.room), observations: Vec::new() }
     }
 }
 

@@ -16,8 +16,8 @@ use std::time::{Duration, Instant};
 use acl::Deadline;
 use acl::content::Method;
 use actuator::{
-    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Place, facts_of,
-    model_of,
+    Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
+    PlaceName, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use serde::Deserialize;
@@ -41,12 +41,12 @@ const VALID_FOR: Duration = Duration::from_secs(600);
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Config {
-    location: Place,
+    location: PlaceName,
 }
 
 struct Thermometer {
     id: String,
-    room: Place,
+    room: PlaceName,
     /// The last measurement in °C, and its time.
     measured: Option<(f64, Instant)>,
 }
@@ -101,19 +101,19 @@ impl Device for Thermometer {
     }
 
     /// Runs the method. The agent's task must not block, so the work is in the future.
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<f64, Failure>> {
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<f64, MethodFailure>> {
         if call.method != "measure" {
-            let unknown = Failure::UnknownMethod(call.method.clone());
+            let unknown = MethodFailure::UnknownMethod(call.method.clone());
             return Box::pin(std::future::ready(Err(unknown)));
         }
-        Box::pin(async { measure().await.map_err(Failure::Driver) })
+        Box::pin(async { measure().await.map_err(MethodFailure::Driver) })
     }
 
     /// Keeps the measurement. [`Device::facts`] is called next, before the action is confirmed.
-    fn performed(&mut self, _call: &Call, celsius: f64) -> Performed {
+    fn on_success(&mut self, _call: &MethodCall, celsius: f64) -> MethodResult {
         self.measured = Some((celsius, Instant::now()));
         let observations = self.facts().into_iter().map(|fact| fact.fact).collect();
-        Performed { detail: format!("{celsius} °C at {}", self.room), observations }
+        MethodResult { detail: format!("{celsius} °C at {}", self.room), observations }
     }
 }
 

@@ -17,9 +17,9 @@ use capability::{Sight, Snapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
 
 use crate::bidding::bid;
-use crate::device::{Call, Description, Device, Failure, Performed};
-use crate::initiative::Initiatives;
-use crate::ledger::{Known, Ledger};
+use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult};
+use crate::initiative::OpenInitiatives;
+use crate::ledger::{Ledger, TokenState};
 
 /// Maximum number of calls for proposals that are answered side by side; more are refused. Each uses a
 /// thread for some milliseconds.
@@ -27,36 +27,36 @@ const BIDS_MAX: usize = 16;
 
 /// How long the ground task is kept after the last call. A goal that fails is called for again within
 /// seconds; if a hundred devices kept theirs for ever, they would take tens of megabytes.
-const GROUND_KEPT: Duration = Duration::from_secs(60);
+const CACHE_TTL: Duration = Duration::from_secs(60);
 
 /// An agent that senses or acts.
 pub struct Actuator<D: Device> {
     pub(crate) device: D,
-    pub(crate) initiatives: Initiatives,
+    pub(crate) initiatives: OpenInitiatives,
     host: Arc<Host>,
     ledger: Ledger,
-    announced: Announced,
-    acting: Option<Acting>,
+    announced: AnnouncedModel,
+    running_command: Option<RunningCommand>,
     /// Final reports that are being written to disk and are sent afterwards.
-    telling: BTreeMap<ActionToken, Work>,
-    bidding: BTreeMap<ReplyToken, (Cancel, Work)>,
+    pending_reports: BTreeMap<ActionToken, Work>,
+    running_bids: BTreeMap<ReplyToken, (Cancel, Work)>,
     /// The device's own planner, used by one bid at a time. A bid beside it starts with an empty
     /// planner instead of waiting.
-    planner: Arc<Mutex<Planner>>,
+    bid_cache: Arc<Mutex<BidCache>>,
     /// Timer that drops the composed domain and the ground task.
-    letting_go: Option<TimerId>,
+    cache_expiry: Option<TimerId>,
 }
 
 /// Data that one bid leaves for the next.
 #[derive(Default)]
-struct Planner {
+struct BidCache {
     sight: Sight,
     replanner: Replanner,
 }
 
 /// The last announcement.
 #[derive(Default)]
-struct Announced {
+struct AnnouncedModel {
     digest: String,
     /// The offered actions, each with the method that carries it out.
     offered: Box<[(String, Method)]>,
@@ -65,17 +65,17 @@ struct Announced {
 
 /// How long a running action waits for a new requester after the former one has stood down. A new
 /// leader asks within milliseconds, or as soon as a lost message is repeated.
-const FOLLOWED_WITHIN: Duration = Duration::from_secs(2);
+const ORPHAN_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Maximum number of requesters of one token: an executor, and the replicas that took over from it.
-const ASKERS_MAX: usize = 8;
+const SUBSCRIBERS_MAX: usize = 8;
 
 /// A method that is running.
-struct Acting {
+struct RunningCommand {
     token: ActionToken,
     /// Exchanges in which the action was requested, the latest last.
-    askers: Vec<Engagement>,
-    call: Call,
+    subscribers: Vec<Engagement>,
+    call: MethodCall,
     _work: Work,
 }
 
@@ -92,15 +92,15 @@ impl<D: Device> Actuator<D> {
             .map_err(|error| blueprint.problem(format!("its tokens cannot be read: {error}")))?;
         Ok(Actuator {
             device,
-            initiatives: Initiatives::default(),
+            initiatives: OpenInitiatives::default(),
             host,
             ledger,
-            announced: Announced::default(),
-            acting: None,
-            telling: BTreeMap::new(),
-            bidding: BTreeMap::new(),
-            planner: Arc::default(),
-            letting_go: None,
+            announced: AnnouncedModel::default(),
+            running_command: None,
+            pending_reports: BTreeMap::new(),
+            running_bids: BTreeMap::new(),
+            bid_cache: Arc::default(),
+            cache_expiry: None,
         })
     }
 }
@@ -127,27 +127,28 @@ impl<D: Device> Agent for Actuator<D> {
         // Subscribes to the shared domain before the first announcement, so that the announcement is
         // part of it.
         ctx.switchboard().commons(&self.host);
-        match self.device.look() {
+        match self.device.read_state() {
             Some(looking) => {
-                let looked = ctx.run(looking, |actuator: &mut Self, (), ctx| actuator.appear(ctx));
+                let looked =
+                    ctx.run(looking, |actuator: &mut Self, (), ctx| actuator.start_announcing(ctx));
                 self.looks(looked);
             }
-            None => self.appear(ctx),
+            None => self.start_announcing(ctx),
         }
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
-        self.met(presence, ctx);
+        self.plan_requester_joined(presence, ctx);
     }
 
     fn heeds_presence(&self) -> bool {
-        self.wants_anything()
+        self.has_wanted_goals()
     }
 
     fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
         match resource {
             Resource::Domain => {
-                let local = self.local(ctx)(&mut Sight::default());
+                let local = self.local_domain(ctx)(&mut Sight::default());
                 serde_json::to_string(&local.to_content()).ok()
             }
             _ => None,
@@ -155,16 +156,19 @@ impl<D: Device> Agent for Actuator<D> {
     }
 
     fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
-        self.give_up("the daemon is stopping", ctx);
+        self.cancel_command("the daemon is stopping", ctx);
         self.withdraw_all(ctx);
-        self.telling.is_empty()
+        self.pending_reports.is_empty()
     }
 }
 
 impl<D: Device> Actuator<D> {
     /// Returns a function that computes the local domain: everything public, and in full the actions of
     /// this agent and of those it carries. Computed only when needed, because it takes a millisecond.
-    fn local(&self, ctx: &Context<Self>) -> impl FnOnce(&mut Sight) -> Snapshot + Send + 'static {
+    fn local_domain(
+        &self,
+        ctx: &Context<Self>,
+    ) -> impl FnOnce(&mut Sight) -> Snapshot + Send + 'static {
         let commons = ctx.switchboard().commons(&self.host);
         let (known, _) = commons.look();
         let whole = known.with_carried(ctx.id());
@@ -178,10 +182,10 @@ impl<D: Device> Actuator<D> {
 
     // === announcing ===
 
-    fn appear(&mut self, ctx: &mut Context<Self>) {
+    fn start_announcing(&mut self, ctx: &mut Context<Self>) {
         self.announce(ctx);
-        self.beat_later(ctx);
-        self.watch(ctx);
+        self.schedule_heartbeat(ctx);
+        self.watch_events(ctx);
     }
 
     /// Broadcasts the full action model: on activation, and whenever the model has changed.
@@ -199,15 +203,15 @@ impl<D: Device> Actuator<D> {
     }
 
     /// Sends a heartbeat; announces the full model instead if it has changed.
-    pub(crate) fn beat(&mut self, ctx: &mut Context<Self>) {
-        if let Some(heartbeat) = self.word(ctx) {
+    pub(crate) fn send_heartbeat(&mut self, ctx: &mut Context<Self>) {
+        if let Some(heartbeat) = self.heartbeat_or_announce(ctx) {
             ctx.beat(&Inform::Heartbeat(heartbeat));
         }
     }
 
     /// Builds the next heartbeat. If the action model has changed since it was last announced,
     /// announces the full model instead and returns `None`.
-    fn word(&mut self, ctx: &mut Context<Self>) -> Option<Heartbeat> {
+    fn heartbeat_or_announce(&mut self, ctx: &mut Context<Self>) -> Option<Heartbeat> {
         let Description { model, methods } = self.device.describe();
         if model_digest(&model.to_string(), &methods) != self.announced.digest {
             self.announce(ctx);
@@ -216,16 +220,16 @@ impl<D: Device> Actuator<D> {
         Some(self.heartbeat(ctx))
     }
 
-    fn beat_later(&mut self, ctx: &mut Context<Self>) {
+    fn schedule_heartbeat(&mut self, ctx: &mut Context<Self>) {
         // All actuators of a daemon send at the same time: their heartbeats travel in one batch, and
         // each receiver wakes once.
         let period = ctx.settings().heartbeat_period;
         let wait = ctx.switchboard().commons(&self.host).until_next(period);
         ctx.after(wait, |actuator: &mut Self, ctx| {
-            if let Some(heartbeat) = actuator.word(ctx) {
+            if let Some(heartbeat) = actuator.heartbeat_or_announce(ctx) {
                 ctx.beat_together(heartbeat);
             }
-            actuator.beat_later(ctx);
+            actuator.schedule_heartbeat(ctx);
         });
     }
 
@@ -271,21 +275,21 @@ impl<D: Device> Actuator<D> {
         act: Act,
         ctx: &mut Context<Self>,
     ) -> Result<(), Refusal> {
-        if self.is_known(engagement, &act, ctx)? {
+        if self.answer_if_known(engagement, &act, ctx)? {
             return Ok(());
         }
         let Act { action, method, arguments, token } = act;
         let timeout = self.admissible(&action, &method, ctx.id())?;
-        if let Some(acting) = &self.acting {
+        if let Some(acting) = &self.running_command {
             let detail = format!("{} is under way", acting.call.action);
             return Err(Refusal::new(Reason::Busy, detail));
         }
-        let call = Call { action, method, arguments };
-        if let Some(refusal) = self.device.objection(&call) {
+        let call = MethodCall { action, method, arguments };
+        if let Some(refusal) = self.device.check_call(&call) {
             return Err(refusal);
         }
         ctx.answer(engagement, Performative::Agree, &Agreement { token: token.clone() });
-        let record = self.ledger.take(token.clone());
+        let record = self.ledger.begin_token(token.clone());
         let performance = self.device.perform(&call);
         let switchboard = Arc::clone(ctx.switchboard());
         let work = async move {
@@ -295,21 +299,27 @@ impl<D: Device> Actuator<D> {
                 Ok(Ok(())) => (),
                 Ok(Err(error)) => {
                     switchboard.count_unkept();
-                    return Err(Failure::Driver(format!("keep the token on disk: {error}")));
+                    return Err(MethodFailure::Driver(format!("keep the token on disk: {error}")));
                 }
-                Err(error) => return Err(Failure::Driver(error.to_string())),
+                Err(error) => return Err(MethodFailure::Driver(error.to_string())),
             }
             let performed = tokio::time::timeout(timeout, performance).await;
-            performed.unwrap_or(Err(Failure::TimedOut(timeout)))
+            performed.unwrap_or(Err(MethodFailure::TimedOut(timeout)))
         };
-        let work = ctx.run(work, |actuator: &mut Self, outcome, ctx| actuator.end(outcome, ctx));
-        self.acting = Some(Acting { token, askers: vec![engagement.clone()], call, _work: work });
+        let work =
+            ctx.run(work, |actuator: &mut Self, outcome, ctx| actuator.command_ended(outcome, ctx));
+        self.running_command = Some(RunningCommand {
+            token,
+            subscribers: vec![engagement.clone()],
+            call,
+            _work: work,
+        });
         Ok(())
     }
 
     /// Whether a token was requested before, by any executor of the plan. Such a token is not executed
     /// again; the new requester gets the result, now or when the action ends.
-    fn is_known(
+    fn answer_if_known(
         &mut self,
         engagement: &Engagement,
         act: &Act,
@@ -321,24 +331,25 @@ impl<D: Device> Actuator<D> {
             Err(Refusal::new(Reason::BadContent, detail))
         };
         let agreement = Agreement { token: token.clone() };
-        if let Some(acting) = self.acting.as_mut().filter(|acting| acting.token == *token) {
+        if let Some(acting) = self.running_command.as_mut().filter(|acting| acting.token == *token)
+        {
             if acting.call.action != *action {
                 return differs(&acting.call.action);
             }
-            acting.askers.push(engagement.clone());
-            let is_over = acting.askers.len() > ASKERS_MAX;
-            acting.askers.drain(..usize::from(is_over));
+            acting.subscribers.push(engagement.clone());
+            let is_over = acting.subscribers.len() > SUBSCRIBERS_MAX;
+            acting.subscribers.drain(..usize::from(is_over));
             ctx.answer(engagement, Performative::Agree, &agreement);
             return Ok(true);
         }
-        let report = match self.ledger.known(token) {
-            Known::New => return Ok(false),
-            Known::Stale => {
+        let report = match self.ledger.state_of(token) {
+            TokenState::New => return Ok(false),
+            TokenState::Stale => {
                 let detail = format!("token {token} of {action} belongs to an earlier plan");
                 return Err(Refusal::new(Reason::StaleToken, detail));
             }
-            Known::Ended(report) => *report,
-            Known::Begun => {
+            TokenState::Ended(report) => *report,
+            TokenState::Begun => {
                 let detail = "the agent was restarted while acting: whether it is done is unknown";
                 let report = Report::new(Outcome::Failed, detail);
                 Report { declined: Some(Reason::Uncertain), ..report }
@@ -375,19 +386,23 @@ impl<D: Device> Actuator<D> {
         Ok(known.timeout.0)
     }
 
-    fn end(&mut self, outcome: Result<D::Yield, Failure>, ctx: &mut Context<Self>) {
-        let Some(Acting { token, askers, call, .. }) = self.acting.take() else { return };
+    fn command_ended(&mut self, outcome: Result<D::Yield, MethodFailure>, ctx: &mut Context<Self>) {
+        let Some(RunningCommand { token, subscribers: askers, call, .. }) =
+            self.running_command.take()
+        else {
+            return;
+        };
         let mut report = match outcome {
             Ok(yielded) => {
-                let Performed { detail, observations } = self.device.performed(&call, yielded);
+                let MethodResult { detail, observations } = self.device.on_success(&call, yielded);
                 let report = Report::new(Outcome::Done, detail);
                 Report { observations: text_of(&observations), ..report }
             }
             Err(failure) => {
-                self.device.failed(&call, &failure);
+                self.device.on_failure(&call, &failure);
                 let report = Report::new(Outcome::Failed, format!("failed to {failure}"));
                 // The action was ended at an unknown point.
-                let is_unknown = matches!(failure, Failure::TimedOut(_));
+                let is_unknown = matches!(failure, MethodFailure::TimedOut(_));
                 Report { declined: is_unknown.then_some(Reason::TimedOut), ..report }
             }
         };
@@ -405,62 +420,63 @@ impl<D: Device> Actuator<D> {
         report: Report,
         ctx: &mut Context<Self>,
     ) {
-        let record = self.ledger.end(token.clone(), report.clone());
+        let record = self.ledger.end_token(token.clone(), report.clone());
         let told = token.clone();
         let written = ctx.switchboard().machine().work(record);
         let work = ctx.run(written, move |actuator: &mut Self, written, ctx| {
-            actuator.telling.remove(&told);
+            actuator.pending_reports.remove(&told);
             if let Ok(Err(error)) = written {
                 tracing::warn!(agent = %ctx.id(), %error, "an outcome could not be written down");
                 ctx.switchboard().count_unkept();
             }
             // Heartbeat first: an agent that receives the confirmation may query the state at once.
-            actuator.beat(ctx);
+            actuator.send_heartbeat(ctx);
             for asker in askers {
                 ctx.answer(&asker, Performative::Confirm, &report);
             }
         });
-        self.telling.insert(token, work);
+        self.pending_reports.insert(token, work);
     }
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
         if let Some(exchange) = message.exchange() {
-            if let Some((cancel, _)) = self.bidding.get(exchange) {
+            if let Some((cancel, _)) = self.running_bids.get(exchange) {
                 cancel.set();
             }
             let cancelling = message.content_as::<Cancelling>().unwrap_or_default();
             if cancelling.unless_followed {
-                return self.released(exchange, ctx);
+                return self.requester_stood_down(exchange, ctx);
             }
             // A requester that another one has replaced cannot cancel the action.
-            let is_this = |acting: &Acting| {
-                acting.askers.last().is_some_and(|asker| asker.exchange == *exchange)
+            let is_this = |acting: &RunningCommand| {
+                acting.subscribers.last().is_some_and(|asker| asker.exchange == *exchange)
             };
-            if self.acting.as_ref().is_some_and(is_this) {
-                self.give_up("given up as asked", ctx);
+            if self.running_command.as_ref().is_some_and(is_this) {
+                self.cancel_command("given up as asked", ctx);
             }
         }
     }
 
     /// Handles that a requester has stood down: the action goes on if another requester follows it, now
     /// or soon.
-    fn released(&mut self, exchange: &ReplyToken, ctx: &mut Context<Self>) {
-        let Some(acting) = &mut self.acting else { return };
-        if !acting.askers.iter().any(|asker| asker.exchange == *exchange) {
+    fn requester_stood_down(&mut self, exchange: &ReplyToken, ctx: &mut Context<Self>) {
+        let Some(acting) = &mut self.running_command else { return };
+        if !acting.subscribers.iter().any(|asker| asker.exchange == *exchange) {
             return;
         }
-        acting.askers.retain(|asker| asker.exchange != *exchange);
+        acting.subscribers.retain(|asker| asker.exchange != *exchange);
         let token = acting.token.clone();
-        self.look_who_follows(token, false, ctx);
+        self.check_orphaned(token, false, ctx);
     }
 
     /// Cancels the action if no requester follows it: no other has asked for it, or all others are
     /// absent at two checks in a row.
-    fn look_who_follows(&mut self, token: ActionToken, is_second: bool, ctx: &mut Context<Self>) {
+    fn check_orphaned(&mut self, token: ActionToken, is_second: bool, ctx: &mut Context<Self>) {
         // A short absence at the first check is over by the second, and another has not begun.
-        let wait = if is_second { ctx.settings().grace } else { FOLLOWED_WITHIN };
+        let wait = if is_second { ctx.settings().grace } else { ORPHAN_TIMEOUT };
         ctx.after(wait, move |actuator: &mut Self, ctx| {
-            let Some(acting) = actuator.acting.as_ref().filter(|acting| acting.token == token)
+            let Some(acting) =
+                actuator.running_command.as_ref().filter(|acting| acting.token == token)
             else {
                 return;
             };
@@ -468,17 +484,23 @@ impl<D: Device> Actuator<D> {
             let is_here = |asker: &Engagement| {
                 asker.life.is_none_or(|life| directory.life(&asker.initiator, life).is_some())
             };
-            if acting.askers.is_empty() || (is_second && !acting.askers.iter().any(is_here)) {
-                actuator.give_up("no agent waits for it any more", ctx);
-            } else if !acting.askers.iter().any(is_here) {
-                actuator.look_who_follows(token, true, ctx);
+            if acting.subscribers.is_empty()
+                || (is_second && !acting.subscribers.iter().any(is_here))
+            {
+                actuator.cancel_command("no agent waits for it any more", ctx);
+            } else if !acting.subscribers.iter().any(is_here) {
+                actuator.check_orphaned(token, true, ctx);
             }
         });
     }
 
-    fn give_up(&mut self, why: &str, ctx: &mut Context<Self>) {
-        let Some(Acting { token, askers, call, .. }) = self.acting.take() else { return };
-        self.device.failed(&call, &Failure::GivenUp);
+    fn cancel_command(&mut self, why: &str, ctx: &mut Context<Self>) {
+        let Some(RunningCommand { token, subscribers: askers, call, .. }) =
+            self.running_command.take()
+        else {
+            return;
+        };
+        self.device.on_failure(&call, &MethodFailure::GivenUp);
         let mut report = Report::new(Outcome::Cancelled, why);
         report.action = Some(call.action);
         self.conclude(token, askers, report, ctx);
@@ -492,43 +514,43 @@ impl<D: Device> Actuator<D> {
             Ok(call) => call,
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
-        if !self.device.bids() {
+        if !self.device.makes_bids() {
             return ctx.refuse(&engagement, Reason::Incapable, "this agent proposes no plans");
         }
-        if self.bidding.len() >= BIDS_MAX {
+        if self.running_bids.len() >= BIDS_MAX {
             return ctx.refuse(&engagement, Reason::Busy, "it is planning for other calls");
         }
         let patience = message.reply_by.map_or(ctx.settings().proposals_deadline, |by| by.0);
         let cancel = Cancel::new();
         let (flag, deadline) = (cancel.clone(), cancel.clone());
         ctx.after(patience.mul_f32(0.8), move |_: &mut Self, _| deadline.set());
-        let local = self.local(ctx);
+        let local = self.local_domain(ctx);
         let exchange = engagement.exchange.clone();
         let finished = exchange.clone();
-        let planner = Arc::clone(&self.planner);
-        if let Some(timer) = self.letting_go.take() {
+        let planner = Arc::clone(&self.bid_cache);
+        if let Some(timer) = self.cache_expiry.take() {
             ctx.forget(timer);
         }
         let let_go = |actuator: &mut Self, _: &mut Context<Self>| {
-            (actuator.planner, actuator.letting_go) = (Arc::default(), None);
+            (actuator.bid_cache, actuator.cache_expiry) = (Arc::default(), None);
         };
-        self.letting_go = Some(ctx.after(GROUND_KEPT, let_go));
+        self.cache_expiry = Some(ctx.after(CACHE_TTL, let_go));
         let work = ctx.compute(
             move || {
-                let mut afresh = Planner::default();
+                let mut afresh = BidCache::default();
                 let mut kept = planner.try_lock().ok();
-                let Planner { sight, replanner } = kept.as_deref_mut().unwrap_or(&mut afresh);
+                let BidCache { sight, replanner } = kept.as_deref_mut().unwrap_or(&mut afresh);
                 bid(local(sight), &call, replanner, &flag)
             },
             move |actuator: &mut Self, bid, ctx| {
-                actuator.bidding.remove(&finished);
+                actuator.running_bids.remove(&finished);
                 match bid {
                     Ok(bid) => ctx.answer(&engagement, Performative::Agree, &bid),
                     Err(detail) => ctx.refuse(&engagement, Reason::Incapable, detail),
                 }
             },
         );
-        self.bidding.insert(exchange, (cancel, work));
+        self.running_bids.insert(exchange, (cancel, work));
     }
 
     fn judged(&mut self, message: Message, _ctx: &mut Context<Self>) {

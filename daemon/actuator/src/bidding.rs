@@ -26,14 +26,14 @@ pub(crate) fn bid(
     // A single conjunct is planned for at once: that gives the same answer, and a reachability proof
     // would examine everything a second time.
     if conjuncts.len() > 1 {
-        conjuncts = within_reach(&snapshot, conjuncts, replanner, cancel);
+        conjuncts = drop_unreachable(&snapshot, conjuncts, replanner, cancel);
     }
     if conjuncts.is_empty() {
         return Err(NOTHING.to_owned());
     }
     if let [conjunct] = conjuncts.as_slice() {
         // No other conjunct is planned for, so the problem need not be copied.
-        let mut problem = taken(&mut snapshot.problem);
+        let mut problem = take_contents(&mut snapshot.problem);
         let proposal = propose(&snapshot, &mut problem, &[conjunct], replanner, cancel);
         let proposals = vec![proposal.ok_or_else(|| NOTHING.to_owned())?];
         let domain_digest = problem_digest(snapshot.digest(), &problem);
@@ -65,7 +65,7 @@ pub(crate) fn bid(
 }
 
 /// Moves the objects and facts of a problem into the problem that is returned.
-fn taken(problem: &mut Problem) -> Problem {
+fn take_contents(problem: &mut Problem) -> Problem {
     let (objects, init) = (std::mem::take(&mut problem.objects), std::mem::take(&mut problem.init));
     Problem { objects, init, ..problem.clone() }
 }
@@ -84,7 +84,7 @@ fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String>
 
 /// Removes the conjuncts that are proved unreachable. Of the goal of a large building, a sensor on a
 /// wall can reach one conjunct and need not plan for each of the others.
-fn within_reach(
+fn drop_unreachable(
     snapshot: &Snapshot,
     conjuncts: Vec<(String, Condition)>,
     replanner: &mut Replanner,
@@ -93,7 +93,7 @@ fn within_reach(
     let sure: Vec<_> = conjuncts.iter().map(|(_, condition)| snapshot.sure(condition)).collect();
     let conditions: Vec<_> = sure.iter().collect();
     let mut problem = snapshot.with_goal(&Condition::always(), None);
-    forget(&mut problem, &conjuncts);
+    remove_called_for(&mut problem, &conjuncts);
     let options = bounded();
     let proven =
         replanner.facts_out_of_reach(&snapshot.domain, &problem, &conditions, &options, cancel);
@@ -120,7 +120,7 @@ fn propose(
 ) -> Option<Proposal> {
     let conditions = conjuncts.iter().map(|(_, condition)| snapshot.sure(condition));
     problem.goal = Condition::And(conditions.collect());
-    forget(problem, conjuncts.iter().copied());
+    remove_called_for(problem, conjuncts.iter().copied());
     let planned = replanner.plan(&snapshot.domain, problem, &[], &bounded(), cancel);
     let plan = match planned {
         Ok(planned) => planned.outcome.plan?,
@@ -146,7 +146,10 @@ fn propose(
 
 /// Removes the called-for conjuncts from the problem's facts. The caller has found that they do not
 /// hold; a fact to the contrary is out of date, such as one of an agent that has just died.
-fn forget<'c>(problem: &mut Problem, conjuncts: impl IntoIterator<Item = &'c (String, Condition)>) {
+fn remove_called_for<'c>(
+    problem: &mut Problem,
+    conjuncts: impl IntoIterator<Item = &'c (String, Condition)>,
+) {
     let called_for: Vec<&Atom> = { conjuncts.into_iter() }
         .filter_map(|(_, condition)| match condition {
             Condition::Atom(atom) => Some(atom),

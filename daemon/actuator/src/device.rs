@@ -7,7 +7,7 @@ use acl::content::{Methods, Refusal};
 use pddl::{ActionModel, InitElement};
 use substrate::BoxFuture;
 
-use crate::initiative::{Initiative, News, Stir};
+use crate::initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 
 /// A device that senses or acts.
 ///
@@ -27,23 +27,23 @@ pub trait Device: Sized + Send + 'static {
     /// Reads the device's real state before the first announcement: an earlier incarnation may have
     /// left it in another state than the config says. Nothing is announced until the future ends, so it
     /// must be bounded in time.
-    fn look(&self) -> Option<BoxFuture<()>> {
+    fn read_state(&self) -> Option<BoxFuture<()>> {
         None
     }
 
     /// Returns a refusal if the device declines to run an offered method; called before it agrees.
-    fn objection(&mut self, _call: &Call) -> Option<Refusal> {
+    fn check_call(&mut self, _call: &MethodCall) -> Option<Refusal> {
         None
     }
 
     /// Runs a method.
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Self::Yield, Failure>>;
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<Self::Yield, MethodFailure>>;
 
     /// Called when a method has succeeded. [`Device::facts`] returns the new facts from now on.
-    fn performed(&mut self, call: &Call, yielded: Self::Yield) -> Performed;
+    fn on_success(&mut self, call: &MethodCall, yielded: Self::Yield) -> MethodResult;
 
     /// Called when a method has failed or was cancelled.
-    fn failed(&mut self, _call: &Call, _failure: &Failure) {}
+    fn on_failure(&mut self, _call: &MethodCall, _failure: &MethodFailure) {}
 
     /// Waits for the next event that happens to the device by itself: a person moves, a battery runs
     /// low. Then the [`Stir`] changes the device, the facts and the action model are announced at once,
@@ -51,18 +51,18 @@ pub trait Device: Sized + Send + 'static {
     ///
     /// Called on activation and again after each event. The future may wait until an event happens, and
     /// is dropped with the agent. `None` if the device has no such events.
-    fn watch(&mut self) -> Option<BoxFuture<Stir<Self>>> {
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Self>>> {
         None
     }
 
     /// Called with the news of the initiative `name`; returns what the device does next. A device that
     /// was refused and asks again at once is refused at once.
-    fn heard(&mut self, _name: &str, _news: &News) -> Vec<Initiative> {
+    fn receive_news(&mut self, _name: &str, _news: &InitiativeUpdate) -> Vec<Initiative> {
         Vec::new()
     }
 
     /// Whether the device proposes plans when it receives a call for proposals.
-    fn bids(&self) -> bool {
+    fn makes_bids(&self) -> bool {
         true
     }
 }
@@ -87,7 +87,7 @@ pub struct OwnFact {
 
 /// A method to run.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Call {
+pub struct MethodCall {
     /// The ground action that the method carries out.
     pub action: String,
     /// The method.
@@ -98,7 +98,7 @@ pub struct Call {
 
 /// Result of a method that has succeeded.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Performed {
+pub struct MethodResult {
     /// One line for a person.
     pub detail: String,
     /// Observed facts, to be sent with the confirmation.
@@ -108,7 +108,7 @@ pub struct Performed {
 /// Why a method did not succeed. Completes “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum Failure {
+pub enum MethodFailure {
     /// The device has no such method.
     #[error("find a method `{0}`")]
     UnknownMethod(String),
@@ -126,14 +126,14 @@ pub enum Failure {
     GivenUp,
 }
 
-impl Call {
+impl MethodCall {
     /// Returns an argument.
     ///
     /// # Errors
     ///
     /// Returns [`Failure::MissingArgument`] if it was not given.
-    pub fn argument(&self, name: &'static str) -> Result<&str, Failure> {
-        self.arguments.get(name).map(String::as_str).ok_or(Failure::MissingArgument(name))
+    pub fn argument(&self, name: &'static str) -> Result<&str, MethodFailure> {
+        self.arguments.get(name).map(String::as_str).ok_or(MethodFailure::MissingArgument(name))
     }
 }
 

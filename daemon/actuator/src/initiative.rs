@@ -24,7 +24,7 @@ use crate::device::Device;
 
 /// Minimum time between two events of a device, so that a loose contact does not flood the ecosystem.
 /// The first event is announced at once.
-const REST: Duration = Duration::from_millis(100);
+const EVENT_INTERVAL_MIN: Duration = Duration::from_millis(100);
 
 /// How long a goal may go without any report. A maintained goal may hold for a year.
 const GOAL_PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
@@ -42,7 +42,7 @@ const INSISTING_MAX: Duration = Duration::from_secs(300);
 const OPEN_MAX: usize = 32;
 
 /// An event of a device: changes the device and returns its initiatives.
-pub type Stir<D> = Box<dyn FnOnce(&mut D) -> Vec<Initiative> + Send>;
+pub type DeviceEvent<D> = Box<dyn FnOnce(&mut D) -> Vec<Initiative> + Send>;
 
 /// An action that a device takes by itself. The device chooses the names, which identify its goals and
 /// its questions.
@@ -50,7 +50,7 @@ pub type Stir<D> = Box<dyn FnOnce(&mut D) -> Vec<Initiative> + Send>;
 pub enum Initiative {
     /// Requests a goal from the Plan Requester. The same goal under the same name is requested once;
     /// another goal replaces the one before.
-    Want {
+    RequestGoal {
         /// Its name.
         name: String,
         /// The goal.
@@ -66,7 +66,7 @@ pub enum Initiative {
     },
     /// Asks people at all keyboards, and takes the first answer. The answer may be a secret and is
     /// encrypted on its way here. Another question of the same name replaces this one.
-    Ask {
+    AskPeople {
         /// Its name.
         name: String,
         /// The question.
@@ -78,7 +78,7 @@ pub enum Initiative {
 
 /// News of an initiative.
 #[derive(Clone, Debug, PartialEq)]
-pub enum News {
+pub enum InitiativeUpdate {
     /// The state of the goal.
     Report(Report),
     /// The goal was refused.
@@ -89,42 +89,44 @@ pub enum News {
     Unanswered(String),
 }
 
-impl News {
+impl InitiativeUpdate {
     /// Whether no more news follow, so that the name is free again.
     pub fn is_final(&self) -> bool {
         match self {
-            News::Report(report) => report.outcome.is_final(),
-            News::Refused(_) | News::Answer(_) | News::Unanswered(_) => true,
+            InitiativeUpdate::Report(report) => report.outcome.is_final(),
+            InitiativeUpdate::Refused(_)
+            | InitiativeUpdate::Answer(_)
+            | InitiativeUpdate::Unanswered(_) => true,
         }
     }
 
     /// Whether a goal failed, other than by a cancellation.
     fn has_failed(&self) -> bool {
         match self {
-            News::Report(report) => report.outcome == Outcome::Failed,
-            News::Refused(_) | News::Unanswered(_) => true,
-            News::Answer(_) => false,
+            InitiativeUpdate::Report(report) => report.outcome == Outcome::Failed,
+            InitiativeUpdate::Refused(_) | InitiativeUpdate::Unanswered(_) => true,
+            InitiativeUpdate::Answer(_) => false,
         }
     }
 
     fn holds(&self) -> bool {
-        matches!(self, News::Report(report) if report.outcome == Outcome::Holds)
+        matches!(self, InitiativeUpdate::Report(report) if report.outcome == Outcome::Holds)
     }
 }
 
 /// The open goals and questions of a device.
 #[derive(Default)]
-pub(crate) struct Initiatives {
-    watching: Option<Work>,
-    goals: BTreeMap<String, Wanted>,
+pub(crate) struct OpenInitiatives {
+    event_watch: Option<Work>,
+    goals: BTreeMap<String, WantedGoal>,
     questions: BTreeMap<String, ReplyToken>,
     /// Number of requests so far. Identifies each request, so that answers to an earlier one of the
     /// same name are recognised.
-    askings: u64,
+    request_count: u64,
 }
 
 /// A goal that the device wants.
-struct Wanted {
+struct WantedGoal {
     goal: Achieve,
     /// Conversation of the goal, the same for every Plan Requester that leads, so that repeated
     /// requests mean one goal. A new one after a failure.
@@ -133,13 +135,13 @@ struct Wanted {
     /// Number of failures in a row.
     failures: u32,
     /// The open request; `None` while no Plan Requester is present.
-    asked: Option<Asked>,
+    open_request: Option<PendingRequest>,
 }
 
-struct Asked {
-    asking: u64,
+struct PendingRequest {
+    request_number: u64,
     exchange: ReplyToken,
-    of: Resident,
+    addressee: Resident,
 }
 
 fn plan_requester() -> AgentId {
@@ -151,70 +153,84 @@ impl<D: Device> Actuator<D> {
 
     /// Stores the initial look at the device; the device is watched when it is done.
     pub(crate) fn looks(&mut self, work: Work) {
-        self.initiatives.watching = Some(work);
+        self.initiatives.event_watch = Some(work);
     }
 
-    pub(crate) fn watch(&mut self, ctx: &mut Context<Self>) {
-        let Some(next) = self.device.watch() else { return };
+    pub(crate) fn watch_events(&mut self, ctx: &mut Context<Self>) {
+        let Some(next) = self.device.next_event() else { return };
         let work = ctx.run(next, |actuator: &mut Self, stir, ctx| {
             let initiatives = stir(&mut actuator.device);
             // Heartbeat first: an agent that receives the goal may query the state at once.
-            actuator.beat(ctx);
-            actuator.take(initiatives, ctx);
-            ctx.after(REST, |actuator: &mut Self, ctx| actuator.watch(ctx));
+            actuator.send_heartbeat(ctx);
+            actuator.carry_out(initiatives, ctx);
+            ctx.after(EVENT_INTERVAL_MIN, |actuator: &mut Self, ctx| actuator.watch_events(ctx));
         });
-        self.initiatives.watching = Some(work);
+        self.initiatives.event_watch = Some(work);
     }
 
-    fn take(&mut self, initiatives: Vec<Initiative>, ctx: &mut Context<Self>) {
+    fn carry_out(&mut self, initiatives: Vec<Initiative>, ctx: &mut Context<Self>) {
         for initiative in initiatives {
             match initiative {
-                Initiative::Want { name, goal, insists } => self.want(name, goal, insists, ctx),
-                Initiative::Withdraw { name } => {
-                    self.withdraw(&name, ctx);
-                    self.unask(&name, "the answer is not needed any more".to_owned(), ctx);
+                Initiative::RequestGoal { name, goal, insists } => {
+                    self.request_goal(name, goal, insists, ctx)
                 }
-                Initiative::Ask { name, question, patience } => {
-                    self.ask(name, &question, patience, ctx);
+                Initiative::Withdraw { name } => {
+                    self.withdraw_goal(&name, ctx);
+                    self.withdraw_question(
+                        &name,
+                        "the answer is not needed any more".to_owned(),
+                        ctx,
+                    );
+                }
+                Initiative::AskPeople { name, question, patience } => {
+                    self.ask_people(name, &question, patience, ctx);
                 }
             }
         }
     }
 
     /// Passes news of an initiative to the device.
-    fn hear(&mut self, name: &str, news: &News, ctx: &mut Context<Self>) {
+    fn deliver_update(&mut self, name: &str, news: &InitiativeUpdate, ctx: &mut Context<Self>) {
         // A person's answer is not logged: it may be a secret.
         let word = match news {
-            News::Report(report) => report.detail.as_str(),
-            News::Refused(refusal) => refusal.detail.as_str(),
-            News::Answer(_) => "an answer came",
-            News::Unanswered(why) => why.as_str(),
+            InitiativeUpdate::Report(report) => report.detail.as_str(),
+            InitiativeUpdate::Refused(refusal) => refusal.detail.as_str(),
+            InitiativeUpdate::Answer(_) => "an answer came",
+            InitiativeUpdate::Unanswered(why) => why.as_str(),
         };
         tracing::info!(initiative = name, word, "news of an initiative");
-        let initiatives = self.device.heard(name, news);
-        self.beat(ctx);
-        self.take(initiatives, ctx);
+        let initiatives = self.device.receive_news(name, news);
+        self.send_heartbeat(ctx);
+        self.carry_out(initiatives, ctx);
     }
 
-    fn decline(&mut self, name: String, ctx: &mut Context<Self>) {
+    fn refuse_initiative(&mut self, name: String, ctx: &mut Context<Self>) {
         let detail = format!("{OPEN_MAX} requests are open already");
-        let news = News::Refused(Refusal::new(Reason::Busy, detail));
+        let news = InitiativeUpdate::Refused(Refusal::new(Reason::Busy, detail));
         // Later, because the device is still being called.
-        ctx.after(Duration::ZERO, move |actuator: &mut Self, ctx| actuator.hear(&name, &news, ctx));
+        ctx.after(Duration::ZERO, move |actuator: &mut Self, ctx| {
+            actuator.deliver_update(&name, &news, ctx)
+        });
     }
 
     // === goals ===
 
-    fn want(&mut self, name: String, goal: Achieve, insists: bool, ctx: &mut Context<Self>) {
+    fn request_goal(
+        &mut self,
+        name: String,
+        goal: Achieve,
+        insists: bool,
+        ctx: &mut Context<Self>,
+    ) {
         if self.initiatives.goals.get(&name).is_some_and(|wanted| wanted.goal == goal) {
             return;
         }
-        self.withdraw(&name, ctx);
+        self.withdraw_goal(&name, ctx);
         if self.initiatives.goals.len() >= OPEN_MAX {
-            return self.decline(name, ctx);
+            return self.refuse_initiative(name, ctx);
         }
         let conversation = ctx.new_conversation();
-        let wanted = Wanted { goal, conversation, insists, failures: 0, asked: None };
+        let wanted = WantedGoal { goal, conversation, insists, failures: 0, open_request: None };
         self.initiatives.goals.insert(name.clone(), wanted);
         if let Some(requester) = ctx.find(&plan_requester()) {
             self.request(&name, requester, ctx);
@@ -222,8 +238,8 @@ impl<D: Device> Actuator<D> {
     }
 
     fn request(&mut self, name: &str, of: Resident, ctx: &mut Context<Self>) {
-        self.initiatives.askings += 1;
-        let asking = self.initiatives.askings;
+        self.initiatives.request_count += 1;
+        let asking = self.initiatives.request_count;
         let Some(wanted) = self.initiatives.goals.get_mut(name) else { return };
         let opening = Opening {
             to: Some(of.agent.clone()),
@@ -236,7 +252,8 @@ impl<D: Device> Actuator<D> {
         let exchange = ctx.open(opening, GOAL_PATIENCE, move |actuator: &mut Self, answer, ctx| {
             actuator.requester_answered(&about, asking, &answer, ctx);
         });
-        wanted.asked = Some(Asked { asking, exchange, of });
+        wanted.open_request =
+            Some(PendingRequest { request_number: asking, exchange, addressee: of });
     }
 
     fn requester_answered(
@@ -247,23 +264,25 @@ impl<D: Device> Actuator<D> {
         ctx: &mut Context<Self>,
     ) {
         let Some(wanted) = self.initiatives.goals.get_mut(name) else { return };
-        if wanted.asked.as_ref().is_none_or(|asked| asked.asking != asking) {
+        if wanted.open_request.as_ref().is_none_or(|asked| asked.request_number != asking) {
             return;
         }
         let news = match answer {
             Answer::Undelivered(Undelivered::Left | Undelivered::Restarted) => {
-                wanted.asked = None;
+                wanted.open_request = None;
                 return;
             }
-            Answer::Undelivered(why) => News::Unanswered(why.to_string()),
-            Answer::Silence => News::Unanswered("no answer came within a year".to_owned()),
+            Answer::Undelivered(why) => InitiativeUpdate::Unanswered(why.to_string()),
+            Answer::Silence => {
+                InitiativeUpdate::Unanswered("no answer came within a year".to_owned())
+            }
             Answer::Message(message) => match read(message) {
                 Ok(news) => news,
                 Err(error) => return ctx.not_understood(message, error),
             },
         };
         let is_full = |refusal: &Refusal| refusal.reason == Reason::MailboxFull;
-        if matches!(&news, News::Refused(refusal) if is_full(refusal)) {
+        if matches!(&news, InitiativeUpdate::Refused(refusal) if is_full(refusal)) {
             return self.request_later(name.to_owned(), asking, FULL, ctx);
         }
         if news.has_failed() && wanted.insists {
@@ -275,7 +294,7 @@ impl<D: Device> Actuator<D> {
         } else if news.holds() {
             wanted.failures = 0;
         }
-        self.hear(name, &news, ctx);
+        self.deliver_update(name, &news, ctx);
     }
 
     /// Requests a goal again after `wait`, if it is still wanted. The request was not read, or the goal
@@ -290,17 +309,19 @@ impl<D: Device> Actuator<D> {
         tracing::info!(initiative = name, ?wait, "the goal is asked for again");
         ctx.after(wait, move |actuator: &mut Self, ctx| {
             let Some(wanted) = actuator.initiatives.goals.get_mut(&name) else { return };
-            let asked = wanted.asked.as_ref().filter(|asked| asked.asking == asking);
-            if let Some(of) = asked.map(|asked| asked.of.clone()) {
+            let asked = wanted.open_request.as_ref().filter(|asked| asked.request_number == asking);
+            if let Some(of) = asked.map(|asked| asked.addressee.clone()) {
                 wanted.conversation = ctx.new_conversation();
                 actuator.request(&name, of, ctx);
             }
         });
     }
 
-    fn withdraw(&mut self, name: &str, ctx: &mut Context<Self>) {
+    fn withdraw_goal(&mut self, name: &str, ctx: &mut Context<Self>) {
         let wanted = self.initiatives.goals.remove(name);
-        let Some(Asked { exchange, of, .. }) = wanted.and_then(|wanted| wanted.asked) else {
+        let Some(PendingRequest { exchange, addressee: of, .. }) =
+            wanted.and_then(|wanted| wanted.open_request)
+        else {
             return;
         };
         ctx.go_on(&exchange, &of.agent, Performative::Cancel, Value::Null);
@@ -309,26 +330,26 @@ impl<D: Device> Actuator<D> {
     }
 
     /// Whether the device has goals that a joining Plan Requester must be asked for.
-    pub(crate) fn wants_anything(&self) -> bool {
+    pub(crate) fn has_wanted_goals(&self) -> bool {
         !self.initiatives.goals.is_empty()
     }
 
     /// Requests all goals from a Plan Requester that has joined: it does not know them.
-    pub(crate) fn met(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
+    pub(crate) fn plan_requester_joined(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let Presence::Joined(resident) = presence else { return };
         if resident.agent != plan_requester() {
             return;
         }
-        let unasked = |wanted: &Wanted| {
-            let asked = wanted.asked.as_ref();
-            asked.is_none_or(|asked| asked.of.incarnation != resident.incarnation)
+        let unasked = |wanted: &WantedGoal| {
+            let asked = wanted.open_request.as_ref();
+            asked.is_none_or(|asked| asked.addressee.incarnation != resident.incarnation)
         };
         let goals = self.initiatives.goals.iter();
         let names: Vec<_> =
             goals.filter(|(_, wanted)| unasked(wanted)).map(|(name, _)| name.clone()).collect();
         for name in names {
             let wanted = self.initiatives.goals.get_mut(&name);
-            if let Some(earlier) = wanted.and_then(|wanted| wanted.asked.take()) {
+            if let Some(earlier) = wanted.and_then(|wanted| wanted.open_request.take()) {
                 ctx.close(&earlier.exchange);
             }
             self.request(&name, resident.clone(), ctx);
@@ -337,29 +358,29 @@ impl<D: Device> Actuator<D> {
 
     /// Withdraws all goals and questions, because the daemon is stopping.
     pub(crate) fn withdraw_all(&mut self, ctx: &mut Context<Self>) {
-        self.initiatives.watching = None;
+        self.initiatives.event_watch = None;
         let names: Vec<_> = self.initiatives.goals.keys().cloned().collect();
         for name in names {
-            self.withdraw(&name, ctx);
+            self.withdraw_goal(&name, ctx);
         }
         let names: Vec<_> = self.initiatives.questions.keys().cloned().collect();
         for name in names {
-            self.unask(&name, format!("`{}` is stopping", ctx.id()), ctx);
+            self.withdraw_question(&name, format!("`{}` is stopping", ctx.id()), ctx);
         }
     }
 
     // === questions ===
 
-    fn ask(
+    fn ask_people(
         &mut self,
         name: String,
         question: &Question,
         patience: Duration,
         ctx: &mut Context<Self>,
     ) {
-        self.unask(&name, format!("`{}` asks something else", ctx.id()), ctx);
+        self.withdraw_question(&name, format!("`{}` asks something else", ctx.id()), ctx);
         if self.initiatives.questions.len() >= OPEN_MAX {
-            return self.decline(name, ctx);
+            return self.refuse_initiative(name, ctx);
         }
         let key = AnswerKey::new();
         let question = Question { seal_to: Some(key.public()), ..question.clone() };
@@ -378,7 +399,7 @@ impl<D: Device> Actuator<D> {
     }
 
     /// Withdraws a question, if it is open.
-    fn unask(&mut self, name: &str, detail: String, ctx: &mut Context<Self>) {
+    fn withdraw_question(&mut self, name: &str, detail: String, ctx: &mut Context<Self>) {
         if let Some(exchange) = self.initiatives.questions.remove(name) {
             ctx.withdraw(&exchange, &Withdrawal { detail });
         }
@@ -395,8 +416,8 @@ impl<D: Device> Actuator<D> {
             Answer::Message(message) if message.performative == Performative::Inform => {
                 match message.content_as::<Inform>() {
                     Ok(Inform::Answer(answer)) => match answer.sealed.map(|text| key.open(&text)) {
-                        None => News::Answer(answer.text),
-                        Some(Ok(text)) => News::Answer(text),
+                        None => InitiativeUpdate::Answer(answer.text),
+                        Some(Ok(text)) => InitiativeUpdate::Answer(text),
                         Some(Err(error)) => {
                             return ctx.not_understood(message, format!("the answer {error}"));
                         }
@@ -409,23 +430,25 @@ impl<D: Device> Actuator<D> {
                 tracing::debug!(from = %message.sender, "declines; another may answer");
                 return;
             }
-            Answer::Silence => News::Unanswered(format!("no answer came within {patience:?}")),
-            Answer::Undelivered(why) => News::Unanswered(why.to_string()),
+            Answer::Silence => {
+                InitiativeUpdate::Unanswered(format!("no answer came within {patience:?}"))
+            }
+            Answer::Undelivered(why) => InitiativeUpdate::Unanswered(why.to_string()),
         };
         let detail = match answer {
             Answer::Message(message) => format!("answered at `{}`", message.sender),
             Answer::Silence | Answer::Undelivered(_) => "no answer came in time".to_owned(),
         };
-        self.unask(name, detail, ctx);
-        self.hear(name, &news, ctx);
+        self.withdraw_question(name, detail, ctx);
+        self.deliver_update(name, &news, ctx);
     }
 }
 
 /// Reads the Plan Requester's message about a goal.
-fn read(message: &Message) -> Result<News, String> {
+fn read(message: &Message) -> Result<InitiativeUpdate, String> {
     match message.performative {
-        Performative::Confirm => message.content_as().map(News::Report),
-        _ => message.content_as().map(News::Refused),
+        Performative::Confirm => message.content_as().map(InitiativeUpdate::Report),
+        _ => message.content_as().map(InitiativeUpdate::Refused),
     }
     .map_err(|error| error.to_string())
 }

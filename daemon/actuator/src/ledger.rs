@@ -26,18 +26,18 @@ const LONGER_MAX: usize = 4;
 /// Command ledger: the tokens begun so far.
 #[derive(Debug)]
 pub(crate) struct Ledger {
-    file: Option<Arc<Mutex<Filed>>>,
+    file: Option<Arc<Mutex<LedgerFile>>>,
     tokens_max: usize,
-    taken: HashMap<ActionToken, Mark>,
+    tokens: HashMap<ActionToken, TokenMark>,
     order: VecDeque<ActionToken>,
     reports: VecDeque<(ActionToken, Report)>,
     /// The newest plan seen for each goal, as term and round.
-    newest: HashMap<ConversationId, (u64, u32)>,
+    newest_plans: HashMap<ConversationId, (u64, u32)>,
 }
 
 /// State of a token.
 #[derive(Debug, PartialEq)]
-pub(crate) enum Known {
+pub(crate) enum TokenState {
     /// Not seen before: it may be executed.
     New,
     /// Belongs to an older plan than the newest one seen for its goal.
@@ -49,21 +49,21 @@ pub(crate) enum Known {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Mark {
+enum TokenMark {
     Begun,
     Ended(Outcome),
 }
 
 /// The file, with the number of its lines.
 #[derive(Debug)]
-struct Filed {
+struct LedgerFile {
     path: PathBuf,
     lines: usize,
     tokens_max: usize,
 }
 
 /// Content of a file.
-struct Read {
+struct LedgerContents {
     ledger: Ledger,
     lines: usize,
     /// Number of lines that could not be parsed: torn ones, of a token that never ran or has an unknown
@@ -74,7 +74,7 @@ struct Read {
 /// A line of the file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Line {
+enum LedgerLine {
     Begun(ActionToken),
     Ended {
         token: ActionToken,
@@ -91,10 +91,10 @@ impl Ledger {
         Ledger {
             file: None,
             tokens_max,
-            taken: HashMap::new(),
+            tokens: HashMap::new(),
             order: VecDeque::new(),
             reports: VecDeque::new(),
-            newest: HashMap::new(),
+            newest_plans: HashMap::new(),
         }
     }
 
@@ -111,42 +111,52 @@ impl Ledger {
     ) -> io::Result<Ledger> {
         let Some(folder) = folder else { return Ok(Ledger::new(tokens_max)) };
         let path = folder.0.join(format!("{agent}.tokens"));
-        let Read { mut ledger, lines, .. } = match read(&path, tokens_max) {
+        let LedgerContents { mut ledger, lines, .. } = match read(&path, tokens_max) {
             Ok(read) => read,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Read::nothing(tokens_max),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                LedgerContents::nothing(tokens_max)
+            }
             Err(error) => return Err(error),
         };
-        let mut filed = Filed { path, lines, tokens_max };
+        let mut filed = LedgerFile { path, lines, tokens_max };
         if lines > 0 {
-            filed.shorten();
+            filed.compact();
         }
         ledger.file = Some(Arc::new(Mutex::new(filed)));
         Ok(ledger)
     }
 
     /// Returns the state of a token.
-    pub(crate) fn known(&self, token: &ActionToken) -> Known {
-        match self.taken.get(token) {
-            Some(Mark::Begun) => Known::Begun,
-            Some(Mark::Ended(outcome)) => {
+    pub(crate) fn state_of(&self, token: &ActionToken) -> TokenState {
+        match self.tokens.get(token) {
+            Some(TokenMark::Begun) => TokenState::Begun,
+            Some(TokenMark::Ended(outcome)) => {
                 let whole = self.reports.iter().find(|(other, _)| other == token);
                 let detail = "it ended earlier";
                 let report = whole.map(|(_, report)| report.clone());
-                Known::Ended(Box::new(report.unwrap_or_else(|| Report::new(*outcome, detail))))
+                TokenState::Ended(Box::new(report.unwrap_or_else(|| Report::new(*outcome, detail))))
             }
             None => {
-                let newest = self.newest.get(&token.conversation).copied().unwrap_or_default();
-                if (token.epoch, token.round) < newest { Known::Stale } else { Known::New }
+                let newest =
+                    self.newest_plans.get(&token.conversation).copied().unwrap_or_default();
+                if (token.epoch, token.round) < newest {
+                    TokenState::Stale
+                } else {
+                    TokenState::New
+                }
             }
         }
     }
 
     /// Begins a token. Returns a function that writes this to disk and waits for the disk; the method
     /// must run only after it has succeeded.
-    pub(crate) fn take(&mut self, token: ActionToken) -> impl FnOnce() -> io::Result<()> + use<> {
+    pub(crate) fn begin_token(
+        &mut self,
+        token: ActionToken,
+    ) -> impl FnOnce() -> io::Result<()> + use<> {
         let file = self.file.clone();
-        let line = serde_json::to_string(&Line::Begun(token.clone()));
-        self.note(token);
+        let line = serde_json::to_string(&LedgerLine::Begun(token.clone()));
+        self.insert_begun(token);
         move || match file {
             Some(file) => lock(&file).append(&line?)?.sync_data(),
             None => Ok(()),
@@ -155,50 +165,50 @@ impl Ledger {
 
     /// Ends a token. Returns a function that appends this to the file, without waiting for the disk.
     /// After a power cut the outcome may be missing; the token then counts as begun.
-    pub(crate) fn end(
+    pub(crate) fn end_token(
         &mut self,
         token: ActionToken,
         report: Report,
     ) -> impl FnOnce() -> io::Result<()> + use<> {
         let file = self.file.clone();
-        let line = Line::Ended { token: token.clone(), report: report.clone() };
+        let line = LedgerLine::Ended { token: token.clone(), report: report.clone() };
         let line = serde_json::to_string(&line);
-        self.note_end(token, report);
+        self.insert_ended(token, report);
         move || {
             let Some(file) = file else { return Ok(()) };
             let mut file = lock(&file);
             file.append(&line?)?;
             if file.is_long() {
-                file.shorten();
+                file.compact();
             }
             Ok(())
         }
     }
 
-    fn note(&mut self, token: ActionToken) {
-        let newest = self.newest.entry(token.conversation.clone()).or_default();
+    fn insert_begun(&mut self, token: ActionToken) {
+        let newest = self.newest_plans.entry(token.conversation.clone()).or_default();
         *newest = (*newest).max((token.epoch, token.round));
-        if self.taken.insert(token.clone(), Mark::Begun).is_none() {
+        if self.tokens.insert(token.clone(), TokenMark::Begun).is_none() {
             self.order.push_back(token);
         }
         if self.order.len() > self.tokens_max
             && let Some(oldest) = self.order.pop_front()
         {
-            self.taken.remove(&oldest);
+            self.tokens.remove(&oldest);
             let is_of_it = |token: &ActionToken| token.conversation == oldest.conversation;
             if self.order.front().is_none_or(|next| !is_of_it(next))
                 && !self.order.iter().any(is_of_it)
             {
-                self.newest.remove(&oldest.conversation);
+                self.newest_plans.remove(&oldest.conversation);
             }
         }
     }
 
-    fn note_end(&mut self, token: ActionToken, report: Report) {
-        if !self.taken.contains_key(&token) {
-            self.note(token.clone());
+    fn insert_ended(&mut self, token: ActionToken, report: Report) {
+        if !self.tokens.contains_key(&token) {
+            self.insert_begun(token.clone());
         }
-        self.taken.insert(token.clone(), Mark::Ended(report.outcome));
+        self.tokens.insert(token.clone(), TokenMark::Ended(report.outcome));
         if self.reports.len() >= REPORTS_MAX {
             self.reports.pop_front();
         }
@@ -206,17 +216,19 @@ impl Ledger {
     }
 
     /// Returns the lines of a file with everything that the ledger keeps.
-    fn lines(&self) -> impl Iterator<Item = Line> + '_ {
-        self.order.iter().map(|token| match self.known(token) {
-            Known::Ended(report) => Line::Ended { token: token.clone(), report: *report },
-            _ => Line::Begun(token.clone()),
+    fn lines(&self) -> impl Iterator<Item = LedgerLine> + '_ {
+        self.order.iter().map(|token| match self.state_of(token) {
+            TokenState::Ended(report) => {
+                LedgerLine::Ended { token: token.clone(), report: *report }
+            }
+            _ => LedgerLine::Begun(token.clone()),
         })
     }
 }
 
 // === impl Filed ===
 
-impl Filed {
+impl LedgerFile {
     fn append(&mut self, line: &str) -> io::Result<File> {
         let mut file = OpenOptions::new().create(true).append(true).open(&self.path)?;
         self.lines += 1;
@@ -234,8 +246,8 @@ impl Filed {
     /// Rewrites the file with only what the ledger keeps. A full disk is tolerated: lines are appended
     /// as long as there is room, and the rewriting is tried again when the file has grown by half of
     /// its bound.
-    fn shorten(&mut self) {
-        match self.written_anew() {
+    fn compact(&mut self) {
+        match self.rewrite() {
             Ok(lines) => self.lines = lines,
             Err(error) => {
                 self.lines /= 2;
@@ -247,8 +259,8 @@ impl Filed {
 
     /// Writes a new file beside the old one and renames it, so that a crash leaves one or the other. If
     /// some lines cannot be parsed, keeps a copy of the file: a newer version may have written them.
-    fn written_anew(&self) -> io::Result<usize> {
-        let Read { ledger, unread, .. } = read(&self.path, self.tokens_max)?;
+    fn rewrite(&self) -> io::Result<usize> {
+        let LedgerContents { ledger, unread, .. } = read(&self.path, self.tokens_max)?;
         if unread > 0 {
             let aside = self.path.with_extension("tokens.unread");
             tracing::warn!(file = %self.path.display(), copy = %aside.display(), unread,
@@ -270,15 +282,15 @@ impl Filed {
 
 // === impl Read ===
 
-impl Read {
-    fn nothing(tokens_max: usize) -> Read {
-        Read { ledger: Ledger::new(tokens_max), lines: 0, unread: 0 }
+impl LedgerContents {
+    fn nothing(tokens_max: usize) -> LedgerContents {
+        LedgerContents { ledger: Ledger::new(tokens_max), lines: 0, unread: 0 }
     }
 }
 
 /// Reads a file.
-fn read(path: &Path, tokens_max: usize) -> io::Result<Read> {
-    let Read { mut ledger, mut lines, mut unread } = Read::nothing(tokens_max);
+fn read(path: &Path, tokens_max: usize) -> io::Result<LedgerContents> {
+    let LedgerContents { mut ledger, mut lines, mut unread } = LedgerContents::nothing(tokens_max);
     for line in BufReader::new(File::open(path)?).split(b'\n') {
         let line = line?;
         if line.is_empty() {
@@ -286,15 +298,15 @@ fn read(path: &Path, tokens_max: usize) -> io::Result<Read> {
         }
         lines += 1;
         match serde_json::from_slice(&line) {
-            Ok(Line::Begun(token) | Line::Bare(token)) => ledger.note(token),
-            Ok(Line::Ended { token, report }) => ledger.note_end(token, report),
+            Ok(LedgerLine::Begun(token) | LedgerLine::Bare(token)) => ledger.insert_begun(token),
+            Ok(LedgerLine::Ended { token, report }) => ledger.insert_ended(token, report),
             Err(_) => unread += 1,
         }
     }
-    Ok(Read { ledger, lines, unread })
+    Ok(LedgerContents { ledger, lines, unread })
 }
 
-fn lock(file: &Mutex<Filed>) -> std::sync::MutexGuard<'_, Filed> {
+fn lock(file: &Mutex<LedgerFile>) -> std::sync::MutexGuard<'_, LedgerFile> {
     file.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -322,22 +334,22 @@ mod tests {
         let folder = StateFolder(folder.path().to_owned());
         let mut ledger = open(&folder);
         let (ended, cut_off) = (token(5, 1, 0), token(5, 1, 1));
-        assert_eq!(ledger.known(&ended), Known::New);
-        ledger.take(ended.clone())().expect("written");
-        assert_eq!(ledger.known(&ended), Known::Begun);
+        assert_eq!(ledger.state_of(&ended), TokenState::New);
+        ledger.begin_token(ended.clone())().expect("written");
+        assert_eq!(ledger.state_of(&ended), TokenState::Begun);
         let report = Report::new(Outcome::Done, "there");
-        ledger.end(ended.clone(), report.clone())().expect("written");
-        ledger.take(cut_off.clone())().expect("written");
+        ledger.end_token(ended.clone(), report.clone())().expect("written");
+        ledger.begin_token(cut_off.clone())().expect("written");
 
         // The second time it is read from the file that the first rewrote.
         for next_life in [open(&folder), open(&folder)] {
-            assert_eq!(next_life.known(&ended), Known::Ended(Box::new(report.clone())));
-            assert_eq!(next_life.known(&cut_off), Known::Begun);
-            assert_eq!(next_life.known(&token(4, 9, 0)), Known::Stale, "of a former term");
-            assert_eq!(next_life.known(&token(5, 0, 0)), Known::Stale, "of a former round");
-            assert_eq!(next_life.known(&token(5, 1, 2)), Known::New);
+            assert_eq!(next_life.state_of(&ended), TokenState::Ended(Box::new(report.clone())));
+            assert_eq!(next_life.state_of(&cut_off), TokenState::Begun);
+            assert_eq!(next_life.state_of(&token(4, 9, 0)), TokenState::Stale, "of a former term");
+            assert_eq!(next_life.state_of(&token(5, 0, 0)), TokenState::Stale, "of a former round");
+            assert_eq!(next_life.state_of(&token(5, 1, 2)), TokenState::New);
             let other = ActionToken { conversation: ConversationId::new("d"), ..token(1, 1, 0) };
-            assert_eq!(next_life.known(&other), Known::New, "of another goal");
+            assert_eq!(next_life.state_of(&other), TokenState::New, "of another goal");
         }
     }
 
@@ -347,11 +359,11 @@ mod tests {
         let path = folder.path().join("robot.tokens");
         // The first line is how an earlier version wrote it.
         let earlier = serde_json::to_string(&token(1, 1, 0)).expect("JSON");
-        let whole = serde_json::to_string(&Line::Begun(token(1, 1, 1))).expect("JSON");
+        let whole = serde_json::to_string(&LedgerLine::Begun(token(1, 1, 1))).expect("JSON");
         std::fs::write(&path, format!("{earlier}\n{whole}\n{}", &whole[..20])).expect("written");
         let ledger = open(&StateFolder(folder.path().to_owned()));
-        assert_eq!(ledger.known(&token(1, 1, 0)), Known::Begun);
-        assert_eq!(ledger.known(&token(1, 1, 1)), Known::Begun);
+        assert_eq!(ledger.state_of(&token(1, 1, 0)), TokenState::Begun);
+        assert_eq!(ledger.state_of(&token(1, 1, 1)), TokenState::Begun);
         assert_eq!(ledger.order.len(), 2);
     }
 
@@ -361,14 +373,14 @@ mod tests {
         let path = folder.path().join("robot.tokens");
         let folder = StateFolder(folder.path().to_owned());
         let mut ledger = open(&folder);
-        ledger.take(token(1, 1, 0))().expect("written");
+        ledger.begin_token(token(1, 1, 0))().expect("written");
         // A line as a full disk leaves it.
         let mut file = OpenOptions::new().append(true).open(&path).expect("there");
         file.write_all(br#"{"begun":{"epoch":1,"conv"#).expect("written");
-        ledger.take(token(1, 1, 1))().expect("written");
+        ledger.begin_token(token(1, 1, 1))().expect("written");
         let next_life = open(&folder);
-        assert_eq!(next_life.known(&token(1, 1, 0)), Known::Begun);
-        assert_eq!(next_life.known(&token(1, 1, 1)), Known::Begun);
+        assert_eq!(next_life.state_of(&token(1, 1, 0)), TokenState::Begun);
+        assert_eq!(next_life.state_of(&token(1, 1, 1)), TokenState::Begun);
         assert!(path.with_extension("tokens.unread").exists(), "the unreadable file is kept");
     }
 
@@ -376,17 +388,17 @@ mod tests {
     fn what_cannot_be_written_anew_is_read_all_the_same() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("robot.tokens");
-        let whole = serde_json::to_string(&Line::Begun(token(1, 1, 0))).expect("JSON");
+        let whole = serde_json::to_string(&LedgerLine::Begun(token(1, 1, 0))).expect("JSON");
         let text = format!("{whole}\n{}", &whole[..20]);
         std::fs::write(&path, &text).expect("written");
         // A folder at the path of the copy makes the copy fail, as a full disk would.
         std::fs::create_dir(path.with_extension("tokens.unread")).expect("made");
         let mut ledger = open(&StateFolder(folder.path().to_owned()));
-        assert_eq!(ledger.known(&token(1, 1, 0)), Known::Begun);
+        assert_eq!(ledger.state_of(&token(1, 1, 0)), TokenState::Begun);
         assert_eq!(std::fs::read_to_string(&path).expect("there"), text, "nothing is lost");
-        ledger.take(token(1, 1, 1))().expect("written");
+        ledger.begin_token(token(1, 1, 1))().expect("written");
         let next_life = open(&StateFolder(folder.path().to_owned()));
-        assert_eq!(next_life.known(&token(1, 1, 1)), Known::Begun);
+        assert_eq!(next_life.state_of(&token(1, 1, 1)), TokenState::Begun);
     }
 
     #[test]
@@ -399,7 +411,7 @@ mod tests {
         let length = || std::fs::read(&path).expect("there").len();
         let mut end = |step| {
             let done = Report::new(Outcome::Done, "done");
-            ledger.end(token(1, 1, step), done)().expect("written");
+            ledger.end_token(token(1, 1, step), done)().expect("written");
         };
         (0..bound).for_each(&mut end);
         let longest = length();
@@ -413,12 +425,14 @@ mod tests {
         let many = u32::try_from(TOKENS_MAX).expect("few") + 10;
         for step in 0..many {
             let token = token(1, 1, step);
-            ledger.note_end(token, Report::new(Outcome::Done, "done"));
+            ledger.insert_ended(token, Report::new(Outcome::Done, "done"));
         }
-        assert_eq!((ledger.order.len(), ledger.taken.len()), (TOKENS_MAX, TOKENS_MAX));
+        assert_eq!((ledger.order.len(), ledger.tokens.len()), (TOKENS_MAX, TOKENS_MAX));
         assert_eq!(ledger.reports.len(), REPORTS_MAX);
-        assert_eq!(ledger.known(&token(1, 0, 0)), Known::Stale);
-        let Known::Ended(report) = ledger.known(&token(1, 1, 100)) else { panic!("it ended") };
+        assert_eq!(ledger.state_of(&token(1, 0, 0)), TokenState::Stale);
+        let TokenState::Ended(report) = ledger.state_of(&token(1, 1, 100)) else {
+            panic!("it ended")
+        };
         assert_eq!(report.outcome, Outcome::Done);
     }
 }

@@ -21,9 +21,9 @@ use serde::Deserialize;
 use substrate::BoxFuture;
 use tokio::sync::watch;
 
-use crate::device::{Call, Failure, Performed};
+use crate::device::{MethodCall, MethodFailure, MethodResult};
 use crate::initiative::Initiative;
-use crate::text::{Place, facts_of};
+use crate::pddl_text::{PlaceName, facts_of};
 
 /// Share of the range at which the battery counts as empty: below it cells are damaged, and the next
 /// place is too far anyway.
@@ -67,7 +67,7 @@ pub trait BaseDriver: Send + Sync + 'static {
 #[serde(rename_all = "kebab-case")]
 pub struct BaseConfig {
     /// Place where the base stands at first.
-    start: Place,
+    start: PlaceName,
     /// Speed, in meters per second.
     #[serde(default = "default_speed")]
     speed: f64,
@@ -77,18 +77,18 @@ pub struct BaseConfig {
     move_timeout: f64,
     /// The battery; `None` if the range is unlimited.
     #[serde(default)]
-    battery: Option<Battery>,
+    battery: Option<BatteryConfig>,
     /// Place where the battery is charged.
     #[serde(default)]
-    dock: Option<Place>,
+    dock: Option<PlaceName>,
     /// Poses: spots beside the places of the map, by name.
     #[serde(default)]
-    poses: BTreeMap<String, Pose>,
+    poses: BTreeMap<String, PoseConfig>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct Battery {
+struct BatteryConfig {
     /// Range of a full battery, in meters.
     range: f64,
     /// Range at first, in meters; the full range if it is missing.
@@ -102,9 +102,9 @@ struct Battery {
 /// A spot beside a place of the map: the place alone, or with the distance to it in meters.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
-enum Pose {
-    Near(Place),
-    Away { near: Place, meters: f64 },
+enum PoseConfig {
+    Near(PlaceName),
+    Away { near: PlaceName, meters: f64 },
 }
 
 fn default_speed() -> f64 {
@@ -125,29 +125,29 @@ pub struct MobileBase {
     kind: &'static str,
     speed: f64,
     move_timeout: Duration,
-    power: Option<Power>,
+    power: Option<PowerSupply>,
     /// Each pose with the place beside it and the distance between them in meters.
-    poses: Vec<(Place, Place, f64)>,
-    state: Arc<watch::Sender<State>>,
+    poses: Vec<(PlaceName, PlaceName, f64)>,
+    state: Arc<watch::Sender<BaseState>>,
     driver: Arc<dyn BaseDriver>,
     /// Whether the base has requested a charge.
     wants_charge: bool,
 }
 
-struct Power {
+struct PowerSupply {
     range: f64,
     recharge_time: Duration,
-    dock: Place,
+    dock: PlaceName,
 }
 
 /// State of the base, shared with the future that moves it, which may be dropped at any time.
 #[derive(Clone)]
-struct State {
+struct BaseState {
     place: String,
     charge: Option<f64>,
 }
 
-impl State {
+impl BaseState {
     fn is_low(&self, range: f64) -> bool {
         self.charge.is_some_and(|charge| charge <= range * LOW)
     }
@@ -155,7 +155,7 @@ impl State {
 
 /// Result of a method of the base.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Moved {
+pub enum BaseOutcome {
     /// The base stands at this place now.
     Arrived(String),
     /// The battery is full.
@@ -179,7 +179,7 @@ impl MobileBase {
         let speed = positive("speed", speed).map_err(problem)?;
         let move_timeout = positive("move-timeout", move_timeout).map_err(problem)?;
         let charge = battery.as_ref().map(|battery| battery.charge.unwrap_or(battery.range));
-        let power = Power::of(battery, dock).map_err(problem)?;
+        let power = PowerSupply::of(battery, dock).map_err(problem)?;
         let poses = poses.into_iter().map(|(name, pose)| pose.of(name, blueprint));
         Ok(MobileBase {
             id: blueprint.id.to_string(),
@@ -188,7 +188,7 @@ impl MobileBase {
             move_timeout: Duration::from_secs_f64(move_timeout),
             power,
             poses: poses.collect::<Result<_, _>>().map_err(problem)?,
-            state: Arc::new(watch::Sender::new(State { place: start.to_string(), charge })),
+            state: Arc::new(watch::Sender::new(BaseState { place: start.to_string(), charge })),
             driver,
             wants_charge: false,
         })
@@ -196,19 +196,19 @@ impl MobileBase {
 
     /// Returns the place where the base stands, as last known.
     pub fn place(&self) -> String {
-        self.known().place
+        self.current_state().place
     }
 
-    fn known(&self) -> State {
+    fn current_state(&self) -> BaseState {
         self.state.borrow().clone()
     }
 
     /// Reads the real place and range after a start. If the driver does not answer in time, the values
     /// of the config stay.
-    pub fn look(&self) -> BoxFuture<()> {
-        let (body, id) = (self.body(), self.id.clone());
+    pub fn locate(&self) -> BoxFuture<()> {
+        let (body, id) = (self.handle(), self.id.clone());
         Box::pin(async move {
-            let problem = match tokio::time::timeout(LOOKED_WITHIN, body.look()).await {
+            let problem = match tokio::time::timeout(LOOKED_WITHIN, body.refresh()).await {
                 Ok(Ok(_)) => return,
                 Ok(Err(failure)) => failure.to_string(),
                 Err(_) => "the driver does not answer in time".to_owned(),
@@ -217,22 +217,22 @@ impl MobileBase {
         })
     }
 
-    fn body(&self) -> Body {
-        Body { driver: Arc::clone(&self.driver), state: Arc::clone(&self.state) }
+    fn handle(&self) -> BaseHandle {
+        BaseHandle { driver: Arc::clone(&self.driver), state: Arc::clone(&self.state) }
     }
 
     fn is_empty(&self) -> bool {
         let Some(power) = &self.power else { return false };
-        self.known().charge.is_some_and(|charge| charge <= power.range * EMPTY)
+        self.current_state().charge.is_some_and(|charge| charge <= power.range * EMPTY)
     }
 
     /// Waits until the base wants something by itself: a charge, when its battery runs low.
     /// [`MobileBase::wishes`] then returns it.
-    pub fn next_wish(&self) -> BoxFuture<()> {
-        let Some(Power { range, .. }) = self.power else { return Box::pin(pending()) };
+    pub fn next_initiative(&self) -> BoxFuture<()> {
+        let Some(PowerSupply { range, .. }) = self.power else { return Box::pin(pending()) };
         let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
         Box::pin(async move {
-            let is_news = |state: &State| state.is_low(range) != wants_charge;
+            let is_news = |state: &BaseState| state.is_low(range) != wants_charge;
             let is_gone = changes.wait_for(is_news).await.is_err();
             // The robot is gone, and this future will be dropped too.
             if is_gone {
@@ -242,16 +242,16 @@ impl MobileBase {
     }
 
     /// Returns what the base wants now by itself.
-    pub fn wishes(&mut self) -> Vec<Initiative> {
-        let Some(Power { range, .. }) = self.power else { return Vec::new() };
-        let is_low = self.known().is_low(range);
+    pub fn take_initiatives(&mut self) -> Vec<Initiative> {
+        let Some(PowerSupply { range, .. }) = self.power else { return Vec::new() };
+        let is_low = self.current_state().is_low(range);
         if !is_low || std::mem::replace(&mut self.wants_charge, is_low) {
             self.wants_charge = is_low;
             return Vec::new();
         }
         let goal = format!("(charged {})", self.id);
         let goal = Achieve::new(goal, Keep::Achieve, CHARGING_PRIORITY);
-        vec![Initiative::Want { name: "charge".to_owned(), goal, insists: true }]
+        vec![Initiative::RequestGoal { name: "charge".to_owned(), goal, insists: true }]
     }
 }
 
@@ -260,9 +260,12 @@ fn positive(name: &str, number: f64) -> Result<f64, String> {
     is_fine.then_some(number).ok_or_else(|| format!("{name} = {number} must be above zero"))
 }
 
-impl Power {
-    fn of(battery: Option<Battery>, dock: Option<Place>) -> Result<Option<Power>, String> {
-        let (Battery { range, charge, recharge_time }, dock) = match (battery, dock) {
+impl PowerSupply {
+    fn of(
+        battery: Option<BatteryConfig>,
+        dock: Option<PlaceName>,
+    ) -> Result<Option<PowerSupply>, String> {
+        let (BatteryConfig { range, charge, recharge_time }, dock) = match (battery, dock) {
             (None, None) => return Ok(None),
             (Some(battery), Some(dock)) => (battery, dock),
             (Some(_), None) => return Err("a battery needs a `dock`, to be filled there".into()),
@@ -273,23 +276,27 @@ impl Power {
         if charge.is_some_and(|charge| !(0.0..=range).contains(&charge)) {
             return Err(format!("battery.charge must be between 0 and the range, {range}"));
         }
-        Ok(Some(Power { range, recharge_time: Duration::from_secs_f64(recharge_time), dock }))
+        Ok(Some(PowerSupply { range, recharge_time: Duration::from_secs_f64(recharge_time), dock }))
     }
 }
 
-impl Pose {
+impl PoseConfig {
     /// Distance in meters if none is given: half a step into a room.
     const METERS: f64 = 1.0;
 
-    fn of(self, name: String, blueprint: &Blueprint) -> Result<(Place, Place, f64), String> {
-        let is_on_map = |name: &Place| {
+    fn of(
+        self,
+        name: String,
+        blueprint: &Blueprint,
+    ) -> Result<(PlaceName, PlaceName, f64), String> {
+        let is_on_map = |name: &PlaceName| {
             let mut objects = blueprint.host.map.objects.iter();
             objects.any(|declaration| declaration.object.name == name.as_str())
         };
-        let name = Place::try_from(name).map_err(|error| error.to_string())?;
+        let name = PlaceName::try_from(name).map_err(|error| error.to_string())?;
         let (near, meters) = match self {
-            Pose::Near(near) => (near, Self::METERS),
-            Pose::Away { near, meters } => (near, positive("poses.meters", meters)?),
+            PoseConfig::Near(near) => (near, Self::METERS),
+            PoseConfig::Away { near, meters } => (near, positive("poses.meters", meters)?),
         };
         if is_on_map(&name) {
             return Err(format!("the pose `{name}` is a place on the map: it needs no pose"));
@@ -314,7 +321,7 @@ impl MobileBase {
     }
 
     /// Returns the facts that never change, as PDDL.
-    pub fn lasting(&self) -> String {
+    pub fn constant_facts(&self) -> String {
         let mut text = format!("(= (speed {}) {})", self.id, self.speed);
         for (pose, near, meters) in &self.poses {
             for (from, to) in [(pose, near), (near, pose)] {
@@ -323,7 +330,7 @@ impl MobileBase {
                 push(&mut text, way);
             }
         }
-        if let Some(Power { range, dock, .. }) = &self.power {
+        if let Some(PowerSupply { range, dock, .. }) = &self.power {
             let id = &self.id;
             push(&mut text, format_args!(" (dock-of {id} {dock}) (= (range {id}) {range})"));
         }
@@ -332,9 +339,9 @@ impl MobileBase {
 
     /// Returns all facts known now, as PDDL.
     pub fn facts(&self) -> String {
-        let State { place, charge } = self.known();
-        let mut text = format!("(at {} {place}) {}", self.id, self.lasting());
-        if let (Some(Power { range, .. }), Some(charge)) = (&self.power, charge) {
+        let BaseState { place, charge } = self.current_state();
+        let mut text = format!("(at {} {place}) {}", self.id, self.constant_facts());
+        if let (Some(PowerSupply { range, .. }), Some(charge)) = (&self.power, charge) {
             push(&mut text, format_args!(" (= (charge {}) {charge})", self.id));
             if charge >= *range {
                 push(&mut text, format_args!(" (charged {})", self.id));
@@ -389,7 +396,7 @@ impl MobileBase {
             timeout: Deadline(self.move_timeout),
         };
         let mut methods: Methods = [("move".to_owned(), navigate)].into();
-        if let Some(Power { recharge_time, .. }) = &self.power {
+        if let Some(PowerSupply { recharge_time, .. }) = &self.power {
             let recharge = Method {
                 method: "recharge".to_owned(),
                 arguments: BTreeMap::new(),
@@ -410,8 +417,8 @@ fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
 impl MobileBase {
     /// Runs a method of the base; fails with [`Failure::UnknownMethod`] if the method is not one of the
     /// base.
-    pub fn perform(&self, call: &Call) -> BoxFuture<Result<Moved, Failure>> {
-        let body = self.body();
+    pub fn perform(&self, call: &MethodCall) -> BoxFuture<Result<BaseOutcome, MethodFailure>> {
+        let body = self.handle();
         match (call.method.as_str(), call.argument("place")) {
             ("navigate_to", Ok(place)) => {
                 let place = place.to_owned();
@@ -420,55 +427,55 @@ impl MobileBase {
             ("navigate_to", Err(failure)) => Box::pin(std::future::ready(Err(failure))),
             ("recharge", _) => Box::pin(async move { body.recharge().await }),
             _ => {
-                let unknown = Failure::UnknownMethod(call.method.clone());
+                let unknown = MethodFailure::UnknownMethod(call.method.clone());
                 Box::pin(std::future::ready(Err(unknown)))
             }
         }
     }
 
     /// Returns the result of a method for the report.
-    pub fn performed(&self, moved: &Moved) -> Performed {
+    pub fn performed(&self, moved: &BaseOutcome) -> MethodResult {
         let (detail, observed) = match moved {
-            Moved::Arrived(place) => {
+            BaseOutcome::Arrived(place) => {
                 (format!("arrived at {place}"), format!("(at {} {place})", self.id))
             }
-            Moved::Recharged => {
+            BaseOutcome::Recharged => {
                 ("the battery is full".to_owned(), format!("(charged {})", self.id))
             }
         };
         let observations = facts_of(&observed).into_iter().map(|fact| fact.fact).collect();
-        Performed { detail, observations }
+        MethodResult { detail, observations }
     }
 }
 
 /// Driver and state that a running method uses.
-struct Body {
+struct BaseHandle {
     driver: Arc<dyn BaseDriver>,
-    state: Arc<watch::Sender<State>>,
+    state: Arc<watch::Sender<BaseState>>,
 }
 
-impl Body {
-    async fn navigate_to(&self, place: String) -> Result<Moved, Failure> {
+impl BaseHandle {
+    async fn navigate_to(&self, place: String) -> Result<BaseOutcome, MethodFailure> {
         let moved = self.driver.navigate_to(&place).await;
-        let truth = self.look().await?;
-        moved.map_err(Failure::Driver)?;
+        let truth = self.refresh().await?;
+        moved.map_err(MethodFailure::Driver)?;
         if truth == place {
-            return Ok(Moved::Arrived(truth));
+            return Ok(BaseOutcome::Arrived(truth));
         }
-        Err(Failure::Driver(format!("arrive at `{place}`: the base stands at `{truth}`")))
+        Err(MethodFailure::Driver(format!("arrive at `{place}`: the base stands at `{truth}`")))
     }
 
-    async fn recharge(&self) -> Result<Moved, Failure> {
+    async fn recharge(&self) -> Result<BaseOutcome, MethodFailure> {
         let charged = self.driver.recharge().await;
-        self.look().await?;
-        charged.map(|()| Moved::Recharged).map_err(Failure::Driver)
+        self.refresh().await?;
+        charged.map(|()| BaseOutcome::Recharged).map_err(MethodFailure::Driver)
     }
 
     /// Reads the real place and range, however the method ended. Returns the place.
-    async fn look(&self) -> Result<String, Failure> {
-        let place = self.driver.place().await.map_err(Failure::Driver)?;
-        let charge = self.driver.charge().await.map_err(Failure::Driver)?;
-        let state = State { place: place.clone(), charge };
+    async fn refresh(&self) -> Result<String, MethodFailure> {
+        let place = self.driver.place().await.map_err(MethodFailure::Driver)?;
+        let charge = self.driver.charge().await.map_err(MethodFailure::Driver)?;
+        let state = BaseState { place: place.clone(), charge };
         self.state.send_replace(state);
         Ok(place)
     }

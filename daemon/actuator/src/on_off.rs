@@ -5,7 +5,7 @@ use pddl::Domain;
 
 /// PDDL names for one kind of thing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct OnOff<'w> {
+pub struct OnOffPredicates<'w> {
     /// The type of the agents of this kind.
     pub agent: &'w str,
     /// The predicate about a room.
@@ -18,11 +18,11 @@ pub struct OnOff<'w> {
 
 // === impl OnOff ===
 
-impl OnOff<'_> {
+impl OnOffPredicates<'_> {
     /// Returns the atom that is true if the thing `id` is on. If the ontology has the predicate of the
     /// room without an axiom, the room's own state is meant and the atom is about the room.
     pub fn term(&self, id: &str, room: &str, ontology: &Domain) -> String {
-        let OnOff { state, own, .. } = self;
+        let OnOffPredicates { state, own, .. } = self;
         match is_told(ontology, state) {
             true => format!("({state} {room})"),
             false => format!("({own} {id})"),
@@ -31,7 +31,7 @@ impl OnOff<'_> {
 
     /// Returns the predicates that an action model must declare because the ontology does not.
     pub fn predicates(&self, ontology: &Domain) -> String {
-        let OnOff { agent, state, own, .. } = self;
+        let OnOffPredicates { agent, state, own, .. } = self;
         let declared = |name: &str| ontology.predicates.iter().any(|known| known.name == name);
         let mut predicates = String::new();
         if !declared(state) {
@@ -45,7 +45,7 @@ impl OnOff<'_> {
 
     /// Returns the axiom that derives the state of a room; empty if the ontology has the predicate.
     pub fn axiom(&self, ontology: &Domain) -> String {
-        let OnOff { agent, state, own, all } = self;
+        let OnOffPredicates { agent, state, own, all } = self;
         if ontology.predicates.iter().any(|known| known.name == *state) {
             return String::new();
         }

@@ -10,8 +10,8 @@ use acl::content::{
 };
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Message, Performative};
 use actuator::{
-    Actuator, BoxFuture, Call, Description, Device, Failure, Initiative, News, OwnFact, Performed,
-    Stir, facts_of, model_of,
+    Actuator, BoxFuture, Description, Device, DeviceEvent, Initiative, InitiativeUpdate,
+    MethodCall, MethodFailure, MethodResult, OwnFact, facts_of, model_of,
 };
 use agent::{
     Agent, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, LaunchError, Settings,
@@ -52,15 +52,15 @@ impl Device for Doorbell {
         facts_of(&format!("(= (rung bell) {})", self.rung))
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<(), Failure>> {
-        Box::pin(std::future::ready(Err(Failure::UnknownMethod(call.method.clone()))))
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<(), MethodFailure>> {
+        Box::pin(std::future::ready(Err(MethodFailure::UnknownMethod(call.method.clone()))))
     }
 
-    fn performed(&mut self, _call: &Call, (): ()) -> Performed {
-        Performed::default()
+    fn on_success(&mut self, _call: &MethodCall, (): ()) -> MethodResult {
+        MethodResult::default()
     }
 
-    fn watch(&mut self) -> Option<BoxFuture<Stir<Doorbell>>> {
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Doorbell>>> {
         let rings = Arc::clone(&self.rings);
         Some(Box::pin(async move {
             let ring =
@@ -68,7 +68,7 @@ impl Device for Doorbell {
             if ring.await.is_none() {
                 std::future::pending::<()>().await;
             }
-            let stir: Stir<Doorbell> = Box::new(|bell| {
+            let stir: DeviceEvent<Doorbell> = Box::new(|bell| {
                 bell.rung += 1;
                 bell.scripts.pop_front().unwrap_or_default()
             });
@@ -76,12 +76,12 @@ impl Device for Doorbell {
         }))
     }
 
-    fn heard(&mut self, name: &str, news: &News) -> Vec<Initiative> {
+    fn receive_news(&mut self, name: &str, news: &InitiativeUpdate) -> Vec<Initiative> {
         let words = match news {
-            News::Report(report) => report.outcome.to_string(),
-            News::Refused(refusal) => format!("{:?}", refusal.reason),
-            News::Answer(text) => text.clone(),
-            News::Unanswered(why) => why.clone(),
+            InitiativeUpdate::Report(report) => report.outcome.to_string(),
+            InitiativeUpdate::Refused(refusal) => format!("{:?}", refusal.reason),
+            InitiativeUpdate::Answer(text) => text.clone(),
+            InitiativeUpdate::Unanswered(why) => why.clone(),
         };
         let _ = self.told.send(format!("bell hears of {name}: {words}"));
         Vec::new()
@@ -90,7 +90,7 @@ impl Device for Doorbell {
 
 fn want(goal: &str) -> Initiative {
     let goal = Achieve::new(goal, Keep::Maintain, 1);
-    Initiative::Want { name: "guests".to_owned(), goal, insists: false }
+    Initiative::RequestGoal { name: "guests".to_owned(), goal, insists: false }
 }
 
 fn withdraw() -> Initiative {
@@ -99,7 +99,7 @@ fn withdraw() -> Initiative {
 
 fn ask() -> Initiative {
     let question = Question::new("who is it?");
-    Initiative::Ask { name: "who".to_owned(), question, patience: Duration::from_secs(30) }
+    Initiative::AskPeople { name: "who".to_owned(), question, patience: Duration::from_secs(30) }
 }
 
 // === the other agents ===
@@ -335,8 +335,10 @@ async fn a_goal_that_failed_is_asked_for_again_where_the_device_insists() {
         let (told, reason) = (room.told.clone(), Reason::Incapable);
         let other = Other { refuses: 2, reason, answer: None, told, asked: None };
         room.launch(other, "plan-requester", 1);
-        let Initiative::Want { name, goal, .. } = want("(a)") else { unreachable!("a want") };
-        room.bell([vec![Initiative::Want { name, goal, insists }]]);
+        let Initiative::RequestGoal { name, goal, .. } = want("(a)") else {
+            unreachable!("a want")
+        };
+        room.bell([vec![Initiative::RequestGoal { name, goal, insists }]]);
         let mut lines = room.ring().await;
         // The delay doubles after each failure.
         tokio::time::sleep(Duration::from_secs(1 + 2 + 1)).await;

@@ -5,7 +5,6 @@
 
 use std::pin::Pin;
 use std::sync::Arc;
-use std::time::Duration;
 
 use acl::content::Reason;
 use acl::{AgentId, EcosystemId, Incarnation, Message};

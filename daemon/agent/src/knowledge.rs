@@ -4,21 +4,23 @@ use std::collections::BTreeMap;
 
 use acl::content;
 use pddl::Name;
-use pddl::knowledge::{Auxiliary, Knowledge};
+use pddl::knowledge::{AuxiliaryPredicates, Knowledge};
 
 /// Converts the symbols that were sent with a domain.
 pub fn knowledge(sent: &BTreeMap<String, content::Auxiliary>) -> Knowledge {
     let name = |text: &String| Name::new(text);
     let read = |(symbol, sent): (&String, &content::Auxiliary)| {
         let auxiliary = match sent {
-            content::Auxiliary::Predicate { unknown, found } => {
-                Auxiliary::Predicate { unknown: name(unknown), found: found.as_ref().map(name) }
-            }
-            content::Auxiliary::Function { defined, found } => {
-                Auxiliary::Function { defined: name(defined), found: found.as_ref().map(name) }
-            }
+            content::Auxiliary::Predicate { unknown, found } => AuxiliaryPredicates::Predicate {
+                unknown: name(unknown),
+                found: found.as_ref().map(name),
+            },
+            content::Auxiliary::Function { defined, found } => AuxiliaryPredicates::Function {
+                defined: name(defined),
+                found: found.as_ref().map(name),
+            },
             content::Auxiliary::Derived { maybe, unknown } => {
-                Auxiliary::Derived { maybe: name(maybe), unknown: name(unknown) }
+                AuxiliaryPredicates::Derived { maybe: name(maybe), unknown: name(unknown) }
             }
         };
         (Name::new(symbol), auxiliary)

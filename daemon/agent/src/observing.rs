@@ -151,7 +151,8 @@ impl Observer {
                 facts.iter().map(|(fact, _)| fact.clone()).collect()
             };
             let is_news = told(&facts) != told(&sighted.facts);
-            (sighted.facts, sighted.sequence, sighted.due) = (facts, beat.sequence, due(beat, silence));
+            (sighted.facts, sighted.sequence, sighted.due) =
+                (facts, beat.sequence, due(beat, silence));
             is_news
         });
         is_known

@@ -59,8 +59,8 @@ pub struct PlanArgs {
     )]
     pub threads: u16,
     /// The planner
-    #[arg(long, value_enum, default_value_t = Engine::Embedded)]
-    pub engine: Engine,
+    #[arg(long, value_enum, default_value_t = EngineChoice::Embedded)]
+    pub engine: EngineChoice,
     /// The search configuration for the first plan; --list shows all
     #[arg(long, value_name = "NAME", default_value = planner::CONFIGURATIONS[0].name, value_parser = search())]
     pub search: String,
@@ -91,7 +91,7 @@ fn search() -> clap::builder::PossibleValuesParser {
 
 /// Which planner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Engine {
+pub enum EngineChoice {
     /// Althing's own
     Embedded,
     /// Fast Downward, as a program of its own
@@ -102,13 +102,13 @@ pub enum Engine {
 
 // === impl Engine ===
 
-impl Engine {
+impl EngineChoice {
     /// Returns the name used on the command line.
     pub fn name(self) -> &'static str {
         match self {
-            Engine::Embedded => "embedded",
-            Engine::FastDownward => "fast-downward",
-            Engine::MetricFf => "metric-ff",
+            EngineChoice::Embedded => "embedded",
+            EngineChoice::FastDownward => "fast-downward",
+            EngineChoice::MetricFf => "metric-ff",
         }
     }
 }

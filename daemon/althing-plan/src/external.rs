@@ -11,41 +11,48 @@ use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use engines::{Aim, Ending, Engine, EngineError, Installation, Options, Outcome};
+use engines::{
+    Ending, EngineError, EngineOptions, EngineOutcome, ExternalEngine, Installation, PlanningAim,
+};
 use pddl::{Diagnostic, Span};
-use planner::{Cancel, Text};
+use planner::{Cancel, InputText};
 use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
-use terminal::pddl_files::{self, Task};
+use terminal::pddl_files::{self, PddlTask};
 use terminal::render::number;
 use terminal::{exit, output};
 
 use crate::arguments::PlanArgs;
-use crate::telling::Telling;
+use crate::progress::ProgressPrinter;
 
 /// Exit code if the engine failed or returned an invalid plan: “critical error” in the field.
 const BROKE_DOWN: u8 = 32;
 
 /// Plans with an engine, and shows the plan or the reason why there is none.
-pub(crate) fn run(args: &PlanArgs, engine: Engine, task: &Task, started: Instant) -> ExitCode {
+pub(crate) fn run(
+    args: &PlanArgs,
+    engine: ExternalEngine,
+    task: &PddlTask,
+    started: Instant,
+) -> ExitCode {
     let installation = match Installation::find(engine) {
         Ok(installation) => installation,
         Err(err) => return show_error(args, task, &err),
     };
-    let mut options = Options {
+    let mut options = EngineOptions {
         time_limit: args.time_limit.map(|limit| limit.saturating_sub(started.elapsed())),
-        ..Options::default()
+        ..EngineOptions::default()
     };
     if let Some(mebibytes) = args.memory_limit {
         options.memory_limit = Some(u64::from(mebibytes) << 20);
     }
     if args.optimal {
-        options.aim = Aim::CheapestPlan;
+        options.aim = PlanningAim::CheapestPlan;
     }
     let cancel = Cancel::new();
     let interrupted = on_interrupt(cancel.clone());
-    let telling = Telling::start(args, started, move |seconds| {
+    let telling = ProgressPrinter::start(args, started, move |seconds| {
         format!("{engine} has been running for {seconds} s")
     });
     let outcome = engines::plan(&installation, &task.domain, &task.problem, &options, &cancel);
@@ -79,9 +86,9 @@ fn on_interrupt(cancel: Cancel) -> Arc<OnceLock<i32>> {
 
 fn show(
     args: &PlanArgs,
-    engine: Engine,
-    task: &Task,
-    outcome: &Outcome,
+    engine: ExternalEngine,
+    task: &PddlTask,
+    outcome: &EngineOutcome,
     elapsed: Duration,
 ) -> ExitCode {
     let mut report = task.report.clone();
@@ -101,7 +108,7 @@ fn show(
         let steps = plan.map(|plan| plan.steps.iter().map(ToString::to_string));
         let value = json!({
             "status": status(outcome.ending),
-            "reason": words(outcome.ending, args),
+            "reason": ending_text(outcome.ending, args),
             "engine": args.engine.name(),
             "plan": steps.map(Iterator::collect::<Vec<String>>),
             "cost": plan.map(|plan| number(crate::cost(plan))),
@@ -111,22 +118,22 @@ fn show(
         });
         return output::print_json(&value, code);
     }
-    output::show_people(&report);
+    output::show_to_person(&report);
     let first = match &outcome.plan {
         Some(plan) => {
-            let found = crate::found(plan, unit_cost, outcome.proven_optimal);
+            let found = crate::plan_summary(plan, unit_cost, outcome.proven_optimal);
             found + if is_unproven { "; not proven to be the cheapest" } else { "" }
         }
-        None => format!("no plan: {}", words(outcome.ending, args)),
+        None => format!("no plan: {}", ending_text(outcome.ending, args)),
     };
-    output::note(&format!("{first}\n{engine} ended after {seconds:.3} s"));
+    output::print_note(&format!("{first}\n{engine} ended after {seconds:.3} s"));
     match text {
         Some(text) if args.plan.is_none() => output::print(text, code),
         _ => exit::with(code),
     }
 }
 
-fn words(ending: Ending, args: &PlanArgs) -> String {
+fn ending_text(ending: Ending, args: &PlanArgs) -> String {
     match ending {
         Ending::OutOfTime if args.time_limit.is_some() => "out of time (--time-limit)".to_owned(),
         Ending::OutOfMemory => "out of memory (--memory-limit)".to_owned(),
@@ -146,11 +153,11 @@ fn status(ending: Ending) -> &'static str {
     }
 }
 
-fn show_error(args: &PlanArgs, task: &Task, err: &EngineError) -> ExitCode {
+fn show_error(args: &PlanArgs, task: &PddlTask, err: &EngineError) -> ExitCode {
     let mut report = task.report.clone();
     let mut diagnostic = match err {
         EngineError::BadInput(mistakes) => {
-            report.add(pddl_files::blamed(task), mistakes.iter().cloned());
+            report.add(pddl_files::likely_faulty_text(task), mistakes.iter().cloned());
             return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
         }
         EngineError::Unsupported { engine, unsupported } => {
@@ -161,7 +168,7 @@ fn show_error(args: &PlanArgs, task: &Task, err: &EngineError) -> ExitCode {
     };
     diagnostic.help = err.help();
     match err {
-        EngineError::Unsupported { unsupported, .. } if unsupported.text == Text::Domain => {
+        EngineError::Unsupported { unsupported, .. } if unsupported.text == InputText::Domain => {
             report.add(&task.domain_source, [diagnostic]);
         }
         EngineError::Unsupported { .. } => report.add(&task.problem_source, [diagnostic]),

@@ -9,7 +9,7 @@ pub mod arguments;
 mod external;
 mod files;
 mod list;
-mod telling;
+mod progress;
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -18,18 +18,18 @@ use std::time::{Duration, Instant};
 use pddl::{Diagnostic, Plan};
 use planner::explain::{Unsolvability, why_unsolvable};
 use planner::{
-    Budget, CONFIGURATIONS, Cancel, Effort, News, Options, Outcome, PlanError, Statistics,
-    StopReason, Text, Unprovable, configuration,
+    Budget, CONFIGURATIONS, Cancel, Effort, InputText, Options, PlanError, PlanningOutcome,
+    PlanningProgress, Statistics, StopReason, Unprovable, configuration,
 };
 use serde_json::{Value, json};
-use terminal::deadline::{Deadline, Give, Limits};
-use terminal::pddl_files::{self, Task};
+use terminal::limits::{LimitReporter, LimitWatch, RunLimits};
+use terminal::pddl_files::{self, PddlTask};
 use terminal::render::{number, plural};
-use terminal::report::{Report, reason_of_writing};
+use terminal::report::{DiagnosticReport, reason_of_writing};
 use terminal::{exit, output};
 
-use crate::arguments::{Engine, PlanArgs};
-use crate::telling::{Progress, Stage, Telling};
+use crate::arguments::{EngineChoice, PlanArgs};
+use crate::progress::{PlanningStage, Progress, ProgressPrinter};
 
 /// Plans, and shows the plan or the reason why there is none.
 pub fn run(args: &PlanArgs) -> ExitCode {
@@ -38,14 +38,15 @@ pub fn run(args: &PlanArgs) -> ExitCode {
         return list::run(args.print.json);
     };
     if let Some(refusal) = refusal(args) {
-        let mut report = Report::default();
+        let mut report = DiagnosticReport::default();
         report.add_general(refusal);
         return output::show(&report, args.print.json, "unsupported", exit::UNSUPPORTED);
     }
     let cancel = Cancel::new();
     let memory_bytes = memory_max_bytes(args);
-    let limits = Limits { time: args.time_limit, memory_bytes };
-    let deadline = Deadline::start(limits, started, cancel.clone(), giving(args, started));
+    let limits = RunLimits { time: args.time_limit, memory_bytes };
+    let deadline =
+        LimitWatch::start(limits, started, cancel.clone(), limit_reporter(args, started));
     let task = match pddl_files::read_task(domain, problem) {
         Ok(task) => task,
         Err(report) => {
@@ -55,9 +56,9 @@ pub fn run(args: &PlanArgs) -> ExitCode {
     };
     // An engine has limits of its own, which end its processes.
     let engine = match args.engine {
-        Engine::Embedded => return embedded(args, &task, &cancel, &deadline, started),
-        Engine::FastDownward => engines::Engine::FastDownward,
-        Engine::MetricFf => engines::Engine::MetricFf,
+        EngineChoice::Embedded => return embedded(args, &task, &cancel, &deadline, started),
+        EngineChoice::FastDownward => engines::ExternalEngine::FastDownward,
+        EngineChoice::MetricFf => engines::ExternalEngine::MetricFf,
     };
     deadline.answer(|| external::run(args, engine, &task, started))
 }
@@ -65,9 +66,9 @@ pub fn run(args: &PlanArgs) -> ExitCode {
 /// Plans with the embedded planner.
 fn embedded(
     args: &PlanArgs,
-    task: &Task,
+    task: &PddlTask,
     cancel: &Cancel,
-    deadline: &Deadline,
+    deadline: &LimitWatch,
     started: Instant,
 ) -> ExitCode {
     let memory_bytes = memory_max_bytes(args);
@@ -76,28 +77,28 @@ fn embedded(
         cancel.set();
     }
     let progress = Progress::default();
-    let telling = Telling::start(args, started, progress.line());
+    let telling = ProgressPrinter::start(args, started, progress.line());
     let mut search_began = None;
-    let mut tell = |news: News<'_>| match news {
-        News::Plan(plan) => {
-            deadline.note(ipc(plan, task.problem.metric.is_none()));
+    let mut tell = |news: PlanningProgress<'_>| match news {
+        PlanningProgress::Plan(plan) => {
+            deadline.record_plan(ipc(plan, task.problem.metric.is_none()));
             if args.anytime {
-                tell_better(args, task, plan, started.elapsed());
+                report_better_plan(args, task, plan, started.elapsed());
             }
         }
-        News::Ground { facts, operators } => {
-            progress.set(Stage::Preparing { facts, operators });
+        PlanningProgress::Ground { facts, operators } => {
+            progress.set(PlanningStage::Preparing { facts, operators });
         }
-        News::Searching { expansions } => {
+        PlanningProgress::Searching { expansions } => {
             search_began.get_or_insert_with(|| started.elapsed());
-            progress.set(Stage::Searching { expansions });
+            progress.set(PlanningStage::Searching { expansions });
         }
         _ => (),
     };
     let (domain, problem) = (&task.domain, &task.problem);
     let options = options(args, memory_bytes);
-    let planned = planner::plan_and_tell(domain, problem, &options, cancel, &mut tell);
-    let took = Took { search_began, whole: started.elapsed() };
+    let planned = planner::plan_with_progress(domain, problem, &options, cancel, &mut tell);
+    let took = PlanningTimes { search_began, whole: started.elapsed() };
     match planned {
         Ok(outcome) => {
             let explanation = explained(task, &outcome, memory_bytes, cancel);
@@ -114,8 +115,8 @@ fn embedded(
 /// Returns an explanation why there is no plan; `None` if the problem is not proved unsolvable, or if
 /// no explanation is found.
 fn explained(
-    task: &Task,
-    outcome: &Outcome,
+    task: &PddlTask,
+    outcome: &PlanningOutcome,
     memory_bytes: usize,
     cancel: &Cancel,
 ) -> Option<Unsolvability> {
@@ -126,24 +127,30 @@ fn explained(
 }
 
 /// Returns the function that prints the result when a limit ends the process.
-fn giving(args: &PlanArgs, started: Instant) -> Give {
+fn limit_reporter(args: &PlanArgs, started: Instant) -> LimitReporter {
     let (json, is_optimal, file) = (args.print.json, args.optimal, args.plan.clone());
     Box::new(move |reason, best| {
         let (code, first) = match &best {
-            None => (reason.exit_code(), format!("no plan: {}", words(reason))),
+            None => (reason.exit_code(), format!("no plan: {}", stop_reason_text(reason))),
             Some(_) => {
                 let code = match (is_optimal, reason) {
                     (false, _) => exit::DONE,
                     (true, StopReason::MemoryLimit { .. }) => exit::UNPROVEN_OUT_OF_MEMORY,
                     (true, _) => exit::UNPROVEN_OUT_OF_TIME,
                 };
-                (code, format!("the best plan that was found in time: {}", words(reason)))
+                (
+                    code,
+                    format!("the best plan that was found in time: {}", stop_reason_text(reason)),
+                )
             }
         };
         let written =
             file.as_ref().zip(best.as_deref()).map(|(file, plan)| files::write(file, plan));
         if let Some(Err(err)) = written {
-            output::note(&format!("error: failed to write the plan: {}", reason_of_writing(&err)));
+            output::print_note(&format!(
+                "error: failed to write the plan: {}",
+                reason_of_writing(&err)
+            ));
             return exit::OUTPUT;
         }
         if json {
@@ -152,7 +159,7 @@ fn giving(args: &PlanArgs, started: Instant) -> Give {
                 .map(|plan| plan.lines().filter(|line| line.starts_with('(')).collect::<Vec<_>>());
             let value = json!({
                 "status": if best.is_some() { "plan-found" } else { status(reason) },
-                "reason": words(reason),
+                "reason": stop_reason_text(reason),
                 "unproven": (is_optimal && best.is_some()).then(|| unproven(reason, None)),
                 "plan": steps,
                 "seconds": started.elapsed().as_secs_f64(),
@@ -160,7 +167,7 @@ fn giving(args: &PlanArgs, started: Instant) -> Give {
             let _ = output::print_json(&value, code);
             return code;
         }
-        output::note(&format!("{first}, after {:.3} s", started.elapsed().as_secs_f64()));
+        output::print_note(&format!("{first}, after {:.3} s", started.elapsed().as_secs_f64()));
         if let (Some(plan), None) = (best, file) {
             let _ = output::print(plan, code);
         }
@@ -183,7 +190,7 @@ fn memory_max_bytes(args: &PlanArgs) -> usize {
 
 /// The time that planning took.
 #[derive(Clone, Copy)]
-struct Took {
+struct PlanningTimes {
     /// Time until the search was set up; `None` if no search was needed.
     search_began: Option<Duration>,
     whole: Duration,
@@ -195,7 +202,7 @@ fn refusal(args: &PlanArgs) -> Option<Diagnostic> {
         let message = format!("{what} is not supported yet");
         Some(Diagnostic::error(pddl::Span::default(), message).with_help(help))
     };
-    let embedded = args.engine == Engine::Embedded;
+    let embedded = args.engine == EngineChoice::Embedded;
     if args.threads > 2 {
         return refuse("`--threads` above 2", "two searches run side by side at most");
     }
@@ -209,7 +216,7 @@ fn refusal(args: &PlanArgs) -> Option<Diagnostic> {
         let help = "`--optimal` prints no plan before the cheapest one";
         return refuse("`--anytime` with `--optimal`", help);
     }
-    if args.optimal && args.engine == Engine::MetricFf {
+    if args.optimal && args.engine == EngineChoice::MetricFf {
         return refuse(
             "`--optimal` with Metric-FF",
             "none of its searches proves that a plan is the cheapest",
@@ -231,20 +238,20 @@ fn options(args: &PlanArgs, memory_max_bytes: usize) -> Options {
 }
 
 /// Reports that a better plan was found, and writes it to the plan file in place of the last one.
-fn tell_better(args: &PlanArgs, task: &Task, plan: &Plan, elapsed: Duration) {
+fn report_better_plan(args: &PlanArgs, task: &PddlTask, plan: &Plan, elapsed: Duration) {
     let unit_cost = task.problem.metric.is_none();
     let seconds = elapsed.as_secs_f64();
-    output::note(&format!("{}, after {seconds:.3} s", found(plan, unit_cost, false)));
+    output::print_note(&format!("{}, after {seconds:.3} s", plan_summary(plan, unit_cost, false)));
     // A failure to write is ignored here: the last plan is written again, and its failure is reported.
     let _ = args.plan.as_ref().map(|file| files::write(file, &ipc(plan, unit_cost)));
 }
 
 fn show(
     args: &PlanArgs,
-    task: &Task,
-    outcome: &Outcome,
+    task: &PddlTask,
+    outcome: &PlanningOutcome,
     explanation: Option<&Unsolvability>,
-    took: Took,
+    took: PlanningTimes,
 ) -> ExitCode {
     let mut report = task.report.clone();
     report.add(&task.domain_source, outcome.warnings.iter().cloned());
@@ -264,10 +271,13 @@ fn show(
         }
         return output::print_json(&value, code);
     }
-    output::show_people(&report);
-    output::note(&summary(outcome, unit_cost, took.whole));
+    output::show_to_person(&report);
+    output::print_note(&summary(outcome, unit_cost, took.whole));
     if let Some(explanation) = explanation {
-        explanation.to_string().lines().for_each(|line| output::note(&output::folded(line, 2)));
+        explanation
+            .to_string()
+            .lines()
+            .for_each(|line| output::print_note(&output::folded(line, 2)));
     }
     match text {
         Some(text) if args.plan.is_none() => output::print(text, code),
@@ -276,7 +286,11 @@ fn show(
 }
 
 /// Writes a plan to the requested file. Returns the exit code of the process if that fails.
-fn write_plan(args: &PlanArgs, text: Option<&str>, report: &mut Report) -> Option<ExitCode> {
+fn write_plan(
+    args: &PlanArgs,
+    text: Option<&str>,
+    report: &mut DiagnosticReport,
+) -> Option<ExitCode> {
     let (file, text) = (args.plan.as_ref()?, text?);
     let err = files::write(file, text).err()?;
     report.add_failure(format_args!("write `{}`: {}", file.display(), reason_of_writing(&err)));
@@ -303,14 +317,14 @@ fn cost_kind(unit_cost: bool) -> &'static str {
 }
 
 /// Returns the one or two summary lines for a person.
-fn summary(outcome: &Outcome, unit_cost: bool, elapsed: Duration) -> String {
+fn summary(outcome: &PlanningOutcome, unit_cost: bool, elapsed: Duration) -> String {
     let first = match &outcome.plan {
         Some(plan) => {
-            let found = found(plan, unit_cost, outcome.statistics.proven_optimal);
+            let found = plan_summary(plan, unit_cost, outcome.statistics.proven_optimal);
             let unproven = outcome.unproven.map(|reason| unproven(reason, outcome.unprovable));
             found + &unproven.map(|why| format!("; {why}")).unwrap_or_default()
         }
-        None => format!("no plan: {}", words(outcome.stop_reason)),
+        None => format!("no plan: {}", stop_reason_text(outcome.stop_reason)),
     };
     let Statistics { facts, operators, expansions, .. } = outcome.statistics;
     let expanded = plural(usize::try_from(expansions).unwrap_or(usize::MAX), "state");
@@ -323,7 +337,7 @@ fn summary(outcome: &Outcome, unit_cost: bool, elapsed: Duration) -> String {
 }
 
 /// Returns a description of a plan, for a person.
-fn found(plan: &Plan, unit_cost: bool, proven_optimal: bool) -> String {
+fn plan_summary(plan: &Plan, unit_cost: bool, proven_optimal: bool) -> String {
     let proof = match (proven_optimal, unit_cost) {
         (true, true) => "; no shorter plan exists",
         (true, false) => "; no cheaper plan exists",
@@ -335,7 +349,7 @@ fn found(plan: &Plan, unit_cost: bool, proven_optimal: bool) -> String {
 
 /// Returns the reason for a person. The planner's own text is replaced if it does not fit this command
 /// line.
-fn words(reason: StopReason) -> String {
+fn stop_reason_text(reason: StopReason) -> String {
     match reason {
         StopReason::Cancelled => "out of time (--time-limit)".to_owned(),
         StopReason::MemoryLimit { limit } => {
@@ -349,7 +363,7 @@ fn words(reason: StopReason) -> String {
 fn unproven(reason: StopReason, unprovable: Option<Unprovable>) -> String {
     let why = match (reason, unprovable) {
         (StopReason::Exhausted, Some(costs)) => costs.to_string(),
-        (limit, _) => words(limit),
+        (limit, _) => stop_reason_text(limit),
     };
     format!("not proven to be the cheapest: {why}")
 }
@@ -365,13 +379,18 @@ fn status(reason: StopReason) -> &'static str {
     }
 }
 
-fn json_outcome(outcome: &Outcome, unit_cost: bool, report: &Report, took: Took) -> Value {
+fn json_outcome(
+    outcome: &PlanningOutcome,
+    unit_cost: bool,
+    report: &DiagnosticReport,
+    took: PlanningTimes,
+) -> Value {
     let plan = outcome.plan.as_ref();
     let steps: Option<Vec<String>> =
         plan.map(|plan| plan.steps.iter().map(ToString::to_string).collect());
     json!({
         "status": status(outcome.stop_reason),
-        "reason": words(outcome.stop_reason),
+        "reason": stop_reason_text(outcome.stop_reason),
         "plan": steps,
         "cost": plan.map(|plan| number(cost(plan))),
         "cost_kind": plan.map(|_| cost_kind(unit_cost)),
@@ -387,7 +406,7 @@ fn json_explanation(explanation: &Unsolvability) -> Value {
     json!({ "parts": parts, "more": explanation.more, "together": explanation.together })
 }
 
-fn json_statistics(statistics: &Statistics, took: Took) -> Value {
+fn json_statistics(statistics: &Statistics, took: PlanningTimes) -> Value {
     // No `..` here: a new statistic must be given a name in the JSON.
     let Statistics {
         facts,
@@ -411,13 +430,13 @@ fn json_statistics(statistics: &Statistics, took: Took) -> Value {
     })
 }
 
-fn show_error(args: &PlanArgs, task: &Task, err: &PlanError) -> ExitCode {
+fn show_error(args: &PlanArgs, task: &PddlTask, err: &PlanError) -> ExitCode {
     let mut report = task.report.clone();
     let status = match err {
         PlanError::Unsupported(unsupported) => {
             let source = match unsupported.text {
-                Text::Domain => &task.domain_source,
-                Text::Problem => &task.problem_source,
+                InputText::Domain => &task.domain_source,
+                InputText::Problem => &task.problem_source,
             };
             let verb = if unsupported.is_plural() { "are" } else { "is" };
             let message = format!("{} {verb} not supported yet", unsupported.feature);
@@ -425,7 +444,7 @@ fn show_error(args: &PlanArgs, task: &Task, err: &PlanError) -> ExitCode {
             "unsupported"
         }
         PlanError::BadInput(diagnostics) => {
-            let source = pddl_files::blamed(task);
+            let source = pddl_files::likely_faulty_text(task);
             report.add(source, diagnostics.iter().cloned());
             "bad-input"
         }

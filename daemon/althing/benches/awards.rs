@@ -23,9 +23,11 @@ use std::time::{Duration, Instant};
 
 use acl::content::{Method, Methods, Outcome as Ended, Partition};
 use acl::{AgentId, Deadline};
-use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed};
+use actuator::{
+    Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
+};
 use agent::{Blueprint, Mode, PluginEntry};
-use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use support::overhearing::Award;
 use support::{Entry, Outcome, PATIENCE};
 
@@ -140,19 +142,19 @@ fn map(jobs: usize) -> String {
 async fn ask(terminal: &mut Terminal, jobs: std::ops::Range<usize>) -> Outcome<Duration> {
     let (began, count) = (Instant::now(), jobs.len());
     for job in jobs {
-        let wish = Wish {
+        let wish = GoalRequest {
             goal: format!("(done job-{job})"),
             keep: acl::content::Keep::Achieve,
             priority: 0,
             partition: Partition::Pursue,
         };
-        terminal.say.send(Said::Wish(wish)).await?;
+        terminal.requests.send(UserRequest::RequestGoal(wish)).await?;
     }
     let mut done = 0;
     while done < count {
-        let heard = tokio::time::timeout(PATIENCE, terminal.hear.recv()).await?;
+        let heard = tokio::time::timeout(PATIENCE, terminal.events.recv()).await?;
         match heard.ok_or("the keyboard has ended")? {
-            Heard::Report(_, report) if report.outcome == Ended::Done => done += 1,
+            UserEvent::Report(_, report) if report.outcome == Ended::Done => done += 1,
             heard if heard.is_final() => return Err(format!("{heard:?}").into()),
             _ => (),
         }
@@ -214,11 +216,11 @@ impl Device for Bidder {
         Vec::new()
     }
 
-    fn perform(&mut self, _call: &Call) -> BoxFuture<Result<(), Failure>> {
+    fn perform(&mut self, _call: &MethodCall) -> BoxFuture<Result<(), MethodFailure>> {
         Box::pin(std::future::ready(Ok(())))
     }
 
-    fn performed(&mut self, _call: &Call, (): ()) -> Performed {
-        Performed { detail: "done".to_owned(), observations: Vec::new() }
+    fn on_success(&mut self, _call: &MethodCall, (): ()) -> MethodResult {
+        MethodResult { detail: "done".to_owned(), observations: Vec::new() }
     }
 }

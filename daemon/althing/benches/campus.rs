@@ -22,11 +22,11 @@ use std::time::{Duration, Instant};
 
 use acl::content::Methods;
 use acl::{AgentId, Incarnation};
-use building::{Campus, Device, Layout};
+use building::{BuildingDevice, Campus, Layout};
 use capability::{Announcement, Maintainer, Moment, Scope, Snapshot, model_digest};
 use pddl::{Atom, Condition, InitElement, Name, Problem, Span, Term};
-use planner::explain::{self, Guard, Known};
-use planner::{Cancel, Grounding, Options, Replanner};
+use planner::explain::{self, ActionGuard, ExplanationInput};
+use planner::{Cancel, GroundingReuse, Options, Replanner};
 use support::Figures;
 
 /// The same allocator as in the daemon.
@@ -146,7 +146,7 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
     tell_figures("a replan: it is gone, or back", &kept, REPLAN_AIM_MS);
     maintainer.mask(&dying, life, Moment(1));
     for device in layout.devices() {
-        if !matches!(device, Device::Robot { .. }) {
+        if !matches!(device, BuildingDevice::Robot { .. }) {
             maintainer.mask(&AgentId::new(device.name())?, life, Moment(1));
         }
     }
@@ -168,10 +168,10 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
 fn explain(snapshot: &Snapshot, parts: &[Condition]) -> Outcome<Figures> {
     let guards = snapshot.guards().into_iter().map(|(inside, guard)| {
         let (outside, predicate) = (Name::new(&guard.outside), Name::new(&guard.predicate));
-        (Name::new(&inside), Guard { outside, predicate })
+        (Name::new(&inside), ActionGuard { outside, predicate })
     });
     let (domain, problem, guards) = (&*snapshot.domain, &snapshot.problem, guards.collect());
-    let known = Known { domain, problem, guards: &guards, former: &[] };
+    let known = ExplanationInput { domain, problem, guards: &guards, former: &[] };
     figures(|| {
         let explained = explain::explain(known, parts, &Options::default(), &Cancel::new());
         let obstacles = explained.map_err(|error| error.to_string())?.obstacles.len();
@@ -210,11 +210,11 @@ fn replan_for(snapshots: &[Snapshot], layout: &Layout, unknown: &str) -> Outcome
         let (options, cancel) = (Options::default(), Cancel::new());
         let replanned = replanner.plan(domain, problem, &[], &options, &cancel);
         let replanned = replanned.map_err(|error| error.to_string())?;
-        let is_kept = replanned.grounding == Grounding::Kept || round <= snapshots.len();
+        let is_kept = replanned.grounding_reuse == GroundingReuse::Kept || round <= snapshots.len();
         if replanned.outcome.plan.is_some() && is_kept {
             Ok(())
         } else {
-            Err(format!("{:?}", replanned.grounding).into())
+            Err(format!("{:?}", replanned.grounding_reuse).into())
         }
     };
     for _ in snapshots {
@@ -235,16 +235,16 @@ fn problem_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> P
 }
 
 /// Returns the announcement of a device's plugin.
-fn announcement(device: &Device) -> Outcome<Announcement> {
+fn announcement(device: &BuildingDevice) -> Outcome<Announcement> {
     let name = device.name();
     let said = match device {
-        Device::FixedSensor { location, .. } => format!(
+        BuildingDevice::FixedSensor { location, .. } => format!(
             "(:objects {name} - temperature-sensor) (:init (located {name} {location}))
              (:action report-temperature :agent ?s - temperature-sensor
                :parameters (?r - room) :precondition (located ?s ?r)
                :effect (and (known-temperature ?r) (increase (total-cost) 1)))"
         ),
-        Device::Robot { start, meters_per_second, .. } => format!(
+        BuildingDevice::Robot { start, meters_per_second, .. } => format!(
             "(:types turtlebot - mobile-base) (:objects {name} - turtlebot)
              (:init (at {name} {start}) (= (speed {name}) {meters_per_second}))
              (:action move :agent ?b - turtlebot :parameters (?from ?to - location)
@@ -252,7 +252,7 @@ fn announcement(device: &Device) -> Outcome<Announcement> {
                :effect (and (not (at ?b ?from)) (at ?b ?to)
                  (increase (total-cost) (distance ?from ?to))))"
         ),
-        Device::MountedSensor { carrier, .. } => format!(
+        BuildingDevice::MountedSensor { carrier, .. } => format!(
             "(:objects {name} - ir-temperature-sensor) (:init (mounted-on {name} {carrier}))
              (:action report-temperature :agent ?s - ir-temperature-sensor
                :parameters (?b - mobile-base ?r - room)

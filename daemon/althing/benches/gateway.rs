@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 use acl::content::BelievedState;
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{Ask, Resource, Settings, Switchboard};
-use mqtt_link::Connection;
+use mqtt_link::BrokerConnection;
 use serde_json::{Value, json};
 use substrate_zenoh::Config;
 use support::{Figures, Machine, Outcome, PATIENCE};
@@ -70,7 +70,7 @@ async fn main() -> Outcome<()> {
 /// A client that receives messages on Zenoh, and publishes messages of devices on MQTT.
 struct Client {
     switchboard: Arc<Switchboard>,
-    device: Arc<Connection>,
+    device: Arc<BrokerConnection>,
 }
 
 impl Client {
@@ -82,8 +82,8 @@ impl Client {
         let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
         switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
         let broker = mqtt_link::Broker::new(Some(broker), None, None, None)?;
-        let device = Connection::to(&broker, "bench");
-        let mut trouble = device.trouble();
+        let device = BrokerConnection::shared(&broker, "bench");
+        let mut trouble = device.problem();
         tokio::time::timeout(PATIENCE, trouble.wait_for(Option::is_none)).await??;
         Ok(Client { switchboard, device })
     }
@@ -137,7 +137,7 @@ impl Client {
     }
 
     fn say(&self, topic: &str, text: &str) -> Outcome<()> {
-        Ok(self.device.say(topic, text)?)
+        Ok(self.device.publish_text(topic, text)?)
     }
 
     fn announce(&self, devices: usize) -> Outcome<()> {

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{Ask, Resource, Settings, Switchboard};
-use plugin_host::{Plugins, State, Status};
+use plugin_host::{PluginList, PluginState, PluginStatus};
 use substrate_zenoh::Config;
 use support::{Figures, Machine, Outcome, PATIENCE};
 
@@ -140,10 +140,10 @@ async fn await_offer(switchboard: &Switchboard, agent: &AgentId, wanted: bool) -
     Err("it was waited for in vain".into())
 }
 
-async fn status(switchboard: &Switchboard) -> Outcome<Status> {
+async fn status(switchboard: &Switchboard) -> Outcome<PluginStatus> {
     let ask = Ask { daemon: DaemonId::new("d").ok(), resource: Resource::Plugins, agent: None };
     let answers = switchboard.ask(ask, PATIENCE).await;
-    let plugins: Plugins = serde_json::from_slice(answers.first().ok_or("no answer")?)?;
+    let plugins: PluginList = serde_json::from_slice(answers.first().ok_or("no answer")?)?;
     let found = plugins.plugins.into_iter().find(|status| status.name == NAME);
     Ok(found.ok_or("it is not there")?)
 }
@@ -153,7 +153,7 @@ async fn await_other(switchboard: &Switchboard, before: Option<i32>) -> Outcome<
     let deadline = Instant::now() + PATIENCE;
     while Instant::now() < deadline {
         let status = status(switchboard).await?;
-        if status.state == State::Running && status.pid != before {
+        if status.state == PluginState::Running && status.pid != before {
             return Ok(());
         }
     }

@@ -32,9 +32,9 @@ use std::time::{Duration, Instant};
 use acl::content::{Act, Keep, Outcome as Ended, Partition, Request};
 use acl::{AgentId, DaemonId, EcosystemId, Message};
 use agent::{Mode, Settings, Switchboard};
-use building::{Building, Dies, Fault, Layout, SeededScenario};
+use building::{Building, DeathTime, DeviceFault, Layout, SeededScenario};
 use bytes::Bytes;
-use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use setting::Setting;
 use substrate_zenoh::{Config, Tap};
 use support::{Figures, Machine, Outcome, PATIENCE, Process};
@@ -62,8 +62,13 @@ async fn main() -> Outcome<()> {
     for mode in [Mode::Centralized, Mode::Decentralized] {
         println!("{mode}");
         for (dies, wait, deaths, what) in [
-            (Dies::BeforeReport, grace, deaths[0], "a plan needs it, `grace` taken off"),
-            (Dies::AfterReport, removal, deaths[1], "a kept goal rests on it, `removal` taken off"),
+            (DeathTime::BeforeReport, grace, deaths[0], "a plan needs it, `grace` taken off"),
+            (
+                DeathTime::AfterReport,
+                removal,
+                deaths[1],
+                "a kept goal rests on it, `removal` taken off",
+            ),
         ] {
             let mut figures = Figures::default();
             let seeds = (0..).map(Layout::seeded).filter(|scenario| scenario.dies == dies);
@@ -92,7 +97,7 @@ async fn main() -> Outcome<()> {
 async fn silences(mode: Mode, means: Means, how: &str) -> Outcome<()> {
     let (Means::Freeze(lease) | Means::Pull(lease)) = means else { return Ok(()) };
     let mut figures = Figures::default();
-    let (grace, dies) = (Settings::default().grace, Dies::BeforeReport);
+    let (grace, dies) = (Settings::default().grace, DeathTime::BeforeReport);
     let times = if support::is_whole() { FREEZES } else { 1 };
     let seeds = (0..).map(Layout::seeded).filter(|scenario| scenario.dies == dies);
     for scenario in seeds.take(times) {
@@ -130,20 +135,20 @@ enum Running {
 /// plan's first action was dispatched.
 async fn death(scenario: &SeededScenario, mode: Mode, means: Means) -> Outcome<Duration> {
     let mut stage = Stage::set(scenario, mode, means).await?;
-    scenario.arm(&stage.building, Fault::Hangs)?;
-    let wish = Wish {
+    scenario.arm(&stage.building, DeviceFault::Hangs)?;
+    let wish = GoalRequest {
         goal: GOAL.to_owned(),
         keep: Keep::Maintain,
         priority: 0,
         partition: Partition::Pursue,
     };
-    stage.terminal.say.send(Said::Wish(wish)).await?;
-    if scenario.dies == Dies::AfterReport {
+    stage.terminal.requests.send(UserRequest::RequestGoal(wish)).await?;
+    if scenario.dies == DeathTime::AfterReport {
         stage.until_it_holds().await?;
     }
-    let died = scenario.death(&stage.building, Fault::Hangs);
+    let died = scenario.death(&stage.building, DeviceFault::Hangs);
     tokio::time::timeout(PATIENCE, died).await??;
-    if scenario.dies == Dies::BeforeReport {
+    if scenario.dies == DeathTime::BeforeReport {
         stage.asked(&scenario.dying_sensor).await?;
     }
     let round = stage.rounds_so_far();
@@ -206,9 +211,9 @@ impl Stage {
 
     async fn until_it_holds(&mut self) -> Outcome<()> {
         loop {
-            let heard = tokio::time::timeout(PATIENCE, self.terminal.hear.recv()).await?;
+            let heard = tokio::time::timeout(PATIENCE, self.terminal.events.recv()).await?;
             match heard.ok_or("the keyboard has ended")? {
-                Heard::Report(_, report) if report.outcome == Ended::Holds => return Ok(()),
+                UserEvent::Report(_, report) if report.outcome == Ended::Holds => return Ok(()),
                 heard if heard.is_final() => return Err(format!("{heard:?}").into()),
                 _ => (),
             }

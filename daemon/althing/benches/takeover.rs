@@ -27,7 +27,7 @@ use acl::content::{Keep, Outcome as Ended, Partition, Record, Request};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
 use agent::{Ask, Mode, Resource, Settings, Switchboard};
 use bytes::Bytes;
-use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use substrate_zenoh::{Config, Tap};
 use support::{Figures, Machine, Outcome, PATIENCE, Process};
 use tokio::sync::mpsc;
@@ -116,13 +116,13 @@ async fn play(who: &[&str], mode: Mode) -> Outcome<Duration> {
     if plans {
         dying.stop()?;
     }
-    let wish = Wish {
+    let wish = GoalRequest {
         goal: GOAL.to_owned(),
         keep: Keep::Achieve,
         priority: 0,
         partition: Partition::Pursue,
     };
-    person.terminal.say.send(Said::Wish(wish)).await?;
+    person.terminal.requests.send(UserRequest::RequestGoal(wish)).await?;
     let took = if plans {
         death_of_planner(&mut dying, &mut heard).await?
     } else {
@@ -199,10 +199,10 @@ async fn next(heard: &mut mpsc::Receiver<Asked>, is_it: impl Fn(&Asked) -> bool)
 async fn until_done(terminal: &mut Terminal) -> Outcome<usize> {
     let mut plans = 0;
     loop {
-        let heard = tokio::time::timeout(PATIENCE, terminal.hear.recv()).await?;
+        let heard = tokio::time::timeout(PATIENCE, terminal.events.recv()).await?;
         match heard.ok_or("the keyboard has ended")? {
-            Heard::Report(_, report) if report.outcome == Ended::Done => return Ok(plans),
-            Heard::Report(_, report) if !report.outcome.is_final() => {
+            UserEvent::Report(_, report) if report.outcome == Ended::Done => return Ok(plans),
+            UserEvent::Report(_, report) if !report.outcome.is_final() => {
                 plans += usize::from(report.plan.is_some());
             }
             heard if heard.is_final() => return Err(format!("{heard:?}").into()),

@@ -21,9 +21,9 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId, Performative};
 use agent::{Mode, PluginEntry, Settings, Switchboard};
-use building::{Building, Campus, DEVICES_PER_HOUSE, Device};
+use building::{Building, BuildingDevice, Campus, DEVICES_PER_HOUSE};
 use bytes::Bytes;
-use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use substrate::memory::Network;
 use substrate::{Address, Ask, BoxFuture, SendError, Subject, Substrate, Through};
 use support::{Entry, Outcome};
@@ -113,9 +113,11 @@ impl Aim {
         }
     }
 
-    fn goal(self, devices: &[&Device]) -> String {
+    fn goal(self, devices: &[&BuildingDevice]) -> String {
         let rooms = devices.iter().filter_map(|device| match device {
-            Device::FixedSensor { location, .. } => Some(format!("(known-temperature {location})")),
+            BuildingDevice::FixedSensor { location, .. } => {
+                Some(format!("(known-temperature {location})"))
+            }
             _ => None,
         });
         let count = match self {
@@ -170,10 +172,11 @@ async fn cost(count: usize, mode: Mode, aim: Aim) -> Outcome<Arc<Counts>> {
 
 /// Returns the devices of the smallest buildings, half a house at a time: eight thermometers, and a
 /// robot with its sensor.
-fn first_of(campus: &Campus, count: usize) -> Vec<&Device> {
+fn first_of(campus: &Campus, count: usize) -> Vec<&BuildingDevice> {
     let mut devices = Vec::new();
     for house in campus.layout().devices().chunks(DEVICES_PER_HOUSE) {
-        let is_fixed = |device: &&Device| matches!(device, Device::FixedSensor { .. });
+        let is_fixed =
+            |device: &&BuildingDevice| matches!(device, BuildingDevice::FixedSensor { .. });
         let (fixed, robots): (Vec<_>, Vec<_>) = house.iter().partition(is_fixed);
         for half in [0, 1] {
             devices.extend(&fixed[half * fixed.len() / 2..][..fixed.len() / 2]);
@@ -201,15 +204,15 @@ fn open(
 
 /// Requests a goal, and waits until it is reached.
 async fn reach(terminal: &mut Terminal, goal: String) -> Outcome<()> {
-    let wish = Wish {
+    let wish = GoalRequest {
         goal,
         keep: acl::content::Keep::Achieve,
         priority: 0,
         partition: Default::default(),
     };
-    terminal.say.send(Said::Wish(wish)).await?;
+    terminal.requests.send(UserRequest::RequestGoal(wish)).await?;
     loop {
-        let heard: Heard = terminal.hear.recv().await.ok_or("the keyboard has ended")?;
+        let heard: UserEvent = terminal.events.recv().await.ok_or("the keyboard has ended")?;
         match heard.is_final() {
             true if heard.is_success() => return Ok(()),
             true => return Err(format!("{heard:?}").into()),

@@ -70,12 +70,12 @@ pub(crate) struct Cli {
 
     /// What to do.
     #[command(subcommand)]
-    pub(crate) command: Command,
+    pub(crate) command: CliCommand,
 }
 
 /// One variant per command; [`crate::commands::run`] has one line per variant.
 #[derive(Debug, Subcommand)]
-pub(crate) enum Command {
+pub(crate) enum CliCommand {
     /// Run the daemon: open the substrate, host this machine's agents, join the ecosystem
     Up(UpArgs),
     /// Play a scenario of the paper against the simulated building, and check the outcome

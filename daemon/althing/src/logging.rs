@@ -20,7 +20,7 @@ pub(crate) fn start(verbose: u8) {
     let is_plain = asked.is_none() && verbose < 2;
     let filter = asked.unwrap_or_else(|| level(verbose).to_owned());
     let filter = EnvFilter::builder().parse(&filter).unwrap_or_else(|err| {
-        terminal::output::note(&format!("{VARIABLE}={filter} is left out: {err}"));
+        terminal::output::print_note(&format!("{VARIABLE}={filter} is left out: {err}"));
         EnvFilter::new(level(verbose))
     });
     // Fields may contain text from outside, so their control characters are made visible.
@@ -36,7 +36,7 @@ pub(crate) fn start(verbose: u8) {
     let lines =
         fmt::layer()
             .fmt_fields(fields.delimited(" "))
-            .with_writer(|| terminal::output::Notes)
+            .with_writer(|| terminal::output::NoteStream)
             .with_ansi(terminal::output::stderr_is_colored())
             .with_filter(filter.and(substrate_zenoh::without_calls_to_self()).and(filter_fn(
                 move |about| !is_plain || !substrate_zenoh::is_error_of_zenoh(about),

@@ -39,20 +39,20 @@ fn main() -> ExitCode {
         Err(exit) => return exit,
     };
     logging::start(cli.verbose);
-    tell_panics_safely();
+    install_panic_hook();
     commands::run(cli.command)
 }
 
 /// Installs a panic hook that escapes control characters: a panic message may contain text from
 /// outside, and a terminal would obey control characters in it.
-fn tell_panics_safely() {
+fn install_panic_hook() {
     std::panic::set_hook(Box::new(|panic| {
         let thread = std::thread::current();
         let name = thread.name().unwrap_or("unnamed").to_owned();
-        terminal::output::note(&format!("thread '{name}' panicked: {panic}"));
+        terminal::output::print_note(&format!("thread '{name}' panicked: {panic}"));
         let trace = std::backtrace::Backtrace::capture();
         if trace.status() == std::backtrace::BacktraceStatus::Captured {
-            terminal::output::note(&trace.to_string());
+            terminal::output::print_note(&trace.to_string());
         }
     }));
 }

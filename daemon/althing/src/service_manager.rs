@@ -15,15 +15,15 @@ const SIGNS_PER_DEADLINE: u32 = 3;
 
 /// Reports that the agents are present. `status` is shown by `systemctl status`.
 pub(crate) fn ready(status: &str) {
-    tell(&[NotifyState::Ready, NotifyState::Status(status)]);
+    notify_manager(&[NotifyState::Ready, NotifyState::Status(status)]);
 }
 
 /// Reports that the agents are cancelling their commitments.
 pub(crate) fn stopping() {
-    tell(&[NotifyState::Stopping]);
+    notify_manager(&[NotifyState::Stopping]);
 }
 
-fn tell(states: &[NotifyState<'_>]) {
+fn notify_manager(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
         tracing::warn!(%error, "failed to notify the service manager");
     }
@@ -57,7 +57,7 @@ impl Watchdog {
     }
 
     /// Sends a keep-alive. The call itself proves that the caller is not stuck.
-    pub(crate) fn lives(&self) {
-        tell(&[NotifyState::Watchdog]);
+    pub(crate) fn keep_alive(&self) {
+        notify_manager(&[NotifyState::Watchdog]);
     }
 }

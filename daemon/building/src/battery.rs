@@ -11,8 +11,8 @@ use crate::building::Building;
 use crate::error::{DeviceError, LayoutError};
 use crate::handle::BuildingHandle;
 use crate::layout::Layout;
-use crate::truth::{Event, Truth};
-use crate::wire::{Answer, Ask};
+use crate::truth::{BuildingEvent, Truth};
+use crate::wire::{DriverAnswer, DriverRequest};
 
 /// Upper bounds: a range of 100 km, and a day to recharge.
 const RANGE_MAX: f64 = 100_000.0;
@@ -21,7 +21,7 @@ const RECHARGE_MAX: f64 = 24.0 * 3_600.0;
 /// A robot's battery.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Battery {
+pub struct RobotBattery {
     /// The location where the robot can recharge.
     pub dock: String,
     /// Range of a full battery, in meters.
@@ -52,10 +52,14 @@ pub(crate) enum BatteryAnswer {
 
 impl Layout {
     /// Gives a robot a battery; replaces the one it has.
-    pub fn equip(&mut self, robot: &str, battery: Battery) -> Result<&mut Layout, LayoutError> {
+    pub fn equip(
+        &mut self,
+        robot: &str,
+        battery: RobotBattery,
+    ) -> Result<&mut Layout, LayoutError> {
         self.check_carrier(robot)?;
         self.check_location(&battery.dock)?;
-        let Battery { range, charge, recharge_time, .. } = &battery;
+        let RobotBattery { range, charge, recharge_time, .. } = &battery;
         let fits = (0.0..=RANGE_MAX).contains(range)
             && (0.0..=*range).contains(charge)
             && (0.0..=RECHARGE_MAX).contains(recharge_time);
@@ -67,7 +71,7 @@ impl Layout {
     }
 
     /// Returns the battery of a robot; `None` if the robot has no battery.
-    pub fn battery(&self, robot: &str) -> Option<&Battery> {
+    pub fn battery(&self, robot: &str) -> Option<&RobotBattery> {
         self.batteries.get(robot)
     }
 }
@@ -111,14 +115,14 @@ impl Truth {
 
     fn finish_recharging(&mut self, robot: &str) -> Result<(), DeviceError> {
         self.require_unbroken(robot)?;
-        let Battery { dock, range, .. } = self.require_dock(robot)?;
+        let RobotBattery { dock, range, .. } = self.require_dock(robot)?;
         self.charges.insert(robot.to_owned(), range);
-        self.log.record(Event::Recharged { robot: robot.to_owned(), at: dock });
+        self.log.record(BuildingEvent::Recharged { robot: robot.to_owned(), at: dock });
         Ok(())
     }
 
     /// Returns the battery of a robot. Returns an error unless the robot stands at its dock.
-    fn require_dock(&self, robot: &str) -> Result<Battery, DeviceError> {
+    fn require_dock(&self, robot: &str) -> Result<RobotBattery, DeviceError> {
         self.require_robot(robot)?;
         let Some(battery) = self.layout.battery(robot) else {
             let (device, dock) = (robot.to_owned(), None);
@@ -138,7 +142,7 @@ impl Truth {
             return Err(LayoutError::BadBattery { robot: robot.to_owned() });
         }
         self.charges.insert(robot.to_owned(), meters);
-        self.log.record(Event::ChargeSet { robot: robot.to_owned(), meters });
+        self.log.record(BuildingEvent::ChargeSet { robot: robot.to_owned(), meters });
         Ok(())
     }
 }
@@ -182,7 +186,7 @@ impl BuildingHandle {
     pub async fn recharge(&self, robot: &str) -> Result<(), DeviceError> {
         match self.battery(BatteryAsk::Recharge { robot: robot.to_owned() }).await? {
             BatteryAnswer::Full => Ok(()),
-            other => Err(Answer::Battery(other).unexpected()),
+            other => Err(DriverAnswer::Battery(other).unexpected()),
         }
     }
 
@@ -190,15 +194,15 @@ impl BuildingHandle {
     pub async fn charge_of(&self, robot: &str) -> Result<Option<f64>, DeviceError> {
         match self.battery(BatteryAsk::Charge { robot: robot.to_owned() }).await? {
             BatteryAnswer::Charge(charge) => Ok(charge),
-            other => Err(Answer::Battery(other).unexpected()),
+            other => Err(DriverAnswer::Battery(other).unexpected()),
         }
     }
 
     pub(crate) async fn battery(&self, ask: BatteryAsk) -> Result<BatteryAnswer, DeviceError> {
-        match self.near() {
+        match self.local() {
             Ok(building) => building.battery(ask).await,
-            Err(remote) => match remote.ask(Ask::Battery(ask)).await? {
-                Answer::Battery(answer) => Ok(answer),
+            Err(remote) => match remote.ask(DriverRequest::Battery(ask)).await? {
+                DriverAnswer::Battery(answer) => Ok(answer),
                 other => Err(other.unexpected()),
             },
         }
@@ -212,14 +216,14 @@ mod tests {
     use expect_test::expect;
     use tokio::time::Instant;
 
-    use super::Battery;
-    use crate::fixture::story;
+    use super::RobotBattery;
+    use crate::fixture::log_lines;
     use crate::{Building, Layout};
 
     fn office_with_battery(charge: f64) -> Building {
         let mut layout = Layout::seeded(0).layout;
         let dock = "corridor".to_owned();
-        let battery = Battery { dock, range: 10.0, charge, recharge_time: 60.0 };
+        let battery = RobotBattery { dock, range: 10.0, charge, recharge_time: 60.0 };
         layout.equip("turtlebot-1", battery).unwrap();
         Building::new(layout, 1.0).unwrap()
     }
@@ -245,7 +249,7 @@ mod tests {
             turtlebot-1 departs office1 corridor
             turtlebot-1 moves office1 corridor
             turtlebot-1 is recharged at corridor"#]]
-        .assert_eq(&story(&building.truth()).join("\n"));
+        .assert_eq(&log_lines(&building.truth()).join("\n"));
     }
 
     #[tokio::test(start_paused = true)]
@@ -263,7 +267,7 @@ mod tests {
         {
             let mut layout = Layout::seeded(0).layout;
             let dock = "corridor".to_owned();
-            let battery = Battery { dock, range, charge, recharge_time: 1.0 };
+            let battery = RobotBattery { dock, range, charge, recharge_time: 1.0 };
             assert_eq!(layout.equip("turtlebot-1", battery).is_ok(), fits, "{range} {charge}");
         }
     }

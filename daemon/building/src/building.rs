@@ -14,8 +14,8 @@ use tokio::time::Instant;
 
 use crate::error::{DeviceError, LayoutError};
 use crate::handle::BuildingHandle;
-use crate::layout::{Device, Layout};
-use crate::truth::{Fault, Reading, Truth};
+use crate::layout::{BuildingDevice, Layout};
+use crate::truth::{DeviceFault, TemperatureReading, Truth};
 
 /// The largest time scale (1.0 is real time). With the bounds of the layout, no trip's duration overflows.
 const TIME_SCALE_MAX: f64 = 1_000.0;
@@ -23,11 +23,11 @@ const TIME_SCALE_MAX: f64 = 1_000.0;
 /// A simulated building. Clones refer to the same building.
 #[derive(Clone, Debug)]
 pub struct Building {
-    shared: Arc<Shared>,
+    shared: Arc<SharedBuilding>,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct SharedBuilding {
     time_scale: f64,
     opened: Instant,
     truth: watch::Sender<Truth>,
@@ -43,7 +43,9 @@ impl Building {
             return Err(LayoutError::BadTimeScale { time_scale });
         }
         let truth = watch::Sender::new(Truth::of(layout));
-        Ok(Building { shared: Arc::new(Shared { time_scale, opened: Instant::now(), truth }) })
+        Ok(Building {
+            shared: Arc::new(SharedBuilding { time_scale, opened: Instant::now(), truth }),
+        })
     }
 
     /// Returns what a driver in this process gets: access to the devices, none to the truth.
@@ -56,7 +58,7 @@ impl Building {
 
 impl Building {
     /// Measures the temperature at the true location of the sensor.
-    pub async fn read_temperature(&self, sensor: &str) -> Result<Reading, DeviceError> {
+    pub async fn read_temperature(&self, sensor: &str) -> Result<TemperatureReading, DeviceError> {
         let takes = self.change(|truth| truth.begin_reading(sensor))?;
         self.work(sensor, takes, |truth| truth.finish_reading(sensor)).await
     }
@@ -89,13 +91,13 @@ impl Building {
     }
 
     /// Breaks a device now. Returns the sequence number of that occurrence.
-    pub fn break_device(&self, device: &str, fault: Fault) -> Result<u64, LayoutError> {
+    pub fn break_device(&self, device: &str, fault: DeviceFault) -> Result<u64, LayoutError> {
         self.change(|truth| truth.break_device(device, fault))
     }
 
     /// Breaks a device in the instant of its next use: after an agent began to rely on it, and before the
     /// device has done anything.
-    pub fn break_at_next_use(&self, device: &str, fault: Fault) -> Result<(), LayoutError> {
+    pub fn break_at_next_use(&self, device: &str, fault: DeviceFault) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_trap(device, fault))
     }
 
@@ -103,7 +105,7 @@ impl Building {
     pub(crate) fn break_and_set_temperature(
         &self,
         device: &str,
-        fault: Fault,
+        fault: DeviceFault,
         location: &str,
         celsius: f64,
     ) -> Result<u64, LayoutError> {
@@ -131,7 +133,7 @@ impl Building {
     }
 
     /// Adds a device to the building.
-    pub fn add_device(&self, device: Device) -> Result<(), LayoutError> {
+    pub fn add_device(&self, device: BuildingDevice) -> Result<(), LayoutError> {
         self.change(|truth| truth.add_device(device))
     }
 
@@ -191,7 +193,7 @@ impl Building {
             let hangs = {
                 let now = truth.borrow_and_update();
                 now.require_unbroken(device)?;
-                now.fault_of(device) == Some(Fault::Hangs)
+                now.fault_of(device) == Some(DeviceFault::Hangs)
             };
             tokio::select! {
                 // Changes first: a device that broke in the last instant counts as broken.
@@ -204,7 +206,7 @@ impl Building {
             }
             // The device may have begun to hang since the check above; then loop again.
             let finished = self.change(|truth| match truth.fault_of(device) {
-                Some(Fault::Hangs) => None,
+                Some(DeviceFault::Hangs) => None,
                 _ => Some(finish(truth)),
             });
             if let Some(outcome) = finished {

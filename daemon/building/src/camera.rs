@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 use crate::building::Building;
 use crate::error::{DeviceError, LayoutError};
 use crate::handle::BuildingHandle;
-use crate::layout::{Device, Layout};
-use crate::truth::{Event, Truth};
-use crate::wire::{Answer, Ask};
+use crate::layout::{BuildingDevice, Layout};
+use crate::truth::{BuildingEvent, Truth};
+use crate::wire::{DriverAnswer, DriverRequest};
 
 /// Limits of turning and zooming, as small dome cameras have them.
 const PAN_MAX: f64 = 170.0;
@@ -34,7 +34,7 @@ const SEEN_MAX: usize = 8;
 /// The direction of a place, seen from a camera.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct View {
+pub struct PlaceDirection {
     /// The place.
     pub location: String,
     /// Degrees to the right; negative to the left.
@@ -46,7 +46,7 @@ pub struct View {
 /// The direction and the zoom of a camera.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Aim {
+pub struct CameraAim {
     /// Degrees to the right; negative to the left.
     pub pan: f64,
     /// Degrees up; negative down.
@@ -55,18 +55,18 @@ pub struct Aim {
     pub zoom: f64,
 }
 
-impl Default for Aim {
-    fn default() -> Aim {
-        Aim { pan: 0.0, tilt: 0.0, zoom: 1.0 }
+impl Default for CameraAim {
+    fn default() -> CameraAim {
+        CameraAim { pan: 0.0, tilt: 0.0, zoom: 1.0 }
     }
 }
 
 /// The places that a camera sees at one moment.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Sight {
+pub struct CameraView {
     /// The direction and the zoom of the camera at that moment.
-    pub aim: Aim,
+    pub aim: CameraAim,
     /// The places in its field of view.
     pub places: Vec<SeenPlace>,
     /// Time since the building was opened.
@@ -95,7 +95,7 @@ pub struct SeenPlace {
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum CameraAsk {
-    Aim { camera: String, aim: Aim },
+    Aim { camera: String, aim: CameraAim },
     Look { camera: String },
 }
 
@@ -104,10 +104,10 @@ pub(crate) enum CameraAsk {
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum CameraAnswer {
     Aimed,
-    Sight(Sight),
+    Sight(CameraView),
 }
 
-impl Aim {
+impl CameraAim {
     /// Whether the angles and the zoom are within the limits of a camera.
     pub fn is_possible(&self) -> bool {
         (-PAN_MAX..=PAN_MAX).contains(&self.pan)
@@ -116,7 +116,7 @@ impl Aim {
     }
 
     /// Returns the position of `view` in the picture, right and up, from -1 to 1; `None` if it is outside.
-    fn sees(&self, view: &View) -> Option<(f64, f64)> {
+    fn sees(&self, view: &PlaceDirection) -> Option<(f64, f64)> {
         let right = (view.pan - self.pan) * self.zoom / (WIDTH / 2.0);
         let up = (view.tilt - self.tilt) * self.zoom / (HEIGHT / 2.0);
         (right.abs() <= 1.0 && up.abs() <= 1.0).then_some((right, up))
@@ -131,16 +131,20 @@ impl Layout {
         &mut self,
         name: &str,
         location: &str,
-        views: Vec<View>,
+        views: Vec<PlaceDirection>,
     ) -> Result<&mut Layout, LayoutError> {
         let (name, location) = (name.to_owned(), location.to_owned());
-        self.add_device(Device::Camera { name, location, views })
+        self.add_device(BuildingDevice::Camera { name, location, views })
     }
 
-    pub(crate) fn check_views(&self, camera: &str, views: &[View]) -> Result<(), LayoutError> {
-        for View { location, pan, tilt } in views {
+    pub(crate) fn check_views(
+        &self,
+        camera: &str,
+        views: &[PlaceDirection],
+    ) -> Result<(), LayoutError> {
+        for PlaceDirection { location, pan, tilt } in views {
             self.check_location(location)?;
-            let aim = Aim { pan: *pan, tilt: *tilt, zoom: 1.0 };
+            let aim = CameraAim { pan: *pan, tilt: *tilt, zoom: 1.0 };
             if views.len() > VIEWS_MAX || !aim.is_possible() {
                 return Err(LayoutError::BadView { camera: camera.to_owned() });
             }
@@ -154,14 +158,14 @@ impl Layout {
 impl Truth {
     /// Returns the aim of a camera; `None` if there is no such camera. A camera that was never turned has
     /// the default aim.
-    pub fn aim_of(&self, camera: &str) -> Option<Aim> {
-        matches!(self.layout.device(camera)?, Device::Camera { .. })
+    pub fn aim_of(&self, camera: &str) -> Option<CameraAim> {
+        matches!(self.layout.device(camera)?, BuildingDevice::Camera { .. })
             .then(|| self.aims.get(camera).copied().unwrap_or_default())
     }
 
     /// Returns the places in a camera's field of view; none if there is no such camera.
     pub fn seen_by(&self, camera: &str) -> Vec<&str> {
-        let (Some(Device::Camera { views, .. }), Some(aim)) =
+        let (Some(BuildingDevice::Camera { views, .. }), Some(aim)) =
             (self.layout.device(camera), self.aim_of(camera))
         else {
             return Vec::new();
@@ -169,7 +173,7 @@ impl Truth {
         views.iter().filter(|view| aim.sees(view).is_some()).map(|v| v.location.as_str()).collect()
     }
 
-    fn begin_aiming(&mut self, camera: &str, aim: Aim) -> Result<Duration, DeviceError> {
+    fn begin_aiming(&mut self, camera: &str, aim: CameraAim) -> Result<Duration, DeviceError> {
         let before = self.require_camera(camera)?;
         let slowness = self.begin_use(camera)?;
         if !aim.is_possible() {
@@ -179,20 +183,20 @@ impl Truth {
         Ok(Duration::from_secs_f64(degrees / TURNING) + slowness)
     }
 
-    fn finish_aiming(&mut self, camera: &str, aim: Aim) -> Result<(), DeviceError> {
+    fn finish_aiming(&mut self, camera: &str, aim: CameraAim) -> Result<(), DeviceError> {
         self.require_unbroken(camera)?;
         self.aims.insert(camera.to_owned(), aim);
-        self.log.record(Event::Aimed { camera: camera.to_owned(), aim });
+        self.log.record(BuildingEvent::Aimed { camera: camera.to_owned(), aim });
         Ok(())
     }
 
-    fn sight(&self, camera: &str) -> Result<Sight, DeviceError> {
+    fn sight(&self, camera: &str) -> Result<CameraView, DeviceError> {
         self.require_unbroken(camera)?;
         let aim = self.require_camera(camera)?;
-        let Some(Device::Camera { views, .. }) = self.layout.device(camera) else {
-            return Ok(Sight { aim, places: Vec::new(), at: self.log.now });
+        let Some(BuildingDevice::Camera { views, .. }) = self.layout.device(camera) else {
+            return Ok(CameraView { aim, places: Vec::new(), at: self.log.now });
         };
-        let place = |view: &View| {
+        let place = |view: &PlaceDirection| {
             let (right, up) = aim.sees(view)?;
             let location = view.location.as_str();
             let here = |(robot, at): (&String, &String)| (at == location).then(|| robot.clone());
@@ -202,7 +206,7 @@ impl Truth {
                 up,
                 people: self.people_in(location).take(SEEN_MAX).map(str::to_owned).collect(),
                 robots: self.robots.iter().filter_map(here).take(SEEN_MAX).collect(),
-                stirs: self.stirs(location),
+                stirs: self.has_motion(location),
             })
         };
         let mut places: Vec<SeenPlace> = Vec::new();
@@ -212,11 +216,11 @@ impl Truth {
                 places.push(seen);
             }
         }
-        Ok(Sight { aim, places, at: self.log.now })
+        Ok(CameraView { aim, places, at: self.log.now })
     }
 
     /// Returns the aim of the camera. Returns an error if the device is not a camera.
-    fn require_camera(&self, device: &str) -> Result<Aim, DeviceError> {
+    fn require_camera(&self, device: &str) -> Result<CameraAim, DeviceError> {
         let found = self.require_device(device)?;
         self.aim_of(device).ok_or_else(|| crate::world::wrong_kind(found, "camera"))
     }
@@ -226,13 +230,13 @@ impl Truth {
 
 impl Building {
     /// Turns a camera. Takes as long as the turn takes at the camera's turning speed.
-    pub async fn aim(&self, camera: &str, aim: Aim) -> Result<(), DeviceError> {
+    pub async fn aim(&self, camera: &str, aim: CameraAim) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_aiming(camera, aim))?;
         self.work(camera, takes, |truth| truth.finish_aiming(camera, aim)).await
     }
 
     /// Returns what a camera sees now.
-    pub async fn look(&self, camera: &str) -> Result<Sight, DeviceError> {
+    pub async fn look(&self, camera: &str) -> Result<CameraView, DeviceError> {
         let takes = self.change(|truth| truth.begin_use(camera))?;
         self.work(camera, takes, |truth| truth.sight(camera)).await
     }
@@ -251,26 +255,26 @@ impl Building {
 
 impl BuildingHandle {
     /// Turns a camera; see [`Building::aim`].
-    pub async fn aim(&self, camera: &str, aim: Aim) -> Result<(), DeviceError> {
+    pub async fn aim(&self, camera: &str, aim: CameraAim) -> Result<(), DeviceError> {
         match self.camera(CameraAsk::Aim { camera: camera.to_owned(), aim }).await? {
             CameraAnswer::Aimed => Ok(()),
-            other => Err(Answer::Camera(other).unexpected()),
+            other => Err(DriverAnswer::Camera(other).unexpected()),
         }
     }
 
     /// Returns what a camera sees now; see [`Building::look`].
-    pub async fn look(&self, camera: &str) -> Result<Sight, DeviceError> {
+    pub async fn look(&self, camera: &str) -> Result<CameraView, DeviceError> {
         match self.camera(CameraAsk::Look { camera: camera.to_owned() }).await? {
             CameraAnswer::Sight(sight) => Ok(sight),
-            other => Err(Answer::Camera(other).unexpected()),
+            other => Err(DriverAnswer::Camera(other).unexpected()),
         }
     }
 
     pub(crate) async fn camera(&self, ask: CameraAsk) -> Result<CameraAnswer, DeviceError> {
-        match self.near() {
+        match self.local() {
             Ok(building) => building.camera(ask).await,
-            Err(remote) => match remote.ask(Ask::Camera(ask)).await? {
-                Answer::Camera(answer) => Ok(answer),
+            Err(remote) => match remote.ask(DriverRequest::Camera(ask)).await? {
+                DriverAnswer::Camera(answer) => Ok(answer),
                 other => Err(other.unexpected()),
             },
         }
@@ -283,11 +287,11 @@ mod tests {
 
     use tokio::time::Instant;
 
-    use super::{Aim, View};
+    use super::{CameraAim, PlaceDirection};
     use crate::{Building, Layout};
 
-    fn view(location: &str, pan: f64) -> View {
-        View { location: location.to_owned(), pan, tilt: 0.0 }
+    fn view(location: &str, pan: f64) -> PlaceDirection {
+        PlaceDirection { location: location.to_owned(), pan, tilt: 0.0 }
     }
 
     fn watched_office() -> Building {
@@ -308,7 +312,7 @@ mod tests {
         assert_eq!(corridor.people, ["alice"]);
         assert_eq!(corridor.robots, ["turtlebot-1"]);
         let began = Instant::now();
-        let aim = Aim { pan: 80.0, tilt: 5.0, zoom: 2.0 };
+        let aim = CameraAim { pan: 80.0, tilt: 5.0, zoom: 2.0 };
         building.aim("camera-1", aim).await.unwrap();
         assert!(began.elapsed() > Duration::from_millis(880), "it turns 90 degrees a second");
         assert_eq!(building.truth().seen_by("camera-1"), ["office1"]);
@@ -322,9 +326,9 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_camera_turns_as_far_as_it_can() {
         let building = watched_office();
-        let aim = Aim { pan: 171.0, ..Aim::default() };
+        let aim = CameraAim { pan: 171.0, ..CameraAim::default() };
         assert!(building.aim("camera-1", aim).await.is_err());
-        assert!(building.aim("turtlebot-1", Aim::default()).await.is_err());
-        assert_eq!(building.truth().aim_of("camera-1"), Some(Aim::default()));
+        assert!(building.aim("turtlebot-1", CameraAim::default()).await.is_err());
+        assert_eq!(building.truth().aim_of("camera-1"), Some(CameraAim::default()));
     }
 }

@@ -7,8 +7,8 @@
 use std::fmt::Write as _;
 
 use crate::error::LayoutError;
-use crate::layout::{Device, Layout};
-use crate::random::Random;
+use crate::layout::{BuildingDevice, Layout};
+use crate::seeded_random::Random;
 
 /// The largest number of houses: each is named by a letter.
 pub const HOUSES_MAX: usize = 26;
@@ -92,25 +92,27 @@ impl Campus {
         text
     }
 
-    fn device_entry(&self, device: &Device) -> String {
+    fn device_entry(&self, device: &BuildingDevice) -> String {
         let (plugin, place, config) = match device {
-            Device::FixedSensor { location, .. } => {
+            BuildingDevice::FixedSensor { location, .. } => {
                 ("temperature-sensor", location, format!("location = \"{location}\""))
             }
-            Device::Sensor { location, quantity, .. } => {
+            BuildingDevice::Sensor { location, quantity, .. } => {
                 let quantity = quantity.name();
                 let config = format!("location = \"{location}\", quantity = \"{quantity}\"");
                 ("sensor", location, config)
             }
-            Device::Robot { start, meters_per_second, .. } => {
+            BuildingDevice::Robot { start, meters_per_second, .. } => {
                 ("turtlebot", start, format!("start = \"{start}\", speed = {meters_per_second:?}"))
             }
-            Device::MountedSensor { carrier, .. } => {
+            BuildingDevice::MountedSensor { carrier, .. } => {
                 let place = self.layout.start_of(carrier).unwrap_or(QUAD);
                 let config = format!("mounted-on = \"{carrier}\"");
                 return entry(device.name(), "ir-temperature-sensor", &daemon_of(place), &config);
             }
-            Device::Camera { .. } | Device::Screen { .. } | Device::MountedScreen { .. } => {
+            BuildingDevice::Camera { .. }
+            | BuildingDevice::Screen { .. }
+            | BuildingDevice::MountedScreen { .. } => {
                 unreachable!("invariant: `draw` puts no camera and no screen into a campus")
             }
         };

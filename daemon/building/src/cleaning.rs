@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::building::Building;
 use crate::error::DeviceError;
 use crate::handle::BuildingHandle;
-use crate::truth::{Event, Truth};
-use crate::wire::{Answer, Ask};
+use crate::truth::{BuildingEvent, Truth};
+use crate::wire::{DriverAnswer, DriverRequest};
 
 /// Duration of a sweep. It is the same for all places, because the layout has no sizes.
 const SWEEPING: Duration = Duration::from_secs(20);
@@ -34,7 +34,7 @@ pub(crate) enum CleaningAnswer {
 impl Truth {
     /// Returns how often a place was swept, as far as the log reaches back.
     pub fn swept_count(&self, location: &str) -> usize {
-        let is_it = |event: &Event| matches!(event, Event::Swept { location: place, .. } if place == location);
+        let is_it = |event: &BuildingEvent| matches!(event, BuildingEvent::Swept { location: place, .. } if place == location);
         self.occurrences().filter(|occurrence| is_it(&occurrence.event)).count()
     }
 
@@ -52,7 +52,7 @@ impl Truth {
             return Err(DeviceError::Busy { device: robot.to_owned() });
         }
         let robot = robot.to_owned();
-        self.log.record(Event::Swept { robot, location: location.clone() });
+        self.log.record(BuildingEvent::Swept { robot, location: location.clone() });
         Ok(location)
     }
 }
@@ -84,10 +84,10 @@ impl BuildingHandle {
     }
 
     pub(crate) async fn cleaning(&self, ask: CleaningAsk) -> Result<CleaningAnswer, DeviceError> {
-        match self.near() {
+        match self.local() {
             Ok(building) => building.cleaning(ask).await,
-            Err(remote) => match remote.ask(Ask::Cleaning(ask)).await? {
-                Answer::Cleaning(answer) => Ok(answer),
+            Err(remote) => match remote.ask(DriverRequest::Cleaning(ask)).await? {
+                DriverAnswer::Cleaning(answer) => Ok(answer),
                 other => Err(other.unexpected()),
             },
         }
@@ -98,7 +98,7 @@ impl BuildingHandle {
 mod tests {
     use std::time::Duration;
 
-    use crate::{Building, Fault, Layout};
+    use crate::{Building, DeviceFault, Layout};
 
     #[tokio::test(start_paused = true)]
     async fn a_robot_sweeps_where_it_stands_or_not_at_all() {
@@ -107,7 +107,7 @@ mod tests {
         let soon = Duration::from_secs(5);
         let _ = tokio::time::timeout(soon, building.sweep("turtlebot-1")).await;
         assert_eq!(building.truth().swept_count("corridor"), 1, "called off");
-        building.break_at_next_use("turtlebot-1", Fault::Fails).unwrap();
+        building.break_at_next_use("turtlebot-1", DeviceFault::Fails).unwrap();
         assert!(building.sweep("turtlebot-1").await.is_err());
         assert_eq!(building.truth().swept_count("corridor"), 1);
         assert!(building.sweep("thermometer-office2").await.is_err(), "it does not clean");

@@ -18,7 +18,10 @@ use tokio::time::timeout;
 use tracing::Instrument as _;
 
 use crate::error::DeviceError;
-use crate::wire::{Answer, Ask, IN_FLIGHT_MAX, Line, Lines, Request, SILENCE_MAX, write_line};
+use crate::wire::{
+    DriverAnswer, DriverRequest, IN_FLIGHT_MAX, LineReader, SILENCE_MAX, ServerLine, WireRequest,
+    write_line,
+};
 
 /// Time limit for connecting, and for a request that takes no time in the building.
 const ANSWER_MAX: Duration = SILENCE_MAX;
@@ -35,69 +38,71 @@ const CHANGE_MAX: Duration = Duration::from_secs(365 * 24 * 3_600);
 /// Size of a connection's inbox: each request under way needs room for itself and for its cancellation.
 const COMMANDS_MAX: usize = 2 * IN_FLIGHT_MAX;
 
-type Outcome = Result<Answer, DeviceError>;
+type RequestResult = Result<DriverAnswer, DeviceError>;
 
 /// A connection that is opened again after it has broken.
 #[derive(Clone, Debug)]
-pub(crate) struct Remote {
-    shared: Arc<Shared>,
+pub(crate) struct RemoteBuilding {
+    shared: Arc<SharedClient>,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct SharedClient {
     path: PathBuf,
     id_next: AtomicU64,
     /// Inbox of the current connection; closed when that connection has ended.
-    commands: Mutex<Option<mpsc::Sender<Command>>>,
+    commands: Mutex<Option<mpsc::Sender<ConnectionCommand>>>,
 }
 
 /// A command to a connection's task.
-enum Command {
-    Ask { request: Request, reply: oneshot::Sender<Outcome> },
+enum ConnectionCommand {
+    Ask { request: WireRequest, reply: oneshot::Sender<RequestResult> },
     CallOff { id: u64 },
 }
 
-impl Remote {
+impl RemoteBuilding {
     /// Returns a client that connects at its first use.
-    pub(crate) fn at(path: &Path) -> Remote {
+    pub(crate) fn at(path: &Path) -> RemoteBuilding {
         let (id_next, commands) = (AtomicU64::new(1), Mutex::new(None));
-        Remote { shared: Arc::new(Shared { path: path.to_owned(), id_next, commands }) }
+        RemoteBuilding {
+            shared: Arc::new(SharedClient { path: path.to_owned(), id_next, commands }),
+        }
     }
 
     /// Returns a client that is connected.
-    pub(crate) async fn connect(path: &Path) -> Result<Remote, DeviceError> {
-        let remote = Remote::at(path);
+    pub(crate) async fn connect(path: &Path) -> Result<RemoteBuilding, DeviceError> {
+        let remote = RemoteBuilding::at(path);
         remote.commands().await.map(|_| remote)
     }
 
     /// Sends a request and waits for the answer. Dropping the future cancels the request.
-    pub(crate) async fn ask(&self, ask: Ask) -> Outcome {
+    pub(crate) async fn ask(&self, ask: DriverRequest) -> RequestResult {
         let limit = match &ask {
-            Ask::PlaceOf { .. } | Ask::Cancel => ANSWER_MAX,
-            Ask::AwaitChange { .. } => CHANGE_MAX,
+            DriverRequest::PlaceOf { .. } | DriverRequest::Cancel => ANSWER_MAX,
+            DriverRequest::AwaitChange { .. } => CHANGE_MAX,
             _ => WORK_MAX,
         };
         let answered = timeout(limit, self.ask_without_limit(ask)).await;
         answered.unwrap_or_else(|_| Err(unreachable(format!("no answer within {limit:?}"))))
     }
 
-    async fn ask_without_limit(&self, ask: Ask) -> Outcome {
+    async fn ask_without_limit(&self, ask: DriverRequest) -> RequestResult {
         let gone = |_| unreachable("the connection broke".to_owned());
         let commands = self.commands().await?;
         let id = self.shared.id_next.fetch_add(1, Ordering::Relaxed);
         // Room for the cancellation is reserved first, so that dropping the future never fails.
         let room = commands.clone().reserve_owned().await.map_err(|_| gone(()))?;
         let (reply, answer) = oneshot::channel();
-        let command = Command::Ask { request: Request { id, ask }, reply };
+        let command = ConnectionCommand::Ask { request: WireRequest { id, ask }, reply };
         commands.send(command).await.map_err(|_| gone(()))?;
-        let mut call_off = CallOff { id, room: Some(room) };
+        let mut call_off = CancelOnDrop { id, room: Some(room) };
         let outcome = answer.await.unwrap_or_else(|_| Err(gone(())));
         call_off.room = None;
         outcome
     }
 
     /// Returns the inbox of a live connection; opens a new connection if the last one broke.
-    async fn commands(&self) -> Result<mpsc::Sender<Command>, DeviceError> {
+    async fn commands(&self) -> Result<mpsc::Sender<ConnectionCommand>, DeviceError> {
         let mut present = self.shared.commands.lock().await;
         if let Some(commands) = present.as_ref().filter(|commands| !commands.is_closed()) {
             return Ok(commands.clone());
@@ -108,20 +113,20 @@ impl Remote {
 }
 
 /// Cancels the request with this id if it is dropped before the answer came.
-struct CallOff {
+struct CancelOnDrop {
     id: u64,
-    room: Option<mpsc::OwnedPermit<Command>>,
+    room: Option<mpsc::OwnedPermit<ConnectionCommand>>,
 }
 
-impl Drop for CallOff {
+impl Drop for CancelOnDrop {
     fn drop(&mut self) {
         if let Some(room) = self.room.take() {
-            room.send(Command::CallOff { id: self.id });
+            room.send(ConnectionCommand::CallOff { id: self.id });
         }
     }
 }
 
-async fn open(path: &Path) -> Result<mpsc::Sender<Command>, DeviceError> {
+async fn open(path: &Path) -> Result<mpsc::Sender<ConnectionCommand>, DeviceError> {
     let connected = timeout(ANSWER_MAX, UnixStream::connect(path)).await;
     let stream =
         connected.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into())).map_err(|err| {
@@ -129,30 +134,31 @@ async fn open(path: &Path) -> Result<mpsc::Sender<Command>, DeviceError> {
         })?;
     let (reader, writer) = stream.into_split();
     let (commands, inbox) = mpsc::channel(COMMANDS_MAX);
-    let connection = Connection { lines: Lines::new(reader), writer, inbox, open: BTreeMap::new() };
+    let connection =
+        ClientConnection { lines: LineReader::new(reader), writer, inbox, open: BTreeMap::new() };
     let span = tracing::info_span!("building", socket = %path.display());
     tokio::spawn(connection.run().instrument(span));
     Ok(commands)
 }
 
 /// The task of one connection. When it ends, its inbox closes and all open requests fail.
-struct Connection {
-    lines: Lines<OwnedReadHalf>,
+struct ClientConnection {
+    lines: LineReader<OwnedReadHalf>,
     writer: OwnedWriteHalf,
-    inbox: mpsc::Receiver<Command>,
-    open: BTreeMap<u64, oneshot::Sender<Outcome>>,
+    inbox: mpsc::Receiver<ConnectionCommand>,
+    open: BTreeMap<u64, oneshot::Sender<RequestResult>>,
 }
 
 /// An event that wakes a connection's task.
-enum Event {
-    Command(Command),
+enum ClientEvent {
+    Command(ConnectionCommand),
     /// The last client of this connection was dropped.
     InboxClosed,
     Line(io::Result<Option<Vec<u8>>>),
     Silence,
 }
 
-impl Connection {
+impl ClientConnection {
     async fn run(mut self) {
         while let Ok(()) = self.step().await.inspect_err(|reason| {
             tracing::debug!(%reason, open_count = self.open.len(), "connection to the building ends");
@@ -162,41 +168,43 @@ impl Connection {
     /// Handles one event. Returns the reason as the error if the connection has to end.
     async fn step(&mut self) -> Result<(), String> {
         match self.next_event().await {
-            Event::Command(command) => self.obey(command).await.map_err(|err| err.to_string()),
-            Event::InboxClosed => Err("no client needs it any more".to_owned()),
-            Event::Line(Ok(Some(line))) => self.hear(&line),
-            Event::Line(Ok(None)) => Err("the building closed it".to_owned()),
-            Event::Line(Err(err)) => Err(err.to_string()),
-            Event::Silence => Err(format!("the building was silent for {SILENCE_MAX:?}")),
+            ClientEvent::Command(command) => {
+                self.execute_command(command).await.map_err(|err| err.to_string())
+            }
+            ClientEvent::InboxClosed => Err("no client needs it any more".to_owned()),
+            ClientEvent::Line(Ok(Some(line))) => self.handle_line(&line),
+            ClientEvent::Line(Ok(None)) => Err("the building closed it".to_owned()),
+            ClientEvent::Line(Err(err)) => Err(err.to_string()),
+            ClientEvent::Silence => Err(format!("the building was silent for {SILENCE_MAX:?}")),
         }
     }
 
-    async fn next_event(&mut self) -> Event {
+    async fn next_event(&mut self) -> ClientEvent {
         tokio::select! {
-            line = timeout(SILENCE_MAX, self.lines.next()) => line.map_or(Event::Silence, Event::Line),
-            command = self.inbox.recv() => command.map_or(Event::InboxClosed, Event::Command),
+            line = timeout(SILENCE_MAX, self.lines.next()) => line.map_or(ClientEvent::Silence, ClientEvent::Line),
+            command = self.inbox.recv() => command.map_or(ClientEvent::InboxClosed, ClientEvent::Command),
         }
     }
 
-    async fn obey(&mut self, command: Command) -> io::Result<()> {
+    async fn execute_command(&mut self, command: ConnectionCommand) -> io::Result<()> {
         match command {
-            Command::Ask { request, reply } => {
+            ConnectionCommand::Ask { request, reply } => {
                 self.open.insert(request.id, reply);
                 write_line(&mut self.writer, &request).await
             }
-            Command::CallOff { id } => {
+            ConnectionCommand::CallOff { id } => {
                 self.open.remove(&id);
-                write_line(&mut self.writer, &Request { id, ask: Ask::Cancel }).await
+                write_line(&mut self.writer, &WireRequest { id, ask: DriverRequest::Cancel }).await
             }
         }
     }
 
-    fn hear(&mut self, line: &[u8]) -> Result<(), String> {
+    fn handle_line(&mut self, line: &[u8]) -> Result<(), String> {
         let line = serde_json::from_slice(line).map_err(|err| format!("not understood: {err}"))?;
         let (id, outcome) = match line {
-            Line::Alive => return Ok(()),
-            Line::Done { id, answer } => (id, Ok(answer)),
-            Line::Failed { id, error } => (id, Err(error)),
+            ServerLine::Alive => return Ok(()),
+            ServerLine::Done { id, answer } => (id, Ok(answer)),
+            ServerLine::Failed { id, error } => (id, Err(error)),
         };
         if let Some(reply) = self.open.remove(&id) {
             // The caller may have dropped its future meanwhile; then the answer is discarded.
@@ -218,7 +226,7 @@ mod tests {
     use tokio::net::UnixListener;
 
     use crate::BuildingHandle;
-    use crate::wire::Lines;
+    use crate::wire::LineReader;
 
     /// Connects to a server that answers the first request with `answer` and then closes the connection,
     /// and compares what the driver gets.
@@ -229,7 +237,7 @@ mod tests {
         let driver = BuildingHandle::connect(&path).await.unwrap();
         let answering = async {
             let (reader, mut writer) = listener.accept().await.unwrap().0.into_split();
-            Lines::new(reader).next().await.unwrap();
+            LineReader::new(reader).next().await.unwrap();
             writer.write_all(answer.as_bytes()).await.unwrap();
         };
         let (place, ()) = tokio::join!(driver.place_of("ir-1"), answering);

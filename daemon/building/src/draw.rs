@@ -2,7 +2,7 @@
 
 use crate::error::LayoutError;
 use crate::layout::Layout;
-use crate::random::Random;
+use crate::seeded_random::Random;
 
 pub(crate) const ROOMS: [&str; 16] = [
     "archive",
@@ -47,7 +47,7 @@ pub(crate) fn sensor_of(room: &str) -> String {
 }
 
 /// The random choices for the places of one seed.
-pub(crate) struct Draw {
+pub(crate) struct LayoutDraw {
     pub(crate) random: Random,
     pub(crate) rooms: Vec<&'static str>,
     pub(crate) corridors: Vec<&'static str>,
@@ -55,15 +55,15 @@ pub(crate) struct Draw {
     pub(crate) temperatures: Vec<f64>,
 }
 
-impl Draw {
-    pub(crate) fn new(seed: u64) -> Draw {
+impl LayoutDraw {
+    pub(crate) fn new(seed: u64) -> LayoutDraw {
         let mut random = Random::new(seed);
         let rooms_count = random.between(3, 7);
         let corridors_count = random.between(1, 3);
         let tenths: Vec<usize> = (160..=280).collect();
         // One more than there are locations: the temperature after the sensor's death.
         let tenths = random.sample(&tenths, rooms_count + corridors_count + 1);
-        Draw {
+        LayoutDraw {
             rooms: random.sample(&ROOMS, rooms_count),
             corridors: random.sample(&CORRIDORS, corridors_count),
             temperatures: tenths.iter().map(|tenth| *tenth as f64 / 10.0).collect(),

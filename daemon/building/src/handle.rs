@@ -7,33 +7,33 @@
 use std::path::Path;
 
 use crate::building::Building;
-use crate::client::Remote;
+use crate::client::RemoteBuilding;
 use crate::error::DeviceError;
-use crate::truth::Reading;
-use crate::wire::{Answer, Ask};
+use crate::truth::TemperatureReading;
+use crate::wire::{DriverAnswer, DriverRequest};
 
 /// A driver's access to the devices of a building. Clones share the connection.
 #[derive(Clone, Debug)]
 pub struct BuildingHandle {
-    pub(crate) way: Way,
+    pub(crate) access: BuildingAccess,
 }
 
 #[derive(Clone, Debug)]
-pub(crate) enum Way {
+pub(crate) enum BuildingAccess {
     InProcess(Building),
-    Socket(Remote),
+    Socket(RemoteBuilding),
 }
 
 impl BuildingHandle {
     pub(crate) fn in_process(building: Building) -> BuildingHandle {
-        BuildingHandle { way: Way::InProcess(building) }
+        BuildingHandle { access: BuildingAccess::InProcess(building) }
     }
 
     /// Returns the building if it is in this process; otherwise, as the error, the client of its socket.
-    pub(crate) fn near(&self) -> Result<&Building, &Remote> {
-        match &self.way {
-            Way::InProcess(building) => Ok(building),
-            Way::Socket(remote) => Err(remote),
+    pub(crate) fn local(&self) -> Result<&Building, &RemoteBuilding> {
+        match &self.access {
+            BuildingAccess::InProcess(building) => Ok(building),
+            BuildingAccess::Socket(remote) => Err(remote),
         }
     }
 
@@ -42,23 +42,26 @@ impl BuildingHandle {
     /// If the connection breaks, the requests under way fail with [`DeviceError::Unreachable`], and the
     /// next use connects again.
     pub async fn connect(socket_path: impl AsRef<Path>) -> Result<BuildingHandle, DeviceError> {
-        let remote = Remote::connect(socket_path.as_ref()).await?;
-        Ok(BuildingHandle { way: Way::Socket(remote) })
+        let remote = RemoteBuilding::connect(socket_path.as_ref()).await?;
+        Ok(BuildingHandle { access: BuildingAccess::Socket(remote) })
     }
 
     /// Like [`connect`](BuildingHandle::connect), but connects at the first use: for a driver that may
     /// start before the building does.
     pub fn at(socket_path: impl AsRef<Path>) -> BuildingHandle {
-        BuildingHandle { way: Way::Socket(Remote::at(socket_path.as_ref())) }
+        BuildingHandle { access: BuildingAccess::Socket(RemoteBuilding::at(socket_path.as_ref())) }
     }
 
     /// Measures the temperature at the true location of the sensor.
-    pub async fn read_temperature(&self, sensor: &str) -> Result<Reading, DeviceError> {
-        match &self.way {
-            Way::InProcess(building) => building.read_temperature(sensor).await,
-            Way::Socket(remote) => {
-                match remote.ask(Ask::ReadTemperature { sensor: sensor.to_owned() }).await? {
-                    Answer::Reading(reading) => Ok(reading),
+    pub async fn read_temperature(&self, sensor: &str) -> Result<TemperatureReading, DeviceError> {
+        match &self.access {
+            BuildingAccess::InProcess(building) => building.read_temperature(sensor).await,
+            BuildingAccess::Socket(remote) => {
+                match remote
+                    .ask(DriverRequest::ReadTemperature { sensor: sensor.to_owned() })
+                    .await?
+                {
+                    DriverAnswer::Reading(reading) => Ok(reading),
                     other => Err(other.unexpected()),
                 }
             }
@@ -68,12 +71,12 @@ impl BuildingHandle {
     /// Drives a robot to a neighbor of its true location. Dropping the future cancels the trip; see
     /// [`Building::navigate`].
     pub async fn navigate(&self, robot: &str, to: &str) -> Result<(), DeviceError> {
-        match &self.way {
-            Way::InProcess(building) => building.navigate(robot, to).await,
-            Way::Socket(remote) => {
+        match &self.access {
+            BuildingAccess::InProcess(building) => building.navigate(robot, to).await,
+            BuildingAccess::Socket(remote) => {
                 let (robot, to) = (robot.to_owned(), to.to_owned());
-                match remote.ask(Ask::Navigate { robot, to }).await? {
-                    Answer::Arrived => Ok(()),
+                match remote.ask(DriverRequest::Navigate { robot, to }).await? {
+                    DriverAnswer::Arrived => Ok(()),
                     other => Err(other.unexpected()),
                 }
             }
@@ -82,11 +85,11 @@ impl BuildingHandle {
 
     /// Returns the true location of a device; see [`Building::place_of`].
     pub async fn place_of(&self, device: &str) -> Result<String, DeviceError> {
-        match &self.way {
-            Way::InProcess(building) => building.place_of(device),
-            Way::Socket(remote) => {
-                match remote.ask(Ask::PlaceOf { device: device.to_owned() }).await? {
-                    Answer::Place(place) => Ok(place),
+        match &self.access {
+            BuildingAccess::InProcess(building) => building.place_of(device),
+            BuildingAccess::Socket(remote) => {
+                match remote.ask(DriverRequest::PlaceOf { device: device.to_owned() }).await? {
+                    DriverAnswer::Place(place) => Ok(place),
                     other => Err(other.unexpected()),
                 }
             }

@@ -8,8 +8,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use crate::battery::Battery;
-use crate::camera::View;
+use crate::battery::RobotBattery;
+use crate::camera::PlaceDirection;
 use crate::error::{LayoutError, nearest};
 use crate::quantity::Quantity;
 
@@ -44,7 +44,7 @@ pub struct Location {
 /// A connection from one location to another.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Connection {
+pub struct LocationConnection {
     /// One end; the start if the connection is one-way.
     pub from: String,
     /// The other end.
@@ -61,7 +61,7 @@ pub struct Connection {
 #[serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
-pub enum Device {
+pub enum BuildingDevice {
     /// A temperature sensor on a wall.
     FixedSensor {
         /// Its name.
@@ -102,7 +102,7 @@ pub enum Device {
         location: String,
         /// The directions of the places that it can see.
         #[serde(default)]
-        views: Vec<View>,
+        views: Vec<PlaceDirection>,
     },
     /// A screen on a wall.
     Screen {
@@ -120,39 +120,38 @@ pub enum Device {
     },
 }
 
-impl Device {
+impl BuildingDevice {
     /// The device's name.
     pub fn name(&self) -> &str {
         match self {
-            Device::FixedSensor { name, .. }
-            | Device::Sensor { name, .. }
-            | Device::Robot { name, .. }
-            | Device::MountedSensor { name, .. }
-            | Device::Camera { name, .. }
-            | Device::Screen { name, .. }
-            | Device::MountedScreen { name, .. } => name,
+            BuildingDevice::FixedSensor { name, .. }
+            | BuildingDevice::Sensor { name, .. }
+            | BuildingDevice::Robot { name, .. }
+            | BuildingDevice::MountedSensor { name, .. }
+            | BuildingDevice::Camera { name, .. }
+            | BuildingDevice::Screen { name, .. }
+            | BuildingDevice::MountedScreen { name, .. } => name,
         }
     }
 
     /// Returns the kind of the device, in words for a message.
     pub(crate) fn is(&self) -> &'static str {
         match self {
-            Device::FixedSensor { .. } => "fixed sensor",
-            Device::Sensor { .. } => "sensor",
-            Device::Robot { .. } => "robot",
-            Device::MountedSensor { .. } => "mounted sensor",
-            Device::Camera { .. } => "camera",
-            Device::Screen { .. } => "screen",
-            Device::MountedScreen { .. } => "mounted screen",
+            BuildingDevice::FixedSensor { .. } => "fixed sensor",
+            BuildingDevice::Sensor { .. } => "sensor",
+            BuildingDevice::Robot { .. } => "robot",
+            BuildingDevice::MountedSensor { .. } => "mounted sensor",
+            BuildingDevice::Camera { .. } => "camera",
+            BuildingDevice::Screen { .. } => "screen",
+            BuildingDevice::MountedScreen { .. } => "mounted screen",
         }
     }
 
     /// Returns the robot that carries the device; `None` for a device that is not mounted.
     pub(crate) fn carrier(&self) -> Option<&str> {
         match self {
-            Device::MountedSensor { carrier, .. } | Device::MountedScreen { carrier, .. } => {
-                Some(carrier)
-            }
+            BuildingDevice::MountedSensor { carrier, .. }
+            | BuildingDevice::MountedScreen { carrier, .. } => Some(carrier),
             _ => None,
         }
     }
@@ -160,33 +159,33 @@ impl Device {
 
 /// The plan of a building; the module describes what is checked.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
-#[serde(try_from = "Written", into = "Written")]
+#[serde(try_from = "RawLayout", into = "RawLayout")]
 pub struct Layout {
     locations: Vec<Location>,
-    connections: Vec<Connection>,
-    devices: Vec<Device>,
+    connections: Vec<LocationConnection>,
+    devices: Vec<BuildingDevice>,
     /// By robot; a robot that is not listed needs no battery.
-    pub(crate) batteries: BTreeMap<String, Battery>,
+    pub(crate) batteries: BTreeMap<String, RobotBattery>,
 }
 
 /// A layout as read from a file, not checked yet.
 #[derive(Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct Written {
+struct RawLayout {
     locations: Vec<Location>,
     #[serde(default)]
-    connections: Vec<Connection>,
+    connections: Vec<LocationConnection>,
     #[serde(default)]
-    devices: Vec<Device>,
+    devices: Vec<BuildingDevice>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    batteries: BTreeMap<String, Battery>,
+    batteries: BTreeMap<String, RobotBattery>,
 }
 
-impl TryFrom<Written> for Layout {
+impl TryFrom<RawLayout> for Layout {
     type Error = LayoutError;
 
-    fn try_from(written: Written) -> Result<Layout, LayoutError> {
-        let Written { locations, connections, devices, batteries } = written;
+    fn try_from(written: RawLayout) -> Result<Layout, LayoutError> {
+        let RawLayout { locations, connections, devices, batteries } = written;
         let mut layout = Layout::new();
         for location in locations {
             layout.add_location(location)?;
@@ -207,10 +206,10 @@ impl TryFrom<Written> for Layout {
     }
 }
 
-impl From<Layout> for Written {
-    fn from(layout: Layout) -> Written {
+impl From<Layout> for RawLayout {
+    fn from(layout: Layout) -> RawLayout {
         let Layout { locations, connections, devices, batteries } = layout;
-        Written { locations, connections, devices, batteries }
+        RawLayout { locations, connections, devices, batteries }
     }
 }
 
@@ -231,17 +230,17 @@ impl Layout {
     }
 
     /// All connections, in the order they were added.
-    pub fn connections(&self) -> &[Connection] {
+    pub fn connections(&self) -> &[LocationConnection] {
         &self.connections
     }
 
     /// All devices. A file's mounted devices come after all others.
-    pub fn devices(&self) -> &[Device] {
+    pub fn devices(&self) -> &[BuildingDevice] {
         &self.devices
     }
 
     /// Returns the device of that name, or `None`.
-    pub fn device(&self, name: &str) -> Option<&Device> {
+    pub fn device(&self, name: &str) -> Option<&BuildingDevice> {
         self.devices.iter().find(|device| device.name() == name)
     }
 
@@ -249,7 +248,7 @@ impl Layout {
     /// robot.
     pub(crate) fn start_of(&self, robot: &str) -> Option<&str> {
         match self.device(robot)? {
-            Device::Robot { start, .. } => Some(start),
+            BuildingDevice::Robot { start, .. } => Some(start),
             _ => None,
         }
     }
@@ -262,7 +261,7 @@ impl Layout {
     /// The temperature sensors that are fixed in `location`.
     pub fn fixed_sensors_in<'a>(&'a self, location: &'a str) -> impl Iterator<Item = &'a str> {
         self.devices.iter().filter_map(move |device| match device {
-            Device::FixedSensor { name, location: place } if place == location => {
+            BuildingDevice::FixedSensor { name, location: place } if place == location => {
                 Some(name.as_str())
             }
             _ => None,
@@ -311,12 +310,12 @@ impl Layout {
     /// Every location that a robot with a temperature sensor can reach.
     pub(crate) fn measurable_by_robots(&self) -> BTreeSet<&str> {
         let carriers = self.devices.iter().filter_map(|device| match device {
-            Device::MountedSensor { carrier, .. } => self.device(carrier),
+            BuildingDevice::MountedSensor { carrier, .. } => self.device(carrier),
             _ => None,
         });
         carriers
             .filter_map(|carrier| match carrier {
-                Device::Robot { start, .. } => Some(self.reachable_from(start)),
+                BuildingDevice::Robot { start, .. } => Some(self.reachable_from(start)),
                 _ => None,
             })
             .flatten()
@@ -330,7 +329,7 @@ impl Layout {
 
     /// Returns the device with a name most similar to `name`; `None` if none is similar.
     pub(crate) fn nearest_device(&self, name: &str) -> Option<String> {
-        nearest(name, self.devices.iter().map(Device::name))
+        nearest(name, self.devices.iter().map(BuildingDevice::name))
     }
 }
 

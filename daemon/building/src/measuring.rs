@@ -10,17 +10,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::building::Building;
 use crate::error::{DeviceError, LayoutError};
-use crate::handle::{BuildingHandle, Way};
-use crate::layout::Device;
+use crate::handle::{BuildingAccess, BuildingHandle};
+use crate::layout::BuildingDevice;
 use crate::quantity::Quantity;
-use crate::truth::{Event, Fault, Truth};
-use crate::wire::{Answer, Ask};
+use crate::truth::{BuildingEvent, DeviceFault, Truth};
+use crate::wire::{DriverAnswer, DriverRequest};
 use crate::world::MEASURING;
 
 /// The result of a measurement, and the true location of the sensor.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Measured {
+pub struct MeasuredValue {
     /// The location of the sensor when it measured.
     pub location: String,
     /// The measured quantity.
@@ -33,7 +33,11 @@ pub struct Measured {
 
 impl Building {
     /// Measures a quantity at the true location of the sensor.
-    pub async fn measure(&self, sensor: &str, quantity: Quantity) -> Result<Measured, DeviceError> {
+    pub async fn measure(
+        &self,
+        sensor: &str,
+        quantity: Quantity,
+    ) -> Result<MeasuredValue, DeviceError> {
         let takes = self.change(|truth| truth.begin_measuring(sensor, quantity))?;
         self.work(sensor, takes, |truth| truth.finish_measuring(sensor, quantity)).await
     }
@@ -47,14 +51,14 @@ impl Building {
         sensor: &str,
         quantity: Quantity,
         known: f64,
-    ) -> Result<Measured, DeviceError> {
+    ) -> Result<MeasuredValue, DeviceError> {
         let mut truth = self.subscribe();
         truth.borrow().require_measuring(sensor, quantity)?;
         loop {
             let noticed = {
                 let now = truth.borrow_and_update();
                 now.require_unbroken(sensor)?;
-                let hangs = now.fault_of(sensor) == Some(Fault::Hangs);
+                let hangs = now.fault_of(sensor) == Some(DeviceFault::Hangs);
                 !hangs && now.measurable(sensor, quantity)?.value != known
             };
             if noticed {
@@ -92,7 +96,7 @@ impl Truth {
             return Err(LayoutError::BadValue { location, quantity, value });
         }
         self.conditions.entry(quantity).or_default().insert(location.clone(), value);
-        self.log.record(Event::ValueSet { location, quantity, value });
+        self.log.record(BuildingEvent::ValueSet { location, quantity, value });
         Ok(())
     }
 
@@ -103,7 +107,7 @@ impl Truth {
         quantity: Quantity,
     ) -> Result<Duration, DeviceError> {
         self.require_measuring(sensor, quantity)?;
-        self.log.record(Event::Asked { sensor: sensor.to_owned() });
+        self.log.record(BuildingEvent::Asked { sensor: sensor.to_owned() });
         self.spring_trap(sensor);
         self.require_unbroken(sensor)?;
         Ok(MEASURING + self.slowness(sensor))
@@ -113,29 +117,34 @@ impl Truth {
         &mut self,
         sensor: &str,
         quantity: Quantity,
-    ) -> Result<Measured, DeviceError> {
+    ) -> Result<MeasuredValue, DeviceError> {
         self.require_unbroken(sensor)?;
         let measured = self.measurable(sensor, quantity)?;
-        let Measured { location, value, .. } = measured.clone();
-        self.log.record(Event::Measured { sensor: sensor.to_owned(), location, quantity, value });
+        let MeasuredValue { location, value, .. } = measured.clone();
+        self.log.record(BuildingEvent::Measured {
+            sensor: sensor.to_owned(),
+            location,
+            quantity,
+            value,
+        });
         Ok(measured)
     }
 
     /// Returns what the sensor would measure now.
-    fn measurable(&self, sensor: &str, quantity: Quantity) -> Result<Measured, DeviceError> {
+    fn measurable(&self, sensor: &str, quantity: Quantity) -> Result<MeasuredValue, DeviceError> {
         let location = self.require_place(sensor)?;
         let value = self
             .value(&location, quantity)
             .expect("invariant: a device is at a location, and each location has all quantities");
-        Ok(Measured { location, quantity, value })
+        Ok(MeasuredValue { location, quantity, value })
     }
 
     /// Returns an error unless the device measures this quantity.
     fn require_measuring(&self, sensor: &str, quantity: Quantity) -> Result<(), DeviceError> {
         match self.require_device(sensor)? {
-            Device::Sensor { quantity: own, .. } if *own == quantity => Ok(()),
+            BuildingDevice::Sensor { quantity: own, .. } if *own == quantity => Ok(()),
             // The fixed thermometers have a hygrometer on the same board.
-            Device::FixedSensor { .. } if quantity == Quantity::Humidity => Ok(()),
+            BuildingDevice::FixedSensor { .. } if quantity == Quantity::Humidity => Ok(()),
             other => Err(DeviceError::WrongKind {
                 device: sensor.to_owned(),
                 is: other.is().to_owned(),
@@ -149,12 +158,16 @@ impl Truth {
 
 impl BuildingHandle {
     /// Measures a quantity at the true location of the sensor; see [`Building::measure`].
-    pub async fn measure(&self, sensor: &str, quantity: Quantity) -> Result<Measured, DeviceError> {
-        match &self.way {
-            Way::InProcess(building) => building.measure(sensor, quantity).await,
-            Way::Socket(remote) => {
-                measured(remote.ask(Ask::Measure { sensor: sensor.to_owned(), quantity }).await?)
-            }
+    pub async fn measure(
+        &self,
+        sensor: &str,
+        quantity: Quantity,
+    ) -> Result<MeasuredValue, DeviceError> {
+        match &self.access {
+            BuildingAccess::InProcess(building) => building.measure(sensor, quantity).await,
+            BuildingAccess::Socket(remote) => measured(
+                remote.ask(DriverRequest::Measure { sensor: sensor.to_owned(), quantity }).await?,
+            ),
         }
     }
 
@@ -165,20 +178,22 @@ impl BuildingHandle {
         sensor: &str,
         quantity: Quantity,
         known: f64,
-    ) -> Result<Measured, DeviceError> {
-        match &self.way {
-            Way::InProcess(building) => building.await_change(sensor, quantity, known).await,
-            Way::Socket(remote) => {
-                let ask = Ask::AwaitChange { sensor: sensor.to_owned(), quantity, known };
+    ) -> Result<MeasuredValue, DeviceError> {
+        match &self.access {
+            BuildingAccess::InProcess(building) => {
+                building.await_change(sensor, quantity, known).await
+            }
+            BuildingAccess::Socket(remote) => {
+                let ask = DriverRequest::AwaitChange { sensor: sensor.to_owned(), quantity, known };
                 measured(remote.ask(ask).await?)
             }
         }
     }
 }
 
-fn measured(answer: Answer) -> Result<Measured, DeviceError> {
+fn measured(answer: DriverAnswer) -> Result<MeasuredValue, DeviceError> {
     match answer {
-        Answer::Measured(measured) => Ok(measured),
+        DriverAnswer::Measured(measured) => Ok(measured),
         other => Err(other.unexpected()),
     }
 }

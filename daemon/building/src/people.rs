@@ -3,7 +3,7 @@
 use crate::building::Building;
 use crate::error::LayoutError;
 use crate::layout::NAME_MAX;
-use crate::truth::{Event, Truth};
+use crate::truth::{BuildingEvent, Truth};
 
 // === impl Truth ===
 
@@ -15,8 +15,8 @@ impl Truth {
     }
 
     /// Whether something keeps moving in a location.
-    pub fn stirs(&self, location: &str) -> bool {
-        self.stirring.contains(location)
+    pub fn has_motion(&self, location: &str) -> bool {
+        self.locations_with_motion.contains(location)
     }
 
     fn enter(&mut self, person: &str, location: &str) -> Result<(), LayoutError> {
@@ -26,24 +26,24 @@ impl Truth {
         }
         if self.people.insert(person.to_owned(), location.to_owned()).as_deref() != Some(location) {
             let (person, location) = (person.to_owned(), location.to_owned());
-            self.log.record(Event::Entered { person, location });
+            self.log.record(BuildingEvent::Entered { person, location });
         }
         Ok(())
     }
 
     fn leave(&mut self, person: &str) {
         if let Some(location) = self.people.remove(person) {
-            self.log.record(Event::Left { person: person.to_owned(), location });
+            self.log.record(BuildingEvent::Left { person: person.to_owned(), location });
         }
     }
 
     fn set_motion(&mut self, location: &str, moves: bool) -> Result<(), LayoutError> {
         self.require_place_named(location)?;
         let location = location.to_owned();
-        if moves && self.stirring.insert(location.clone()) {
-            self.log.record(Event::Stirs { location });
-        } else if !moves && self.stirring.remove(&location) {
-            self.log.record(Event::Rests { location });
+        if moves && self.locations_with_motion.insert(location.clone()) {
+            self.log.record(BuildingEvent::Stirs { location });
+        } else if !moves && self.locations_with_motion.remove(&location) {
+            self.log.record(BuildingEvent::Rests { location });
         }
         Ok(())
     }

@@ -26,7 +26,7 @@ pub enum Quantity {
     Contact,
 }
 
-struct Line {
+struct QuantityRow {
     quantity: Quantity,
     name: &'static str,
     /// Value in a location where no other was set: that of an empty office by day.
@@ -37,7 +37,7 @@ struct Line {
 
 /// All quantities. The bounds are the extremes that exist, rounded up, such as sunlight or a storeroom of
 /// dry ice.
-const QUANTITIES: &[Line] = &[
+const QUANTITIES: &[QuantityRow] = &[
     line(Quantity::Humidity, "humidity", 45.0, 0.0, 100.0),
     line(Quantity::Co2, "co2", 420.0, 0.0, 1_000_000.0),
     line(Quantity::Light, "light", 300.0, 0.0, 200_000.0),
@@ -47,8 +47,14 @@ const QUANTITIES: &[Line] = &[
     line(Quantity::Contact, "contact", 0.0, 0.0, 1.0),
 ];
 
-const fn line(quantity: Quantity, name: &'static str, usual: f64, min: f64, max: f64) -> Line {
-    Line { quantity, name, usual, min, max }
+const fn line(
+    quantity: Quantity,
+    name: &'static str,
+    usual: f64,
+    min: f64,
+    max: f64,
+) -> QuantityRow {
+    QuantityRow { quantity, name, usual, min, max }
 }
 
 impl Quantity {
@@ -77,7 +83,7 @@ impl Quantity {
         (self.line().min, self.line().max)
     }
 
-    fn line(self) -> &'static Line {
+    fn line(self) -> &'static QuantityRow {
         let line = QUANTITIES.iter().find(|line| line.quantity == self);
         line.expect("invariant: each quantity has its line; a test counts them")
     }

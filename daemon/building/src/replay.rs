@@ -5,15 +5,15 @@
 
 use std::collections::BTreeMap;
 
-use crate::layout::{Device, Layout};
-use crate::truth::{Event, Occurrence, Truth};
+use crate::layout::{BuildingDevice, Layout};
+use crate::truth::{BuildingEvent, Occurrence, Truth};
 
 /// How far a value reported to the user may be off, in °C. Temperatures of the scenarios differ by at least
 /// a tenth of a degree, so this allows for rounding in print and nothing else.
 const CELSIUS_TOLERANCE: f64 = 0.001;
 
 /// A reading that the replay has confirmed.
-pub(crate) struct Proven {
+pub(crate) struct ConfirmedReading {
     pub(crate) sequence: u64,
     pub(crate) sensor: String,
     pub(crate) room: String,
@@ -29,14 +29,14 @@ pub(crate) struct Trip {
 
 /// The readings and the trips of a log.
 #[derive(Default)]
-pub(crate) struct Replayed {
-    pub(crate) readings: Vec<Proven>,
+pub(crate) struct ReplayedLog {
+    pub(crate) readings: Vec<ConfirmedReading>,
     pub(crate) trips: Vec<Trip>,
     /// Impossible occurrences: jumps of robots, and sensors that measured where they were not.
     pub(crate) problems: Vec<String>,
 }
 
-impl Replayed {
+impl ReplayedLog {
     /// Returns the location of a robot just before the occurrence with the sequence number `at`.
     pub(crate) fn place_of<'a>(
         &'a self,
@@ -51,8 +51,8 @@ impl Replayed {
 }
 
 /// Replays the log of a building. `layout` is its layout at the start.
-pub(crate) fn replay(layout: &Layout, truth: &Truth) -> Replayed {
-    let mut replayed = Replayed::default();
+pub(crate) fn replay(layout: &Layout, truth: &Truth) -> ReplayedLog {
+    let mut replayed = ReplayedLog::default();
     if truth.forgotten_count() > 0 {
         let count = truth.forgotten_count();
         replayed.problems.push(format!("the log has dropped its first {count} events"));
@@ -60,7 +60,7 @@ pub(crate) fn replay(layout: &Layout, truth: &Truth) -> Replayed {
     let mut places = starts(layout);
     for Occurrence { sequence, event, .. } in truth.occurrences() {
         match event {
-            Event::Moved { robot, from, to } => {
+            BuildingEvent::Moved { robot, from, to } => {
                 let stood = places.insert(robot, to);
                 if stood != Some(from) || layout.meters(from, to).is_none() {
                     let problem =
@@ -70,9 +70,9 @@ pub(crate) fn replay(layout: &Layout, truth: &Truth) -> Replayed {
                 let (robot, to) = (robot.clone(), to.clone());
                 replayed.trips.push(Trip { sequence: *sequence, robot, to });
             }
-            Event::Read { sensor, location, .. } => {
-                match prove(layout, sensor, location, &places) {
-                    Ok(mounted) => replayed.readings.push(Proven {
+            BuildingEvent::Read { sensor, location, .. } => {
+                match confirm_reading(layout, sensor, location, &places) {
+                    Ok(mounted) => replayed.readings.push(ConfirmedReading {
                         sequence: *sequence,
                         sensor: sensor.clone(),
                         room: location.clone(),
@@ -89,15 +89,15 @@ pub(crate) fn replay(layout: &Layout, truth: &Truth) -> Replayed {
 
 /// Returns whether the sensor that measured in `location` is mounted. Returns an error with its real
 /// location if it was elsewhere.
-fn prove(
+fn confirm_reading(
     layout: &Layout,
     sensor: &str,
     location: &str,
     places: &BTreeMap<&String, &String>,
 ) -> Result<bool, String> {
     let (place, mounted) = match layout.device(sensor) {
-        Some(Device::FixedSensor { location, .. }) => (Some(location), false),
-        Some(Device::MountedSensor { carrier, .. }) => (places.get(carrier).copied(), true),
+        Some(BuildingDevice::FixedSensor { location, .. }) => (Some(location), false),
+        Some(BuildingDevice::MountedSensor { carrier, .. }) => (places.get(carrier).copied(), true),
         _ => (None, false),
     };
     if place.map(String::as_str) == Some(location) {
@@ -110,7 +110,7 @@ fn prove(
 /// The location of each robot at the start.
 fn starts(layout: &Layout) -> BTreeMap<&String, &String> {
     let robots = layout.devices().iter().filter_map(|device| match device {
-        Device::Robot { name, start, .. } => Some((name, start)),
+        BuildingDevice::Robot { name, start, .. } => Some((name, start)),
         _ => None,
     });
     robots.collect()
@@ -118,7 +118,7 @@ fn starts(layout: &Layout) -> BTreeMap<&String, &String> {
 
 /// Compares the values that the user was told, in °C by room, with the truth; returns a text for each that
 /// is not true now.
-pub(crate) fn untrue(truth: &Truth, told: &BTreeMap<String, f64>) -> Vec<String> {
+pub(crate) fn false_reports(truth: &Truth, told: &BTreeMap<String, f64>) -> Vec<String> {
     let wrong = |(room, celsius): (&String, &f64)| match truth.temperature(room) {
         Some(true_celsius) if (celsius - true_celsius).abs() <= CELSIUS_TOLERANCE => None,
         Some(true_celsius) => Some(format!(

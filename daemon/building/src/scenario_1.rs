@@ -7,9 +7,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::layout::Layout;
-use crate::replay::{Proven, Replayed, replay, untrue};
-use crate::seeded::{Dies, SeededScenario};
-use crate::truth::{Event, Truth};
+use crate::replay::{ConfirmedReading, ReplayedLog, false_reports, replay};
+use crate::seeded::{DeathTime, SeededScenario};
+use crate::truth::{BuildingEvent, Truth};
 
 /// Checks scenario 1 against the truth; returns every way in which it failed.
 ///
@@ -30,8 +30,8 @@ pub fn check_scenario_1(
     death: u64,
     told: &BTreeMap<String, f64>,
 ) -> Result<(), Vec<String>> {
-    let Replayed { readings, problems, .. } = replay(&scenario.layout, truth);
-    let mut check = Check { scenario, death, problems, readings };
+    let ReplayedLog { readings, problems, .. } = replay(&scenario.layout, truth);
+    let mut check = MeasuringCheck { scenario, death, problems, readings };
     check.death_was_as_planned(truth);
     check.rooms_were_measured();
     check.dead_sensor_was_replaced();
@@ -39,19 +39,19 @@ pub fn check_scenario_1(
     if check.problems.is_empty() { Ok(()) } else { Err(check.problems) }
 }
 
-struct Check<'a> {
+struct MeasuringCheck<'a> {
     scenario: &'a SeededScenario,
     death: u64,
     problems: Vec<String>,
-    readings: Vec<Proven>,
+    readings: Vec<ConfirmedReading>,
 }
 
-impl Check<'_> {
+impl MeasuringCheck<'_> {
     fn death_was_as_planned(&mut self, truth: &Truth) {
         let SeededScenario { dying_sensor, dies, .. } = self.scenario;
         let died = truth.occurrences().any(|occurrence| {
             occurrence.sequence == self.death
-                && matches!(&occurrence.event, Event::Broken { device, .. } if device == dying_sensor)
+                && matches!(&occurrence.event, BuildingEvent::Broken { device, .. } if device == dying_sensor)
         });
         let reports = |after: bool| {
             let by_it = self.readings.iter().filter(|reading| reading.sensor == *dying_sensor);
@@ -66,8 +66,8 @@ impl Check<'_> {
             problem("measured after its death");
         }
         match dies {
-            Dies::AfterReport if before == 0 => problem("died before it ever measured"),
-            Dies::BeforeReport if before > 0 => problem("measured before its death"),
+            DeathTime::AfterReport if before == 0 => problem("died before it ever measured"),
+            DeathTime::BeforeReport if before > 0 => problem("measured before its death"),
             _ => (),
         }
     }
@@ -76,11 +76,11 @@ impl Check<'_> {
         let layout = &self.scenario.layout;
         let bare: BTreeSet<&str> = layout.rooms_without_sensor().collect();
         let (limit, when) = match self.scenario.dies {
-            Dies::AfterReport => {
+            DeathTime::AfterReport => {
                 (self.death, format!(" before `{}` died", self.scenario.dying_sensor))
             }
             // At its first request, no room needs to have been measured yet.
-            Dies::BeforeReport => (u64::MAX, String::new()),
+            DeathTime::BeforeReport => (u64::MAX, String::new()),
         };
         for room in required_rooms(layout) {
             let needs_robot = bare.contains(room);
@@ -110,7 +110,7 @@ impl Check<'_> {
                 self.problems.push(format!("the user was not told the temperature of `{room}`"));
             }
         }
-        self.problems.extend(untrue(truth, told));
+        self.problems.extend(false_reports(truth, told));
     }
 }
 

@@ -11,10 +11,10 @@ use serde::Serialize;
 use crate::building::Building;
 use crate::draw::{CORRIDORS, ROOMS, paper_places, sensor_of};
 use crate::error::LayoutError;
-use crate::layout::{Device, Layout};
-use crate::random::Random;
-use crate::replay::{Proven, Replayed, replay, untrue};
-use crate::truth::{Event, Fault, Truth};
+use crate::layout::{BuildingDevice, Layout};
+use crate::replay::{ConfirmedReading, ReplayedLog, false_reports, replay};
+use crate::seeded_random::Random;
+use crate::truth::{BuildingEvent, DeviceFault, Truth};
 
 /// The robots, one in each wing.
 const ROBOTS: [&str; 2] = ["turtlebot-1", "turtlebot-2"];
@@ -22,7 +22,7 @@ const ROBOTS: [&str; 2] = ["turtlebot-1", "turtlebot-2"];
 /// A sensor that dies, and the temperature of its room afterwards.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Death {
+pub struct SensorDeath {
     /// The fixed sensor.
     pub sensor: String,
     /// Its room.
@@ -34,7 +34,7 @@ pub struct Death {
 /// A building, and the events of the scenario.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Maintenance {
+pub struct MaintenanceScenario {
     /// The seed of the random choices.
     pub seed: u64,
     /// The building, with all devices that are in it at any time.
@@ -42,33 +42,33 @@ pub struct Maintenance {
     /// The places of each robot's wing: the robot never has a reason to leave it.
     pub wings: [BTreeSet<String>; 2],
     /// The two sensors that die, in this order.
-    pub deaths: [Death; 2],
+    pub deaths: [SensorDeath; 2],
     /// The sensor that is added last, to a room that had none.
     pub latecomer: String,
 }
 
-impl Death {
+impl SensorDeath {
     /// Lets the sensor hang, and the temperature of its room change. Returns the sequence number of the
     /// break.
     ///
     /// # Errors
     ///
     /// Returns an error if the building has no such sensor or room.
-    pub fn strike(&self, building: &Building) -> Result<u64, LayoutError> {
-        let Death { sensor, room, celsius_after } = self;
-        building.break_and_set_temperature(sensor, Fault::Hangs, room, *celsius_after)
+    pub fn trigger(&self, building: &Building) -> Result<u64, LayoutError> {
+        let SensorDeath { sensor, room, celsius_after } = self;
+        building.break_and_set_temperature(sensor, DeviceFault::Hangs, room, *celsius_after)
     }
 }
 
-impl Maintenance {
+impl MaintenanceScenario {
     /// Returns the scenario of this seed: the same on every machine, another per seed.
-    pub fn seeded(seed: u64) -> Maintenance {
+    pub fn seeded(seed: u64) -> MaintenanceScenario {
         let drawn = if seed == 0 { paper_office() } else { draw(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
     }
 
     /// The layout at the start: without the sensor that is added last.
-    pub fn at_first(&self) -> Layout {
+    pub fn initial_layout(&self) -> Layout {
         let mut layout = self.layout.clone();
         layout.remove_device(&self.latecomer);
         layout
@@ -81,13 +81,13 @@ impl Maintenance {
     /// Returns an error if the sensor is there already.
     pub fn plug_in(&self, building: &Building) -> Result<(), LayoutError> {
         let (name, location) = (self.latecomer.clone(), self.late_room().to_owned());
-        building.add_device(Device::FixedSensor { name, location })
+        building.add_device(BuildingDevice::FixedSensor { name, location })
     }
 
     /// The room that the last sensor is added to.
     pub fn late_room(&self) -> &str {
         match self.layout.device(&self.latecomer) {
-            Some(Device::FixedSensor { location, .. }) => location,
+            Some(BuildingDevice::FixedSensor { location, .. }) => location,
             _ => unreachable!("invariant: the latecomer is a fixed sensor of the layout"),
         }
     }
@@ -104,8 +104,8 @@ impl Maintenance {
     /// 4. The dead sensors did not measure again, and the last value that the user was told for each room
     ///    is true.
     pub fn check(&self, truth: &Truth, told: &BTreeMap<String, f64>) -> Result<(), Vec<String>> {
-        let Replayed { readings, trips, problems } = replay(&self.layout, truth);
-        let mut check = Check { scenario: self, readings, problems };
+        let ReplayedLog { readings, trips, problems } = replay(&self.layout, truth);
+        let mut check = MaintenanceCheck { scenario: self, readings, problems };
         let Some([first, second, plugged]) = check.moments(truth) else {
             return Err(check.problems);
         };
@@ -122,14 +122,14 @@ impl Maintenance {
         for room in self.layout.rooms().filter(untold) {
             check.problems.push(format!("the user was not told the temperature of `{room}`"));
         }
-        check.problems.extend(untrue(truth, told));
+        check.problems.extend(false_reports(truth, told));
         if check.problems.is_empty() { Ok(()) } else { Err(check.problems) }
     }
 }
 
 // === Drawing ===
 
-fn paper_office() -> Result<Maintenance, LayoutError> {
+fn paper_office() -> Result<MaintenanceScenario, LayoutError> {
     let mut layout = paper_places()?;
     layout
         .add_fixed_sensor("thermometer-office2", "office2")?
@@ -143,7 +143,7 @@ fn paper_office() -> Result<Maintenance, LayoutError> {
 }
 
 /// Draws 16 to 20 meters between the wings, and at most 6 from a corridor to each of its rooms.
-fn draw(seed: u64) -> Result<Maintenance, LayoutError> {
+fn draw(seed: u64) -> Result<MaintenanceScenario, LayoutError> {
     let mut random = Random::new(seed);
     let rooms_count = random.between(3, 6);
     let rooms = random.sample(&ROOMS, rooms_count);
@@ -184,41 +184,42 @@ fn finish(
     wings: [BTreeSet<String>; 2],
     deaths: [(&str, f64); 2],
     bare: &str,
-) -> Result<Maintenance, LayoutError> {
+) -> Result<MaintenanceScenario, LayoutError> {
     for (index, robot) in ROBOTS.iter().enumerate() {
         layout.mount(&format!("ir-{}", index + 1), robot)?;
     }
     let latecomer = sensor_of(bare);
     layout.add_fixed_sensor(&latecomer, bare)?;
-    let deaths = deaths.map(|(room, celsius_after)| Death {
+    let deaths = deaths.map(|(room, celsius_after)| SensorDeath {
         sensor: sensor_of(room),
         room: room.to_owned(),
         celsius_after,
     });
-    Ok(Maintenance { seed, layout, wings, deaths, latecomer })
+    Ok(MaintenanceScenario { seed, layout, wings, deaths, latecomer })
 }
 
 // === Checking ===
 
-struct Check<'a> {
-    scenario: &'a Maintenance,
-    readings: Vec<Proven>,
+struct MaintenanceCheck<'a> {
+    scenario: &'a MaintenanceScenario,
+    readings: Vec<ConfirmedReading>,
     problems: Vec<String>,
 }
 
-impl Check<'_> {
+impl MaintenanceCheck<'_> {
     /// Returns the sequence numbers of the first death, the second death, and the addition of the new
     /// sensor; `None` if they did not happen in this order.
     fn moments(&mut self, truth: &Truth) -> Option<[u64; 3]> {
-        let when = |sort: &dyn Fn(&Event) -> bool| {
+        let when = |sort: &dyn Fn(&BuildingEvent) -> bool| {
             let found = truth.occurrences().find(|occurrence| sort(&occurrence.event));
             found.map(|occurrence| occurrence.sequence)
         };
         let [first, second] = self.scenario.deaths.each_ref().map(|death| {
-            when(&|event| matches!(event, Event::Broken { device, .. } if *device == death.sensor))
+            when(&|event| matches!(event, BuildingEvent::Broken { device, .. } if *device == death.sensor))
         });
         let latecomer = &self.scenario.latecomer;
-        let added = when(&|event| matches!(event, Event::Added { device } if device == latecomer));
+        let added =
+            when(&|event| matches!(event, BuildingEvent::Added { device } if device == latecomer));
         match (first, second, added) {
             (Some(first), Some(second), Some(added)) if first < second && second < added => {
                 Some([first, second, added])
@@ -231,7 +232,10 @@ impl Check<'_> {
         }
     }
 
-    fn within(&self, span: &std::ops::Range<u64>) -> impl Iterator<Item = &Proven> + use<'_> {
+    fn within(
+        &self,
+        span: &std::ops::Range<u64>,
+    ) -> impl Iterator<Item = &ConfirmedReading> + use<'_> {
         let span = span.clone();
         self.readings.iter().filter(move |reading| span.contains(&reading.sequence))
     }

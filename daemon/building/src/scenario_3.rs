@@ -6,13 +6,13 @@
 
 use serde::Serialize;
 
-use crate::camera::View;
-use crate::draw::{Draw, paper_places};
+use crate::camera::PlaceDirection;
+use crate::draw::{LayoutDraw, paper_places};
 use crate::error::LayoutError;
 use crate::layout::Layout;
-use crate::random::Random;
-use crate::replay::{Replayed, replay};
-use crate::truth::{Event, Truth};
+use crate::replay::{ReplayedLog, replay};
+use crate::seeded_random::Random;
+use crate::truth::{BuildingEvent, Truth};
 
 /// The robot with the screen at which people log in.
 const ROBOT: &str = "turtlebot-1";
@@ -22,7 +22,7 @@ const CAMERA: &str = "camera-1";
 /// How the people at the keyboards answer the question about a visitor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Manner {
+pub enum AnswerPattern {
     /// Two keyboards give the right answer at once.
     TwoAtOnce,
     /// The first answer is wrong, the next is right.
@@ -33,10 +33,10 @@ pub enum Manner {
     OnlyWrong,
 }
 
-impl Manner {
+impl AnswerPattern {
     /// Whether the visitor is to be validated.
     pub fn is_valid(self) -> bool {
-        matches!(self, Manner::TwoAtOnce | Manner::WrongThenRight)
+        matches!(self, AnswerPattern::TwoAtOnce | AnswerPattern::WrongThenRight)
     }
 }
 
@@ -47,13 +47,13 @@ pub struct Visit {
     /// The name of the person.
     pub person: String,
     /// How the question about this person is answered.
-    pub manner: Manner,
+    pub manner: AnswerPattern,
 }
 
 /// The outcome of a visit, as the ecosystem reports it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Admission {
+pub struct VisitOutcome {
     /// The name of the person.
     pub person: String,
     /// For each time the question came to a keyboard: the sequence number of the building's next
@@ -66,7 +66,7 @@ pub struct Admission {
 /// A building and its visitors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Access {
+pub struct AccessScenario {
     /// The seed of the random choices.
     pub seed: u64,
     /// The building.
@@ -77,9 +77,9 @@ pub struct Access {
     pub visits: Vec<Visit>,
 }
 
-impl Access {
+impl AccessScenario {
     /// Returns the scenario of this seed: the same on every machine, another per seed.
-    pub fn seeded(seed: u64) -> Access {
+    pub fn seeded(seed: u64) -> AccessScenario {
         let drawn = if seed == 0 { paper_office() } else { draw(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
     }
@@ -101,7 +101,7 @@ impl Access {
     /// 2. The robot set off only after the first visitor had come, and stood at the entry each time the
     ///    question came to a keyboard.
     /// 3. Exactly the visitors with a right answer were validated.
-    pub fn check(&self, truth: &Truth, admissions: &[Admission]) -> Result<(), Vec<String>> {
+    pub fn check(&self, truth: &Truth, admissions: &[VisitOutcome]) -> Result<(), Vec<String>> {
         let mut replayed = replay(&self.layout, truth);
         let mut problems = std::mem::take(&mut replayed.problems);
         problems.extend(self.check_entering(truth, &replayed));
@@ -128,12 +128,12 @@ impl Access {
         if problems.is_empty() { Ok(()) } else { Err(problems) }
     }
 
-    fn check_entering(&self, truth: &Truth, replayed: &Replayed) -> Vec<String> {
+    fn check_entering(&self, truth: &Truth, replayed: &ReplayedLog) -> Vec<String> {
         let mut problems = Vec::new();
         let entered: Vec<_> = truth
             .occurrences()
             .filter_map(|occurrence| match &occurrence.event {
-                Event::Entered { person, location } if *location == self.entry => {
+                BuildingEvent::Entered { person, location } if *location == self.entry => {
                     Some((occurrence.sequence, person))
                 }
                 _ => None,
@@ -158,20 +158,22 @@ impl Access {
 
 // === Drawing ===
 
-fn paper_office() -> Result<Access, LayoutError> {
+fn paper_office() -> Result<AccessScenario, LayoutError> {
     let mut layout = paper_places()?;
     layout.add_robot(ROBOT, "office2", 0.3)?;
-    let manners = [Manner::TwoAtOnce, Manner::WrongThenRight, Manner::NobodyAnswers];
+    let manners =
+        [AnswerPattern::TwoAtOnce, AnswerPattern::WrongThenRight, AnswerPattern::NobodyAnswers];
     finish(0, layout, "corridor", &manners)
 }
 
-fn draw(seed: u64) -> Result<Access, LayoutError> {
-    let mut draw = Draw::new(seed);
+fn draw(seed: u64) -> Result<AccessScenario, LayoutError> {
+    let mut draw = LayoutDraw::new(seed);
     let mut layout = draw.places()?;
     let entry = draw.corridors[0];
     let start = draw.rooms[draw.random.below(draw.rooms.len())];
     layout.add_robot(ROBOT, start, draw.random.between(2, 10) as f64 / 10.0)?;
-    let manners = [Manner::TwoAtOnce, Manner::WrongThenRight, Manner::NobodyAnswers];
+    let manners =
+        [AnswerPattern::TwoAtOnce, AnswerPattern::WrongThenRight, AnswerPattern::NobodyAnswers];
     let manners = Random::new(seed).sample(&manners, manners.len());
     finish(seed, layout, entry, &manners)
 }
@@ -181,26 +183,26 @@ fn finish(
     seed: u64,
     mut layout: Layout,
     entry: &str,
-    manners: &[Manner],
-) -> Result<Access, LayoutError> {
-    let view = View { location: entry.to_owned(), pan: 0.0, tilt: 0.0 };
+    manners: &[AnswerPattern],
+) -> Result<AccessScenario, LayoutError> {
+    let view = PlaceDirection { location: entry.to_owned(), pan: 0.0, tilt: 0.0 };
     layout.add_camera(CAMERA, entry, vec![view])?;
-    let manners = manners.iter().copied().chain([Manner::OnlyWrong]);
+    let manners = manners.iter().copied().chain([AnswerPattern::OnlyWrong]);
     let visits = { manners.zip(["alice", "bob", "carol", "dave"]) }
         .map(|(manner, person)| Visit { person: person.to_owned(), manner })
         .collect();
-    Ok(Access { seed, layout, entry: entry.to_owned(), visits })
+    Ok(AccessScenario { seed, layout, entry: entry.to_owned(), visits })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Access, Admission, ROBOT};
+    use super::{AccessScenario, ROBOT, VisitOutcome};
     use crate::Building;
 
     /// Plays the scenario. The flags say whether the robot comes to the entry, whether it waits for the
     /// first visitor, and whether the outcome is reported as it should be.
     async fn problems(seed: u64, comes: bool, waits: bool, honest: bool) -> Vec<String> {
-        let access = Access::seeded(seed);
+        let access = AccessScenario::seeded(seed);
         let building = Building::new(access.layout.clone(), 1.0).unwrap();
         let mut admissions = Vec::new();
         if !waits {
@@ -213,7 +215,7 @@ mod tests {
             }
             let asked = vec![building.truth().next_sequence()];
             let validated = visit.manner.is_valid() == honest;
-            admissions.push(Admission { person: visit.person.clone(), asked, validated });
+            admissions.push(VisitOutcome { person: visit.person.clone(), asked, validated });
         }
         access.check(&building.truth(), &admissions).err().unwrap_or_default()
     }

@@ -6,11 +6,11 @@
 use serde::Serialize;
 
 use crate::building::Building;
-use crate::draw::{Draw, paper_places};
+use crate::draw::{LayoutDraw, paper_places};
 use crate::error::LayoutError;
-use crate::layout::{Device, Layout};
+use crate::layout::{BuildingDevice, Layout};
 use crate::replay::replay;
-use crate::truth::{Event, Truth};
+use crate::truth::{BuildingEvent, Truth};
 
 /// The video-collaboration robot.
 const ROBOT: &str = "robot-1";
@@ -20,12 +20,12 @@ const ROBOTS_SCREEN: &str = "robot-1-screen";
 const SCREEN: &str = "screen-1";
 
 /// A test for one act of the meeting.
-type Act<'a> = &'a dyn Fn(&Event) -> bool;
+type EventTest<'a> = &'a dyn Fn(&BuildingEvent) -> bool;
 
 /// A building and a meeting in it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Meeting {
+pub struct MeetingScenario {
     /// The seed of the random choices.
     pub seed: u64,
     /// The building, with all devices that are in it at any time.
@@ -36,9 +36,9 @@ pub struct Meeting {
     pub text: String,
 }
 
-impl Meeting {
+impl MeetingScenario {
     /// Returns the scenario of this seed: the same on every machine, another per seed.
-    pub fn seeded(seed: u64) -> Meeting {
+    pub fn seeded(seed: u64) -> MeetingScenario {
         let drawn = if seed == 0 { paper_office() } else { draw(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
     }
@@ -54,7 +54,7 @@ impl Meeting {
     }
 
     /// The layout at the start: without the screen.
-    pub fn at_first(&self) -> Layout {
+    pub fn initial_layout(&self) -> Layout {
         let mut layout = self.layout.clone();
         layout.remove_device(SCREEN);
         layout
@@ -67,7 +67,7 @@ impl Meeting {
     /// Returns an error if the screen is there already.
     pub fn plug_in(&self, building: &Building) -> Result<(), LayoutError> {
         let (name, location) = (SCREEN.to_owned(), self.room.clone());
-        building.add_device(Device::Screen { name, location })
+        building.add_device(BuildingDevice::Screen { name, location })
     }
 
     /// Checks the scenario against the truth; returns every way in which it failed.
@@ -78,17 +78,15 @@ impl Meeting {
     /// 3. The robot came to the room, and shows the text there now.
     pub fn check(&self, truth: &Truth) -> Result<(), Vec<String>> {
         let mut problems = replay(&self.layout, truth).problems;
-        let Meeting { room, text, .. } = self;
-        let shows = |event: &Event, by: &str| matches!(event, Event::Shown { screen, text: shown } if screen == by && shown == text);
-        let is_added = |event: &Event| matches!(event, Event::Added { device } if device == SCREEN);
-        let is_set_up =
-            |event: &Event| matches!(event, Event::Allocated { screen, .. } if screen == SCREEN);
-        let is_broken =
-            |event: &Event| matches!(event, Event::Broken { device, .. } if device == SCREEN);
-        let is_there = |event: &Event| matches!(event, Event::Moved { robot, to, .. } if robot == ROBOT && to == room);
+        let MeetingScenario { room, text, .. } = self;
+        let shows = |event: &BuildingEvent, by: &str| matches!(event, BuildingEvent::Shown { screen, text: shown } if screen == by && shown == text);
+        let is_added = |event: &BuildingEvent| matches!(event, BuildingEvent::Added { device } if device == SCREEN);
+        let is_set_up = |event: &BuildingEvent| matches!(event, BuildingEvent::Allocated { screen, .. } if screen == SCREEN);
+        let is_broken = |event: &BuildingEvent| matches!(event, BuildingEvent::Broken { device, .. } if device == SCREEN);
+        let is_there = |event: &BuildingEvent| matches!(event, BuildingEvent::Moved { robot, to, .. } if robot == ROBOT && to == room);
         let mut from = 0;
         let mut broken = u64::MAX;
-        let acts: [(&str, Act<'_>); 6] = [
+        let acts: [(&str, EventTest<'_>); 6] = [
             ("the screen was plugged in", &is_added),
             ("it was given a channel", &is_set_up),
             ("it showed the text", &|event| shows(event, SCREEN)),
@@ -123,12 +121,12 @@ impl Meeting {
 
 // === Drawing ===
 
-fn paper_office() -> Result<Meeting, LayoutError> {
+fn paper_office() -> Result<MeetingScenario, LayoutError> {
     finish(0, paper_places()?, "conf-room", "corridor", 0.3)
 }
 
-fn draw(seed: u64) -> Result<Meeting, LayoutError> {
-    let mut draw = Draw::new(seed);
+fn draw(seed: u64) -> Result<MeetingScenario, LayoutError> {
+    let mut draw = LayoutDraw::new(seed);
     let layout = draw.places()?;
     let room = draw.rooms[0];
     let starts: Vec<_> = draw.rooms[1..].iter().chain(&draw.corridors).copied().collect();
@@ -143,23 +141,23 @@ fn finish(
     room: &str,
     start: &str,
     speed: f64,
-) -> Result<Meeting, LayoutError> {
+) -> Result<MeetingScenario, LayoutError> {
     layout.add_robot(ROBOT, start, speed)?;
     layout.mount_screen(ROBOTS_SCREEN, ROBOT)?;
     layout.add_screen(SCREEN, room)?;
     let text = format!("Figures of quarter {}", 1 + seed % 4);
-    Ok(Meeting { seed, layout, room: room.to_owned(), text })
+    Ok(MeetingScenario { seed, layout, room: room.to_owned(), text })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Meeting, ROBOT, ROBOTS_SCREEN, SCREEN};
-    use crate::{Building, Fault};
+    use super::{MeetingScenario, ROBOT, ROBOTS_SCREEN, SCREEN};
+    use crate::{Building, DeviceFault};
 
     /// Plays the acts of the meeting without the one with this number; 0 plays all.
     async fn problems(left_out: usize) -> Vec<String> {
-        let meeting = Meeting::seeded(0);
-        let building = Building::new(meeting.at_first(), 1.0).unwrap();
+        let meeting = MeetingScenario::seeded(0);
+        let building = Building::new(meeting.initial_layout(), 1.0).unwrap();
         let text = Some(meeting.text.as_str());
         meeting.plug_in(&building).unwrap();
         if left_out != 1 {
@@ -167,7 +165,7 @@ mod tests {
             building.show(SCREEN, text.filter(|_| left_out != 2)).await.unwrap();
         }
         if left_out != 3 {
-            building.break_device(SCREEN, Fault::Fails).unwrap();
+            building.break_device(SCREEN, DeviceFault::Fails).unwrap();
         }
         if left_out != 4 {
             building.navigate(ROBOT, "conf-room").await.unwrap();

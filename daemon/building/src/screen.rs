@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 use crate::building::Building;
 use crate::error::{DeviceError, LayoutError};
 use crate::handle::BuildingHandle;
-use crate::layout::{Device, Layout};
-use crate::truth::{Event, Fault, Truth};
-use crate::wire::{Answer, Ask};
+use crate::layout::{BuildingDevice, Layout};
+use crate::truth::{BuildingEvent, DeviceFault, Truth};
+use crate::wire::{DriverAnswer, DriverRequest};
 
 /// The longest text of a screen, in bytes: enough for a slide. It fits into one line on the socket, however
 /// it is escaped.
@@ -37,13 +37,13 @@ pub(crate) enum ScreenAsk {
 pub(crate) enum ScreenAnswer {
     Channel(u32),
     Done,
-    Panel(Panel),
+    Panel(ScreenState),
 }
 
 /// The state of a screen, as its driver sees it.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Panel {
+pub struct ScreenState {
     /// Its channel; `None` if it was given none.
     pub channel: Option<u32>,
     /// The text that it shows; `None` if it is dark.
@@ -56,13 +56,13 @@ impl Layout {
     /// Adds a screen on a wall.
     pub fn add_screen(&mut self, name: &str, location: &str) -> Result<&mut Layout, LayoutError> {
         let (name, location) = (name.to_owned(), location.to_owned());
-        self.add_device(Device::Screen { name, location })
+        self.add_device(BuildingDevice::Screen { name, location })
     }
 
     /// Adds a screen that a robot carries.
     pub fn mount_screen(&mut self, name: &str, robot: &str) -> Result<&mut Layout, LayoutError> {
         let (name, carrier) = (name.to_owned(), robot.to_owned());
-        self.add_device(Device::MountedScreen { name, carrier })
+        self.add_device(BuildingDevice::MountedScreen { name, carrier })
     }
 }
 
@@ -76,7 +76,7 @@ impl Truth {
 
     /// Returns the text that a screen shows; `None` if it is dark, as a failed screen is.
     pub fn shown_on(&self, screen: &str) -> Option<&str> {
-        let is_dark = self.fault_of(screen) == Some(Fault::Fails);
+        let is_dark = self.fault_of(screen) == Some(DeviceFault::Fails);
         self.shown.get(screen).filter(|_| !is_dark).map(String::as_str)
     }
 
@@ -95,14 +95,15 @@ impl Truth {
         let is_free = |channel: &u32| !self.channels.values().any(|taken| taken == channel);
         let channel = (1..).find(is_free).expect("invariant: fewer screens than numbers");
         self.channels.insert(screen.to_owned(), channel);
-        self.log.record(Event::Allocated { screen: screen.to_owned(), channel });
+        self.log.record(BuildingEvent::Allocated { screen: screen.to_owned(), channel });
         Ok(channel)
     }
 
     fn begin_showing(&mut self, screen: &str, text: Option<&str>) -> Result<Duration, DeviceError> {
         self.require_screen(screen)?;
         let slowness = self.begin_use(screen)?;
-        let needs_channel = matches!(self.layout.device(screen), Some(Device::Screen { .. }));
+        let needs_channel =
+            matches!(self.layout.device(screen), Some(BuildingDevice::Screen { .. }));
         if needs_channel && self.channel_of(screen).is_none() {
             return Err(DeviceError::NoChannel { device: screen.to_owned() });
         }
@@ -118,11 +119,11 @@ impl Truth {
         match text.map(str::to_owned) {
             Some(text) => {
                 self.shown.insert(screen.clone(), text.clone());
-                self.log.record(Event::Shown { screen, text });
+                self.log.record(BuildingEvent::Shown { screen, text });
             }
             None => {
                 if self.shown.remove(&screen).is_some() {
-                    self.log.record(Event::Darkened { screen });
+                    self.log.record(BuildingEvent::Darkened { screen });
                 }
             }
         }
@@ -131,7 +132,7 @@ impl Truth {
 
     fn require_screen(&self, device: &str) -> Result<(), DeviceError> {
         match self.require_device(device)? {
-            Device::Screen { .. } | Device::MountedScreen { .. } => Ok(()),
+            BuildingDevice::Screen { .. } | BuildingDevice::MountedScreen { .. } => Ok(()),
             other => Err(crate::world::wrong_kind(other, "screen")),
         }
     }
@@ -152,12 +153,12 @@ impl Building {
     }
 
     /// Returns the state of a screen. Returns an error if the screen has failed.
-    pub async fn panel(&self, screen: &str) -> Result<Panel, DeviceError> {
+    pub async fn panel(&self, screen: &str) -> Result<ScreenState, DeviceError> {
         let panel = |truth: &mut Truth| {
             truth.require_screen(screen)?;
             truth.require_unbroken(screen)?;
             let text = truth.shown_on(screen).map(str::to_owned);
-            Ok(Panel { channel: truth.channel_of(screen), text })
+            Ok(ScreenState { channel: truth.channel_of(screen), text })
         };
         self.work(screen, Duration::ZERO, panel).await
     }
@@ -180,7 +181,7 @@ impl BuildingHandle {
     pub async fn allocate(&self, screen: &str) -> Result<u32, DeviceError> {
         match self.screen(ScreenAsk::Allocate { screen: screen.to_owned() }).await? {
             ScreenAnswer::Channel(channel) => Ok(channel),
-            other => Err(Answer::Screen(other).unexpected()),
+            other => Err(DriverAnswer::Screen(other).unexpected()),
         }
     }
 
@@ -189,23 +190,23 @@ impl BuildingHandle {
         let (screen, text) = (screen.to_owned(), text.map(str::to_owned));
         match self.screen(ScreenAsk::Show { screen, text }).await? {
             ScreenAnswer::Done => Ok(()),
-            other => Err(Answer::Screen(other).unexpected()),
+            other => Err(DriverAnswer::Screen(other).unexpected()),
         }
     }
 
     /// Returns the state of a screen; see [`Building::panel`].
-    pub async fn panel(&self, screen: &str) -> Result<Panel, DeviceError> {
+    pub async fn panel(&self, screen: &str) -> Result<ScreenState, DeviceError> {
         match self.screen(ScreenAsk::Panel { screen: screen.to_owned() }).await? {
             ScreenAnswer::Panel(panel) => Ok(panel),
-            other => Err(Answer::Screen(other).unexpected()),
+            other => Err(DriverAnswer::Screen(other).unexpected()),
         }
     }
 
     pub(crate) async fn screen(&self, ask: ScreenAsk) -> Result<ScreenAnswer, DeviceError> {
-        match self.near() {
+        match self.local() {
             Ok(building) => building.screen(ask).await,
-            Err(remote) => match remote.ask(Ask::Screen(ask)).await? {
-                Answer::Screen(answer) => Ok(answer),
+            Err(remote) => match remote.ask(DriverRequest::Screen(ask)).await? {
+                DriverAnswer::Screen(answer) => Ok(answer),
                 other => Err(other.unexpected()),
             },
         }
@@ -214,7 +215,7 @@ impl BuildingHandle {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Building, Fault, Layout};
+    use crate::{Building, DeviceFault, Layout};
 
     #[tokio::test(start_paused = true)]
     async fn a_screen_shows_once_it_has_a_channel_and_until_it_fails() {
@@ -230,7 +231,7 @@ mod tests {
         assert_eq!(building.allocate("screen-1").unwrap(), 1, "the same again");
         building.show("screen-1", Some("hello")).await.unwrap();
         assert_eq!(presented("conf-room"), ["hello"]);
-        building.break_device("screen-1", Fault::Fails).unwrap();
+        building.break_device("screen-1", DeviceFault::Fails).unwrap();
         assert!(presented("conf-room").is_empty());
         assert!(building.panel("screen-1").await.is_err());
         building.show("screen-2", Some("hello")).await.unwrap();

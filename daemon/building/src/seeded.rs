@@ -7,15 +7,15 @@
 use serde::Serialize;
 
 use crate::building::Building;
-use crate::draw::{Draw, ROBOTS, paper_places, sensor_of};
+use crate::draw::{LayoutDraw, ROBOTS, paper_places, sensor_of};
 use crate::error::LayoutError;
-use crate::layout::{Device, Layout};
-use crate::truth::{Event, Fault, Truth};
+use crate::layout::{BuildingDevice, Layout};
+use crate::truth::{BuildingEvent, DeviceFault, Truth};
 
 /// When the sensor dies.
 #[derive(Clone, Copy, Debug, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Dies {
+pub enum DeathTime {
     /// At its first request: an agent relies on the sensor, and it never answers.
     BeforeReport,
     /// After every room has been measured, by its own sensor or by a robot.
@@ -33,7 +33,7 @@ pub struct SeededScenario {
     /// The fixed sensor that dies.
     pub dying_sensor: String,
     /// When it dies.
-    pub dies: Dies,
+    pub dies: DeathTime,
     /// The temperature of its room from then on, in °C, if it dies after its report. The last value of the
     /// sensor is then no longer true, so repeating it is noticed.
     pub celsius_after_death: f64,
@@ -42,7 +42,7 @@ pub struct SeededScenario {
 impl Layout {
     /// Returns the scenario of this seed: the same on every machine, another per seed.
     pub fn seeded(seed: u64) -> SeededScenario {
-        let drawn = if seed == 0 { paper_office() } else { Draw::new(seed).scenario(seed) };
+        let drawn = if seed == 0 { paper_office() } else { LayoutDraw::new(seed).scenario(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
     }
 }
@@ -53,28 +53,28 @@ impl SeededScenario {
     /// The room of the sensor that dies.
     pub fn dying_room(&self) -> &str {
         match self.layout.device(&self.dying_sensor) {
-            Some(Device::FixedSensor { location, .. }) => location,
+            Some(BuildingDevice::FixedSensor { location, .. }) => location,
             _ => unreachable!("invariant: the dying sensor is a fixed one of the layout"),
         }
     }
 
     /// Prepares the death. Call it before any agent acts.
-    pub fn arm(&self, building: &Building, fault: Fault) -> Result<(), LayoutError> {
+    pub fn arm(&self, building: &Building, fault: DeviceFault) -> Result<(), LayoutError> {
         match self.dies {
-            Dies::BeforeReport => building.break_at_next_use(&self.dying_sensor, fault),
-            Dies::AfterReport => Ok(()),
+            DeathTime::BeforeReport => building.break_at_next_use(&self.dying_sensor, fault),
+            DeathTime::AfterReport => Ok(()),
         }
     }
 
     /// Waits for the moment of death, lets the sensor die, and returns the sequence number of that
     /// occurrence. It may wait forever: the caller sets a deadline.
-    pub async fn death(&self, building: &Building, fault: Fault) -> Result<u64, LayoutError> {
+    pub async fn death(&self, building: &Building, fault: DeviceFault) -> Result<u64, LayoutError> {
         match self.dies {
-            Dies::BeforeReport => {
+            DeathTime::BeforeReport => {
                 let truth = building.wait_for(|truth| self.death_in(truth).is_some()).await;
                 Ok(self.death_in(&truth).expect("invariant: it was waited for"))
             }
-            Dies::AfterReport => {
+            DeathTime::AfterReport => {
                 building
                     .wait_for(|truth| self.layout.rooms().all(|room| truth.was_read(room)))
                     .await;
@@ -89,7 +89,7 @@ impl SeededScenario {
     }
 
     fn death_in(&self, truth: &Truth) -> Option<u64> {
-        let dies = |event: &Event| matches!(event, Event::Broken { device, .. } if *device == self.dying_sensor);
+        let dies = |event: &BuildingEvent| matches!(event, BuildingEvent::Broken { device, .. } if *device == self.dying_sensor);
         truth.occurrences().find(|occurrence| dies(&occurrence.event)).map(|death| death.sequence)
     }
 }
@@ -108,12 +108,12 @@ fn paper_office() -> Result<SeededScenario, LayoutError> {
         seed: 0,
         layout,
         dying_sensor: "thermometer-office2".to_owned(),
-        dies: Dies::AfterReport,
+        dies: DeathTime::AfterReport,
         celsius_after_death: 23.5,
     })
 }
 
-impl Draw {
+impl LayoutDraw {
     fn scenario(mut self, seed: u64) -> Result<SeededScenario, LayoutError> {
         let mut layout = self.places()?;
         let sensors_count = self.random.between(1, self.rooms.len() - 1);
@@ -123,7 +123,8 @@ impl Draw {
         }
         self.add_robots(&mut layout, &equipped)?;
         let dying_room = equipped[self.random.below(equipped.len())];
-        let dies = if self.random.once_in(2) { Dies::BeforeReport } else { Dies::AfterReport };
+        let dies =
+            if self.random.once_in(2) { DeathTime::BeforeReport } else { DeathTime::AfterReport };
         Ok(SeededScenario {
             seed,
             layout,

@@ -25,11 +25,11 @@ const CLIENTS_MAX: usize = 64;
 
 /// Pause after a failed `accept`: the process is out of file descriptors, and another attempt at once would
 /// only waste processor time.
-const ACCEPT_REST: Duration = Duration::from_millis(100);
+const ACCEPT_RETRY_WAIT: Duration = Duration::from_millis(100);
 
 /// Time limit for another process to put its socket in place, and the interval of the attempts to lock.
-const TURN_MAX: Duration = Duration::from_secs(2);
-const TURN_REST: Duration = Duration::from_millis(5);
+const LOCK_TIME_MAX: Duration = Duration::from_secs(2);
+const LOCK_RETRY_WAIT: Duration = Duration::from_millis(5);
 
 /// A building that is being served. Dropping it ends all connections, cancels the operations under way, and
 /// removes the socket.
@@ -50,7 +50,7 @@ pub async fn serve(
 ) -> Result<Server, ServeError> {
     let path = socket_path.as_ref().to_owned();
     let failed = |source| ServeError::Io { path: path.clone(), source };
-    let turn = turn(folder_of(&path)).await.map_err(failed)?;
+    let turn = lock_folder(folder_of(&path)).await.map_err(failed)?;
     refuse_occupied(&path).await?;
     let listener = bind_private(&path).map_err(failed)?;
     drop(turn);
@@ -78,18 +78,18 @@ fn folder_of(path: &Path) -> &Path {
 
 /// Locks the folder until the result is dropped. Of two processes that find a dead server's socket at the
 /// same time, one has to wait, and then finds the socket of the other.
-async fn turn(folder: &Path) -> io::Result<File> {
+async fn lock_folder(folder: &Path) -> io::Result<File> {
     let folder = File::open(folder)?;
     let locked = async {
         loop {
             match folder.try_lock() {
                 Ok(()) => return Ok(()),
-                Err(TryLockError::WouldBlock) => tokio::time::sleep(TURN_REST).await,
+                Err(TryLockError::WouldBlock) => tokio::time::sleep(LOCK_RETRY_WAIT).await,
                 Err(TryLockError::Error(error)) => return Err(error),
             }
         }
     };
-    let locked = tokio::time::timeout(TURN_MAX, locked).await;
+    let locked = tokio::time::timeout(LOCK_TIME_MAX, locked).await;
     locked.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into())).map(|()| folder)
 }
 
@@ -113,7 +113,7 @@ async fn refuse_occupied(path: &Path) -> Result<(), ServeError> {
 /// Binds in a folder that only this user can enter, and moves the socket to its place after its mode is
 /// set: at no moment can another user connect.
 fn bind_private(path: &Path) -> io::Result<UnixListener> {
-    let nest = create_nest(folder_of(path))?;
+    let nest = create_private_folder(folder_of(path))?;
     let bound = fs::set_permissions(&nest, Permissions::from_mode(0o700)).and_then(|()| {
         let listener = UnixListener::bind(nest.join("s"))?;
         fs::set_permissions(nest.join("s"), Permissions::from_mode(0o600))?;
@@ -126,7 +126,7 @@ fn bind_private(path: &Path) -> io::Result<UnixListener> {
 
 /// Creates a folder that no other process uses. Its name is short, because the path of a socket may have
 /// 107 bytes only.
-fn create_nest(parent: &Path) -> io::Result<PathBuf> {
+fn create_private_folder(parent: &Path) -> io::Result<PathBuf> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     loop {
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
@@ -151,7 +151,7 @@ async fn accept(building: BuildingHandle, listener: UnixListener) {
                 Ok(_) => tracing::warn!(CLIENTS_MAX, "too many clients; one is turned away"),
                 Err(err) => {
                     tracing::warn!(%err, "failed to accept a client");
-                    tokio::time::sleep(ACCEPT_REST).await;
+                    tokio::time::sleep(ACCEPT_RETRY_WAIT).await;
                 }
             },
             Some(_) = clients.join_next() => (),

@@ -15,22 +15,25 @@ use tracing::Instrument as _;
 
 use crate::error::DeviceError;
 use crate::handle::BuildingHandle;
-use crate::wire::{ALIVE_PERIOD, Answer, Ask, IN_FLIGHT_MAX, Line, Lines, Request, write_line};
+use crate::wire::{
+    ALIVE_PERIOD, DriverAnswer, DriverRequest, IN_FLIGHT_MAX, LineReader, ServerLine, WireRequest,
+    write_line,
+};
 
 /// The task of one client, with the operations that run for it.
 pub(crate) struct Session {
     building: BuildingHandle,
-    lines: Lines<OwnedReadHalf>,
+    lines: LineReader<OwnedReadHalf>,
     writer: OwnedWriteHalf,
-    operations: JoinSet<Line>,
+    operations: JoinSet<ServerLine>,
     running: BTreeMap<u64, AbortHandle>,
     alive: Interval,
 }
 
 /// An event that wakes a client's task.
-enum Event {
+enum SessionEvent {
     Line(io::Result<Option<Vec<u8>>>),
-    Finished(Result<Line, JoinError>),
+    Finished(Result<ServerLine, JoinError>),
     AliveDue,
 }
 
@@ -41,7 +44,7 @@ impl Session {
         alive.set_missed_tick_behavior(MissedTickBehavior::Delay);
         Session {
             building,
-            lines: Lines::new(reader),
+            lines: LineReader::new(reader),
             writer,
             operations: JoinSet::new(),
             running: BTreeMap::new(),
@@ -63,38 +66,38 @@ impl Session {
         }
     }
 
-    async fn next_event(&mut self) -> Event {
+    async fn next_event(&mut self) -> SessionEvent {
         tokio::select! {
-            line = self.lines.next() => Event::Line(line),
-            Some(finished) = self.operations.join_next() => Event::Finished(finished),
-            _ = self.alive.tick() => Event::AliveDue,
+            line = self.lines.next() => SessionEvent::Line(line),
+            Some(finished) = self.operations.join_next() => SessionEvent::Finished(finished),
+            _ = self.alive.tick() => SessionEvent::AliveDue,
         }
     }
 
     /// Handles one event. Returns `false` if the connection has ended.
-    async fn handle(&mut self, event: Event) -> io::Result<bool> {
+    async fn handle(&mut self, event: SessionEvent) -> io::Result<bool> {
         match event {
-            Event::Line(line) => match line? {
-                Some(line) => self.hear(&line).await?,
+            SessionEvent::Line(line) => match line? {
+                Some(line) => self.handle_line(&line).await?,
                 None => return Ok(false),
             },
-            Event::Finished(Ok(line)) => self.tell(line).await?,
+            SessionEvent::Finished(Ok(line)) => self.send_line(line).await?,
             // The operation was cancelled: the client does not wait for an answer.
-            Event::Finished(Err(_)) => (),
-            Event::AliveDue => write_line(&mut self.writer, &Line::Alive).await?,
+            SessionEvent::Finished(Err(_)) => (),
+            SessionEvent::AliveDue => write_line(&mut self.writer, &ServerLine::Alive).await?,
         }
         Ok(true)
     }
 
-    async fn hear(&mut self, line: &[u8]) -> io::Result<()> {
+    async fn handle_line(&mut self, line: &[u8]) -> io::Result<()> {
         match serde_json::from_slice(line) {
-            Ok(Request { id, ask: Ask::Cancel }) => {
+            Ok(WireRequest { id, ask: DriverRequest::Cancel }) => {
                 if let Some(operation) = self.running.remove(&id) {
                     operation.abort();
                 }
                 Ok(())
             }
-            Ok(Request { id, ask }) => match self.start(id, ask) {
+            Ok(WireRequest { id, ask }) => match self.start(id, ask) {
                 Ok(()) => Ok(()),
                 Err(reason) => self.refuse(id, reason).await,
             },
@@ -102,7 +105,7 @@ impl Session {
         }
     }
 
-    fn start(&mut self, id: u64, ask: Ask) -> Result<(), String> {
+    fn start(&mut self, id: u64, ask: DriverRequest) -> Result<(), String> {
         if self.running.contains_key(&id) {
             return Err(format!("request {id} is under way; choose another id"));
         }
@@ -112,16 +115,16 @@ impl Session {
         let building = self.building.clone();
         let operation = async move {
             match perform(&building, ask).await {
-                Ok(answer) => Line::Done { id, answer },
-                Err(error) => Line::Failed { id, error },
+                Ok(answer) => ServerLine::Done { id, answer },
+                Err(error) => ServerLine::Failed { id, error },
             }
         };
         self.running.insert(id, self.operations.spawn(operation.in_current_span()));
         Ok(())
     }
 
-    async fn tell(&mut self, line: Line) -> io::Result<()> {
-        if let Line::Done { id, .. } | Line::Failed { id, .. } = &line
+    async fn send_line(&mut self, line: ServerLine) -> io::Result<()> {
+        if let ServerLine::Done { id, .. } | ServerLine::Failed { id, .. } = &line
             && self.running.remove(id).is_none()
         {
             // The operation finished in the instant in which it was cancelled.
@@ -132,30 +135,37 @@ impl Session {
 
     async fn refuse(&mut self, id: u64, reason: String) -> io::Result<()> {
         let error = DeviceError::Refused { reason };
-        write_line(&mut self.writer, &Line::Failed { id, error }).await
+        write_line(&mut self.writer, &ServerLine::Failed { id, error }).await
     }
 }
 
-async fn perform(building: &BuildingHandle, ask: Ask) -> Result<Answer, DeviceError> {
+async fn perform(
+    building: &BuildingHandle,
+    ask: DriverRequest,
+) -> Result<DriverAnswer, DeviceError> {
     match ask {
-        Ask::ReadTemperature { sensor } => {
-            building.read_temperature(&sensor).await.map(Answer::Reading)
+        DriverRequest::ReadTemperature { sensor } => {
+            building.read_temperature(&sensor).await.map(DriverAnswer::Reading)
         }
-        Ask::Navigate { robot, to } => {
-            building.navigate(&robot, &to).await.map(|()| Answer::Arrived)
+        DriverRequest::Navigate { robot, to } => {
+            building.navigate(&robot, &to).await.map(|()| DriverAnswer::Arrived)
         }
-        Ask::PlaceOf { device } => building.place_of(&device).await.map(Answer::Place),
-        Ask::Measure { sensor, quantity } => {
-            building.measure(&sensor, quantity).await.map(Answer::Measured)
+        DriverRequest::PlaceOf { device } => {
+            building.place_of(&device).await.map(DriverAnswer::Place)
         }
-        Ask::AwaitChange { sensor, quantity, known } => {
-            building.await_change(&sensor, quantity, known).await.map(Answer::Measured)
+        DriverRequest::Measure { sensor, quantity } => {
+            building.measure(&sensor, quantity).await.map(DriverAnswer::Measured)
         }
-        Ask::Battery(ask) => building.battery(ask).await.map(Answer::Battery),
-        Ask::Cleaning(ask) => building.cleaning(ask).await.map(Answer::Cleaning),
-        Ask::Camera(ask) => building.camera(ask).await.map(Answer::Camera),
-        Ask::Screen(ask) => building.screen(ask).await.map(Answer::Screen),
-        Ask::Cancel => Err(DeviceError::Refused { reason: "nothing to cancel".to_owned() }),
+        DriverRequest::AwaitChange { sensor, quantity, known } => {
+            building.await_change(&sensor, quantity, known).await.map(DriverAnswer::Measured)
+        }
+        DriverRequest::Battery(ask) => building.battery(ask).await.map(DriverAnswer::Battery),
+        DriverRequest::Cleaning(ask) => building.cleaning(ask).await.map(DriverAnswer::Cleaning),
+        DriverRequest::Camera(ask) => building.camera(ask).await.map(DriverAnswer::Camera),
+        DriverRequest::Screen(ask) => building.screen(ask).await.map(DriverAnswer::Screen),
+        DriverRequest::Cancel => {
+            Err(DeviceError::Refused { reason: "nothing to cancel".to_owned() })
+        }
     }
 }
 

@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Aim;
-use crate::layout::{Device, Layout};
+use crate::camera::CameraAim;
+use crate::layout::{BuildingDevice, Layout};
 use crate::quantity::Quantity;
 
 /// Size of the log, in occurrences; the oldest are dropped first.
@@ -20,7 +20,7 @@ pub const LOG_MAX: usize = 4_096;
 
 /// The result of a temperature measurement, and the true location of the sensor.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-pub struct Reading {
+pub struct TemperatureReading {
     /// The location of the sensor when it measured.
     pub location: String,
     /// The temperature there, in °C.
@@ -30,7 +30,7 @@ pub struct Reading {
 /// How a device is broken.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Fault {
+pub enum DeviceFault {
     /// Every use of the device fails at once, and so does a use under way.
     Fails,
     /// Every use of the device waits until the device is repaired.
@@ -48,14 +48,14 @@ pub struct Occurrence {
     /// Time since the building was opened, on Tokio's clock.
     pub since_start: Duration,
     /// The event.
-    pub event: Event,
+    pub event: BuildingEvent,
 }
 
 /// An event in a building.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", rename_all_fields = "kebab-case")]
 #[non_exhaustive]
-pub enum Event {
+pub enum BuildingEvent {
     /// A sensor was asked, and begins to measure.
     Asked {
         /// The sensor.
@@ -132,7 +132,7 @@ pub enum Event {
         /// The camera.
         camera: String,
         /// Its direction and zoom now.
-        aim: Aim,
+        aim: CameraAim,
     },
     /// A screen was given a channel.
     Allocated {
@@ -182,7 +182,7 @@ pub enum Event {
         /// The device.
         device: String,
         /// The kind of the fault.
-        fault: Fault,
+        fault: DeviceFault,
     },
     /// A device works again.
     Repaired {
@@ -245,16 +245,16 @@ pub struct Truth {
     /// The remaining range of each robot with a battery, in meters.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) charges: BTreeMap<String, f64>,
-    pub(crate) faults: BTreeMap<String, Fault>,
+    pub(crate) faults: BTreeMap<String, DeviceFault>,
     /// The location of each person.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) people: BTreeMap<String, String>,
     /// Locations where something keeps moving.
     #[serde(skip_serializing_if = "BTreeSet::is_empty")]
-    pub(crate) stirring: BTreeSet<String>,
+    pub(crate) locations_with_motion: BTreeSet<String>,
     /// The aim of each camera that was ever turned.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) aims: BTreeMap<String, Aim>,
+    pub(crate) aims: BTreeMap<String, CameraAim>,
     /// The channel of each screen that has one.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) channels: BTreeMap<String, u32>,
@@ -263,10 +263,10 @@ pub struct Truth {
     pub(crate) shown: BTreeMap<String, String>,
     /// Doors by their two sides, the alphabetically first one first.
     pub(crate) locked: BTreeSet<(String, String)>,
-    pub(crate) log: Log,
+    pub(crate) log: OccurrenceLog,
     /// Faults that occur at the next use of the device.
     #[serde(skip)]
-    pub(crate) traps: BTreeMap<String, Fault>,
+    pub(crate) traps: BTreeMap<String, DeviceFault>,
     /// The errand of each robot under way, as the sequence number of its departure.
     #[serde(skip)]
     pub(crate) errands: BTreeMap<String, u64>,
@@ -286,19 +286,20 @@ impl Truth {
     /// Returns the true location of a device: its own, or its carrier's. `None` if there is no such device.
     pub fn place_of(&self, device: &str) -> Option<&str> {
         match self.layout.device(device)? {
-            Device::FixedSensor { location, .. }
-            | Device::Sensor { location, .. }
-            | Device::Camera { location, .. }
-            | Device::Screen { location, .. } => Some(location),
-            Device::Robot { name, .. } => self.robots.get(name).map(String::as_str),
-            Device::MountedSensor { carrier, .. } | Device::MountedScreen { carrier, .. } => {
+            BuildingDevice::FixedSensor { location, .. }
+            | BuildingDevice::Sensor { location, .. }
+            | BuildingDevice::Camera { location, .. }
+            | BuildingDevice::Screen { location, .. } => Some(location),
+            BuildingDevice::Robot { name, .. } => self.robots.get(name).map(String::as_str),
+            BuildingDevice::MountedSensor { carrier, .. }
+            | BuildingDevice::MountedScreen { carrier, .. } => {
                 self.robots.get(carrier).map(String::as_str)
             }
         }
     }
 
     /// Returns the fault of a device; `None` if it works.
-    pub fn fault_of(&self, device: &str) -> Option<Fault> {
+    pub fn fault_of(&self, device: &str) -> Option<DeviceFault> {
         self.faults.get(device).copied()
     }
 
@@ -309,12 +310,12 @@ impl Truth {
 
     /// All occurrences that the log still has, oldest first.
     pub fn occurrences(&self) -> impl DoubleEndedIterator<Item = &Occurrence> {
-        self.log.kept.iter()
+        self.log.occurrences.iter()
     }
 
     /// Returns how many of the oldest occurrences the log has dropped; see [`LOG_MAX`].
     pub fn forgotten_count(&self) -> u64 {
-        self.log.next_sequence - self.log.kept.len() as u64
+        self.log.next_sequence - self.log.occurrences.len() as u64
     }
 
     /// The sequence number that the next occurrence will have.
@@ -324,16 +325,16 @@ impl Truth {
 
     /// Whether the sensor has measured at least once.
     pub fn has_read(&self, sensor: &str) -> bool {
-        self.any(|event| matches!(event, Event::Read { sensor: by, .. } if by == sensor))
+        self.any(|event| matches!(event, BuildingEvent::Read { sensor: by, .. } if by == sensor))
     }
 
     /// Whether any sensor has measured the location's temperature at least once.
     pub fn was_read(&self, location: &str) -> bool {
-        self.any(|event| matches!(event, Event::Read { location: place, .. } if place == location))
+        self.any(|event| matches!(event, BuildingEvent::Read { location: place, .. } if place == location))
     }
 
     /// Whether the log has an event that satisfies `sort`.
-    pub fn any(&self, sort: impl Fn(&Event) -> bool) -> bool {
+    pub fn any(&self, sort: impl Fn(&BuildingEvent) -> bool) -> bool {
         self.occurrences().any(|occurrence| sort(&occurrence.event))
     }
 }
@@ -341,8 +342,8 @@ impl Truth {
 /// A bounded list of occurrences: the newest [`LOG_MAX`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(transparent)]
-pub(crate) struct Log {
-    pub(crate) kept: VecDeque<Occurrence>,
+pub(crate) struct OccurrenceLog {
+    pub(crate) occurrences: VecDeque<Occurrence>,
     #[serde(skip)]
     pub(crate) next_sequence: u64,
     /// Time since the building was opened, set before each change.
@@ -350,15 +351,15 @@ pub(crate) struct Log {
     pub(crate) now: Duration,
 }
 
-impl Log {
+impl OccurrenceLog {
     /// Records an event that happens now; returns its sequence number.
-    pub(crate) fn record(&mut self, event: Event) -> u64 {
+    pub(crate) fn record(&mut self, event: BuildingEvent) -> u64 {
         let sequence = self.next_sequence;
         self.next_sequence += 1;
-        if self.kept.len() == LOG_MAX {
-            self.kept.pop_front();
+        if self.occurrences.len() == LOG_MAX {
+            self.occurrences.pop_front();
         }
-        self.kept.push_back(Occurrence { sequence, since_start: self.now, event });
+        self.occurrences.push_back(Occurrence { sequence, since_start: self.now, event });
         sequence
     }
 }

@@ -14,10 +14,10 @@ use crate::battery::{BatteryAnswer, BatteryAsk};
 use crate::camera::{CameraAnswer, CameraAsk};
 use crate::cleaning::{CleaningAnswer, CleaningAsk};
 use crate::error::DeviceError;
-use crate::measuring::Measured;
+use crate::measuring::MeasuredValue;
 use crate::quantity::Quantity;
 use crate::screen::{ScreenAnswer, ScreenAsk};
-use crate::truth::Reading;
+use crate::truth::TemperatureReading;
 
 /// The longest line, in bytes. The longest that is written is a refusal that lists a corridor's neighbors:
 /// 100 names of 64 bytes.
@@ -39,15 +39,15 @@ pub(crate) const IN_FLIGHT_MAX: usize = 64;
 
 /// A request of a client.
 #[derive(Debug, Deserialize, Serialize)]
-pub(crate) struct Request {
+pub(crate) struct WireRequest {
     /// Chosen by the client; unique among its requests under way.
     pub(crate) id: u64,
-    pub(crate) ask: Ask,
+    pub(crate) ask: DriverRequest,
 }
 
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Ask {
+pub(crate) enum DriverRequest {
     ReadTemperature {
         sensor: String,
     },
@@ -79,29 +79,29 @@ pub(crate) enum Ask {
 /// A line from the server.
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Line {
+pub(crate) enum ServerLine {
     /// A sign of life, sent whether or not there are answers.
     Alive,
     /// The request with this id was carried out.
-    Done { id: u64, answer: Answer },
+    Done { id: u64, answer: DriverAnswer },
     /// The request with this id was not carried out.
     Failed { id: u64, error: DeviceError },
 }
 
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Answer {
-    Reading(Reading),
+pub(crate) enum DriverAnswer {
+    Reading(TemperatureReading),
     Arrived,
     Place(String),
-    Measured(Measured),
+    Measured(MeasuredValue),
     Battery(BatteryAnswer),
     Camera(CameraAnswer),
     Cleaning(CleaningAnswer),
     Screen(ScreenAnswer),
 }
 
-impl Answer {
+impl DriverAnswer {
     /// Returns the error for an answer that does not fit its request.
     pub(crate) fn unexpected(self) -> DeviceError {
         DeviceError::Unreachable { reason: format!("its answer does not fit: {self:?}") }
@@ -109,14 +109,14 @@ impl Answer {
 }
 
 /// Reads lines of at most [`LINE_MAX`] bytes. Dropping `next` loses nothing.
-pub(crate) struct Lines<R> {
+pub(crate) struct LineReader<R> {
     reader: BufReader<R>,
     partial: Vec<u8>,
 }
 
-impl<R: AsyncRead + Unpin> Lines<R> {
-    pub(crate) fn new(reader: R) -> Lines<R> {
-        Lines { reader: BufReader::new(reader), partial: Vec::new() }
+impl<R: AsyncRead + Unpin> LineReader<R> {
+    pub(crate) fn new(reader: R) -> LineReader<R> {
+        LineReader { reader: BufReader::new(reader), partial: Vec::new() }
     }
 
     /// Returns the next line without its line end; `None` if the other side has closed the connection.
@@ -163,12 +163,12 @@ mod tests {
 
     use tokio::io::{AsyncWriteExt as _, duplex};
 
-    use super::{LINE_MAX, Lines, write_line};
+    use super::{LINE_MAX, LineReader, write_line};
 
     /// Writes the pieces one by one, and drops a waiting `next` between them.
     async fn check(pieces: &[&[u8]], expected: &[&[u8]]) {
         let (mut writer, reader) = duplex(2 * LINE_MAX);
-        let mut lines = Lines::new(reader);
+        let mut lines = LineReader::new(reader);
         let mut heard = Vec::new();
         for piece in pieces {
             writer.write_all(piece).await.unwrap();
@@ -202,7 +202,7 @@ mod tests {
     async fn a_line_that_never_ends_is_not_kept() {
         let (mut writer, reader) = duplex(2 * LINE_MAX);
         writer.write_all(&vec![b'x'; LINE_MAX + 1]).await.unwrap();
-        let error = Lines::new(reader).next().await.unwrap_err();
+        let error = LineReader::new(reader).next().await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::InvalidData);
     }
 

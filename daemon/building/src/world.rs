@@ -6,8 +6,8 @@
 use std::time::Duration;
 
 use crate::error::{DeviceError, LayoutError};
-use crate::layout::{Device, Layout, check_temperature};
-use crate::truth::{Event, Fault, Log, Reading, Truth, sides};
+use crate::layout::{BuildingDevice, Layout, check_temperature};
+use crate::truth::{BuildingEvent, DeviceFault, OccurrenceLog, TemperatureReading, Truth, sides};
 
 /// Duration of a measurement: about the time in which a thermopile settles.
 pub(crate) const MEASURING: Duration = Duration::from_millis(100);
@@ -16,7 +16,7 @@ pub(crate) const MEASURING: Duration = Duration::from_millis(100);
 const SLOW_MAX: Duration = Duration::from_secs(24 * 60 * 60);
 
 /// A trip that has begun.
-pub(crate) struct Trip {
+pub(crate) struct PendingTrip {
     /// The sequence number of the departure, which identifies the errand.
     pub(crate) errand: u64,
     /// Duration of the trip, in the building's time.
@@ -28,7 +28,7 @@ impl Truth {
         let temperatures =
             layout.locations().iter().map(|place| (place.name.clone(), place.celsius)).collect();
         let robots = layout.devices().iter().filter_map(|device| match device {
-            Device::Robot { name, start, .. } => Some((name.clone(), start.clone())),
+            BuildingDevice::Robot { name, start, .. } => Some((name.clone(), start.clone())),
             _ => None,
         });
         let charges =
@@ -40,12 +40,12 @@ impl Truth {
             conditions: Default::default(),
             faults: Default::default(),
             people: Default::default(),
-            stirring: Default::default(),
+            locations_with_motion: Default::default(),
             aims: Default::default(),
             channels: Default::default(),
             shown: Default::default(),
             locked: Default::default(),
-            log: Log::default(),
+            log: OccurrenceLog::default(),
             traps: Default::default(),
             errands: Default::default(),
             layout,
@@ -59,25 +59,28 @@ impl Truth {
     /// Begins a temperature reading. Returns how long it takes.
     pub(crate) fn begin_reading(&mut self, sensor: &str) -> Result<Duration, DeviceError> {
         self.require_sensor(sensor)?;
-        self.log.record(Event::Asked { sensor: sensor.to_owned() });
+        self.log.record(BuildingEvent::Asked { sensor: sensor.to_owned() });
         self.spring_trap(sensor);
         self.require_unbroken(sensor)?;
         Ok(MEASURING + self.slowness(sensor))
     }
 
     /// Ends a temperature reading. Returns its result.
-    pub(crate) fn finish_reading(&mut self, sensor: &str) -> Result<Reading, DeviceError> {
+    pub(crate) fn finish_reading(
+        &mut self,
+        sensor: &str,
+    ) -> Result<TemperatureReading, DeviceError> {
         self.require_unbroken(sensor)?;
         let location = self.require_place(sensor)?;
         let celsius = self
             .temperature(&location)
             .expect("invariant: a device is at a location, and each location has a temperature");
-        self.log.record(Event::Read {
+        self.log.record(BuildingEvent::Read {
             sensor: sensor.to_owned(),
             location: location.clone(),
             celsius,
         });
-        Ok(Reading { location, celsius })
+        Ok(TemperatureReading { location, celsius })
     }
 
     /// Begins a trip to a neighbor. Returns `None` if the robot stands there already: a request that is
@@ -86,7 +89,7 @@ impl Truth {
         &mut self,
         robot: &str,
         to: &str,
-    ) -> Result<Option<Trip>, DeviceError> {
+    ) -> Result<Option<PendingTrip>, DeviceError> {
         let meters_per_second = self.require_robot(robot)?;
         self.require_location(to)?;
         if self.errands.contains_key(robot) {
@@ -100,11 +103,11 @@ impl Truth {
         }
         let meters = self.require_way(&from, to)?;
         self.require_charge(robot, to, meters)?;
-        let departed = Event::Departed { robot: robot.to_owned(), from, to: to.to_owned() };
+        let departed = BuildingEvent::Departed { robot: robot.to_owned(), from, to: to.to_owned() };
         let errand = self.log.record(departed);
         self.errands.insert(robot.to_owned(), errand);
         let takes = Duration::from_secs_f64(meters / meters_per_second) + self.slowness(robot);
-        Ok(Some(Trip { errand, takes }))
+        Ok(Some(PendingTrip { errand, takes }))
     }
 
     /// Ends a trip: the robot arrives, unless it broke, was replaced, or finds the door locked.
@@ -124,7 +127,7 @@ impl Truth {
         self.drain(robot, meters);
         self.errands.remove(robot);
         self.robots.insert(robot.to_owned(), to.to_owned());
-        self.log.record(Event::Moved { robot: robot.to_owned(), from, to: to.to_owned() });
+        self.log.record(BuildingEvent::Moved { robot: robot.to_owned(), from, to: to.to_owned() });
         Ok(())
     }
 
@@ -135,7 +138,7 @@ impl Truth {
         }
         self.errands.remove(robot);
         if let Some(at) = self.robots.get(robot).cloned() {
-            self.log.record(Event::Stayed { robot: robot.to_owned(), at });
+            self.log.record(BuildingEvent::Stayed { robot: robot.to_owned(), at });
         }
     }
 }
@@ -153,18 +156,22 @@ impl Truth {
             return Err(self.unknown_location(location));
         };
         *temperature = celsius;
-        self.log.record(Event::TemperatureSet { location: location.to_owned(), celsius });
+        self.log.record(BuildingEvent::TemperatureSet { location: location.to_owned(), celsius });
         Ok(())
     }
 
-    pub(crate) fn break_device(&mut self, device: &str, fault: Fault) -> Result<u64, LayoutError> {
+    pub(crate) fn break_device(
+        &mut self,
+        device: &str,
+        fault: DeviceFault,
+    ) -> Result<u64, LayoutError> {
         self.require_known(device)?;
         self.traps.remove(device);
         self.faults.insert(device.to_owned(), fault);
-        Ok(self.log.record(Event::Broken { device: device.to_owned(), fault }))
+        Ok(self.log.record(BuildingEvent::Broken { device: device.to_owned(), fault }))
     }
 
-    pub(crate) fn set_trap(&mut self, device: &str, fault: Fault) -> Result<(), LayoutError> {
+    pub(crate) fn set_trap(&mut self, device: &str, fault: DeviceFault) -> Result<(), LayoutError> {
         self.require_known(device)?;
         self.traps.insert(device.to_owned(), fault);
         Ok(())
@@ -174,7 +181,7 @@ impl Truth {
         self.require_known(device)?;
         self.traps.remove(device);
         if self.faults.remove(device).is_some() {
-            self.log.record(Event::Repaired { device: device.to_owned() });
+            self.log.record(BuildingEvent::Repaired { device: device.to_owned() });
         }
         Ok(())
     }
@@ -191,19 +198,19 @@ impl Truth {
         let (a, b) = sides(a, b);
         let door = (a.clone(), b.clone());
         if lock && self.locked.insert(door.clone()) {
-            self.log.record(Event::Locked { a, b });
+            self.log.record(BuildingEvent::Locked { a, b });
         } else if !lock && self.locked.remove(&door) {
-            self.log.record(Event::Unlocked { a, b });
+            self.log.record(BuildingEvent::Unlocked { a, b });
         }
         Ok(())
     }
 
-    pub(crate) fn add_device(&mut self, device: Device) -> Result<(), LayoutError> {
+    pub(crate) fn add_device(&mut self, device: BuildingDevice) -> Result<(), LayoutError> {
         self.layout.add_device(device.clone())?;
-        if let Device::Robot { name, start, .. } = &device {
+        if let BuildingDevice::Robot { name, start, .. } = &device {
             self.robots.insert(name.clone(), start.clone());
         }
-        self.log.record(Event::Added { device: device.name().to_owned() });
+        self.log.record(BuildingEvent::Added { device: device.name().to_owned() });
         Ok(())
     }
 
@@ -218,7 +225,7 @@ impl Truth {
             self.shown.remove(&name);
             self.traps.remove(&name);
             self.errands.remove(&name);
-            self.log.record(Event::Removed { device: name });
+            self.log.record(BuildingEvent::Removed { device: name });
         }
         Ok(())
     }
@@ -238,18 +245,18 @@ impl Truth {
     pub(crate) fn spring_trap(&mut self, device: &str) {
         if let Some(fault) = self.traps.remove(device) {
             self.faults.insert(device.to_owned(), fault);
-            self.log.record(Event::Broken { device: device.to_owned(), fault });
+            self.log.record(BuildingEvent::Broken { device: device.to_owned(), fault });
         }
     }
 
     pub(crate) fn slowness(&self, device: &str) -> Duration {
         match self.fault_of(device) {
-            Some(Fault::Slow(longer)) => longer.min(SLOW_MAX),
+            Some(DeviceFault::Slow(longer)) => longer.min(SLOW_MAX),
             _ => Duration::ZERO,
         }
     }
 
-    pub(crate) fn require_device(&self, device: &str) -> Result<&Device, DeviceError> {
+    pub(crate) fn require_device(&self, device: &str) -> Result<&BuildingDevice, DeviceError> {
         self.layout.device(device).ok_or_else(|| DeviceError::UnknownDevice {
             device: device.to_owned(),
             nearest: self.layout.nearest_device(device),
@@ -258,7 +265,7 @@ impl Truth {
 
     fn require_sensor(&self, device: &str) -> Result<(), DeviceError> {
         match self.require_device(device)? {
-            Device::FixedSensor { .. } | Device::MountedSensor { .. } => Ok(()),
+            BuildingDevice::FixedSensor { .. } | BuildingDevice::MountedSensor { .. } => Ok(()),
             other => Err(wrong_kind(other, "sensor")),
         }
     }
@@ -266,7 +273,7 @@ impl Truth {
     /// Returns the robot's speed, in meters per second. Returns an error if the device is not a robot.
     pub(crate) fn require_robot(&self, device: &str) -> Result<f64, DeviceError> {
         match self.require_device(device)? {
-            Device::Robot { meters_per_second, .. } => Ok(*meters_per_second),
+            BuildingDevice::Robot { meters_per_second, .. } => Ok(*meters_per_second),
             other => Err(wrong_kind(other, "robot")),
         }
     }
@@ -275,8 +282,8 @@ impl Truth {
     pub(crate) fn require_unbroken(&self, device: &str) -> Result<(), DeviceError> {
         self.require_device(device)?;
         match self.fault_of(device) {
-            Some(Fault::Fails) => Err(DeviceError::Broken { device: device.to_owned() }),
-            Some(Fault::Hangs | Fault::Slow(_)) | None => Ok(()),
+            Some(DeviceFault::Fails) => Err(DeviceError::Broken { device: device.to_owned() }),
+            Some(DeviceFault::Hangs | DeviceFault::Slow(_)) | None => Ok(()),
         }
     }
 
@@ -323,7 +330,7 @@ impl Truth {
     }
 }
 
-pub(crate) fn wrong_kind(device: &Device, wanted: &str) -> DeviceError {
+pub(crate) fn wrong_kind(device: &BuildingDevice, wanted: &str) -> DeviceError {
     DeviceError::WrongKind {
         device: device.name().to_owned(),
         is: device.is().to_owned(),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use acl::AgentId;
 use acl::content::{self, Guard, Methods, Offer, Offers};
-use pddl::knowledge::{Auxiliary, Knowledge};
+use pddl::knowledge::{AuxiliaryPredicates, Knowledge};
 use pddl::{ActionModel, Atom, Condition, Domain, InitElement, Metric, Name, PlanStep, Problem};
 
 use crate::composite::{Composite, Offered};
@@ -60,7 +60,7 @@ impl Snapshot {
 
     /// Returns the condition that `condition` is known to hold, in the symbols of the domain.
     pub fn sure(&self, condition: &Condition) -> Condition {
-        self.composite.knowledge.sure(condition)
+        self.composite.knowledge.known_to_hold(condition)
     }
 
     /// Returns a step with the action's name inside the domain, given the name outside.
@@ -130,16 +130,16 @@ impl Snapshot {
 
     fn words(&self) -> BTreeMap<String, content::Auxiliary> {
         let text = ToString::to_string;
-        let auxiliary = |auxiliary: &Auxiliary| match auxiliary {
-            Auxiliary::Predicate { unknown, found } => content::Auxiliary::Predicate {
+        let auxiliary = |auxiliary: &AuxiliaryPredicates| match auxiliary {
+            AuxiliaryPredicates::Predicate { unknown, found } => content::Auxiliary::Predicate {
                 unknown: text(unknown),
                 found: found.as_ref().map(text),
             },
-            Auxiliary::Function { defined, found } => content::Auxiliary::Function {
+            AuxiliaryPredicates::Function { defined, found } => content::Auxiliary::Function {
                 defined: text(defined),
                 found: found.as_ref().map(text),
             },
-            Auxiliary::Derived { maybe, unknown } => {
+            AuxiliaryPredicates::Derived { maybe, unknown } => {
                 content::Auxiliary::Derived { maybe: text(maybe), unknown: text(unknown) }
             }
         };

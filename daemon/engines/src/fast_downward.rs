@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use pddl::Plan;
 
 use crate::outcome::{Ending, EngineError};
-use crate::planning::{Aim, Answer, Engine, Job};
-use crate::process::Run;
+use crate::planning::{EngineJob, EngineResult, ExternalEngine, PlanningAim};
+use crate::process::EngineRun;
 
 /// Name of the file that plans are written to.
 const PLAN: &str = "plan";
@@ -24,18 +24,18 @@ const BLIND: &str = "astar(blind())";
 const UNSUPPORTED: i32 = 34;
 
 /// Runs Fast Downward and reads its result.
-pub(crate) fn answer(job: &Job<'_>) -> Result<Answer, EngineError> {
+pub(crate) fn answer(job: &EngineJob<'_>) -> Result<EngineResult, EngineError> {
     let folder = job.folder()?;
     let files = ["domain.pddl", "problem.pddl"];
     let writing = ["--plan-file", PLAN];
     let optimally =
         |search| job.run(folder.path(), &[&writing[..], &files, &["--search", search]].concat());
     let run = match job.options.aim {
-        Aim::Plan => {
+        PlanningAim::Plan => {
             job.run(folder.path(), &[&writing[..], &["--alias", "lama-first"], &files].concat())?
         }
-        Aim::CheapestPlan if is_refused_anyway(job) => optimally(BLIND)?,
-        Aim::CheapestPlan => match optimally(LANDMARK_CUT)? {
+        PlanningAim::CheapestPlan if is_refused_anyway(job) => optimally(BLIND)?,
+        PlanningAim::CheapestPlan => match optimally(LANDMARK_CUT)? {
             refused if refused.code() == Some(UNSUPPORTED) => optimally(BLIND)?,
             run => run,
         },
@@ -47,19 +47,19 @@ pub(crate) fn answer(job: &Job<'_>) -> Result<Answer, EngineError> {
         ending = job.unexplained(&run)?;
     }
     // The exit codes 1, 2 and 3 come with a plan too, but without a proof.
-    let proven_optimal = job.options.aim == Aim::CheapestPlan && run.code() == Some(0);
-    Ok(Answer { ending, plans, proven_optimal })
+    let proven_optimal = job.options.aim == PlanningAim::CheapestPlan && run.code() == Some(0);
+    Ok(EngineResult { ending, plans, proven_optimal })
 }
 
 /// Whether landmark cut will surely refuse the task, so that it need not be tried. For other tasks it
 /// may still refuse what the translator makes of them; then the attempt is in vain.
-fn is_refused_anyway(job: &Job<'_>) -> bool {
+fn is_refused_anyway(job: &EngineJob<'_>) -> bool {
     ["(:derived ", "(when "].iter().any(|word| job.lowered.domain.contains(word))
 }
 
 /// Returns the ending that the exit code stands for.
-fn ending(job: &Job<'_>, run: &Run) -> Result<Ending, EngineError> {
-    let engine = Engine::FastDownward;
+fn ending(job: &EngineJob<'_>, run: &EngineRun) -> Result<Ending, EngineError> {
+    let engine = ExternalEngine::FastDownward;
     match run.code() {
         // 1, 2 and 3: a plan was found, then a limit was reached.
         Some(0..=3) => Ok(Ending::GoalReached),
@@ -70,14 +70,14 @@ fn ending(job: &Job<'_>, run: &Run) -> Result<Ending, EngineError> {
         // 20: out of memory in the translator; 24: out of memory and time.
         Some(20 | 22 | 24) => Ok(Ending::OutOfMemory),
         Some(21 | 23) => Ok(Ending::OutOfTime),
-        Some(UNSUPPORTED) => Err(EngineError::Beyond { engine, said: run.last_words() }),
+        Some(UNSUPPORTED) => Err(EngineError::Beyond { engine, said: run.last_output_line() }),
         _ => job.unexplained(run),
     }
 }
 
 /// Returns the plans that were written, the best last. Unreadable plans are an error only if no plan
 /// can be read although the goal was reached: a plan may be incomplete if the engine was killed.
-fn plans(job: &Job<'_>, folder: &Path, ending: Ending) -> Result<Vec<Plan>, EngineError> {
+fn plans(job: &EngineJob<'_>, folder: &Path, ending: Ending) -> Result<Vec<Plan>, EngineError> {
     let mut plans = Vec::new();
     let mut unreadable = None;
     for file in files(folder) {
@@ -85,7 +85,7 @@ fn plans(job: &Job<'_>, folder: &Path, ending: Ending) -> Result<Vec<Plan>, Engi
         let parsed = pddl::parse_plan(&text);
         let problem = parsed.diagnostics.iter().find(|found| found.is_error());
         match (problem, parsed.value) {
-            (None, Some(plan)) => match job.lowered.names.raise(plan) {
+            (None, Some(plan)) => match job.lowered.names.restore_names(plan) {
                 Ok(plan) => plans.push(plan),
                 Err(name) => {
                     unreadable = Some(format!("the task has no action or object `{name}`"));
@@ -96,7 +96,7 @@ fn plans(job: &Job<'_>, folder: &Path, ending: Ending) -> Result<Vec<Plan>, Engi
     }
     match unreadable {
         Some(problem) if plans.is_empty() && ending == Ending::GoalReached => {
-            Err(EngineError::UnreadablePlan { engine: Engine::FastDownward, problem })
+            Err(EngineError::UnreadablePlan { engine: ExternalEngine::FastDownward, problem })
         }
         _ => Ok(plans),
     }

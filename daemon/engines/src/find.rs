@@ -13,12 +13,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::outcome::EngineError;
-use crate::planning::Engine;
+use crate::planning::ExternalEngine;
 
 /// The command that calls an engine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Installation {
-    pub(crate) engine: Engine,
+    pub(crate) engine: ExternalEngine,
     /// The program and its first arguments.
     pub(crate) command: Vec<OsString>,
 }
@@ -34,7 +34,7 @@ impl Installation {
     /// Creates the installation of an engine that is called with this command, for example
     /// `python3 fast-downward.py`.
     pub fn of(
-        engine: Engine,
+        engine: ExternalEngine,
         command: impl IntoIterator<Item = impl Into<OsString>>,
     ) -> Installation {
         Installation { engine, command: command.into_iter().map(Into::into).collect() }
@@ -46,21 +46,21 @@ impl Installation {
     }
 
     /// Finds an engine. Returns an error if it is not found.
-    pub fn find(engine: Engine) -> Result<Installation, EngineError> {
+    pub fn find(engine: ExternalEngine) -> Result<Installation, EngineError> {
         if let Some(configured) = env::var_os(engine.variable()).filter(|it| !it.is_empty()) {
             return configured_at(engine, PathBuf::from(configured));
         }
         let path = env::var_os("PATH").unwrap_or_default();
         on_path(engine, &path)
             .or_else(|| match engine {
-                Engine::FastDownward => in_a_python(&path),
-                Engine::MetricFf => None,
+                ExternalEngine::FastDownward => in_a_python(&path),
+                ExternalEngine::MetricFf => None,
             })
             .ok_or(EngineError::NotFound { engine, configured: None })
     }
 }
 
-fn configured_at(engine: Engine, program: PathBuf) -> Result<Installation, EngineError> {
+fn configured_at(engine: ExternalEngine, program: PathBuf) -> Result<Installation, EngineError> {
     if !is_program(&program) {
         return Err(EngineError::NotFound { engine, configured: Some(program) });
     }
@@ -69,7 +69,7 @@ fn configured_at(engine: Engine, program: PathBuf) -> Result<Installation, Engin
     Ok(Installation::of(engine, [program]))
 }
 
-fn on_path(engine: Engine, path: &OsStr) -> Option<Installation> {
+fn on_path(engine: ExternalEngine, path: &OsStr) -> Option<Installation> {
     let found = engine.programs().iter().find_map(|name| programs(path, name).next())?;
     Some(Installation::of(engine, [found]))
 }
@@ -79,7 +79,10 @@ fn in_a_python(path: &OsStr) -> Option<Installation> {
     let pythons = ["python3", "python"].into_iter().flat_map(|name| programs(path, name));
     pythons.into_iter().find_map(|python| {
         let driver = driver_in(&python)?;
-        Some(Installation::of(Engine::FastDownward, [python.into_os_string(), driver.into()]))
+        Some(Installation::of(
+            ExternalEngine::FastDownward,
+            [python.into_os_string(), driver.into()],
+        ))
     })
 }
 
@@ -120,9 +123,10 @@ mod tests {
 
     #[test]
     fn what_is_configured_is_not_doubted_and_not_replaced() {
-        let shell = configured_at(Engine::MetricFf, PathBuf::from("/bin/sh")).expect("a program");
-        assert_eq!(shell, Installation::of(Engine::MetricFf, ["/bin/sh"]));
-        let nowhere = configured_at(Engine::MetricFf, PathBuf::from("/nowhere/ff"));
+        let shell =
+            configured_at(ExternalEngine::MetricFf, PathBuf::from("/bin/sh")).expect("a program");
+        assert_eq!(shell, Installation::of(ExternalEngine::MetricFf, ["/bin/sh"]));
+        let nowhere = configured_at(ExternalEngine::MetricFf, PathBuf::from("/nowhere/ff"));
         let err = nowhere.expect_err("nothing is there");
         assert_eq!(err.to_string(), "find Metric-FF at `/nowhere/ff`");
         assert!(err.help().is_some_and(|help| help.contains("ALTHING_METRIC_FF")));
@@ -133,12 +137,12 @@ mod tests {
         let path = OsStr::new("/nowhere:/:/bin");
         assert_eq!(programs(path, "sh").next(), Some(PathBuf::from("/bin/sh")));
         assert_eq!(programs(path, "bin").next(), None, "`/bin` is a folder");
-        assert_eq!(on_path(Engine::FastDownward, OsStr::new("/nowhere")), None);
+        assert_eq!(on_path(ExternalEngine::FastDownward, OsStr::new("/nowhere")), None);
     }
 
     #[test]
     fn a_missing_engine_is_an_error_that_says_how_to_get_it() {
-        let err = EngineError::NotFound { engine: Engine::FastDownward, configured: None };
+        let err = EngineError::NotFound { engine: ExternalEngine::FastDownward, configured: None };
         assert_eq!(err.to_string(), "find Fast Downward");
         let help = err.help().expect("help");
         assert!(help.contains("pip install up-fast-downward"), "{help}");

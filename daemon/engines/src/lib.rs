@@ -31,5 +31,5 @@ mod fast_downward;
 mod metric_ff;
 
 pub use find::Installation;
-pub use outcome::{Ending, EngineError, Outcome};
-pub use planning::{Aim, Engine, Options, plan};
+pub use outcome::{Ending, EngineError, EngineOutcome};
+pub use planning::{EngineOptions, ExternalEngine, PlanningAim, plan};

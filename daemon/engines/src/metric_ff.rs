@@ -7,8 +7,8 @@
 use pddl::{Name, Plan, PlanStep};
 
 use crate::outcome::{Ending, EngineError};
-use crate::planning::{Aim, Answer, Engine, Job};
-use crate::process::Run;
+use crate::planning::{EngineJob, EngineResult, ExternalEngine, PlanningAim};
+use crate::process::EngineRun;
 
 /// Enforced hill-climbing, then best-first search: ignores costs, complete.
 const WITHOUT_COSTS: &str = "0";
@@ -44,10 +44,10 @@ const BEYOND: &[&str] =
 const REACH_GOAL: &str = "reach-goal";
 
 /// Runs Metric-FF, and a second time without costs if it does not support the metric.
-pub(crate) fn answer(job: &Job<'_>) -> Result<Answer, EngineError> {
-    if job.options.aim == Aim::CheapestPlan {
+pub(crate) fn answer(job: &EngineJob<'_>) -> Result<EngineResult, EngineError> {
+    if job.options.aim == PlanningAim::CheapestPlan {
         let said = "none of its searches proves that a plan is the cheapest".to_owned();
-        return Err(EngineError::Beyond { engine: Engine::MetricFf, said });
+        return Err(EngineError::Beyond { engine: ExternalEngine::MetricFf, said });
     }
     let folder = job.folder()?;
     let search = |configuration| {
@@ -55,19 +55,19 @@ pub(crate) fn answer(job: &Job<'_>) -> Result<Answer, EngineError> {
         job.run(folder.path(), &arguments)
     };
     let mut run = search(if job.lowered.has_metric { WITH_COSTS } else { WITHOUT_COSTS })?;
-    if job.lowered.has_metric && dislikes_metric(&run) {
+    if job.lowered.has_metric && rejects_metric(&run) {
         run = search(WITHOUT_COSTS)?;
     }
     read(job, &run)
 }
 
 /// Whether the output has “A*epsilon not defined for plan length …”.
-fn dislikes_metric(run: &Run) -> bool {
+fn rejects_metric(run: &EngineRun) -> bool {
     run.stdout.contains("not defined")
 }
 
-fn read(job: &Job<'_>, run: &Run) -> Result<Answer, EngineError> {
-    let answer = |ending, plans| Ok(Answer { ending, plans, proven_optimal: false });
+fn read(job: &EngineJob<'_>, run: &EngineRun) -> Result<EngineResult, EngineError> {
+    let answer = |ending, plans| Ok(EngineResult { ending, plans, proven_optimal: false });
     if run.stdout.contains(TRUE_ALREADY) {
         return answer(Ending::GoalReached, vec![Plan::default()]);
     }
@@ -83,7 +83,7 @@ fn read(job: &Job<'_>, run: &Run) -> Result<Answer, EngineError> {
     let mut beyond = said.filter(|line| BEYOND.iter().any(|sign| line.contains(sign)));
     if let Some(line) = beyond.next().filter(|_| run.code().is_some()) {
         let said = line.trim().to_owned();
-        return Err(EngineError::Beyond { engine: Engine::MetricFf, said });
+        return Err(EngineError::Beyond { engine: ExternalEngine::MetricFf, said });
     }
     answer(job.unexplained(run)?, Vec::new())
 }
@@ -93,12 +93,12 @@ fn no_plan(said: &str) -> Option<Ending> {
 }
 
 /// Parses `step    0: OP A B`, then `        1: OP A B`, ….
-fn steps(job: &Job<'_>, said: &str) -> Result<Plan, EngineError> {
+fn steps(job: &EngineJob<'_>, said: &str) -> Result<Plan, EngineError> {
     let lines = said.lines().filter_map(|line| step(line.trim()));
     let steps: Vec<PlanStep> = lines.filter(|step| step.action != REACH_GOAL).collect();
-    job.lowered.names.raise(Plan { steps, cost: None }).map_err(|name| {
+    job.lowered.names.restore_names(Plan { steps, cost: None }).map_err(|name| {
         let problem = format!("the task has no action or object `{name}`");
-        EngineError::UnreadablePlan { engine: Engine::MetricFf, problem }
+        EngineError::UnreadablePlan { engine: ExternalEngine::MetricFf, problem }
     })
 }
 

@@ -8,11 +8,11 @@ use std::path::PathBuf;
 use pddl::{Diagnostic, Plan};
 use planner::{Fault, Unsupported};
 
-use crate::planning::Engine;
+use crate::planning::ExternalEngine;
 
 /// The result of one run.
 #[derive(Clone, Debug)]
-pub struct Outcome {
+pub struct EngineOutcome {
     /// A plan with the task's own names that the independent validator has accepted, with the cost that
     /// the validator computes.
     pub plan: Option<Plan>,
@@ -47,13 +47,13 @@ pub enum Ending {
 #[non_exhaustive]
 pub enum EngineError {
     /// The texts have mistakes.
-    #[error("read the domain and the problem{}", Listed(.0))]
+    #[error("read the domain and the problem{}", MistakeSuffix(.0))]
     BadInput(Vec<Diagnostic>),
     /// The task has a feature that this engine does not support.
     #[error("plan with {}: {engine} does not support it", unsupported.feature)]
     Unsupported {
         /// The engine.
-        engine: Engine,
+        engine: ExternalEngine,
         /// The feature and its place.
         unsupported: Unsupported,
     },
@@ -61,15 +61,15 @@ pub enum EngineError {
     #[error("plan with {engine}, which says: {said}")]
     Beyond {
         /// The engine.
-        engine: Engine,
+        engine: ExternalEngine,
         /// The engine's message.
         said: String,
     },
     /// The engine is not installed.
-    #[error("find {engine}{}", At(configured))]
+    #[error("find {engine}{}", PathSuffix(configured))]
     NotFound {
         /// The engine.
-        engine: Engine,
+        engine: ExternalEngine,
         /// The configured path, if there is one.
         configured: Option<PathBuf>,
     },
@@ -77,16 +77,16 @@ pub enum EngineError {
     #[error("run {engine}")]
     Run {
         /// The engine.
-        engine: Engine,
+        engine: ExternalEngine,
         /// The cause.
         #[source]
         source: std::io::Error,
     },
     /// The engine failed.
-    #[error("get an answer from {engine}, which ended with {status}{}", Said(said))]
+    #[error("get an answer from {engine}, which ended with {status}{}", TextSuffix(said))]
     BrokeDown {
         /// The engine.
-        engine: Engine,
+        engine: ExternalEngine,
         /// Its exit code or signal.
         status: String,
         /// The last line of its output.
@@ -96,7 +96,7 @@ pub enum EngineError {
     #[error("confirm the plan of {engine}: {fault}")]
     WrongPlan {
         /// The engine.
-        engine: Engine,
+        engine: ExternalEngine,
         /// The fault that the validator found.
         fault: Box<Fault>,
     },
@@ -104,7 +104,7 @@ pub enum EngineError {
     #[error("read the plan of {engine}: {problem}")]
     UnreadablePlan {
         /// The engine.
-        engine: Engine,
+        engine: ExternalEngine,
         /// The mistake in it.
         problem: String,
     },
@@ -157,27 +157,27 @@ impl EngineError {
 }
 
 /// Formats each mistake as `; MISTAKE`.
-struct Listed<'e>(&'e [Diagnostic]);
+struct MistakeSuffix<'e>(&'e [Diagnostic]);
 
-impl fmt::Display for Listed<'_> {
+impl fmt::Display for MistakeSuffix<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.iter().try_for_each(|mistake| write!(f, "; {mistake}"))
     }
 }
 
 /// Formats the path as ` at PATH`, if there is one.
-struct At<'e>(&'e Option<PathBuf>);
+struct PathSuffix<'e>(&'e Option<PathBuf>);
 
-impl fmt::Display for At<'_> {
+impl fmt::Display for PathSuffix<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.iter().try_for_each(|path| write!(f, " at `{}`", path.display()))
     }
 }
 
 /// Formats the text as `: TEXT`, if it is not empty.
-struct Said<'e>(&'e str);
+struct TextSuffix<'e>(&'e str);
 
-impl fmt::Display for Said<'_> {
+impl fmt::Display for TextSuffix<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.0.is_empty() { Ok(()) } else { write!(f, ": {}", self.0) }
     }

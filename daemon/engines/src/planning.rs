@@ -12,13 +12,13 @@ use planner::{Cancel, Verdict, validate};
 
 use crate::find::Installation;
 use crate::lower::{Dialect, Lowered, lower};
-use crate::outcome::{Ending, EngineError, Outcome};
-use crate::process::{End, Run};
+use crate::outcome::{Ending, EngineError, EngineOutcome};
+use crate::process::{EngineEnd, EngineRun};
 use crate::{fast_downward, metric_ff};
 
 /// A planner that runs as a process of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Engine {
+pub enum ExternalEngine {
     /// Fast Downward: all of ADL, axioms, action costs; no numbers.
     FastDownward,
     /// Metric-FF: all of ADL, linear numbers; no axioms.
@@ -27,7 +27,7 @@ pub enum Engine {
 
 /// The aim of planning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Aim {
+pub enum PlanningAim {
     /// A plan, as soon as possible.
     #[default]
     Plan,
@@ -37,24 +37,24 @@ pub enum Aim {
 
 /// Limits and aim of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
+pub struct EngineOptions {
     /// Limit on wall-clock time, from the call on.
     pub time_limit: Option<Duration>,
     /// Limit on the address space of each of the engine's processes, in bytes.
     pub memory_limit: Option<u64>,
     /// The aim of planning.
-    pub aim: Aim,
+    pub aim: PlanningAim,
 }
 
-impl Default for Options {
+impl Default for EngineOptions {
     /// No limit on time; 2 GiB, as for the embedded planner; a plan as soon as possible.
-    fn default() -> Options {
-        Options { time_limit: None, memory_limit: Some(2 << 30), aim: Aim::Plan }
+    fn default() -> EngineOptions {
+        EngineOptions { time_limit: None, memory_limit: Some(2 << 30), aim: PlanningAim::Plan }
     }
 }
 
 /// The result of an engine: the ending, and the plans it wrote, the best last.
-pub(crate) struct Answer {
+pub(crate) struct EngineResult {
     pub(crate) ending: Ending,
     pub(crate) plans: Vec<Plan>,
     pub(crate) proven_optimal: bool,
@@ -68,31 +68,31 @@ pub fn plan(
     installation: &Installation,
     domain: &Domain,
     problem: &Problem,
-    options: &Options,
+    options: &EngineOptions,
     cancel: &Cancel,
-) -> Result<Outcome, EngineError> {
+) -> Result<EngineOutcome, EngineError> {
     let deadline = options.time_limit.and_then(|limit| Instant::now().checked_add(limit));
     let engine = installation.engine;
     refuse_mistakes(domain, problem)?;
     let dialect = match engine {
-        Engine::FastDownward => Dialect::FAST_DOWNWARD,
-        Engine::MetricFf => Dialect::METRIC_FF,
+        ExternalEngine::FastDownward => Dialect::FAST_DOWNWARD,
+        ExternalEngine::MetricFf => Dialect::METRIC_FF,
     };
     let lowered = lower(domain, problem, dialect)
         .map_err(|unsupported| EngineError::Unsupported { engine, unsupported })?;
-    let job = Job { installation, lowered: &lowered, options, deadline, cancel };
+    let job = EngineJob { installation, lowered: &lowered, options, deadline, cancel };
     let answer = match engine {
-        Engine::FastDownward => fast_downward::answer(&job)?,
-        Engine::MetricFf => metric_ff::answer(&job)?,
+        ExternalEngine::FastDownward => fast_downward::answer(&job)?,
+        ExternalEngine::MetricFf => metric_ff::answer(&job)?,
     };
-    judge(engine, domain, problem, answer, lowered.costs_exact)
+    best_valid_plan(engine, domain, problem, answer, lowered.costs_exact)
 }
 
 /// Context of one run, for the engines' modules.
-pub(crate) struct Job<'j> {
+pub(crate) struct EngineJob<'j> {
     pub(crate) installation: &'j Installation,
     pub(crate) lowered: &'j Lowered,
-    pub(crate) options: &'j Options,
+    pub(crate) options: &'j EngineOptions,
     pub(crate) deadline: Option<Instant>,
     pub(crate) cancel: &'j Cancel,
 }
@@ -112,19 +112,19 @@ fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), EngineError
 ///
 /// If an engine that ended on its own wrote an invalid plan, that is an error. If the engine was ended
 /// by this process, its last plan may be incomplete and is only used if it is valid.
-fn judge(
-    engine: Engine,
+fn best_valid_plan(
+    engine: ExternalEngine,
     domain: &Domain,
     problem: &Problem,
-    answer: Answer,
+    answer: EngineResult,
     costs_exact: bool,
-) -> Result<Outcome, EngineError> {
-    let Answer { ending, plans, proven_optimal } = answer;
+) -> Result<EngineOutcome, EngineError> {
+    let EngineResult { ending, plans, proven_optimal } = answer;
     let mut fault = None;
     for plan in plans.into_iter().rev() {
         match validate(domain, problem, &plan) {
             Verdict::Valid { cost, .. } => {
-                return Ok(Outcome {
+                return Ok(EngineOutcome {
                     plan: Some(Plan { cost: Some(Number(cost)), ..plan }),
                     ending: Ending::GoalReached,
                     proven_optimal: proven_optimal && costs_exact,
@@ -140,37 +140,37 @@ fn judge(
             let problem = "it reports a plan, and wrote none".to_owned();
             Err(EngineError::UnreadablePlan { engine, problem })
         }
-        (ending, _) => Ok(Outcome { plan: None, ending, proven_optimal: false }),
+        (ending, _) => Ok(EngineOutcome { plan: None, ending, proven_optimal: false }),
     }
 }
 
 // === impl Engine ===
 
-impl Engine {
+impl ExternalEngine {
     /// Returns the environment variable that names the engine's program.
     pub fn variable(self) -> &'static str {
         match self {
-            Engine::FastDownward => "ALTHING_FAST_DOWNWARD",
-            Engine::MetricFf => "ALTHING_METRIC_FF",
+            ExternalEngine::FastDownward => "ALTHING_FAST_DOWNWARD",
+            ExternalEngine::MetricFf => "ALTHING_METRIC_FF",
         }
     }
 
     /// Returns the names that the engine's program may have.
     pub(crate) fn programs(self) -> &'static [&'static str] {
         match self {
-            Engine::FastDownward => &["fast-downward.py", "fast-downward"],
-            Engine::MetricFf => &["metric-ff", "ff"],
+            ExternalEngine::FastDownward => &["fast-downward.py", "fast-downward"],
+            ExternalEngine::MetricFf => &["metric-ff", "ff"],
         }
     }
 
     /// Returns advice for installing the engine.
     pub(crate) fn how_to_get(self) -> &'static str {
         match self {
-            Engine::FastDownward => {
+            ExternalEngine::FastDownward => {
                 "`pip install up-fast-downward` is enough; or put `fast-downward.py` on PATH, or \
                  name it in ALTHING_FAST_DOWNWARD"
             }
-            Engine::MetricFf => {
+            ExternalEngine::MetricFf => {
                 "build version 2.1 from its author's page and put `metric-ff` or `ff` on PATH, or \
                  name it in ALTHING_METRIC_FF"
             }
@@ -178,18 +178,18 @@ impl Engine {
     }
 }
 
-impl fmt::Display for Engine {
+impl fmt::Display for ExternalEngine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Engine::FastDownward => "Fast Downward",
-            Engine::MetricFf => "Metric-FF",
+            ExternalEngine::FastDownward => "Fast Downward",
+            ExternalEngine::MetricFf => "Metric-FF",
         })
     }
 }
 
 // === impl Job ===
 
-impl Job<'_> {
+impl EngineJob<'_> {
     /// Creates a temporary folder with `domain.pddl` and `problem.pddl` in it.
     pub(crate) fn folder(&self) -> Result<tempfile::TempDir, EngineError> {
         let folder = tempfile::Builder::new().prefix("althing-engine-").tempdir();
@@ -207,10 +207,10 @@ impl Job<'_> {
         &self,
         folder: &std::path::Path,
         arguments: &[&str],
-    ) -> Result<Run, EngineError> {
+    ) -> Result<EngineRun, EngineError> {
         let mut command = self.installation.command.clone();
         command.extend(arguments.iter().map(Into::into));
-        let launch = crate::process::Launch {
+        let launch = crate::process::EngineLaunch {
             command: &command,
             folder,
             deadline: self.deadline,
@@ -220,7 +220,7 @@ impl Job<'_> {
         match run.code() {
             // The shell could not execute the engine, for another reason than memory.
             Some(126 | 127) if !run.wants_memory() => {
-                Err(self.failed(std::io::Error::other(run.last_words())))
+                Err(self.failed(std::io::Error::other(run.last_output_line())))
             }
             _ => Ok(run),
         }
@@ -228,17 +228,17 @@ impl Job<'_> {
 
     /// Returns the ending of a run that the engine's own exit code and output do not explain. Returns
     /// an error if the engine failed.
-    pub(crate) fn unexplained(&self, run: &Run) -> Result<Ending, EngineError> {
+    pub(crate) fn unexplained(&self, run: &EngineRun) -> Result<Ending, EngineError> {
         match run.end {
-            End::OutOfTime => Ok(Ending::OutOfTime),
-            End::Cancelled => Ok(Ending::Cancelled),
-            End::Itself(_) if self.options.memory_limit.is_some() && run.wants_memory() => {
+            EngineEnd::OutOfTime => Ok(Ending::OutOfTime),
+            EngineEnd::Cancelled => Ok(Ending::Cancelled),
+            EngineEnd::Itself(_) if self.options.memory_limit.is_some() && run.wants_memory() => {
                 Ok(Ending::OutOfMemory)
             }
-            End::Itself(_) => Err(EngineError::BrokeDown {
+            EngineEnd::Itself(_) => Err(EngineError::BrokeDown {
                 engine: self.installation.engine,
                 status: run.status(),
-                said: run.last_words(),
+                said: run.last_output_line(),
             }),
         }
     }

@@ -28,7 +28,7 @@ use rustix::io::Errno;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 /// The command to run, its folder and its limits.
-pub(crate) struct Launch<'l> {
+pub(crate) struct EngineLaunch<'l> {
     /// The program and its arguments.
     pub(crate) command: &'l [OsString],
     /// Folder in which it runs. Its output is written there too.
@@ -40,8 +40,8 @@ pub(crate) struct Launch<'l> {
 }
 
 /// The result of a run.
-pub(crate) struct Run {
-    pub(crate) end: End,
+pub(crate) struct EngineRun {
+    pub(crate) end: EngineEnd,
     /// Standard output, up to [`OUTPUT_MAX`].
     pub(crate) stdout: String,
     /// Standard error, up to the same limit.
@@ -50,7 +50,7 @@ pub(crate) struct Run {
 
 /// The way a run ended.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum End {
+pub(crate) enum EngineEnd {
     /// The process exited on its own (not killed by a limit).
     Itself(ExitStatus),
     /// The process was killed because its time was up.
@@ -63,11 +63,11 @@ pub(crate) enum End {
 const OUTPUT_MAX: u64 = 64 << 20;
 
 /// Interval at which the caller's cancel flag is checked. A person does not notice the delay.
-const TICK: Duration = Duration::from_millis(20);
+const CANCEL_CHECK_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Shell script: waits for a line, sets its limits, executes the program. `$1` is the memory limit in
 /// KiB, or empty.
-const GATE: &str = "read -r word || exit 125
+const START_SCRIPT: &str = "read -r word || exit 125
 ulimit -c 0
 [ -z \"$1\" ] || ulimit -v \"$1\" || exit 125
 shift
@@ -75,31 +75,31 @@ exec \"$@\" </dev/null";
 
 /// Shell script: waits for a line, which means that all is well, or for the end of this process.
 /// Removes the folder twice: a process that was just killed may have written a file meanwhile.
-const WATCH: &str = "trap '' HUP INT TERM
+const CLEANUP_SCRIPT: &str = "trap '' HUP INT TERM
 read -r word && exit
 kill -KILL \"-$1\"
 rm -rf \"$2\" || rm -rf \"$2\"";
 
 /// Runs a program until it ends, its time is up, or the caller cancels it.
-pub(crate) fn run(launch: &Launch<'_>, cancel: &Cancel) -> io::Result<Run> {
+pub(crate) fn run(launch: &EngineLaunch<'_>, cancel: &Cancel) -> io::Result<EngineRun> {
     let (stdout, stderr) = (launch.folder.join("stdout"), launch.folder.join("stderr"));
-    let (child, gate) = at_the_gate(launch, File::create(&stdout)?, File::create(&stderr)?)?;
-    let mut group = Group { child, is_reaped: false };
-    let watch = Watch::over(&group, launch.folder)?;
+    let (child, gate) = spawn_waiting(launch, File::create(&stdout)?, File::create(&stderr)?)?;
+    let mut group = EngineGroup { child, is_reaped: false };
+    let watch = CleanupWatch::over(&group, launch.folder)?;
     open(gate);
     let end = await_end(&mut group, launch.deadline, cancel)?;
     watch.dismiss();
-    Ok(Run { end, stdout: read(&stdout)?, stderr: read(&stderr)? })
+    Ok(EngineRun { end, stdout: read(&stdout)?, stderr: read(&stderr)? })
 }
 
-fn at_the_gate(
-    launch: &Launch<'_>,
+fn spawn_waiting(
+    launch: &EngineLaunch<'_>,
     stdout: File,
     stderr: File,
 ) -> io::Result<(Child, Option<ChildStdin>)> {
     let kibibytes = launch.memory_limit.map(|bytes| (bytes / 1024).max(1).to_string());
     let mut child = Command::new("sh")
-        .args(["-c", GATE, "gate", kibibytes.as_deref().unwrap_or("")])
+        .args(["-c", START_SCRIPT, "gate", kibibytes.as_deref().unwrap_or("")])
         .args(launch.command)
         .current_dir(launch.folder)
         .stdin(Stdio::piped())
@@ -116,23 +116,27 @@ fn open(gate: Option<ChildStdin>) {
     let _ = gate.map(|mut gate| gate.write_all(b"start\n"));
 }
 
-fn await_end(group: &mut Group, deadline: Option<Instant>, cancel: &Cancel) -> io::Result<End> {
+fn await_end(
+    group: &mut EngineGroup,
+    deadline: Option<Instant>,
+    cancel: &Cancel,
+) -> io::Result<EngineEnd> {
     let ended = group.ended();
     let by_us = loop {
         let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
         if cancel.is_set() {
-            break Some(End::Cancelled);
+            break Some(EngineEnd::Cancelled);
         }
         if left.is_some_and(|left| left.is_zero()) {
-            break Some(End::OutOfTime);
+            break Some(EngineEnd::OutOfTime);
         }
-        match ended.recv_timeout(left.unwrap_or(TICK).min(TICK)) {
+        match ended.recv_timeout(left.unwrap_or(CANCEL_CHECK_INTERVAL).min(CANCEL_CHECK_INTERVAL)) {
             Err(mpsc::RecvTimeoutError::Timeout) => (),
             Ok(()) | Err(mpsc::RecvTimeoutError::Disconnected) => break None,
         }
     };
     let status = group.end()?;
-    Ok(by_us.unwrap_or(End::Itself(status)))
+    Ok(by_us.unwrap_or(EngineEnd::Itself(status)))
 }
 
 fn read(path: &Path) -> io::Result<String> {
@@ -142,7 +146,7 @@ fn read(path: &Path) -> io::Result<String> {
 }
 
 /// The program and all processes that it starts. They are killed when it is dropped.
-struct Group {
+struct EngineGroup {
     /// The group leader. Until it is reaped, the group's number cannot be reused.
     child: Child,
     is_reaped: bool,
@@ -150,7 +154,7 @@ struct Group {
 
 // === impl Group ===
 
-impl Group {
+impl EngineGroup {
     fn pid(&self) -> Option<Pid> {
         Pid::from_raw(i32::try_from(self.child.id()).ok()?)
     }
@@ -184,7 +188,7 @@ impl Group {
     }
 }
 
-impl Drop for Group {
+impl Drop for EngineGroup {
     fn drop(&mut self) {
         if !self.is_reaped {
             let _ = self.end();
@@ -193,17 +197,17 @@ impl Drop for Group {
 }
 
 /// The process that cleans up after this process has ended.
-struct Watch {
+struct CleanupWatch {
     child: Child,
     word: Option<ChildStdin>,
 }
 
 // === impl Watch ===
 
-impl Watch {
-    fn over(group: &Group, folder: &Path) -> io::Result<Watch> {
+impl CleanupWatch {
+    fn over(group: &EngineGroup, folder: &Path) -> io::Result<CleanupWatch> {
         let mut child = Command::new("sh")
-            .args(["-c", WATCH, "watch", &group.child.id().to_string()])
+            .args(["-c", CLEANUP_SCRIPT, "watch", &group.child.id().to_string()])
             .arg(folder)
             .current_dir("/")
             .stdin(Stdio::piped())
@@ -213,7 +217,7 @@ impl Watch {
             .process_group(0)
             .spawn()?;
         let word = child.stdin.take();
-        Ok(Watch { child, word })
+        Ok(CleanupWatch { child, word })
     }
 
     /// Ends the watch without cleaning up: the group is gone, and its number may soon be reused.
@@ -223,30 +227,30 @@ impl Watch {
     }
 }
 
-impl Run {
+impl EngineRun {
     /// Returns the exit code; `None` if the program was killed or ended by a signal.
     pub(crate) fn code(&self) -> Option<i32> {
         match self.end {
-            End::Itself(status) => status.code(),
-            End::OutOfTime | End::Cancelled => None,
+            EngineEnd::Itself(status) => status.code(),
+            EngineEnd::OutOfTime | EngineEnd::Cancelled => None,
         }
     }
 
     /// Formats the ending for a person.
     pub(crate) fn status(&self) -> String {
         match self.end {
-            End::Itself(status) => match (status.code(), status.signal()) {
+            EngineEnd::Itself(status) => match (status.code(), status.signal()) {
                 (Some(code), _) => format!("exit code {code}"),
                 (None, Some(signal)) => format!("signal {signal}"),
                 (None, None) => status.to_string(),
             },
-            End::OutOfTime => "a time-out".to_owned(),
-            End::Cancelled => "a cancellation".to_owned(),
+            EngineEnd::OutOfTime => "a time-out".to_owned(),
+            EngineEnd::Cancelled => "a cancellation".to_owned(),
         }
     }
 
     /// Returns the last line that is not empty: of standard error, or else of standard output.
-    pub(crate) fn last_words(&self) -> String {
+    pub(crate) fn last_output_line(&self) -> String {
         let last = |text: &str| {
             text.lines().map(str::trim).rfind(|line| !line.is_empty()).map(str::to_owned)
         };

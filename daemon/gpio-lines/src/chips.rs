@@ -8,7 +8,10 @@ use gpiocdev::line::{EdgeDetection, EdgeKind, Value};
 use gpiocdev::request::{Config, Request};
 use tokio::io::unix::AsyncFd;
 
-use crate::{Bias, Board, BoxFuture, Input, InputLine, LineError, LineName, Output, OutputLine};
+use crate::{
+    Bias, BoxFuture, GpioBoard, InputLine, InputSettings, LineError, LineName, OutputLine,
+    OutputSettings,
+};
 
 /// Name under which the kernel lists the lines that this crate uses.
 const CONSUMER: &str = "althing";
@@ -18,28 +21,28 @@ const EDGES_MAX: usize = 16;
 
 /// Chips below a folder: `/dev`, or a folder in which a container shows them.
 #[derive(Clone, Debug)]
-pub struct Chips {
+pub struct GpioChips {
     folder: PathBuf,
 }
 
 /// Position of a line that was found.
-struct Place {
+struct LinePosition {
     chip: PathBuf,
     number: u32,
     /// Name of the line in messages.
     name: String,
 }
 
-impl Default for Chips {
-    fn default() -> Chips {
-        Chips::new("/dev")
+impl Default for GpioChips {
+    fn default() -> GpioChips {
+        GpioChips::new("/dev")
     }
 }
 
-impl Chips {
+impl GpioChips {
     /// Uses the chips below this folder.
-    pub fn new(folder: impl Into<PathBuf>) -> Chips {
-        Chips { folder: folder.into() }
+    pub fn new(folder: impl Into<PathBuf>) -> GpioChips {
+        GpioChips { folder: folder.into() }
     }
 
     /// Returns the files of all chips, sorted by name.
@@ -71,14 +74,14 @@ impl Chips {
         self.open_all().into_iter().map(told).collect()
     }
 
-    fn find(&self, line: &LineName) -> Result<Place, LineError> {
+    fn find(&self, line: &LineName) -> Result<LinePosition, LineError> {
         match line {
             LineName::Numbered { chip, number } => self.find_number(chip, *number),
             LineName::Named(name) => self.find_name(name),
         }
     }
 
-    fn find_number(&self, wanted: &str, number: u32) -> Result<Place, LineError> {
+    fn find_number(&self, wanted: &str, number: u32) -> Result<LinePosition, LineError> {
         let path = self.folder.join(wanted);
         let chip = if gpiocdev::chip::is_chip(&path).is_ok() {
             open(&path)?
@@ -96,10 +99,10 @@ impl Chips {
             let (chip, count) = (wanted.to_owned(), info.num_lines);
             return Err(LineError::NoNumber { chip, number, count });
         }
-        Ok(Place { chip: chip.path().to_owned(), number, name })
+        Ok(LinePosition { chip: chip.path().to_owned(), number, name })
     }
 
-    fn find_name(&self, wanted: &str) -> Result<Place, LineError> {
+    fn find_name(&self, wanted: &str) -> Result<LinePosition, LineError> {
         let (mut found, mut names) = (Vec::new(), Vec::new());
         let mut problem = None;
         for path in self.files() {
@@ -120,7 +123,7 @@ impl Chips {
         }
         match found.as_slice() {
             [(chip, _, number)] => {
-                Ok(Place { chip: chip.clone(), number: *number, name: wanted.to_owned() })
+                Ok(LinePosition { chip: chip.clone(), number: *number, name: wanted.to_owned() })
             }
             // The line may be on a chip that could not be opened.
             [] => Err(problem.unwrap_or_else(|| LineError::NoName {
@@ -176,7 +179,7 @@ fn kernel(what: &'static str, line: &str, error: &gpiocdev::Error) -> LineError 
 
 // === impl Board for Chips ===
 
-impl Place {
+impl LinePosition {
     fn config(&self, is_active_low: bool) -> Config {
         let mut config = Config::default();
         config.on_chip(&self.chip).with_line(self.number);
@@ -211,8 +214,8 @@ impl Place {
     }
 }
 
-impl Board for Chips {
-    fn input(&self, wanted: &Input) -> Result<Box<dyn InputLine>, LineError> {
+impl GpioBoard for GpioChips {
+    fn input(&self, wanted: &InputSettings) -> Result<Box<dyn InputLine>, LineError> {
         let place = self.find(&wanted.line)?;
         let mut plain = place.config(wanted.is_active_low);
         plain.as_input();
@@ -242,10 +245,10 @@ impl Board for Chips {
             let line = place.name.clone();
             LineError::Kernel { what: "wait for", line, source }
         })?;
-        Ok(Box::new(Watched { request, tells_edges, name: place.name }))
+        Ok(Box::new(WatchedLine { request, reports_edges: tells_edges, name: place.name }))
     }
 
-    fn output(&self, wanted: &Output) -> Result<Box<dyn OutputLine>, LineError> {
+    fn output(&self, wanted: &OutputSettings) -> Result<Box<dyn OutputLine>, LineError> {
         let place = self.find(&wanted.line)?;
         let mut config = place.config(wanted.is_active_low);
         // The line is first requested as it is, to read it; then as an output with that value.
@@ -253,7 +256,7 @@ impl Board for Chips {
         let value = request.lone_value().map_err(|error| kernel("read", &place.name, &error))?;
         let driven = request.reconfigure(config.as_output(value));
         driven.map_err(|error| kernel("drive", &place.name, &error))?;
-        Ok(Box::new(Held { request, name: place.name }))
+        Ok(Box::new(DrivenLine { request, name: place.name }))
     }
 }
 
@@ -263,13 +266,13 @@ fn polled(request: Request) -> io::Result<AsyncFd<Request>> {
     AsyncFd::new(request)
 }
 
-struct Watched {
+struct WatchedLine {
     request: AsyncFd<Request>,
-    tells_edges: bool,
+    reports_edges: bool,
     name: String,
 }
 
-impl Watched {
+impl WatchedLine {
     /// Reads the edges that the kernel has kept. The crate's own `read_edge_event` drops all but one.
     fn kept_edges(&self) -> gpiocdev::Result<Vec<bool>> {
         let request = self.request.get_ref();
@@ -285,7 +288,7 @@ impl Watched {
     }
 }
 
-impl InputLine for Watched {
+impl InputLine for WatchedLine {
     fn value(&self) -> Result<bool, LineError> {
         read(self.request.get_ref(), &self.name)
     }
@@ -305,17 +308,17 @@ impl InputLine for Watched {
         })
     }
 
-    fn tells_edges(&self) -> bool {
-        self.tells_edges
+    fn reports_edges(&self) -> bool {
+        self.reports_edges
     }
 }
 
-struct Held {
+struct DrivenLine {
     request: Request,
     name: String,
 }
 
-impl OutputLine for Held {
+impl OutputLine for DrivenLine {
     fn value(&self) -> Result<bool, LineError> {
         read(&self.request, &self.name)
     }
@@ -335,31 +338,31 @@ fn read(request: &Request, name: &str) -> Result<bool, LineError> {
 mod tests {
     use super::*;
 
-    fn problem(chips: &Chips, line: &str) -> String {
+    fn problem(chips: &GpioChips, line: &str) -> String {
         let line = LineName::try_from(line.to_owned()).expect("a name");
-        let wanted = Output { line, is_active_low: false };
+        let wanted = OutputSettings { line, is_active_low: false };
         chips.output(&wanted).err().expect("it is not there").to_string()
     }
 
     #[test]
     fn chips_that_are_not_there_are_told_with_those_that_are() {
-        let known = Chips::default().known();
+        let known = GpioChips::default().known();
         let there = match known.as_slice() {
             [] => "this machine has none that this user may open".to_owned(),
             known => format!("there are {}", known.join(", ")),
         };
         assert_eq!(
-            problem(&Chips::default(), "gpiochip999/1"),
+            problem(&GpioChips::default(), "gpiochip999/1"),
             format!("find the GPIO chip `gpiochip999`; {there}")
         );
-        let no_name = problem(&Chips::default(), "NO-SUCH-LINE-AT-ALL");
+        let no_name = problem(&GpioChips::default(), "NO-SUCH-LINE-AT-ALL");
         assert!(no_name.starts_with("find a line named `NO-SUCH-LINE-AT-ALL`; "), "{no_name}");
     }
 
     #[test]
     fn what_is_no_chip_is_none() {
         let folder = tempfile::tempdir().expect("a folder");
-        let chips = Chips::new(folder.path());
+        let chips = GpioChips::new(folder.path());
         std::fs::write(folder.path().join("gpiochip0"), "").expect("a file");
         std::os::unix::fs::symlink("/dev/null", folder.path().join("gpiochip1")).expect("a link");
         for line in ["gpiochip0/1", "gpiochip1/1", "gpiochip2/1"] {

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum LineError {
     /// There is no such chip (now).
-    #[error("find the GPIO chip `{wanted}`; {}", there_are(known))]
+    #[error("find the GPIO chip `{wanted}`; {}", known_chips_text(known))]
     NoChip {
         /// The chip that was asked for.
         wanted: String,
@@ -26,7 +26,7 @@ pub enum LineError {
         count: u32,
     },
     /// No line has this name (now).
-    #[error("find a line named `{wanted}`; {}", there_is(near.as_deref(), known))]
+    #[error("find a line named `{wanted}`; {}", nearest_line_text(near.as_deref(), known))]
     NoName {
         /// The name that was asked for.
         wanted: String,
@@ -69,16 +69,16 @@ pub enum LineError {
     },
 }
 
-fn there_are(known: &[String]) -> String {
+fn known_chips_text(known: &[String]) -> String {
     match known {
         [] => "this machine has none that this user may open".to_owned(),
         known => format!("there are {}", known.join(", ")),
     }
 }
 
-fn there_is(near: Option<&str>, known: &[String]) -> String {
+fn nearest_line_text(near: Option<&str>, known: &[String]) -> String {
     match (near, known) {
         (Some(near), _) => format!("did you mean `{near}`?"),
-        (None, known) => format!("looked on all chips: {}", there_are(known)),
+        (None, known) => format!("looked on all chips: {}", known_chips_text(known)),
     }
 }

@@ -9,11 +9,11 @@
 //! - [`Driven`] drives an output. It begins with the current value, so nothing switches when a daemon is
 //!   restarted.
 
-mod bench;
 mod chips;
-mod driven;
+mod driven_output;
 mod error;
-mod follow;
+mod line_watch;
+mod memory_board;
 mod name;
 
 use std::pin::Pin;
@@ -21,11 +21,11 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-pub use bench::Bench;
-pub use chips::Chips;
-pub use driven::Driven;
+pub use chips::GpioChips;
+pub use driven_output::DrivenOutput;
 pub use error::LineError;
-pub use follow::{Followed, State, follow};
+pub use line_watch::{LineState, LineWatch, watch_line};
+pub use memory_board::MemoryBoard;
 pub use name::{InvalidLineName, LineName};
 
 /// A future that a line returns.
@@ -45,7 +45,7 @@ pub enum Bias {
 
 /// Input line to be watched.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Input {
+pub struct InputSettings {
     /// The line.
     pub line: LineName,
     /// Whether the line is active when it is low.
@@ -58,7 +58,7 @@ pub struct Input {
 
 /// Output line to be driven.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Output {
+pub struct OutputSettings {
     /// The line.
     pub line: LineName,
     /// Whether the line is active when it is low.
@@ -66,20 +66,20 @@ pub struct Output {
 }
 
 /// Opens lines. Its methods may block on a bus, so call them on a thread that may block.
-pub trait Board: Send + Sync + 'static {
+pub trait GpioBoard: Send + Sync + 'static {
     /// Opens a line as an input, on a thread of a Tokio runtime.
     ///
     /// # Errors
     ///
     /// Returns an error if the line does not exist, or this process may not use it.
-    fn input(&self, wanted: &Input) -> Result<Box<dyn InputLine>, LineError>;
+    fn input(&self, wanted: &InputSettings) -> Result<Box<dyn InputLine>, LineError>;
 
     /// Opens a line as an output, with its current value.
     ///
     /// # Errors
     ///
     /// Returns an error if the line does not exist, or this process may not use it.
-    fn output(&self, wanted: &Output) -> Result<Box<dyn OutputLine>, LineError>;
+    fn output(&self, wanted: &OutputSettings) -> Result<Box<dyn OutputLine>, LineError>;
 }
 
 /// Input line that is open.
@@ -96,7 +96,7 @@ pub trait InputLine: Send + Sync + 'static {
     fn edges(&self) -> BoxFuture<'_, Result<Vec<bool>, LineError>>;
 
     /// Whether the chip reports edges. Some chips behind a bus do not.
-    fn tells_edges(&self) -> bool;
+    fn reports_edges(&self) -> bool;
 }
 
 /// Output line that is open.

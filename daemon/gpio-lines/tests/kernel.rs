@@ -6,7 +6,10 @@ use std::fs;
 use std::sync::Arc;
 use std::time::Duration;
 
-use gpio_lines::{Board as _, Chips, Driven, Followed, Input, LineName, Output, State, follow};
+use gpio_lines::{
+    DrivenOutput, GpioBoard as _, GpioChips, InputSettings, LineName, LineState, LineWatch,
+    OutputSettings, watch_line,
+};
 use machine::{PRESS, SAID, said_by};
 use rustix::mount::{MountFlags, mount};
 use rustix::system::{RebootCommand, reboot};
@@ -55,9 +58,9 @@ fn line(name: &str) -> LineName {
     name.to_owned().try_into().expect("a name")
 }
 
-fn relay(name: &str, is_active_low: bool) -> Driven {
-    let output = Output { line: line(name), is_active_low };
-    Driven::new(Arc::new(Chips::default()), output)
+fn relay(name: &str, is_active_low: bool) -> DrivenOutput {
+    let output = OutputSettings { line: line(name), is_active_low };
+    DrivenOutput::new(Arc::new(GpioChips::default()), output)
 }
 
 /// Runs inside that machine, as its only process.
@@ -76,20 +79,23 @@ fn inside() {
 
 async fn use_lines() {
     for name in ["gpiochip9/1", "gpiochip0/99", "GPIO17"] {
-        let wanted = Output { line: line(name), is_active_low: false };
-        say(format!("failed to {}", Chips::default().output(&wanted).err().expect("not there")));
+        let wanted = OutputSettings { line: line(name), is_active_low: false };
+        say(format!(
+            "failed to {}",
+            GpioChips::default().output(&wanted).err().expect("not there")
+        ));
     }
     drive().await;
     let debounce = Some(Duration::from_millis(5));
-    let input = Input { line: line(BUTTON), is_active_low: false, bias: None, debounce };
+    let input = InputSettings { line: line(BUTTON), is_active_low: false, bias: None, debounce };
     come_late(&input).await;
-    let button = follow(Arc::new(Chips::default()), input);
+    let button = watch_line(Arc::new(GpioChips::default()), input);
     let mut state = button.state();
     let mut next = async || {
         let changed = tokio::time::timeout(PATIENCE, state.changed()).await;
         changed.expect("in time").expect("it is followed");
         match &*state.borrow_and_update() {
-            State::Away(_) => say("button Away"),
+            LineState::Unavailable(_) => say("button Away"),
             state => say(format!("button {state:?}")),
         }
     };
@@ -111,8 +117,8 @@ async fn drive() {
 }
 
 /// Waits for edges only after the button was released.
-async fn come_late(input: &Input) {
-    let button = Chips::default().input(input).expect("it is there");
+async fn come_late(input: &InputSettings) {
+    let button = GpioChips::default().input(input).expect("it is there");
     say(PRESS);
     tokio::time::sleep(Duration::from_secs(1)).await;
     let edges = tokio::time::timeout(PATIENCE, button.edges()).await;
@@ -120,7 +126,7 @@ async fn come_late(input: &Input) {
 }
 
 /// Unbinds the chip's driver, and binds it again.
-async fn unplug(button: &Followed, mut next: impl AsyncFnMut()) {
+async fn unplug(button: &LineWatch, mut next: impl AsyncFnMut()) {
     // After that, the chip may have another number, but not another label.
     let relay = relay(LABELED, false);
     relay.set(false).await.expect("it is there");
@@ -131,5 +137,5 @@ async fn unplug(button: &Followed, mut next: impl AsyncFnMut()) {
     fs::write(driver("bind"), "9030000.pl061").expect("it is not bound");
     next().await;
     say(format!("relay {:?}", relay.value().await));
-    assert!(matches!(*button.state().borrow(), State::Here(false)));
+    assert!(matches!(*button.state().borrow(), LineState::Present(false)));
 }

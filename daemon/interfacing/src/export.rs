@@ -14,12 +14,12 @@ use pddl::{
     PredicateDeclaration, Privacy, Problem, Span, Term, TypeExpr, Typed,
 };
 
-use super::translate::{Lost, TOTAL_COST, Translator};
-use super::words::{Passage, Words};
+use super::translate::{TOTAL_COST, Translator, Untranslatable};
+use super::vocabulary::{AgentMapping, InterfaceVocabulary};
 
 /// Both ecosystems, as their files describe them.
 #[derive(Clone, Copy)]
-pub struct Shores<'s> {
+pub struct EcosystemFiles<'s> {
     /// Ontology and map of the agent's side.
     pub far: (&'s Domain, &'s Problem),
     /// Ontology and map of the proxy agent's side.
@@ -28,44 +28,44 @@ pub struct Shores<'s> {
 
 /// Model of a proxy agent, and what was left out of it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Exported {
+pub struct ExportedModel {
     /// The model.
     pub model: ActionModel,
     /// Facts that hold regardless of the agent's announcements: the exported facts of the far map, and the
     /// guards of exported objects.
-    pub standing: Vec<InitElement>,
+    pub constant_facts: Vec<InitElement>,
     /// Longest duration of each of its actions on the far side.
     pub timeouts: BTreeMap<String, Duration>,
     /// Actions that cannot be exported.
-    pub left_out: Vec<LeftOut>,
+    pub excluded: Vec<ExcludedAction>,
 }
 
 /// An action that a rule names and that cannot be exported.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LeftOut {
+pub struct ExcludedAction {
     /// Its far name.
     pub action: String,
     /// Its near name, which is in the rule.
     pub near: String,
     /// The reason.
-    pub why: Why,
+    pub why: ExportError,
 }
 
 /// Why an action is not exported.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Why {
+pub enum ExportError {
     /// The agent does not offer it.
     NotOffered,
     /// A condition cannot be translated.
-    Condition(Lost),
+    Condition(Untranslatable),
     /// The exported parameter type would admit objects that the original action does not accept.
-    Parameter(Name, Lost),
+    Parameter(Name, Untranslatable),
     /// An effect cannot be translated exactly.
-    Effect(Lost),
+    Effect(Untranslatable),
     /// The cost cannot be translated.
-    Cost(Lost),
+    Cost(Untranslatable),
     /// No effect is exported.
-    Nothing,
+    NoEffect,
     /// The action is durative.
     Durative,
 }
@@ -76,21 +76,21 @@ pub enum Why {
 ///
 /// Returns an error if the agent has no exported type.
 pub fn export(
-    words: &Words,
-    passage: &Passage,
-    shores: Shores<'_>,
+    words: &InterfaceVocabulary,
+    passage: &AgentMapping,
+    shores: EcosystemFiles<'_>,
     model: &ActionModel,
     methods: &Methods,
-) -> Result<Exported, String> {
+) -> Result<ExportedModel, String> {
     let translator = Translator::of_model(words, passage, shores.far, model);
     let own = own_type(passage, shores, model, &translator)?;
-    let mut mirror = ActionModel::of(passage.mirror.as_str(), shores.near.0.name.clone());
+    let mut mirror = ActionModel::of(passage.proxy.as_str(), shores.near.0.name.clone());
     mirror.types = declared_types(words, shores.near.0, &translator);
     mirror.predicates = declared_predicates(words, shores, model, &translator);
     mirror.functions = declared_functions(words, shores, model, &translator);
     mirror.objects = objects(words, passage, shores, model, &translator, &own);
     let mut standing = facts(&shores.far.1.init, &translator);
-    standing.extend(guard(words, passage, shores, &mut mirror));
+    standing.extend(add_guards(words, passage, shores, &mut mirror));
     mirror.init = standing.clone();
     let own_facts = facts(&model.init, &translator);
     mirror.init.extend(own_facts.into_iter().filter(|fact| !standing.contains(fact)));
@@ -99,9 +99,9 @@ pub fn export(
         let offered = model.actions.iter().find(|schema| schema.name == action.as_str());
         let is_durative = || model.durative_actions.iter().any(|it| it.name == action.as_str());
         let exported = match offered {
-            Some(schema) => exported(schema, near, passage, shores, &translator, &own),
-            None if is_durative() => Err(Why::Durative),
-            None => Err(Why::NotOffered),
+            Some(schema) => exported_schema(schema, near, passage, shores, &translator, &own),
+            None if is_durative() => Err(ExportError::Durative),
+            None => Err(ExportError::NotOffered),
         };
         match exported {
             Ok(schema) => {
@@ -111,17 +111,17 @@ pub fn export(
             }
             Err(why) => {
                 let (action, near) = (action.clone(), near.as_str().to_owned());
-                left_out.push(LeftOut { action, near, why });
+                left_out.push(ExcludedAction { action, near, why });
             }
         }
     }
-    Ok(Exported { model: mirror, standing, timeouts, left_out })
+    Ok(ExportedModel { model: mirror, constant_facts: standing, timeouts, excluded: left_out })
 }
 
 /// Returns the type of the proxy agent: the narrowest exported type of its agent.
 fn own_type(
-    passage: &Passage,
-    shores: Shores<'_>,
+    passage: &AgentMapping,
+    shores: EcosystemFiles<'_>,
     model: &ActionModel,
     translator: &Translator<'_>,
 ) -> Result<TypeExpr, String> {
@@ -135,7 +135,11 @@ fn own_type(
 }
 
 /// Returns the exported types that the near ontology does not declare.
-fn declared_types(words: &Words, near: &Domain, translator: &Translator<'_>) -> Vec<Typed> {
+fn declared_types(
+    words: &InterfaceVocabulary,
+    near: &Domain,
+    translator: &Translator<'_>,
+) -> Vec<Typed> {
     let is_new = |name: &Name| *name != "object" && near.types.iter().all(|it| it.name != *name);
     let declared = words.types.iter().filter(|(_, name)| is_new(name));
     declared
@@ -147,8 +151,8 @@ fn declared_types(words: &Words, near: &Domain, translator: &Translator<'_>) -> 
 }
 
 fn declared_predicates(
-    words: &Words,
-    shores: Shores<'_>,
+    words: &InterfaceVocabulary,
+    shores: EcosystemFiles<'_>,
     model: &ActionModel,
     translator: &Translator<'_>,
 ) -> Vec<PredicateDeclaration> {
@@ -157,7 +161,7 @@ fn declared_predicates(
     far.filter_map(|declared| {
         let name = translator.predicate(&declared.name).ok()?;
         let is_new = near.iter().all(|it| it.name != name);
-        translator.begin();
+        translator.reset_variables();
         let parameters = translator.typed(&declared.parameters).ok()?;
         is_new.then_some(PredicateDeclaration { name, parameters, privacy: Privacy::Public })
     })
@@ -166,8 +170,8 @@ fn declared_predicates(
 }
 
 fn declared_functions(
-    words: &Words,
-    shores: Shores<'_>,
+    words: &InterfaceVocabulary,
+    shores: EcosystemFiles<'_>,
     model: &ActionModel,
     translator: &Translator<'_>,
 ) -> Vec<FunctionDeclaration> {
@@ -177,7 +181,7 @@ fn declared_functions(
         let name = words.functions.get(declared.name.as_str())?.clone();
         let is_private = translator.is_private(declared.name.as_str());
         let is_new = near.iter().all(|it| it.name != name);
-        translator.begin();
+        translator.reset_variables();
         let parameters = translator.typed(&declared.parameters).ok()?;
         let declared = FunctionDeclaration { name, parameters, privacy: Privacy::Public };
         (is_new && !is_private).then_some(declared)
@@ -187,9 +191,9 @@ fn declared_functions(
 
 /// Returns the proxy agent itself, and the exported objects that the near map does not declare.
 fn objects(
-    words: &Words,
-    passage: &Passage,
-    shores: Shores<'_>,
+    words: &InterfaceVocabulary,
+    passage: &AgentMapping,
+    shores: EcosystemFiles<'_>,
     model: &ActionModel,
     translator: &Translator<'_>,
     own: &TypeExpr,
@@ -198,7 +202,7 @@ fn objects(
         object: Typed { name, ty },
         privacy: Privacy::Public,
     };
-    let mut objects = vec![declare(Name::new(passage.mirror.as_str()), own.clone())];
+    let mut objects = vec![declare(Name::new(passage.proxy.as_str()), own.clone())];
     let near_map = shores.near.1.objects.iter().map(|declared| &declared.object);
     let near: Vec<&Name> =
         near_map.chain(&shores.near.0.constants).map(|object| &object.name).collect();
@@ -229,10 +233,10 @@ fn facts(said: &[InitElement], translator: &Translator<'_>) -> Vec<InitElement> 
 }
 
 /// Declares the guard predicate and returns its facts: actions are offered only for exported objects.
-fn guard(
-    words: &Words,
-    passage: &Passage,
-    shores: Shores<'_>,
+fn add_guards(
+    words: &InterfaceVocabulary,
+    passage: &AgentMapping,
+    shores: EcosystemFiles<'_>,
     mirror: &mut ActionModel,
 ) -> Vec<InitElement> {
     let parameters = vec![Typed { name: Name::new("thing"), ty: TypeExpr::default() }];
@@ -244,45 +248,45 @@ fn guard(
         near.filter(|name| words.objects.values().any(|it| it == *name)).collect();
     let brought = mirror.objects.iter().map(|declared| &declared.object.name);
     let shared: Vec<Name> = near.into_iter().chain(brought).cloned().collect();
-    let fact = |name: Name| InitElement::Atom(shared_with(&passage.guard, Term::Object(name)));
+    let fact = |name: Name| InitElement::Atom(guard_atom(&passage.guard, Term::Object(name)));
     shared.into_iter().map(fact).collect()
 }
 
-fn shared_with(guard: &Name, thing: Term) -> Atom {
+fn guard_atom(guard: &Name, thing: Term) -> Atom {
     Atom { predicate: guard.clone(), arguments: vec![thing], span: Span::default() }
 }
 
 /// Returns an action in near terms, or the reason why it cannot be exported.
-fn exported(
+fn exported_schema(
     schema: &ActionSchema,
     near: &Name,
-    passage: &Passage,
-    shores: Shores<'_>,
+    passage: &AgentMapping,
+    shores: EcosystemFiles<'_>,
     translator: &Translator<'_>,
     own: &TypeExpr,
-) -> Result<ActionSchema, Why> {
-    translator.begin();
+) -> Result<ActionSchema, ExportError> {
+    translator.reset_variables();
     // Only the proxy agent offers the action, whichever agent the schema is for.
     let agent = Typed { name: translator.variable(&agent_variable(schema)), ty: own.clone() };
     let mut parameters = Vec::new();
     for parameter in &schema.parameters {
         let ty = translator.exact_type(&parameter.ty);
-        let ty = ty.map_err(|lost| Why::Parameter(parameter.name.clone(), lost))?;
+        let ty = ty.map_err(|lost| ExportError::Parameter(parameter.name.clone(), lost))?;
         parameters.push(Typed { name: translator.variable(&parameter.name), ty });
     }
-    let needed = translator.precondition(&schema.precondition).map_err(Why::Condition)?;
+    let needed = translator.precondition(&schema.precondition).map_err(ExportError::Condition)?;
     let variables = parameters.iter().map(|it| Term::Variable(it.name.clone()));
-    let guards = variables.map(|it| Condition::Atom(shared_with(&passage.guard, it)));
+    let guards = variables.map(|it| Condition::Atom(guard_atom(&passage.guard, it)));
     let precondition = Condition::And([needed].into_iter().chain(guards).collect());
-    let effect = translator.effect(&schema.effect).map_err(Why::Effect)?;
-    let effect = effect.ok_or(Why::Nothing)?;
+    let effect = translator.effect(&schema.effect).map_err(ExportError::Effect)?;
+    let effect = effect.ok_or(ExportError::NoEffect)?;
     let cost = match passage.costs.get(near.as_str()) {
         Some(cost) => Some(Expression::Number(Number(*cost))),
-        None => translator.cost(&schema.effect).map_err(Why::Cost)?,
+        None => translator.cost(&schema.effect).map_err(ExportError::Cost)?,
     };
     let is_measured = shores.near.0.functions.iter().any(|it| it.name == TOTAL_COST);
     let effect = match cost.filter(|_| is_measured) {
-        Some(cost) => Effect::And(vec![effect, costing(cost)]),
+        Some(cost) => Effect::And(vec![effect, cost_effect(cost)]),
         None => effect,
     };
     // A predicate that is not exported cannot be observed on the near side.
@@ -304,7 +308,7 @@ fn agent_variable(schema: &ActionSchema) -> Name {
     schema.agent.as_ref().map_or_else(|| Name::new("self"), |agent| agent.name.clone())
 }
 
-fn costing(value: Expression) -> Effect {
+fn cost_effect(value: Expression) -> Effect {
     let fluent = FluentTerm {
         function: Name::new(TOTAL_COST),
         arguments: Vec::new(),
@@ -359,39 +363,49 @@ fn atoms(condition: &Condition) -> Result<Vec<&Atom>, String> {
     }
 }
 
-impl fmt::Display for LeftOut {
+impl fmt::Display for ExcludedAction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let LeftOut { action, why, .. } = self;
+        let ExcludedAction { action, why, .. } = self;
         match why {
-            Why::NotOffered => write!(f, "`{action}` is not exported: its agent does not offer it"),
-            Why::Condition(lost) => write!(f, "`{action}` is not exported: it needs {lost}"),
-            Why::Parameter(name, lost) => {
+            ExportError::NotOffered => {
+                write!(f, "`{action}` is not exported: its agent does not offer it")
+            }
+            ExportError::Condition(lost) => {
+                write!(f, "`{action}` is not exported: it needs {lost}")
+            }
+            ExportError::Parameter(name, lost) => {
                 write!(f, "`{action}` is not exported: its parameter `?{name}` is of {lost}")
             }
-            Why::Effect(lost) => {
+            ExportError::Effect(lost) => {
                 write!(f, "`{action}` is not exported: what it changes depends on {lost}")
             }
-            Why::Cost(lost) => write!(f, "`{action}` is not exported: its cost depends on {lost}"),
-            Why::Nothing => {
+            ExportError::Cost(lost) => {
+                write!(f, "`{action}` is not exported: its cost depends on {lost}")
+            }
+            ExportError::NoEffect => {
                 write!(f, "`{action}` is not exported: nothing that it changes is exported")
             }
-            Why::Durative => write!(f, "`{action}` is not exported: it is a durative action"),
+            ExportError::Durative => {
+                write!(f, "`{action}` is not exported: it is a durative action")
+            }
         }
     }
 }
 
-impl LeftOut {
+impl ExcludedAction {
     /// Returns a change of the rule that would let the action pass, if there is one.
     pub fn help(&self) -> Option<String> {
-        let LeftOut { near, why, .. } = self;
+        let ExcludedAction { near, why, .. } = self;
         match why {
-            Why::Condition(Lost::Unexported(sort, name))
-            | Why::Parameter(_, Lost::Unexported(sort, name))
-            | Why::Effect(Lost::Unexported(sort, name)) => Some(format!(
+            ExportError::Condition(Untranslatable::Unexported(sort, name))
+            | ExportError::Parameter(_, Untranslatable::Unexported(sort, name))
+            | ExportError::Effect(Untranslatable::Unexported(sort, name)) => Some(format!(
                 "a plan there could have steps that cannot be carried out; export `{name}` \
                  too, under `{sort}s`, or leave the action out"
             )),
-            Why::Cost(_) => Some(format!("say what it is to cost here: costs = {{ {near} = 5 }}")),
+            ExportError::Cost(_) => {
+                Some(format!("say what it is to cost here: costs = {{ {near} = 5 }}"))
+            }
             _ => None,
         }
     }
@@ -423,7 +437,7 @@ mod tests {
 
     /// Returns the exported form of one action of a robot `r1`, as `do` of `helper`.
     fn exported(action: &str) -> Result<String, String> {
-        let words = Words {
+        let words = InterfaceVocabulary {
             types: table(&[("place", "spot"), ("robot", "aide")]),
             predicates: table(&[
                 ("at", "is-in"),
@@ -435,9 +449,9 @@ mod tests {
             objects: table(&[("h1", "here"), ("h2", "there"), ("safe", "strongbox")]),
         };
         let agent = |name| AgentId::new(name).expect("a name");
-        let passage = Passage {
+        let passage = AgentMapping {
             agent: agent("r1"),
-            mirror: agent("helper"),
+            proxy: agent("helper"),
             guard: Name::new(&format!("shared-with-{}", EcosystemId::new("far").expect("a name"))),
             actions: table(&[("act", "do")]),
             costs: BTreeMap::new(),
@@ -450,10 +464,10 @@ mod tests {
         let domain = |text| pddl::parse_domain(text).into_result().expect("a domain");
         let problem = |text| pddl::parse_problem(text).into_result().expect("a map");
         let (far, near) = ((domain(FAR), problem(FAR_MAP)), (domain(NEAR), problem(NEAR_MAP)));
-        let shores = Shores { far: (&far.0, &far.1), near: (&near.0, &near.1) };
+        let shores = EcosystemFiles { far: (&far.0, &far.1), near: (&near.0, &near.1) };
         let model = pddl::parse_action_model(&model).into_result().expect("a model");
         let exported = export(&words, &passage, shores, &model, &Methods::new())?;
-        match exported.left_out.first() {
+        match exported.excluded.first() {
             Some(left_out) => Err(left_out.to_string()),
             None => {
                 let found = pddl::check_action_model(&near.0, &exported.model);

@@ -13,15 +13,15 @@
 //! This crate leaves to others: the behaviour of a proxy agent as an actuator (`actuator`); reading the
 //! rules, checking them against both ecosystems' vocabularies, and both substrates (`althing`).
 
-mod bucket;
-mod crossing;
-mod desk;
-mod entry;
 pub mod export;
-mod mirror;
+mod goal_gateway;
+mod interface_config;
+mod proxy_device;
+mod proxy_lifecycle;
+mod rate_limiter;
+pub mod remote_client;
 pub mod translate;
-pub mod voice;
-pub mod words;
+pub mod vocabulary;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -31,17 +31,17 @@ use agent::{Landing, Launch, Observer, Sight};
 use keyboard::Keyboard;
 use pddl::{Domain, Problem};
 
-use bucket::Bucket;
-use desk::Desk;
-pub use entry::{InterfaceEntry, PASSING, RuleEntry};
-pub use mirror::Counters;
-use mirror::Crossing;
-use voice::Voice;
-use words::{Passage, Way, Words};
+use goal_gateway::GoalGateway;
+pub use interface_config::{InterfaceEntry, PASSABLE_PERFORMATIVES, RuleEntry};
+pub use proxy_device::InterfaceCounters;
+use proxy_device::ProxyContext;
+use rate_limiter::RateLimiter;
+use remote_client::RemoteClient;
+use vocabulary::{AgentMapping, InterfaceVocabulary, RuleDirection};
 
 /// One of the two ecosystems, and where this daemon's agents are started in it.
 #[derive(Clone)]
-pub struct Shore {
+pub struct EcosystemEndpoint {
     /// The ecosystem.
     pub name: EcosystemId,
     /// Its ontology.
@@ -49,15 +49,15 @@ pub struct Shore {
     /// Its map.
     pub problem: Arc<Problem>,
     /// Where agents are started.
-    pub landing: Landing,
+    pub spawner: Landing,
 }
 
 /// Counters of a running interface.
 pub struct Interface {
     /// From the other ecosystem to this one.
-    pub imported: Arc<Counters>,
+    pub imported: Arc<InterfaceCounters>,
     /// From this ecosystem to the other.
-    pub exported: Arc<Counters>,
+    pub exported: Arc<InterfaceCounters>,
 }
 
 /// Why an interface cannot work. Completes “failed to …”.
@@ -81,36 +81,36 @@ pub enum InterfaceError {
 /// Returns an error if no valid name can be formed for an agent of the interface.
 pub fn connect(
     entry: &InterfaceEntry,
-    home: &Shore,
-    away: &Shore,
+    home: &EcosystemEndpoint,
+    away: &EcosystemEndpoint,
 ) -> Result<Interface, InterfaceError> {
-    let (outward, inward) = (Bucket::new(entry.rate), Bucket::new(entry.rate));
+    let (outward, inward) = (RateLimiter::new(entry.rate), RateLimiter::new(entry.rate));
     let (outward, inward) = (Arc::new(outward), Arc::new(inward));
     let interface = Interface { imported: Arc::default(), exported: Arc::default() };
     let name = |text: &str| {
         let far = away.name.clone();
         AgentId::new(text).map_err(|source| InterfaceError::Name { far, source })
     };
-    let imports = Bridge {
+    let imports = InterfaceDirection {
         entry,
-        way: Way::Import,
+        direction: RuleDirection::Import,
         near: home.clone(),
         far: away.clone(),
-        called: entry.called.clone(),
-        outward: Arc::clone(&outward),
-        inward: Arc::clone(&inward),
+        client_name: entry.remote_name.clone(),
+        outbound_limit: Arc::clone(&outward),
+        inbound_limit: Arc::clone(&inward),
         counters: Arc::clone(&interface.imported),
     };
-    imports.build(&entry.imports, &name(&format!("{}-watch", entry.called))?);
+    imports.build(&entry.imports, &name(&format!("{}-watch", entry.remote_name))?);
     let theirs = away.name.as_str();
-    let exports = Bridge {
+    let exports = InterfaceDirection {
         entry,
-        way: Way::Export,
+        direction: RuleDirection::Export,
         near: away.clone(),
         far: home.clone(),
-        called: name(theirs)?,
-        outward: inward,
-        inward: outward,
+        client_name: name(theirs)?,
+        outbound_limit: inward,
+        inbound_limit: outward,
         counters: Arc::clone(&interface.exported),
     };
     exports.build(&entry.exports, &name(&format!("{theirs}-watch"))?);
@@ -118,102 +118,103 @@ pub fn connect(
 }
 
 /// One direction of an interface: agents of `far` are represented in `near`.
-struct Bridge<'b> {
+struct InterfaceDirection<'b> {
     entry: &'b InterfaceEntry,
-    way: Way,
-    near: Shore,
-    far: Shore,
+    direction: RuleDirection,
+    near: EcosystemEndpoint,
+    far: EcosystemEndpoint,
     /// Name in `far` of the agent that makes requests for `near`.
-    called: AgentId,
+    client_name: AgentId,
     /// Rate limits to `far`, and from it.
-    outward: Arc<Bucket>,
-    inward: Arc<Bucket>,
-    counters: Arc<Counters>,
+    outbound_limit: Arc<RateLimiter>,
+    inbound_limit: Arc<RateLimiter>,
+    counters: Arc<InterfaceCounters>,
 }
 
-impl Bridge<'_> {
+impl InterfaceDirection<'_> {
     fn build(&self, rules: &[RuleEntry], watcher: &AgentId) {
         if rules.is_empty() {
             return;
         }
-        let voice = self.speak();
+        let voice = self.launch_client();
         let watched = rules.iter().filter_map(|rule| rule.agent.clone());
         let (observer, sights) = Observer::of(watched);
         if !sights.is_empty() {
-            self.launch(&self.far.landing, watcher, observer, self.speaking_for());
+            self.launch_agent(&self.far.spawner, watcher, observer, self.client_route());
         }
         for rule in rules {
-            match Passage::of(rule, &self.far.name, self.way) {
-                Some(passage) => self.mirror(rule, passage, &sights, &voice),
-                None => self.desk(rule, &voice),
+            match AgentMapping::of(rule, &self.far.name, self.direction) {
+                Some(passage) => self.launch_proxy(rule, passage, &sights, &voice),
+                None => self.launch_gateway(rule, &voice),
             }
         }
     }
 
     /// The route of the agents that act for `near` in `far`: they come from `near`.
-    fn speaking_for(&self) -> Vec<EcosystemId> {
+    fn client_route(&self) -> Vec<EcosystemId> {
         vec![self.near.name.clone()]
     }
 
-    fn speak(&self) -> Voice {
+    fn launch_client(&self) -> RemoteClient {
         let (keyboard, terminal) = Keyboard::with_terminal();
-        let (voice, speaking) = Voice::new(terminal);
-        self.launch(&self.far.landing, &self.called, keyboard, self.speaking_for());
-        self.far.landing.tasks.spawn(speaking);
+        let (voice, speaking) = RemoteClient::new(terminal);
+        self.launch_agent(&self.far.spawner, &self.client_name, keyboard, self.client_route());
+        self.far.spawner.tasks.spawn(speaking);
         voice
     }
 
-    fn mirror(
+    fn launch_proxy(
         &self,
         rule: &RuleEntry,
-        passage: Passage,
+        passage: AgentMapping,
         sights: &BTreeMap<AgentId, Sight>,
-        voice: &Voice,
+        voice: &RemoteClient,
     ) {
         let Some(sight) = sights.get(&passage.agent).cloned() else { return };
-        let files = |shore: &Shore| (Arc::clone(&shore.domain), Arc::clone(&shore.problem));
-        let crossing = Crossing {
-            passage,
+        let files =
+            |shore: &EcosystemEndpoint| (Arc::clone(&shore.domain), Arc::clone(&shore.problem));
+        let crossing = ProxyContext {
+            mapping: passage,
             performatives: rule.performatives.clone(),
-            words: Words::of(self.entry, self.way),
+            vocabulary: InterfaceVocabulary::of(self.entry, self.direction),
             far: self.far.name.clone(),
             far_files: files(&self.far),
             near_files: files(&self.near),
             voice: voice.clone(),
-            outward: Arc::clone(&self.outward),
-            inward: Arc::clone(&self.inward),
+            far_limit: Arc::clone(&self.outbound_limit),
+            near_limit: Arc::clone(&self.inbound_limit),
             counters: Arc::clone(&self.counters),
         };
-        let near = self.near.landing.clone();
-        self.near.landing.tasks.spawn(crossing::mirror(Arc::new(crossing), sight, near));
+        let near = self.near.spawner.clone();
+        self.near.spawner.tasks.spawn(proxy_lifecycle::run_proxy(Arc::new(crossing), sight, near));
     }
 
-    fn desk(&self, rule: &RuleEntry, voice: &Voice) {
+    fn launch_gateway(&self, rule: &RuleEntry, voice: &RemoteClient) {
         // Rules name goals in this ecosystem's vocabulary; a rule of exports lets the other ecosystem
         // request them in its own.
-        let words = Words::of(self.entry, self.way).reversed();
-        let goals = match self.way {
-            Way::Import => rule.goals.clone(),
-            Way::Export => { rule.goals.iter() }
+        let words = InterfaceVocabulary::of(self.entry, self.direction).reversed();
+        let goals = match self.direction {
+            RuleDirection::Import => rule.goals.clone(),
+            RuleDirection::Export => { rule.goals.iter() }
                 .filter_map(|goal| self.entry.predicates.get(goal).cloned())
                 .collect(),
         };
-        let desk = Desk {
+        let desk = GoalGateway {
             far: self.far.name.clone(),
             goals,
             words,
             near: (Arc::clone(&self.near.domain), Arc::clone(&self.near.problem)),
             revocable: rule.performatives.contains(&Performative::Cancel),
             voice: voice.clone(),
-            outward: Arc::clone(&self.outward),
+            outward: Arc::clone(&self.outbound_limit),
             counters: Arc::clone(&self.counters),
             open: BTreeMap::new(),
         };
         let via = vec![self.far.name.clone()];
-        self.launch(&self.near.landing, &rule.called, desk, via);
+        self.launch_agent(&self.near.spawner, &rule.proxy_name, desk, via);
     }
 
-    fn launch(
+    fn launch_agent(
         &self,
         landing: &Landing,
         id: &AgentId,

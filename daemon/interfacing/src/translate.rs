@@ -18,14 +18,14 @@ use pddl::{
     FluentTerm, InitElement, Name, PlanStep, Privacy, Problem, Term, TypeExpr, Typed, Types,
 };
 
-use super::words::{Passage, Words};
+use super::vocabulary::{AgentMapping, InterfaceVocabulary};
 
 /// The function that measures plans, in every ontology.
 pub(crate) const TOTAL_COST: &str = "total-cost";
 
 /// Part of an action that cannot be translated.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Lost {
+pub enum Untranslatable {
     /// A symbol that is not in the vocabulary: its sort and its name.
     Unexported(&'static str, Name),
     /// A private symbol, in a condition that cannot be left to the agent.
@@ -38,9 +38,9 @@ pub enum Lost {
 
 /// Translates symbols of the far side to the near one.
 pub struct Translator<'t> {
-    words: &'t Words,
+    words: &'t InterfaceVocabulary,
     /// The agent and its proxy agent, if a model is translated.
-    who: Option<(&'t AgentId, &'t AgentId)>,
+    agent_and_proxy: Option<(&'t AgentId, &'t AgentId)>,
     types: Types,
     private: BTreeSet<Name>,
     derived: BTreeSet<Name>,
@@ -48,44 +48,48 @@ pub struct Translator<'t> {
     variables: RefCell<Vec<Name>>,
 }
 
-type Said<T> = Result<T, Lost>;
+type Translation<T> = Result<T, Untranslatable>;
 
 // === impl Translator ===
 
 impl<'t> Translator<'t> {
     /// Returns a translator for the model of an agent, over the far ontology.
     pub fn of_model(
-        words: &'t Words,
-        passage: &'t Passage,
+        words: &'t InterfaceVocabulary,
+        passage: &'t AgentMapping,
         (ontology, map): (&Domain, &Problem),
         model: &ActionModel,
     ) -> Translator<'t> {
         let mut translator = Translator::of_ontology(words, (ontology, map));
-        translator.who = Some((&passage.agent, &passage.mirror));
+        translator.agent_and_proxy = Some((&passage.agent, &passage.proxy));
         translator.types = Types::new(ontology.types.iter().chain(&model.types));
         let of_model = model.predicates.iter().map(|declared| (&declared.name, &declared.privacy));
         let functions = model.functions.iter().map(|declared| (&declared.name, &declared.privacy));
         let objects =
             model.objects.iter().map(|declared| (&declared.object.name, &declared.privacy));
-        translator.keep_private(of_model.chain(functions).chain(objects));
+        translator.add_private(of_model.chain(functions).chain(objects));
         translator.derived.extend(model.derived.iter().map(|axiom| axiom.predicate.clone()));
         translator
     }
 
     /// Returns a translator for facts and goals over an ontology and a map.
-    pub fn of_ontology(words: &'t Words, (ontology, map): (&Domain, &Problem)) -> Translator<'t> {
+    pub fn of_ontology(
+        words: &'t InterfaceVocabulary,
+        (ontology, map): (&Domain, &Problem),
+    ) -> Translator<'t> {
         let derived = ontology.derived.iter().map(|axiom| axiom.predicate.clone()).collect();
         let (types, private) = (Types::of(ontology), BTreeSet::new());
         let variables = RefCell::default();
-        let mut translator = Translator { words, who: None, types, private, derived, variables };
+        let mut translator =
+            Translator { words, agent_and_proxy: None, types, private, derived, variables };
         let predicates = ontology.predicates.iter().map(|it| (&it.name, &it.privacy));
         let functions = ontology.functions.iter().map(|it| (&it.name, &it.privacy));
         let objects = map.objects.iter().map(|it| (&it.object.name, &it.privacy));
-        translator.keep_private(predicates.chain(functions).chain(objects));
+        translator.add_private(predicates.chain(functions).chain(objects));
         translator
     }
 
-    fn keep_private<'n>(&mut self, declared: impl Iterator<Item = (&'n Name, &'n Privacy)>) {
+    fn add_private<'n>(&mut self, declared: impl Iterator<Item = (&'n Name, &'n Privacy)>) {
         let private = declared.filter(|(_, privacy)| matches!(privacy, Privacy::Private(_)));
         self.private.extend(private.map(|(name, _)| name.clone()));
     }
@@ -97,14 +101,14 @@ impl<'t> Translator<'t> {
 
     // === symbols ===
 
-    pub(crate) fn predicate(&self, name: &Name) -> Said<Name> {
+    pub(crate) fn predicate(&self, name: &Name) -> Translation<Name> {
         if self.derived.contains(name) {
-            return Err(Lost::Derived(name.clone()));
+            return Err(Untranslatable::Derived(name.clone()));
         }
         self.symbol("predicate", &self.words.predicates, name)
     }
 
-    fn function(&self, name: &Name) -> Said<Name> {
+    fn function(&self, name: &Name) -> Translation<Name> {
         self.symbol("function", &self.words.functions, name)
     }
 
@@ -113,23 +117,23 @@ impl<'t> Translator<'t> {
         sort: &'static str,
         table: &BTreeMap<String, Name>,
         name: &Name,
-    ) -> Said<Name> {
+    ) -> Translation<Name> {
         if self.private.contains(name) {
-            return Err(Lost::Private(name.clone()));
+            return Err(Untranslatable::Private(name.clone()));
         }
         let found = table.get(name.as_str()).cloned();
-        found.ok_or_else(|| Lost::Unexported(sort, name.clone()))
+        found.ok_or_else(|| Untranslatable::Unexported(sort, name.clone()))
     }
 
-    pub(crate) fn object(&self, name: &Name) -> Said<Name> {
-        match self.who {
+    pub(crate) fn object(&self, name: &Name) -> Translation<Name> {
+        match self.agent_and_proxy {
             Some((agent, mirror)) if *name == agent.as_str() => Ok(Name::new(mirror.as_str())),
             _ => self.symbol("object", &self.words.objects, name),
         }
     }
 
     /// Begins another action or declaration, with numbers of variables from 1.
-    pub(crate) fn begin(&self) {
+    pub(crate) fn reset_variables(&self) {
         self.variables.borrow_mut().clear();
     }
 
@@ -146,27 +150,27 @@ impl<'t> Translator<'t> {
         Name::new(&format!("x{}", index + 1))
     }
 
-    pub(crate) fn term(&self, term: &Term) -> Said<Term> {
+    pub(crate) fn term(&self, term: &Term) -> Translation<Term> {
         match term {
             Term::Variable(name) => Ok(Term::Variable(self.variable(name))),
             Term::Object(name) => self.object(name).map(Term::Object),
         }
     }
 
-    fn terms(&self, terms: &[Term]) -> Said<Vec<Term>> {
+    fn terms(&self, terms: &[Term]) -> Translation<Vec<Term>> {
         terms.iter().map(|term| self.term(term)).collect()
     }
 
     /// Translates a type exactly: another type would admit objects that the agent does not accept.
-    pub(crate) fn exact_type(&self, ty: &TypeExpr) -> Said<TypeExpr> {
+    pub(crate) fn exact_type(&self, ty: &TypeExpr) -> Translation<TypeExpr> {
         if ty.is_object() {
             return Ok(TypeExpr::default());
         }
         let known = |name: &Name| {
             let near = self.words.types.get(name.as_str()).cloned();
-            near.ok_or_else(|| Lost::Unexported("type", name.clone()))
+            near.ok_or_else(|| Untranslatable::Unexported("type", name.clone()))
         };
-        let alternatives = ty.alternatives.iter().map(known).collect::<Said<_>>()?;
+        let alternatives = ty.alternatives.iter().map(known).collect::<Translation<_>>()?;
         Ok(TypeExpr { alternatives })
     }
 
@@ -186,41 +190,41 @@ impl<'t> Translator<'t> {
         above.find_map(|ty| self.words.types.get(ty.as_str())).cloned().map(TypeExpr::of)
     }
 
-    pub(crate) fn typed(&self, typed: &[Typed]) -> Said<Vec<Typed>> {
+    pub(crate) fn typed(&self, typed: &[Typed]) -> Translation<Vec<Typed>> {
         let one = |typed: &Typed| {
             Ok(Typed { name: self.variable(&typed.name), ty: self.exact_type(&typed.ty)? })
         };
         typed.iter().map(one).collect()
     }
 
-    fn atom(&self, atom: &Atom) -> Said<Atom> {
+    fn atom(&self, atom: &Atom) -> Translation<Atom> {
         let predicate = self.predicate(&atom.predicate)?;
         Ok(Atom { predicate, arguments: self.terms(&atom.arguments)?, span: atom.span })
     }
 
     /// Translates an atom that an action observes: of a predicate or a function.
-    pub(crate) fn observed(&self, observed: &Atom) -> Said<Atom> {
+    pub(crate) fn observed(&self, observed: &Atom) -> Translation<Atom> {
         let named = self.predicate(&observed.predicate);
         let predicate = named.or_else(|_| self.function(&observed.predicate))?;
         Ok(Atom { predicate, arguments: self.terms(&observed.arguments)?, span: observed.span })
     }
 
-    fn fluent(&self, fluent: &FluentTerm) -> Said<FluentTerm> {
+    fn fluent(&self, fluent: &FluentTerm) -> Translation<FluentTerm> {
         let function = self.function(&fluent.function)?;
         Ok(FluentTerm { function, arguments: self.terms(&fluent.arguments)?, span: fluent.span })
     }
 
-    pub(crate) fn expression(&self, expression: &Expression) -> Said<Expression> {
+    pub(crate) fn expression(&self, expression: &Expression) -> Translation<Expression> {
         Ok(match expression {
             Expression::Number(number) => Expression::Number(*number),
             Expression::Fluent(fluent) => Expression::Fluent(self.fluent(fluent)?),
             Expression::Negate(inner) => Expression::Negate(Box::new(self.expression(inner)?)),
             Expression::Apply(operator, operands) => {
                 let operands = operands.iter().map(|operand| self.expression(operand));
-                Expression::Apply(*operator, operands.collect::<Said<_>>()?)
+                Expression::Apply(*operator, operands.collect::<Translation<_>>()?)
             }
             Expression::Duration(_) | Expression::ContinuousTime(_) | Expression::TotalTime(_) => {
-                return Err(Lost::Construct("time"));
+                return Err(Untranslatable::Construct("time"));
             }
         })
     }
@@ -241,12 +245,12 @@ impl<'t> Translator<'t> {
     // === conditions ===
 
     /// Translates a precondition, conjunct by conjunct, without conjuncts over private symbols alone.
-    pub(crate) fn precondition(&self, condition: &Condition) -> Said<Condition> {
+    pub(crate) fn precondition(&self, condition: &Condition) -> Translation<Condition> {
         let mut kept = Vec::new();
         for conjunct in conjuncts(condition) {
             match self.condition(conjunct, true) {
                 Ok(said) => kept.push(said),
-                Err(_) if self.is_secret(conjunct) => (),
+                Err(_) if self.is_all_private(conjunct) => (),
                 Err(lost) => return Err(lost),
             }
         }
@@ -255,8 +259,8 @@ impl<'t> Translator<'t> {
 
     /// Translates a condition completely. `holds` is `false` under a negation, where `exists` and `forall`
     /// change places.
-    pub(crate) fn condition(&self, condition: &Condition, holds: bool) -> Said<Condition> {
-        let all = |parts: &[Condition]| -> Said<Vec<Condition>> {
+    pub(crate) fn condition(&self, condition: &Condition, holds: bool) -> Translation<Condition> {
+        let all = |parts: &[Condition]| -> Translation<Vec<Condition>> {
             parts.iter().map(|part| self.condition(part, holds)).collect()
         };
         Ok(match condition {
@@ -289,12 +293,14 @@ impl<'t> Translator<'t> {
                 Condition::Forall(self.typed(variables)?, Box::new(self.condition(inner, holds)?))
             }
             // If it holds of all exported objects, it need not hold of all objects.
-            Condition::Exists(..) | Condition::Forall(..) => return Err(Lost::Construct("forall")),
+            Condition::Exists(..) | Condition::Forall(..) => {
+                return Err(Untranslatable::Construct("forall"));
+            }
         })
     }
 
     /// Whether a condition contains private symbols and no others.
-    fn is_secret(&self, condition: &Condition) -> bool {
+    fn is_all_private(&self, condition: &Condition) -> bool {
         let mut symbols = condition.symbols().peekable();
         symbols.peek().is_some() && symbols.all(|name| self.private.contains(name))
     }
@@ -302,10 +308,11 @@ impl<'t> Translator<'t> {
     // === effects ===
 
     /// Translates the observable part of an effect; `None` if there is none.
-    pub(crate) fn effect(&self, effect: &Effect) -> Said<Option<Effect>> {
+    pub(crate) fn effect(&self, effect: &Effect) -> Translation<Option<Effect>> {
         Ok(match effect {
             Effect::And(parts) => {
-                let parts = parts.iter().map(|part| self.effect(part)).collect::<Said<Vec<_>>>()?;
+                let parts =
+                    parts.iter().map(|part| self.effect(part)).collect::<Translation<Vec<_>>>()?;
                 let seen: Vec<_> = parts.into_iter().flatten().collect();
                 (!seen.is_empty()).then_some(Effect::And(seen))
             }
@@ -330,7 +337,7 @@ impl<'t> Translator<'t> {
     }
 
     /// Translates a numeric effect; `None` for one on the cost, which [`Translator::cost`] handles.
-    fn assign(&self, assign: &Assign) -> Said<Option<Effect>> {
+    fn assign(&self, assign: &Assign) -> Translation<Option<Effect>> {
         let Assign { assignment, fluent, value, span } = assign;
         if fluent.function == TOTAL_COST {
             return Ok(None);
@@ -342,7 +349,7 @@ impl<'t> Translator<'t> {
     }
 
     /// Returns the cost that an action adds to a plan; `None` if it declares none.
-    pub(crate) fn cost(&self, effect: &Effect) -> Said<Option<Expression>> {
+    pub(crate) fn cost(&self, effect: &Effect) -> Translation<Option<Expression>> {
         match effect {
             Effect::And(parts) => {
                 for part in parts {
@@ -369,7 +376,7 @@ pub(crate) fn step(
     step: &PlanStep,
     actions: &BTreeMap<String, Name>,
     who: (&AgentId, &AgentId),
-    words: &Words,
+    words: &InterfaceVocabulary,
 ) -> Result<PlanStep, String> {
     let action = actions.get(step.action.as_str());
     let action = action.ok_or_else(|| format!("`{}` is not exported", step.action))?;
@@ -392,18 +399,22 @@ fn conjuncts(condition: &Condition) -> Vec<&Condition> {
     }
 }
 
-impl fmt::Display for Lost {
+impl fmt::Display for Untranslatable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Lost::Unexported(sort, name) => write!(f, "the {sort} `{name}`, which is not exported"),
-            Lost::Private(name) => write!(f, "`{name}`, which is private"),
-            Lost::Derived(name) => {
+            Untranslatable::Unexported(sort, name) => {
+                write!(f, "the {sort} `{name}`, which is not exported")
+            }
+            Untranslatable::Private(name) => write!(f, "`{name}`, which is private"),
+            Untranslatable::Derived(name) => {
                 write!(f, "`{name}`, which follows by axioms that are not exported")
             }
-            Lost::Construct("forall") => {
+            Untranslatable::Construct("forall") => {
                 write!(f, "a condition on all objects, and not all are exported")
             }
-            Lost::Construct(what) => write!(f, "`{what}`, which has no meaning over there"),
+            Untranslatable::Construct(what) => {
+                write!(f, "`{what}`, which has no meaning over there")
+            }
         }
     }
 }

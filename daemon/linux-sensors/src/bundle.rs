@@ -2,26 +2,26 @@
 
 use std::collections::BTreeMap;
 
-use crate::{Channel, Identity, Quantity};
+use crate::{DeviceIdentity, SensorChannel, SysfsQuantity};
 
 /// Channels that make up one sensor: one channel of a device; for a thermometer also the humidity channel
 /// of the same device.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Bundle {
+pub struct SensorBundle {
     /// The device.
-    pub device: Identity,
+    pub device: DeviceIdentity,
     /// Main quantity that the sensor measures.
-    pub quantity: Quantity,
+    pub quantity: SysfsQuantity,
     /// Name of the channel, if the device has several for that quantity.
     pub channel: Option<String>,
     /// Whether the thermometer also measures the humidity.
     pub has_humidity: bool,
 }
 
-impl Bundle {
+impl SensorBundle {
     /// Returns the sensors of a machine. Sensors that measure the machine itself are left out.
-    pub fn all(channels: &[Channel]) -> Vec<Bundle> {
-        let mut devices: BTreeMap<&Identity, Vec<&Channel>> = BTreeMap::new();
+    pub fn all(channels: &[SensorChannel]) -> Vec<SensorBundle> {
+        let mut devices: BTreeMap<&DeviceIdentity, Vec<&SensorChannel>> = BTreeMap::new();
         for channel in channels.iter().filter(|channel| channel.is_ambient) {
             devices.entry(&channel.device).or_default().push(channel);
         }
@@ -29,16 +29,17 @@ impl Bundle {
     }
 }
 
-fn of(channels: &[&Channel]) -> Vec<Bundle> {
+fn of(channels: &[&SensorChannel]) -> Vec<SensorBundle> {
     let count = |wanted| channels.iter().filter(|channel| channel.quantity == wanted).count();
-    let has_both = count(Quantity::Temperature) > 0 && count(Quantity::Humidity) > 0;
+    let has_both = count(SysfsQuantity::Temperature) > 0 && count(SysfsQuantity::Humidity) > 0;
     // A thermometer that also measures the humidity is one sensor.
-    let is_own = |channel: &&&Channel| !(has_both && channel.quantity == Quantity::Humidity);
-    let bundle = |channel: &&Channel| Bundle {
+    let is_own =
+        |channel: &&&SensorChannel| !(has_both && channel.quantity == SysfsQuantity::Humidity);
+    let bundle = |channel: &&SensorChannel| SensorBundle {
         device: channel.device.clone(),
         quantity: channel.quantity,
         channel: (count(channel.quantity) > 1).then(|| channel.name.clone()),
-        has_humidity: has_both && channel.quantity == Quantity::Temperature,
+        has_humidity: has_both && channel.quantity == SysfsQuantity::Temperature,
     };
     channels.iter().filter(is_own).map(bundle).collect()
 }

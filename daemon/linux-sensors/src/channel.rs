@@ -5,28 +5,28 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::identity::Identity;
-use crate::quantity::Quantity;
+use crate::identity::DeviceIdentity;
+use crate::quantity::SysfsQuantity;
 
 /// One quantity that a device measures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Channel {
+pub struct SensorChannel {
     /// The device.
-    pub device: Identity,
+    pub device: DeviceIdentity,
     /// Name of the channel as in the kernel: `temp`, `temp_object`, `humidityrelative`.
     #[serde(rename = "channel")]
     pub name: String,
     /// Quantity that it measures.
-    pub quantity: Quantity,
+    pub quantity: SysfsQuantity,
     /// Whether it measures the room, judged by the device's name. A processor's thermometer does not.
     pub is_ambient: bool,
     #[serde(skip)]
-    pub(crate) reading: Reading,
+    pub(crate) reading: ValueFiles,
 }
 
 /// Files of a value, and its conversion to the quantity's unit: `(FILE + offset) * scale * factor`.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Reading {
+pub(crate) struct ValueFiles {
     pub(crate) file: PathBuf,
     pub(crate) offset: Option<PathBuf>,
     pub(crate) scale: Option<PathBuf>,
@@ -64,13 +64,13 @@ pub enum ReadError {
     #[error("read `{device}`: it reports a fault of its sensor")]
     Fault {
         /// The device.
-        device: Identity,
+        device: DeviceIdentity,
     },
     /// The device reports a number that means “no value”, or that is impossible.
     #[error("use {value}, the value of `{device}`: no sensor measures that")]
     Impossible {
         /// The device.
-        device: Identity,
+        device: DeviceIdentity,
         /// The value, in the quantity's unit.
         value: f64,
     },
@@ -78,14 +78,14 @@ pub enum ReadError {
     #[error("use the value of `{device}`: it has just been powered up")]
     PoweredUp {
         /// The device.
-        device: Identity,
+        device: DeviceIdentity,
     },
 }
 
 /// Characters of a text without a number that an error shows.
-const TOLD_CHARS: usize = 20;
+const QUOTED_CHARS: usize = 20;
 
-impl Channel {
+impl SensorChannel {
     /// Returns the current value, in the quantity's unit. Waits for the device: on some buses nearly a
     /// second.
     ///
@@ -94,7 +94,8 @@ impl Channel {
     /// Returns an error if the device is gone or did not answer (some fail one time in five), or if it
     /// reports an invalid or impossible value.
     pub fn read(&self) -> Result<f64, ReadError> {
-        let Reading { file, offset, scale, fault, no_values, at_power_up, factor } = &self.reading;
+        let ValueFiles { file, offset, scale, fault, no_values, at_power_up, factor } =
+            &self.reading;
         let value = number(file)?;
         // Checked after the value, so that a fault that occurs meanwhile is noticed.
         if let Some(fault) = fault.as_deref().filter(|fault| fault.exists())
@@ -116,11 +117,11 @@ impl Channel {
     }
 
     /// Whether its file exists, which it does as long as the device is present.
-    pub fn is_there(&self) -> bool {
+    pub fn is_present(&self) -> bool {
         self.reading.file.exists()
     }
 
-    pub(crate) fn place(&self) -> (&Identity, &str) {
+    pub(crate) fn place(&self) -> (&DeviceIdentity, &str) {
         (&self.device, &self.name)
     }
 }
@@ -130,7 +131,7 @@ fn number(file: &Path) -> Result<f64, ReadError> {
         .map_err(|source| ReadError::File { file: file.to_owned(), source })?;
     let number = text.trim().parse().ok().filter(|number: &f64| number.is_finite());
     number.ok_or_else(|| {
-        let text = text.trim().chars().take(TOLD_CHARS).collect();
+        let text = text.trim().chars().take(QUOTED_CHARS).collect();
         ReadError::NoNumber { file: file.to_owned(), text }
     })
 }

@@ -3,9 +3,9 @@
 
 use std::path::Path;
 
-use crate::channel::{Channel, Reading};
-use crate::identity::Identity;
-use crate::quantity::Quantity;
+use crate::channel::{SensorChannel, ValueFiles};
+use crate::identity::DeviceIdentity;
+use crate::quantity::SysfsQuantity;
 use crate::{Sysfs, file_name, line, list};
 
 /// Factor to the unit of the quantity: both quantities are in thousandths.
@@ -22,7 +22,7 @@ const AMBIENT: &[&str] = &[
 ];
 
 /// Returns the channels of hardware monitoring.
-pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
+pub(crate) fn channels(sysfs: &Sysfs) -> Vec<SensorChannel> {
     let mut channels = Vec::new();
     for folder in sysfs.list("class/hwmon") {
         let name = line(&folder.join("name"));
@@ -33,7 +33,7 @@ pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
         // Without a device, the chip belongs to the machine itself.
         let there = folder.join("device");
         let place = if there.exists() { &there } else { &folder };
-        if let Some(device) = Identity::of(sysfs, place, name) {
+        if let Some(device) = DeviceIdentity::of(sysfs, place, name) {
             let files = list(&folder);
             channels.extend(files.iter().filter_map(|file| channel(&device, file)));
         }
@@ -41,23 +41,23 @@ pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
     channels
 }
 
-fn channel(device: &Identity, file: &Path) -> Option<Channel> {
+fn channel(device: &DeviceIdentity, file: &Path) -> Option<SensorChannel> {
     let name = file_name(file)?.strip_suffix("_input")?;
     let is_of = |kind| {
         let number = name.strip_prefix(kind)?;
         number.parse::<u32>().ok()
     };
     let quantity = match (is_of("temp"), is_of("humidity")) {
-        (Some(_), _) => Quantity::Temperature,
-        (_, Some(_)) => Quantity::Humidity,
+        (Some(_), _) => SysfsQuantity::Temperature,
+        (_, Some(_)) => SysfsQuantity::Humidity,
         _ => return None,
     };
     let is_ambient = AMBIENT.iter().any(|chip| device.name.starts_with(chip));
     let no_values = match quantity {
-        Quantity::Temperature => NO_DEGREES,
+        SysfsQuantity::Temperature => NO_DEGREES,
         _ => &[],
     };
-    let reading = Reading {
+    let reading = ValueFiles {
         file: file.to_owned(),
         offset: None,
         scale: None,
@@ -67,5 +67,5 @@ fn channel(device: &Identity, file: &Path) -> Option<Channel> {
         factor: FACTOR,
     };
     let (device, name) = (device.clone(), name.to_owned());
-    Some(Channel { device, name, quantity, is_ambient, reading })
+    Some(SensorChannel { device, name, quantity, is_ambient, reading })
 }

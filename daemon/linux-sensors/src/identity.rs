@@ -12,22 +12,26 @@ const BUSES: [&str; 2] = ["i2c-", "spi"];
 
 /// A device: its name and its place. Written `NAME@PLACE`, such as `bme280@i2c-1/1-0076`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Identity {
+pub struct DeviceIdentity {
     /// Name that its driver gives it.
     pub name: String,
     /// Place where it is attached: its folder among the kernel's devices, beginning with its bus.
     pub place: String,
 }
 
-impl Identity {
+impl DeviceIdentity {
     /// Returns the device with this folder, or with the folder that this is a link to. `called` is its name
     /// if the folder has none. Returns `None` if it has no name or is not below the devices of `sysfs`.
-    pub(crate) fn of(sysfs: &Sysfs, folder: &Path, called: Option<String>) -> Option<Identity> {
+    pub(crate) fn of(
+        sysfs: &Sysfs,
+        folder: &Path,
+        called: Option<String>,
+    ) -> Option<DeviceIdentity> {
         let folder = folder.canonicalize().ok()?;
         let devices = sysfs.root.canonicalize().ok()?.join("devices");
         let place = place(folder.strip_prefix(devices).ok()?);
         let name = line(&folder.join("name")).or(called)?;
-        Some(Identity { name, place })
+        Some(DeviceIdentity { name, place })
     }
 }
 
@@ -47,13 +51,13 @@ fn place(path: &Path) -> String {
     parts[from..].join("/")
 }
 
-impl fmt::Display for Identity {
+impl fmt::Display for DeviceIdentity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(&format!("{}@{}", self.name, self.place))
     }
 }
 
-impl Serialize for Identity {
+impl Serialize for DeviceIdentity {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }

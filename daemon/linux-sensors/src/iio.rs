@@ -2,26 +2,26 @@
 
 use std::path::Path;
 
-use crate::channel::{Channel, Reading};
-use crate::identity::Identity;
-use crate::quantity::Quantity;
+use crate::channel::{SensorChannel, ValueFiles};
+use crate::identity::DeviceIdentity;
+use crate::quantity::SysfsQuantity;
 use crate::{Sysfs, file_name, line, list};
 
 /// Kernel's name of each quantity, and the factor from the kernel's unit to that of [`Quantity`].
-const KINDS: &[(&str, Quantity, f64)] = &[
+const KINDS: &[(&str, SysfsQuantity, f64)] = &[
     // The kernel's units: milli-degrees, thousandths of per cent, per cent.
-    ("temp", Quantity::Temperature, 1e-3),
-    ("humidityrelative", Quantity::Humidity, 1e-3),
-    ("concentration_co2", Quantity::Co2, 1e4),
-    ("illuminance", Quantity::Light, 1.0),
-    ("distance", Quantity::Distance, 1.0),
+    ("temp", SysfsQuantity::Temperature, 1e-3),
+    ("humidityrelative", SysfsQuantity::Humidity, 1e-3),
+    ("concentration_co2", SysfsQuantity::Co2, 1e4),
+    ("illuminance", SysfsQuantity::Light, 1.0),
+    ("distance", SysfsQuantity::Distance, 1.0),
 ];
 
 /// Endings of values that are no measurements: maximum and minimum since the start, and averages.
 const DERIVED: &[&str] = &["_peak", "_trough", "_mean"];
 
 /// Returns the channels of Industrial I/O.
-pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
+pub(crate) fn channels(sysfs: &Sysfs) -> Vec<SensorChannel> {
     let mut channels = Vec::new();
     for folder in sysfs.list("bus/iio/devices") {
         if let Some(device) = device(sysfs, &folder) {
@@ -33,15 +33,15 @@ pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
 }
 
 /// Returns the device that an `iio:deviceN` belongs to: the one with its parent folder.
-fn device(sysfs: &Sysfs, folder: &Path) -> Option<Identity> {
+fn device(sysfs: &Sysfs, folder: &Path) -> Option<DeviceIdentity> {
     file_name(folder).filter(|name| name.starts_with("iio:device"))?;
     let own = folder.canonicalize().ok()?;
-    Identity::of(sysfs, own.parent()?, line(&folder.join("name")))
+    DeviceIdentity::of(sysfs, own.parent()?, line(&folder.join("name")))
 }
 
 /// Returns the channel with its value in this file, or `None` if the file is no such:
 /// `in_KIND[N][_MODIFIER]_raw` or `_input`.
-fn channel(device: &Identity, file: &Path) -> Option<Channel> {
+fn channel(device: &DeviceIdentity, file: &Path) -> Option<SensorChannel> {
     let name = file_name(file)?.strip_prefix("in_")?;
     let (name, is_raw) = match name.strip_suffix("_input") {
         Some(name) => (name, false),
@@ -67,7 +67,7 @@ fn channel(device: &Identity, file: &Path) -> Option<Channel> {
     let (offset, scale) = (beside("offset"), beside("scale"));
     let file = file.to_owned();
     let (fault, no_values, at_power_up, factor) = (None, &[][..], None, *factor);
-    let reading = Reading { file, offset, scale, fault, no_values, at_power_up, factor };
+    let reading = ValueFiles { file, offset, scale, fault, no_values, at_power_up, factor };
     let (device, name) = (device.clone(), name.to_owned());
-    Some(Channel { device, name, quantity: *quantity, is_ambient: true, reading })
+    Some(SensorChannel { device, name, quantity: *quantity, is_ambient: true, reading })
 }

@@ -19,10 +19,10 @@ mod quantity;
 
 use std::path::{Path, PathBuf};
 
-pub use bundle::Bundle;
-pub use channel::{Channel, ReadError};
-pub use identity::Identity;
-pub use quantity::Quantity;
+pub use bundle::SensorBundle;
+pub use channel::{ReadError, SensorChannel};
+pub use identity::DeviceIdentity;
+pub use quantity::SysfsQuantity;
 
 /// Folder in which a kernel shows its devices: `/sys`, or a copy of it.
 #[derive(Clone, Debug)]
@@ -35,12 +35,12 @@ pub struct Sysfs {
 #[non_exhaustive]
 pub enum FindError {
     /// No device has this identity, or it does not measure this quantity.
-    #[error("find `{wanted}`, which measures the {quantity}; {}", there_is(known))]
+    #[error("find `{wanted}`, which measures the {quantity}; {}", known_devices_text(known))]
     Unknown {
         /// The device that was asked for.
         wanted: String,
         /// The quantity that was asked for.
-        quantity: Quantity,
+        quantity: SysfsQuantity,
         /// Devices that measure it.
         known: Vec<String>,
     },
@@ -54,7 +54,7 @@ pub enum FindError {
     },
 }
 
-fn there_is(known: &[String]) -> String {
+fn known_devices_text(known: &[String]) -> String {
     match known {
         [] => "nothing that measures it is plugged in".to_owned(),
         known => format!("there is {}", known.join(", ")),
@@ -75,7 +75,7 @@ impl Sysfs {
 
     /// Returns all channels that are present now, sorted by device. A device that cannot be read is left
     /// out.
-    pub fn channels(&self) -> Vec<Channel> {
+    pub fn channels(&self) -> Vec<SensorChannel> {
         let mut channels = iio::channels(self);
         channels.extend(one_wire::channels(self));
         channels.extend(hwmon::channels(self));
@@ -91,9 +91,9 @@ impl Sysfs {
     pub fn find(
         &self,
         device: &str,
-        quantity: Quantity,
+        quantity: SysfsQuantity,
         channel: Option<&str>,
-    ) -> Result<Channel, FindError> {
+    ) -> Result<SensorChannel, FindError> {
         let measuring: Vec<_> =
             self.channels().into_iter().filter(|each| each.quantity == quantity).collect();
         let known: Vec<_> = measuring.iter().map(|each| format!("`{}`", each.device)).collect();

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use crate::channel::{Channel, Reading};
+use crate::channel::{SensorChannel, ValueFiles};
 use crate::hwmon::NO_DEGREES;
-use crate::identity::Identity;
-use crate::quantity::Quantity;
+use crate::identity::DeviceIdentity;
+use crate::quantity::SysfsQuantity;
 use crate::{Sysfs, file_name};
 
 /// Families of thermometers, by the number at the beginning of their serial numbers.
@@ -19,12 +19,12 @@ const FACTOR: f64 = 1e-3;
 const AT_POWER_UP: f64 = 85_000.0;
 
 /// Returns the channels on 1-wire buses.
-pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
+pub(crate) fn channels(sysfs: &Sysfs) -> Vec<SensorChannel> {
     let devices = sysfs.list("bus/w1/devices");
     devices.iter().filter_map(|folder| channel(folder)).collect()
 }
 
-fn channel(folder: &Path) -> Option<Channel> {
+fn channel(folder: &Path) -> Option<SensorChannel> {
     let (family, serial) = file_name(folder)?.split_once('-')?;
     let (_, called) = FAMILIES.iter().find(|(number, _)| *number == family)?;
     let file = folder.join("temperature");
@@ -32,8 +32,8 @@ fn channel(folder: &Path) -> Option<Channel> {
         return None;
     }
     // The serial number identifies the device, wherever it is attached.
-    let device = Identity { name: (*called).to_owned(), place: format!("{family}-{serial}") };
-    let reading = Reading {
+    let device = DeviceIdentity { name: (*called).to_owned(), place: format!("{family}-{serial}") };
+    let reading = ValueFiles {
         file,
         offset: None,
         scale: None,
@@ -42,6 +42,6 @@ fn channel(folder: &Path) -> Option<Channel> {
         at_power_up: Some(AT_POWER_UP),
         factor: FACTOR,
     };
-    let (name, quantity) = ("temperature".to_owned(), Quantity::Temperature);
-    Some(Channel { device, name, quantity, is_ambient: true, reading })
+    let (name, quantity) = ("temperature".to_owned(), SysfsQuantity::Temperature);
+    Some(SensorChannel { device, name, quantity, is_ambient: true, reading })
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 use std::process::Command;
 
 use kernel::{SAID, THERMOMETER, said_in};
-use linux_sensors::{Quantity, Sysfs};
+use linux_sensors::{Sysfs, SysfsQuantity};
 
 #[test]
 fn a_real_kernels_sensors_are_read_unplugged_and_plugged_in() {
@@ -46,7 +46,7 @@ fn inside() {
             channel.read().map_or_else(|_| "Err".to_owned(), |value| format!("Ok({value:?})"));
         println!("{SAID}{} {} {value}", channel.device, channel.quantity);
     }
-    let find = || sysfs.find(THERMOMETER, Quantity::Temperature, None);
+    let find = || sysfs.find(THERMOMETER, SysfsQuantity::Temperature, None);
     let channel = find().expect("it was plugged in");
     // 26.5 degrees: in units of 1/32 degree, shifted left by two bits, in big-endian order.
     set("0x01", "0x400D");

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use linux_sensors::{FindError, Quantity, ReadError, Sysfs};
+use linux_sensors::{FindError, ReadError, Sysfs, SysfsQuantity};
 use tempfile::TempDir;
 
 /// Creates a tree: `PATH: TEXT` is a file, `PATH -> TARGET` a link, `PATH fails` cannot be read.
@@ -30,7 +30,7 @@ fn lay(tree: &str) -> (TempDir, Sysfs) {
 
 /// Returns a line for each channel: device, name, quantity and value or error.
 fn said(sysfs: &Sysfs) -> Vec<String> {
-    let line = |channel: &linux_sensors::Channel| {
+    let line = |channel: &linux_sensors::SensorChannel| {
         let value = channel.read().map_or_else(|error| error.to_string(), |it| format!("{it:.3}"));
         let inside = if channel.is_ambient { "" } else { " inside" };
         format!("{} {} {} {value}{inside}", channel.device, channel.name, channel.quantity)
@@ -146,14 +146,14 @@ fn a_device_is_found_whatever_its_number() {
     };
     for number in [0, 7] {
         let (_folder, sysfs) = lay(&tree(number));
-        let find = |device, channel| sysfs.find(device, Quantity::Temperature, channel);
+        let find = |device, channel| sysfs.find(device, SysfsQuantity::Temperature, channel);
         let found = find("mlx90614@i2c-1/1-005a", Some("temp_object")).expect("it is there");
         assert_eq!(found.read().expect("it has a value"), 21.0);
         let error = find("mlx90614@i2c-1/1-005a", None).expect_err("there are two");
         assert!(matches!(&error, FindError::Ambiguous { channels, .. } if channels.len() == 2));
         let error = find("mlx90614@i2c-1/1-005b", None).expect_err("it hangs elsewhere");
         assert!(error.to_string().contains("there is `mlx90614@i2c-1/1-005a`"), "{error}");
-        let light = sysfs.find("mlx90614@i2c-1/1-005a", Quantity::Light, None);
+        let light = sysfs.find("mlx90614@i2c-1/1-005a", SysfsQuantity::Light, None);
         let error = light.expect_err("it does not").to_string();
         assert!(error.ends_with("nothing that measures it is plugged in"), "{error}");
     }
@@ -162,7 +162,7 @@ fn a_device_is_found_whatever_its_number() {
 #[test]
 fn what_vanishes_or_says_rubbish_fails_and_no_more() {
     let (folder, sysfs) = lay(include_str!("trees/i2c.txt"));
-    let find = || sysfs.find("tmp006@i2c-0/0-0040", Quantity::Temperature, None);
+    let find = || sysfs.find("tmp006@i2c-0/0-0040", SysfsQuantity::Temperature, None);
     let channel = find().expect("it is there");
     let file = folder.path().join("devices/i2c-0/0-0040/iio:device0/in_temp_raw");
     for rubbish in ["", "nan", "inf", "12 apples", "0x20", &"9".repeat(400)] {
@@ -170,9 +170,9 @@ fn what_vanishes_or_says_rubbish_fails_and_no_more() {
         let error = channel.read().expect_err(rubbish);
         assert!(matches!(error, ReadError::NoNumber { .. }), "{rubbish}: {error}");
     }
-    assert!(channel.is_there());
+    assert!(channel.is_present());
     std::fs::remove_dir_all(file.parent().expect("a folder")).expect("it was there");
-    assert!(!channel.is_there());
+    assert!(!channel.is_present());
     assert!(matches!(channel.read(), Err(ReadError::File { .. })));
     assert!(find().is_err());
     assert!(Sysfs::new(Path::new("/nowhere")).channels().is_empty());
@@ -249,6 +249,6 @@ fn the_highest_and_the_lowest_since_the_start_are_not_measured() {
             "hdc3020@i2c-1/1-0044 temp temperature 22.500",
         ]
     );
-    let found = sysfs.find("hdc3020@i2c-1/1-0044", Quantity::Temperature, None);
+    let found = sysfs.find("hdc3020@i2c-1/1-0044", SysfsQuantity::Temperature, None);
     assert!(found.is_ok(), "it has one temperature: {found:?}");
 }

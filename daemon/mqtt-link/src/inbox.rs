@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::Notify;
 
-use crate::Told;
+use crate::TopicText;
 
 /// Limit of topics that wait at the same time. The largest installations describe some ten thousand
 /// entities.
@@ -19,40 +19,40 @@ const TOPICS_MAX: usize = 1 << 16;
 const BYTES_MAX: usize = 1 << 28;
 
 /// Receiving half of the queue. Texts that arrive after it is dropped are not kept.
-pub struct Inbox(pub(crate) Arc<Waiting>);
+pub struct Inbox(pub(crate) Arc<InboxQueue>);
 
 /// Limit of waiting texts of one topic of events.
 const EVENTS_MAX: usize = 32;
 
 #[derive(Debug)]
-pub(crate) struct Waiting {
-    texts: Mutex<Texts>,
-    news: Notify,
+pub(crate) struct InboxQueue {
+    texts: Mutex<QueuedTexts>,
+    arrival: Notify,
     /// Limit of waiting texts of one topic.
     of_each: usize,
 }
 
-impl Default for Waiting {
-    fn default() -> Waiting {
-        Waiting { texts: Mutex::default(), news: Notify::new(), of_each: 1 }
+impl Default for InboxQueue {
+    fn default() -> InboxQueue {
+        InboxQueue { texts: Mutex::default(), arrival: Notify::new(), of_each: 1 }
     }
 }
 
 #[derive(Debug, Default)]
-struct Texts {
+struct QueuedTexts {
     order: VecDeque<String>,
     by_topic: HashMap<String, VecDeque<String>>,
     bytes: usize,
     /// Whether a text was left out since the last one was taken.
-    is_over: bool,
+    has_overflowed: bool,
 }
 
 impl Inbox {
     /// Takes the texts of up to `at_most` topics, each with its topic; the topic that has waited longest
     /// comes first. Waits until there is a text.
-    pub async fn take(&self, at_most: usize) -> Vec<Told> {
+    pub async fn take(&self, at_most: usize) -> Vec<TopicText> {
         loop {
-            let news = self.0.news.notified();
+            let news = self.0.arrival.notified();
             let taken = self.0.take(at_most);
             if !taken.is_empty() {
                 return taken;
@@ -62,15 +62,15 @@ impl Inbox {
     }
 }
 
-impl Waiting {
+impl InboxQueue {
     /// Returns a queue in which the latest few texts of each topic wait.
-    pub(crate) fn of_events() -> Waiting {
-        Waiting { of_each: EVENTS_MAX, ..Waiting::default() }
+    pub(crate) fn of_events() -> InboxQueue {
+        InboxQueue { of_each: EVENTS_MAX, ..InboxQueue::default() }
     }
 
     /// Adds a text. Returns `true` if it is left out because there is no room, and is the first since a
     /// text was taken.
-    pub(crate) fn put(&self, topic: &str, text: &str) -> bool {
+    pub(crate) fn push(&self, topic: &str, text: &str) -> bool {
         let mut texts = self.texts();
         let before = texts.by_topic.get(topic);
         let is_new = before.is_none();
@@ -78,7 +78,7 @@ impl Waiting {
         let is_full = over.is_some();
         let bytes = texts.bytes - over.map_or(0, String::len) + text.len();
         if bytes > BYTES_MAX || (is_new && texts.order.len() >= TOPICS_MAX) {
-            return !std::mem::replace(&mut texts.is_over, true);
+            return !std::mem::replace(&mut texts.has_overflowed, true);
         }
         texts.bytes = bytes;
         let waiting = texts.by_topic.entry(topic.to_owned()).or_default();
@@ -90,15 +90,15 @@ impl Waiting {
             texts.order.push_back(topic.to_owned());
         }
         drop(texts);
-        self.news.notify_one();
+        self.arrival.notify_one();
         false
     }
 
-    fn take(&self, at_most: usize) -> Vec<Told> {
+    fn take(&self, at_most: usize) -> Vec<TopicText> {
         let mut texts = self.texts();
         let count = at_most.min(texts.order.len());
         let topics: Vec<_> = texts.order.drain(..count).collect();
-        texts.is_over &= count == 0;
+        texts.has_overflowed &= count == 0;
         let mut taken = Vec::with_capacity(count);
         for topic in topics {
             for text in texts.by_topic.remove(&topic).unwrap_or_default() {
@@ -109,7 +109,7 @@ impl Waiting {
         taken
     }
 
-    fn texts(&self) -> MutexGuard<'_, Texts> {
+    fn texts(&self) -> MutexGuard<'_, QueuedTexts> {
         self.texts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -122,24 +122,25 @@ mod tests {
     async fn the_last_text_of_each_topic_waits_in_order() {
         let inbox = Inbox(Arc::default());
         for (topic, text) in [("a", "1"), ("b", "1"), ("a", "2"), ("c", "1")] {
-            assert!(!inbox.0.put(topic, text));
+            assert!(!inbox.0.push(topic, text));
         }
         let told = |topic: &str, text: &str| (topic.to_owned(), text.to_owned());
         assert_eq!(inbox.take(2).await, [told("a", "2"), told("b", "1")]);
-        assert!(!inbox.0.put("a", "3"));
+        assert!(!inbox.0.push("a", "3"));
         assert_eq!(inbox.take(9).await, [told("c", "1"), told("a", "3")]);
     }
 
     #[tokio::test]
     async fn the_last_few_events_of_each_topic_wait() {
-        let inbox = Inbox(Arc::new(Waiting::of_events()));
+        let inbox = Inbox(Arc::new(InboxQueue::of_events()));
         for number in 0..4 {
-            assert!(!inbox.0.put("a", &number.to_string()));
+            assert!(!inbox.0.push("a", &number.to_string()));
         }
-        let texts = |taken: Vec<Told>| taken.into_iter().map(|(_, text)| text).collect::<Vec<_>>();
+        let texts =
+            |taken: Vec<TopicText>| taken.into_iter().map(|(_, text)| text).collect::<Vec<_>>();
         assert_eq!(texts(inbox.take(9).await), ["0", "1", "2", "3"]);
         for number in 0..EVENTS_MAX + 2 {
-            assert!(!inbox.0.put("a", &number.to_string()));
+            assert!(!inbox.0.push("a", &number.to_string()));
         }
         let taken = texts(inbox.take(9).await);
         assert_eq!((taken.len(), taken[0].as_str()), (EVENTS_MAX, "2"));
@@ -149,9 +150,9 @@ mod tests {
     fn what_does_not_fit_is_told_once_and_harms_nothing() {
         let inbox = Inbox(Arc::default());
         let first: Vec<_> =
-            (0..TOPICS_MAX + 3).filter(|number| inbox.0.put(&number.to_string(), "x")).collect();
+            (0..TOPICS_MAX + 3).filter(|number| inbox.0.push(&number.to_string(), "x")).collect();
         assert_eq!(first, [TOPICS_MAX]);
         assert_eq!(inbox.0.take(usize::MAX).len(), TOPICS_MAX);
-        assert!(!inbox.0.put("again", "x"));
+        assert!(!inbox.0.push("again", "x"));
     }
 }

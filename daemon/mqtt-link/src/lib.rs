@@ -9,8 +9,8 @@
 //!   supported.
 
 mod broker;
-mod filter;
 mod inbox;
+mod topic_filter;
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
@@ -25,11 +25,11 @@ use tokio::time::Instant;
 use tokio_util::task::AbortOnDropHandle;
 
 pub use broker::Broker;
-pub use filter::{filter_problem, fits, topic_problem};
 pub use inbox::Inbox;
+pub use topic_filter::{filter_problem, matches_filter, topic_problem};
 
-use filter::is_pattern;
-use inbox::Waiting;
+use inbox::InboxQueue;
+use topic_filter::is_pattern;
 
 /// Keep-alive interval at first, within which the broker has to answer. A long text can take longer than
 /// that to arrive. So each time the broker was too slow, the interval is doubled, up to the maximum.
@@ -38,11 +38,11 @@ const KEEP_ALIVE_MAX: Duration = Duration::from_secs(80);
 
 /// Wait before connecting again: a restart takes a second. It doubles if the broker accepts the connection
 /// and closes it soon after.
-const CALL_AGAIN: Duration = Duration::from_millis(250);
-const CALL_AGAIN_MAX: Duration = Duration::from_secs(8);
+const RECONNECT_WAIT: Duration = Duration::from_millis(250);
+const RECONNECT_WAIT_MAX: Duration = Duration::from_secs(8);
 
 /// Duration from which a connection does not count as closed soon.
-const LASTS: Duration = Duration::from_secs(10);
+const STABLE_AFTER: Duration = Duration::from_secs(10);
 
 /// Longest packet, in bytes: the maximum of MQTT. A packet longer than this limit would end the connection,
 /// and a retained one would end each later connection, too.
@@ -52,7 +52,7 @@ const PACKET_BYTES_MAX: usize = 1 << 28;
 const TEXT_BYTES_MAX: usize = 1 << 26;
 
 /// Longest text that is kept for a topic, in bytes; most are shorter than a kilobyte.
-const WORD_BYTES_MAX: usize = 1 << 20;
+const KEPT_TEXT_BYTES_MAX: usize = 1 << 20;
 
 /// Requests to a broker that may wait. Each batch of subscriptions is one, and so is each message.
 const REQUESTS_MAX: usize = 4_096;
@@ -61,63 +61,63 @@ const REQUESTS_MAX: usize = 4_096;
 const BATCH: usize = 8;
 
 /// Texts kept for each topic: as many as may arrive before they are read.
-const WORDS_MAX: usize = 64;
+const KEPT_TEXTS_MAX: usize = 64;
 
 /// All connections of this process, by broker.
-static CONNECTIONS: Mutex<BTreeMap<Broker, Weak<Connection>>> = Mutex::new(BTreeMap::new());
+static CONNECTIONS: Mutex<BTreeMap<Broker, Weak<BrokerConnection>>> = Mutex::new(BTreeMap::new());
 
 /// Connection to a broker; it is closed when all references to it are dropped.
-pub struct Connection {
+pub struct BrokerConnection {
     client: AsyncClient,
     /// Texts received for each topic or pattern of topics that is listened to.
-    topics: Mutex<Topics>,
+    topics: Mutex<TopicStates>,
     /// The inboxes, by filter.
-    inboxes: Mutex<Vec<(String, Weak<Waiting>)>>,
-    asked: Mutex<Asked>,
+    inboxes: Mutex<Vec<(String, Weak<InboxQueue>)>>,
+    pending: Mutex<PendingSubscriptions>,
     /// Reason why there is no connection; `None` while connected.
-    trouble: watch::Sender<Option<String>>,
+    problem: watch::Sender<Option<String>>,
     /// Task that serves the connection; aborted on drop.
     serving: OnceLock<AbortOnDropHandle<()>>,
 }
 
 #[derive(Default)]
-struct Topics {
-    single: HashMap<String, watch::Sender<Said>>,
-    patterns: HashMap<String, watch::Sender<Said>>,
+struct TopicStates {
+    single: HashMap<String, watch::Sender<TopicState>>,
+    patterns: HashMap<String, watch::Sender<TopicState>>,
     /// Number of connections so far.
     session: u64,
 }
 
 /// Subscriptions that are not answered yet.
 #[derive(Default)]
-struct Asked {
+struct PendingSubscriptions {
     /// Filters that did not fit into the queue of requests.
     left: VecDeque<String>,
     /// Batches in the queue of requests, in that order.
-    handed: VecDeque<Vec<String>>,
+    queued: VecDeque<Vec<String>>,
     /// Batches that were sent, by packet id, until they are answered.
     sent: HashMap<u16, Vec<String>>,
 }
 
 /// Texts that were received for a topic.
 #[derive(Clone, Debug, Default)]
-pub struct Said {
+pub struct TopicState {
     /// The latest texts, newest first.
-    pub words: VecDeque<Word>,
+    pub texts: VecDeque<ReceivedText>,
     /// Number of texts so far.
     pub count: u64,
     /// Reason why the topic cannot be listened to; `None` if it can.
-    pub refused: Option<String>,
+    pub rejection: Option<String>,
     /// Number of the latest connection that has listened to the topic.
     pub session: u64,
 }
 
 /// A topic and a text that was received for it.
-pub type Told = (String, String);
+pub type TopicText = (String, String);
 
 /// Text that was received.
 #[derive(Clone, Debug)]
-pub struct Word {
+pub struct ReceivedText {
     /// The text.
     pub text: Arc<str>,
     /// Time when it was received.
@@ -128,10 +128,10 @@ pub struct Word {
     pub is_retained: bool,
 }
 
-impl Connection {
+impl BrokerConnection {
     /// Returns the connection of this process to a broker. If it has to be made, `called` becomes part of
     /// the client's name, for readers of the broker's log.
-    pub fn to(broker: &Broker, called: &str) -> Arc<Connection> {
+    pub fn shared(broker: &Broker, called: &str) -> Arc<BrokerConnection> {
         let mut connections = lock(&CONNECTIONS);
         if let Some(connection) = connections.get(broker).and_then(Weak::upgrade) {
             return connection;
@@ -144,16 +144,16 @@ impl Connection {
         options.set_max_packet_size(PACKET_BYTES_MAX, PACKET_BYTES_MAX);
         let (client, events) = AsyncClient::new(options, REQUESTS_MAX);
         let trouble = watch::Sender::new(Some("it has not answered yet".to_owned()));
-        let connection = Arc::new(Connection {
+        let connection = Arc::new(BrokerConnection {
             client,
             topics: Mutex::default(),
             inboxes: Mutex::default(),
-            asked: Mutex::default(),
-            trouble,
+            pending: Mutex::default(),
+            problem: trouble,
             serving: OnceLock::new(),
         });
         // The task is started last, because it ends when the connection is gone.
-        let serving = run(Arc::downgrade(&connection), events, broker.clone());
+        let serving = serve(Arc::downgrade(&connection), events, broker.clone());
         let serving = AbortOnDropHandle::new(tokio::spawn(serving));
         connection.serving.get_or_init(|| serving);
         connections.retain(|_, known| known.strong_count() > 0);
@@ -162,13 +162,13 @@ impl Connection {
     }
 
     /// Returns a receiver for the reason why there is no connection; `None` while connected.
-    pub fn trouble(&self) -> watch::Receiver<Option<String>> {
-        self.trouble.subscribe()
+    pub fn problem(&self) -> watch::Receiver<Option<String>> {
+        self.problem.subscribe()
     }
 
     /// Returns the texts of a topic, so far and in future. A filter with `+` or `#` stands for all topics
     /// that match it together.
-    pub fn listen(&self, topic: &str) -> watch::Receiver<Said> {
+    pub fn listen(&self, topic: &str) -> watch::Receiver<TopicState> {
         let mut topics = lock(&self.topics);
         let session = topics.session;
         let known = if is_pattern(topic) { &mut topics.patterns } else { &mut topics.single };
@@ -182,11 +182,12 @@ impl Connection {
         }
         let refused = filter_problem(topic);
         let is_refused = refused.is_some();
-        let (said, hears) = watch::channel(Said { refused, session, ..Said::default() });
+        let (said, hears) =
+            watch::channel(TopicState { rejection: refused, session, ..TopicState::default() });
         known.insert(topic.to_owned(), said);
         drop(topics);
         // Without a connection, the topic is subscribed to when there is one.
-        if !is_refused && self.trouble.borrow().is_none() {
+        if !is_refused && self.problem.borrow().is_none() {
             self.subscribe([topic.to_owned()]);
         }
         hears
@@ -195,21 +196,21 @@ impl Connection {
     /// Returns an inbox with the latest text of each topic that matches a filter, and with the topics.
     /// Retained texts come first.
     pub fn listen_to_all(&self, filter: &str) -> Inbox {
-        self.listen_with(filter, Waiting::default())
+        self.listen_with(filter, InboxQueue::default())
     }
 
     /// Returns an inbox with the latest texts of each topic that matches a filter, and with the topics. It
     /// is for texts that report events: several may come at once, and each counts.
     pub fn listen_to_events(&self, filter: &str) -> Inbox {
-        self.listen_with(filter, Waiting::of_events())
+        self.listen_with(filter, InboxQueue::of_events())
     }
 
-    fn listen_with(&self, filter: &str, waiting: Waiting) -> Inbox {
+    fn listen_with(&self, filter: &str, waiting: InboxQueue) -> Inbox {
         let waiting = Arc::new(waiting);
         lock(&self.inboxes).push((filter.to_owned(), Arc::downgrade(&waiting)));
         match filter_problem(filter) {
             Some(problem) => tracing::warn!("failed to subscribe: {problem}"),
-            None if self.trouble.borrow().is_none() => self.subscribe([filter.to_owned()]),
+            None if self.problem.borrow().is_none() => self.subscribe([filter.to_owned()]),
             None => (),
         }
         Inbox(waiting)
@@ -221,7 +222,7 @@ impl Connection {
     ///
     /// Returns an error if there is no connection, the topic is invalid, or the queue of requests is full.
     /// Then the text is not sent later either.
-    pub fn say(&self, topic: &str, text: &str) -> Result<(), String> {
+    pub fn publish_text(&self, topic: &str, text: &str) -> Result<(), String> {
         self.publish(topic, text, false)
     }
 
@@ -231,13 +232,13 @@ impl Connection {
     ///
     /// Returns an error if there is no connection, the topic is invalid, or the queue of requests is full.
     /// Then the text is not sent later either.
-    pub fn say_and_keep(&self, topic: &str, text: &str) -> Result<(), String> {
+    pub fn publish_retained(&self, topic: &str, text: &str) -> Result<(), String> {
         self.publish(topic, text, true)
     }
 
     fn publish(&self, topic: &str, text: &str, is_kept: bool) -> Result<(), String> {
         // Otherwise the text would be sent whenever the broker is back.
-        if let Some(trouble) = &*self.trouble.borrow() {
+        if let Some(trouble) = &*self.problem.borrow() {
             return Err(format!("reach the broker: {trouble}"));
         }
         if let Some(problem) = topic_problem(topic) {
@@ -248,8 +249,8 @@ impl Connection {
     }
 
     /// Records the reason why there is no connection, and logs each new reason once.
-    fn note_trouble(&self, broker: &Broker, problem: String) {
-        self.trouble.send_if_modified(|trouble| {
+    fn record_problem(&self, broker: &Broker, problem: String) {
+        self.problem.send_if_modified(|trouble| {
             let (is_news, was_connected) = (trouble.as_ref() != Some(&problem), trouble.is_none());
             if is_news && was_connected {
                 tracing::warn!(%broker, problem, "lost the broker; connecting again");
@@ -262,13 +263,13 @@ impl Connection {
     }
 
     fn subscribe(&self, filters: impl IntoIterator<Item = String>) {
-        lock(&self.asked).left.extend(filters);
-        self.hand_over();
+        lock(&self.pending).left.extend(filters);
+        self.queue_subscriptions();
     }
 
     /// Queues the waiting subscriptions, as many as fit.
-    fn hand_over(&self) {
-        let mut asked = lock(&self.asked);
+    fn queue_subscriptions(&self) {
+        let mut asked = lock(&self.pending);
         while !asked.left.is_empty() {
             let count = asked.left.len().min(BATCH);
             let batch: Vec<_> = asked.left.iter().take(count).cloned().collect();
@@ -279,22 +280,22 @@ impl Connection {
                 return;
             }
             asked.left.drain(..count);
-            asked.handed.push_back(batch);
+            asked.queued.push_back(batch);
         }
     }
 
-    fn connected(&self) {
+    fn handle_connect(&self) {
         let mut filters = Vec::new();
         {
             let mut topics = lock(&self.topics);
             topics.session += 1;
-            let Topics { single, patterns, session } = &mut *topics;
+            let TopicStates { single, patterns, session } = &mut *topics;
             for (topic, said) in single.iter().chain(patterns.iter()) {
                 let refused = filter_problem(topic);
                 if refused.is_none() {
                     filters.push(topic.clone());
                 }
-                said.send_modify(|said| (said.refused, said.session) = (refused, *session));
+                said.send_modify(|said| (said.rejection, said.session) = (refused, *session));
             }
         }
         let mut inboxes = lock(&self.inboxes);
@@ -302,31 +303,31 @@ impl Connection {
         let wanted = inboxes.iter().map(|(filter, _)| filter.clone());
         filters.extend(wanted.filter(|filter| filter_problem(filter).is_none()));
         drop(inboxes);
-        self.trouble.send_replace(None);
+        self.problem.send_replace(None);
         self.subscribe(filters);
     }
 
     /// Handles the loss of the connection. Requests that were under way are dropped, and not sent later.
-    fn lost(&self, pending: &mut VecDeque<Request>) {
-        let mut asked = lock(&self.asked);
+    fn handle_disconnect(&self, pending: &mut VecDeque<Request>) {
+        let mut asked = lock(&self.pending);
         let is_batch = |request: &&Request| matches!(request, Request::Subscribe(_));
-        let dropped = pending.iter().filter(is_batch).count().min(asked.handed.len());
+        let dropped = pending.iter().filter(is_batch).count().min(asked.queued.len());
         pending.clear();
-        asked.handed.drain(..dropped);
+        asked.queued.drain(..dropped);
         asked.left.clear();
         asked.sent.clear();
     }
 
-    fn sent(&self, number: u16) {
-        let mut asked = lock(&self.asked);
-        if let Some(batch) = asked.handed.pop_front() {
+    fn handle_sent(&self, number: u16) {
+        let mut asked = lock(&self.pending);
+        if let Some(batch) = asked.queued.pop_front() {
             asked.sent.insert(number, batch);
         }
     }
 
     /// Records the filters that the broker rejects.
-    fn answered(&self, answer: &SubAck) {
-        let Some(batch) = lock(&self.asked).sent.remove(&answer.pkid) else { return };
+    fn handle_suback(&self, answer: &SubAck) {
+        let Some(batch) = lock(&self.pending).sent.remove(&answer.pkid) else { return };
         for (filter, code) in batch.iter().zip(&answer.return_codes) {
             if *code != SubscribeReasonCode::Failure {
                 continue;
@@ -336,12 +337,12 @@ impl Connection {
             if let Some(said) = topics.single.get(filter).or_else(|| topics.patterns.get(filter)) {
                 let refused =
                     format!("the broker does not let this daemon subscribe to `{filter}`");
-                said.send_modify(|said| said.refused = Some(refused));
+                said.send_modify(|said| said.rejection = Some(refused));
             }
         }
     }
 
-    fn heard(&self, publish: &Publish) {
+    fn handle_publish(&self, publish: &Publish) {
         let Publish { topic, payload, retain, .. } = publish;
         let bytes = payload.len();
         if bytes > TEXT_BYTES_MAX {
@@ -354,10 +355,10 @@ impl Connection {
         let Ok(text) = std::str::from_utf8(payload) else {
             return tracing::info!(topic, "ignored a message that is no text");
         };
-        self.keep(topic, text, *retain);
+        self.store_text(topic, text, *retain);
         lock(&self.inboxes).retain(|(filter, waiting)| {
             let Some(waiting) = waiting.upgrade() else { return false };
-            if fits(filter, topic) && waiting.put(topic, text) {
+            if matches_filter(filter, topic) && waiting.push(topic, text) {
                 tracing::warn!(filter, topic, "ignored: too many messages wait to be read");
             }
             true
@@ -365,21 +366,21 @@ impl Connection {
     }
 
     /// Keeps a text for the listeners of its topic.
-    fn keep(&self, topic: &str, text: &str, is_retained: bool) {
+    fn store_text(&self, topic: &str, text: &str, is_retained: bool) {
         let topics = lock(&self.topics);
         let session = topics.session;
-        let fitting = topics.patterns.iter().filter(|(filter, _)| fits(filter, topic));
+        let fitting = topics.patterns.iter().filter(|(filter, _)| matches_filter(filter, topic));
         let listening = fitting.map(|(_, said)| said).chain(topics.single.get(topic));
         for said in listening {
-            if text.len() > WORD_BYTES_MAX {
-                tracing::warn!(topic, "ignored a message of more than {WORD_BYTES_MAX} bytes");
+            if text.len() > KEPT_TEXT_BYTES_MAX {
+                tracing::warn!(topic, "ignored a message of more than {KEPT_TEXT_BYTES_MAX} bytes");
                 return;
             }
-            let word = Word { text: text.into(), at: Instant::now(), session, is_retained };
+            let word = ReceivedText { text: text.into(), at: Instant::now(), session, is_retained };
             said.send_modify(|said| {
                 said.count += 1;
-                said.words.truncate(WORDS_MAX - 1);
-                said.words.push_front(word);
+                said.texts.truncate(KEPT_TEXTS_MAX - 1);
+                said.texts.push_front(word);
             });
         }
     }
@@ -394,14 +395,14 @@ fn client_name(called: &str) -> String {
 }
 
 /// Serves a connection until it is dropped.
-async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: Broker) {
-    let (mut pause, mut since) = (CALL_AGAIN, None::<Instant>);
+async fn serve(connection: Weak<BrokerConnection>, mut events: EventLoop, broker: Broker) {
+    let (mut pause, mut since) = (RECONNECT_WAIT, None::<Instant>);
     loop {
         // The files of the password and of certificates are read each time, so they can be corrected
         // meanwhile.
         let event = match broker.prepare(&mut events.mqtt_options) {
             Ok(()) => events.poll().await.map_err(|error| {
-                be_patient(&mut events.mqtt_options, &error);
+                lengthen_keep_alive(&mut events.mqtt_options, &error);
                 error.to_string()
             }),
             Err(problem) => Err(problem),
@@ -411,22 +412,27 @@ async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: Broker
             Ok(Event::Incoming(Packet::ConnAck(_))) => {
                 tracing::info!(%broker, "connected");
                 since = Some(Instant::now());
-                served.connected();
+                served.handle_connect();
             }
-            Ok(Event::Incoming(Packet::Publish(publish))) => served.heard(&publish),
+            Ok(Event::Incoming(Packet::Publish(publish))) => served.handle_publish(&publish),
             Ok(Event::Incoming(Packet::SubAck(answer))) => {
-                served.answered(&answer);
-                served.hand_over();
+                served.handle_suback(&answer);
+                served.queue_subscriptions();
             }
-            Ok(Event::Incoming(Packet::PubAck(_))) => served.hand_over(),
-            Ok(Event::Outgoing(Outgoing::Subscribe(number))) => served.sent(number),
+            Ok(Event::Incoming(Packet::PubAck(_))) => served.queue_subscriptions(),
+            Ok(Event::Outgoing(Outgoing::Subscribe(number))) => served.handle_sent(number),
             Ok(_) => (),
             Err(problem) => {
-                served.note_trouble(&broker, problem);
-                served.lost(&mut events.pending);
+                served.record_problem(&broker, problem);
+                served.handle_disconnect(&mut events.pending);
                 drop(served);
-                let failed_at_once = since.take().is_some_and(|since| since.elapsed() < LASTS);
-                pause = if failed_at_once { (pause * 2).min(CALL_AGAIN_MAX) } else { CALL_AGAIN };
+                let failed_at_once =
+                    since.take().is_some_and(|since| since.elapsed() < STABLE_AFTER);
+                pause = if failed_at_once {
+                    (pause * 2).min(RECONNECT_WAIT_MAX)
+                } else {
+                    RECONNECT_WAIT
+                };
                 tokio::time::sleep(pause).await;
             }
         }
@@ -435,7 +441,7 @@ async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: Broker
 
 /// Doubles the keep-alive interval if the broker was too slow to answer a ping. Over a slow line, a long
 /// text delays the answer, and comes again with each new connection.
-fn be_patient(options: &mut MqttOptions, error: &ConnectionError) {
+fn lengthen_keep_alive(options: &mut MqttOptions, error: &ConnectionError) {
     if let ConnectionError::MqttState(StateError::AwaitPingResp) = error {
         let longer = (options.keep_alive() * 2).min(KEEP_ALIVE_MAX);
         options.set_keep_alive(longer);
@@ -461,20 +467,20 @@ mod tests {
     #[tokio::test]
     async fn what_a_broker_does_not_grant_is_told_of_that_topic_alone() {
         let broker = Broker::new(Some("127.0.0.1:9"), None, None, None).expect("it is right");
-        let connection = Connection::to(&broker, "test");
+        let connection = BrokerConnection::shared(&broker, "test");
         let (one, other) = (connection.listen("a"), connection.listen("b/+"));
         // Simulates a connection and the answer of the broker.
         connection.subscribe(["a".to_owned(), "b/+".to_owned()]);
-        connection.sent(7);
+        connection.handle_sent(7);
         let codes =
             vec![SubscribeReasonCode::Success(QoS::AtLeastOnce), SubscribeReasonCode::Failure];
-        connection.answered(&SubAck::new(7, codes));
-        assert_eq!(one.borrow().refused, None);
-        let refused = other.borrow().refused.clone().expect("it was not granted");
+        connection.handle_suback(&SubAck::new(7, codes));
+        assert_eq!(one.borrow().rejection, None);
+        let refused = other.borrow().rejection.clone().expect("it was not granted");
         assert_eq!(refused, "the broker does not let this daemon subscribe to `b/+`");
         // The next connection may grant it.
-        connection.connected();
-        assert_eq!(other.borrow().refused, None);
+        connection.handle_connect();
+        assert_eq!(other.borrow().rejection, None);
         assert_eq!(other.borrow().session, 1);
     }
 }

@@ -10,31 +10,31 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use broker::Broker;
-use mqtt_link::{Connection, Said};
+use mqtt_link::{BrokerConnection, TopicState};
 use tokio::sync::watch;
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
-async fn connected(broker: &Broker) -> Arc<Connection> {
+async fn connected(broker: &Broker) -> Arc<BrokerConnection> {
     let broker = mqtt_link::Broker::new(Some(&broker.name()), None, None, None);
-    let connection = Connection::to(&broker.expect("it is right"), "test");
+    let connection = BrokerConnection::shared(&broker.expect("it is right"), "test");
     await_connected(&connection).await;
     connection
 }
 
-async fn await_connected(connection: &Connection) {
-    let mut trouble = connection.trouble();
+async fn await_connected(connection: &BrokerConnection) {
+    let mut trouble = connection.problem();
     let waited = tokio::time::timeout(PATIENCE, trouble.wait_for(Option::is_none)).await.map(drop);
     assert!(waited.is_ok(), "it is never connected");
 }
 
-async fn until(said: &mut watch::Receiver<Said>, is_so: impl Fn(&Said) -> bool) {
+async fn until(said: &mut watch::Receiver<TopicState>, is_so: impl Fn(&TopicState) -> bool) {
     let waited = tokio::time::timeout(PATIENCE, said.wait_for(is_so)).await.map(drop);
     assert!(waited.is_ok(), "{:?}", *said.borrow());
 }
 
-fn is_last(said: &Said, text: &str) -> bool {
-    said.words.front().is_some_and(|word| &*word.text == text)
+fn is_last(said: &TopicState, text: &str) -> bool {
+    said.texts.front().is_some_and(|word| &*word.text == text)
 }
 
 /// Publishes a retained text of so many bytes.
@@ -53,7 +53,7 @@ async fn a_long_text_is_heard_and_one_that_is_too_long_is_left_out() {
     retain_bytes(&broker, "device/long", 2 << 20);
     broker.retain("device/short", "1");
     let connection = connected(&broker).await;
-    let trouble = connection.trouble();
+    let trouble = connection.problem();
     let inbox = connection.listen_to_all("bridge/+");
     let (mut short, mut device) =
         (connection.listen("device/short"), connection.listen("device/long"));
@@ -85,10 +85,10 @@ async fn one_bad_filter_keeps_no_other_away() {
         broker.retain("lab/7/u", round);
         until(&mut pattern, |said| is_last(said, round)).await;
         for said in &mut bad {
-            assert!(said.borrow().refused.is_some());
+            assert!(said.borrow().rejection.is_some());
         }
         if round == "1" {
-            let mut trouble = connection.trouble();
+            let mut trouble = connection.problem();
             broker.kill();
             let lost = tokio::time::timeout(PATIENCE, trouble.wait_for(Option::is_some)).await;
             assert!(lost.is_ok(), "it is lost");
@@ -103,21 +103,21 @@ async fn one_bad_filter_keeps_no_other_away() {
 async fn what_is_said_while_the_broker_is_away_is_not_said_later() {
     let Some(mut broker) = Broker::start() else { return };
     let connection = connected(&broker).await;
-    let mut trouble = connection.trouble();
+    let mut trouble = connection.problem();
     broker.kill();
     let lost = tokio::time::timeout(PATIENCE, trouble.wait_for(Option::is_some)).await.map(drop);
     assert!(lost.is_ok(), "it is lost");
-    let problem = connection.say("door/set", "UNLOCK").expect_err("it is away");
+    let problem = connection.publish_text("door/set", "UNLOCK").expect_err("it is away");
     assert!(problem.starts_with("reach the broker: "), "{problem}");
     broker.restart();
     let (tell, told) = std::sync::mpsc::channel();
     let _door = broker.device("door/set", move |text| drop(tell.send(text.to_owned())));
     await_connected(&connection).await;
-    connection.say("door/set", "LOCK").expect("it is back");
+    connection.publish_text("door/set", "LOCK").expect("it is back");
     // On another thread, because waiting must not block the connection.
     let first = tokio::task::spawn_blocking(move || told.recv_timeout(PATIENCE)).await;
     let first = first.expect("no panic").expect("the door hears");
     assert_eq!(first, "LOCK");
-    let problem = connection.say("door/+/set", "LOCK").expect_err("it is no topic");
+    let problem = connection.publish_text("door/+/set", "LOCK").expect_err("it is no topic");
     assert!(problem.contains("only for subscriptions"), "{problem}");
 }

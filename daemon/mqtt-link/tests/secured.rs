@@ -10,7 +10,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use broker::Broker;
-use mqtt_link::Connection;
+use mqtt_link::BrokerConnection;
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use tokio::sync::watch;
 
@@ -48,8 +48,8 @@ fn trouble(
     let name = format!("mqtts://localhost:{}", broker.port());
     let (password, ca) = (Some(broker.file(password)), Some(broker.file(ca)));
     let broker = mqtt_link::Broker::new(Some(&name), Some("gateway".to_owned()), password, ca);
-    let connection = Connection::to(&broker.expect("it is right"), "test");
-    (connection.trouble(), connection)
+    let connection = BrokerConnection::shared(&broker.expect("it is right"), "test");
+    (connection.problem(), connection)
 }
 
 /// Writes an authority, a certificate that it has signed for the broker, and another authority.

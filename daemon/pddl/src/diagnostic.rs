@@ -62,7 +62,7 @@ pub struct Parsed<T> {
 
 /// The mistakes found so far, up to [`DIAGNOSTICS_MAX`]; further ones are only counted.
 #[derive(Debug, Default)]
-pub(crate) struct Problems {
+pub(crate) struct DiagnosticList {
     list: Vec<Diagnostic>,
     omitted: usize,
 }
@@ -199,7 +199,7 @@ impl std::error::Error for Diagnostic {}
 
 // === impl Problems ===
 
-impl Problems {
+impl DiagnosticList {
     pub(crate) fn push(&mut self, diagnostic: Diagnostic) {
         if self.list.len() < DIAGNOSTICS_MAX {
             self.list.push(diagnostic);

@@ -27,7 +27,7 @@ use crate::tree::{
 
 /// The auxiliary predicates of one symbol.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Auxiliary {
+pub enum AuxiliaryPredicates {
     /// For a predicate that is not derived.
     Predicate {
         /// Holds for facts that are not known.
@@ -56,12 +56,12 @@ pub enum Auxiliary {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Knowledge {
     /// The auxiliary predicates by symbol; no function has the name of a predicate.
-    pub symbols: BTreeMap<Name, Auxiliary>,
+    pub symbols: BTreeMap<Name, AuxiliaryPredicates>,
 }
 
 /// Required certainty of a rewritten condition.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Mode {
+enum Certainty {
     /// The condition is known to hold.
     Sure,
     /// The condition is not known to be false.
@@ -70,13 +70,13 @@ enum Mode {
 
 // === impl Auxiliary ===
 
-impl Auxiliary {
+impl AuxiliaryPredicates {
     /// Returns all auxiliary predicates.
     pub fn names(&self) -> impl Iterator<Item = &Name> {
         let (one, other) = match self {
-            Auxiliary::Predicate { unknown, found } => (unknown, found.as_ref()),
-            Auxiliary::Function { defined, found } => (defined, found.as_ref()),
-            Auxiliary::Derived { maybe, unknown } => (maybe, Some(unknown)),
+            AuxiliaryPredicates::Predicate { unknown, found } => (unknown, found.as_ref()),
+            AuxiliaryPredicates::Function { defined, found } => (defined, found.as_ref()),
+            AuxiliaryPredicates::Derived { maybe, unknown } => (maybe, Some(unknown)),
         };
         std::iter::once(one).chain(other)
     }
@@ -96,30 +96,31 @@ impl Knowledge {
         let derived: BTreeSet<&Name> = domain.derived.iter().map(|it| &it.predicate).collect();
         let fluents = domain.derived.iter().flat_map(|axiom| axiom.condition.fluents());
         let compared: BTreeSet<Name> = fluents.map(|fluent| fluent.function.clone()).collect();
-        let mut words = Words::of(domain);
+        let mut words = FreshNames::of(domain);
         let mut symbols = BTreeMap::new();
         for name in domain.predicates.iter().map(|it| &it.name) {
             let is_observed = observed.contains(name);
             if !derived.contains(name) && (is_observed || unknowable.contains(name)) {
-                let unknown = words.word("unknown", name);
-                let found = is_observed.then(|| words.word("found", name));
-                symbols.insert(name.clone(), Auxiliary::Predicate { unknown, found });
+                let unknown = words.fresh_name("unknown", name);
+                let found = is_observed.then(|| words.fresh_name("found", name));
+                symbols.insert(name.clone(), AuxiliaryPredicates::Predicate { unknown, found });
             }
         }
         for name in domain.functions.iter().map(|it| &it.name) {
             let is_observed = observed.contains(name);
             if is_observed || compared.contains(name) {
-                let defined = words.word("defined", name);
-                let found = is_observed.then(|| words.word("found", name));
-                symbols.insert(name.clone(), Auxiliary::Function { defined, found });
+                let defined = words.fresh_name("defined", name);
+                let found = is_observed.then(|| words.fresh_name("found", name));
+                symbols.insert(name.clone(), AuxiliaryPredicates::Function { defined, found });
             }
         }
         let left: Vec<Name> =
             unknowable.iter().filter(|it| derived.contains(it)).cloned().collect();
         let rests = dependent(domain, &symbols, left);
         for name in rests {
-            let (maybe, unknown) = (words.word("maybe", &name), words.word("unknown", &name));
-            symbols.insert(name, Auxiliary::Derived { maybe, unknown });
+            let (maybe, unknown) =
+                (words.fresh_name("maybe", &name), words.fresh_name("unknown", &name));
+            symbols.insert(name, AuxiliaryPredicates::Derived { maybe, unknown });
         }
         Knowledge { symbols }
     }
@@ -136,11 +137,10 @@ impl Knowledge {
 
     /// Returns the symbol that has unknown facts where `predicate` holds; `None` for other predicates.
     pub fn unknown_by(&self, predicate: &Name) -> Option<&Name> {
-        let is_it = |auxiliary: &Auxiliary| match auxiliary {
-            Auxiliary::Predicate { unknown, .. } | Auxiliary::Derived { unknown, .. } => {
-                unknown == predicate
-            }
-            Auxiliary::Function { .. } => false,
+        let is_it = |auxiliary: &AuxiliaryPredicates| match auxiliary {
+            AuxiliaryPredicates::Predicate { unknown, .. }
+            | AuxiliaryPredicates::Derived { unknown, .. } => unknown == predicate,
+            AuxiliaryPredicates::Function { .. } => false,
         };
         self.symbols.iter().find(|(_, auxiliary)| is_it(auxiliary)).map(|(symbol, _)| symbol)
     }
@@ -148,17 +148,18 @@ impl Knowledge {
     /// Returns the fact which states that this one is unknown; `None` if it is always known.
     pub fn unknown(&self, fact: &Atom) -> Option<Atom> {
         match self.symbols.get(&fact.predicate)? {
-            Auxiliary::Predicate { unknown, .. } | Auxiliary::Derived { unknown, .. } => {
+            AuxiliaryPredicates::Predicate { unknown, .. }
+            | AuxiliaryPredicates::Derived { unknown, .. } => {
                 Some(Atom { predicate: unknown.clone(), ..fact.clone() })
             }
-            Auxiliary::Function { .. } => None,
+            AuxiliaryPredicates::Function { .. } => None,
         }
     }
 
     /// Returns the fact which states that this function has a known value; `None` if that is not tracked.
     pub fn defined(&self, fluent: &FluentTerm) -> Option<Atom> {
         match self.symbols.get(&fluent.function)? {
-            Auxiliary::Function { defined, .. } => {
+            AuxiliaryPredicates::Function { defined, .. } => {
                 Some(applied(defined, &fluent.arguments, fluent.span))
             }
             _ => None,
@@ -172,13 +173,16 @@ impl Knowledge {
         self.declare(domain);
         let mut derived = Vec::with_capacity(domain.derived.len());
         for axiom in &domain.derived {
-            derived.push(Derived { condition: self.sure(&axiom.condition), ..axiom.clone() });
-            if let Some(Auxiliary::Derived { maybe, .. }) = self.symbols.get(&axiom.predicate) {
-                let condition = self.rewrite(&axiom.condition, true, Mode::Possible);
+            derived
+                .push(Derived { condition: self.known_to_hold(&axiom.condition), ..axiom.clone() });
+            if let Some(AuxiliaryPredicates::Derived { maybe, .. }) =
+                self.symbols.get(&axiom.predicate)
+            {
+                let condition = self.rewrite(&axiom.condition, true, Certainty::Possible);
                 derived.push(Derived { predicate: maybe.clone(), condition, ..axiom.clone() });
             }
         }
-        derived.extend(self.left_behind(domain));
+        derived.extend(self.departure_axioms(domain));
         domain.derived = derived;
         for action in &mut domain.actions {
             *action = self.action(action);
@@ -195,7 +199,7 @@ impl Knowledge {
             (effect, found) => Effect::And(std::iter::once(effect).chain(found).collect()),
         };
         ActionSchema {
-            precondition: self.sure(&action.precondition),
+            precondition: self.known_to_hold(&action.precondition),
             effect,
             observe: Vec::new(),
             ..action.clone()
@@ -203,47 +207,50 @@ impl Knowledge {
     }
 
     /// Returns the condition which requires that this one is known to hold.
-    pub fn sure(&self, condition: &Condition) -> Condition {
+    pub fn known_to_hold(&self, condition: &Condition) -> Condition {
         if !self.touches(condition) {
             return condition.clone();
         }
-        self.rewrite(condition, true, Mode::Sure)
+        self.rewrite(condition, true, Certainty::Sure)
     }
 
     /// Returns the original of a rewritten condition, in the author's symbols: as if every fact
     /// were known.
-    pub fn plain(&self, condition: &Condition) -> Condition {
+    pub fn original_condition(&self, condition: &Condition) -> Condition {
         match condition {
             Condition::Atom(atom) => self.plain_atom(atom),
             Condition::Equal(..) | Condition::Compare(_) => condition.clone(),
-            Condition::Not(inner) => match self.plain(inner) {
+            Condition::Not(inner) => match self.original_condition(inner) {
                 Condition::And(parts) if parts.is_empty() => Condition::Or(parts),
                 Condition::Or(parts) if parts.is_empty() => Condition::And(parts),
                 inner => not(inner),
             },
             Condition::And(parts) => {
-                let parts: Vec<_> = parts.iter().map(|part| self.plain(part)).collect();
+                let parts: Vec<_> =
+                    parts.iter().map(|part| self.original_condition(part)).collect();
                 if parts.iter().any(|part| matches!(part, Condition::Or(all) if all.is_empty())) {
                     return Condition::Or(Vec::new());
                 }
                 one_and(parts.into_iter().filter(|part| !part.is_always()).collect())
             }
             Condition::Or(parts) => {
-                let mut parts: Vec<_> = parts.iter().map(|part| self.plain(part)).collect();
+                let mut parts: Vec<_> =
+                    parts.iter().map(|part| self.original_condition(part)).collect();
                 if parts.iter().any(Condition::is_always) {
                     return Condition::always();
                 }
                 parts.retain(|part| !matches!(part, Condition::Or(all) if all.is_empty()));
                 one_or(parts)
             }
-            Condition::Imply(left, right) => {
-                Condition::Imply(Box::new(self.plain(left)), Box::new(self.plain(right)))
-            }
+            Condition::Imply(left, right) => Condition::Imply(
+                Box::new(self.original_condition(left)),
+                Box::new(self.original_condition(right)),
+            ),
             Condition::Exists(variables, inner) => {
-                Condition::Exists(variables.clone(), Box::new(self.plain(inner)))
+                Condition::Exists(variables.clone(), Box::new(self.original_condition(inner)))
             }
             Condition::Forall(variables, inner) => {
-                Condition::Forall(variables.clone(), Box::new(self.plain(inner)))
+                Condition::Forall(variables.clone(), Box::new(self.original_condition(inner)))
             }
         }
     }
@@ -254,10 +261,10 @@ impl Knowledge {
         let is_it = |name: &Name| *name == atom.predicate;
         for (symbol, auxiliary) in &self.symbols {
             match auxiliary {
-                Auxiliary::Derived { maybe, .. } if is_it(maybe) => {
+                AuxiliaryPredicates::Derived { maybe, .. } if is_it(maybe) => {
                     return Condition::Atom(Atom { predicate: symbol.clone(), ..atom.clone() });
                 }
-                Auxiliary::Function { defined, .. } if is_it(defined) => {
+                AuxiliaryPredicates::Function { defined, .. } if is_it(defined) => {
                     return Condition::always();
                 }
                 _ if auxiliary.names().any(is_it) => return Condition::Or(Vec::new()),
@@ -278,7 +285,7 @@ impl Knowledge {
     }
 
     /// Rewrites a condition, or its negation if `positive` is false.
-    fn rewrite(&self, condition: &Condition, positive: bool, mode: Mode) -> Condition {
+    fn rewrite(&self, condition: &Condition, positive: bool, mode: Certainty) -> Condition {
         let all = |parts: &[Condition]| {
             parts.iter().map(|part| self.rewrite(part, positive, mode)).collect()
         };
@@ -315,37 +322,46 @@ impl Knowledge {
         }
     }
 
-    fn holds(&self, atom: &Atom, mode: Mode) -> Condition {
+    fn holds(&self, atom: &Atom, mode: Certainty) -> Condition {
         let plain = Condition::Atom(atom.clone());
         let with = |name: &Name| Condition::Atom(Atom { predicate: name.clone(), ..atom.clone() });
         match (self.symbols.get(&atom.predicate), mode) {
-            (Some(Auxiliary::Derived { maybe, .. }), Mode::Possible) => with(maybe),
-            (Some(Auxiliary::Predicate { unknown, found: Some(found) }), Mode::Sure) => {
-                Condition::Or(vec![plain, Condition::And(vec![with(unknown), with(found)])])
-            }
-            (Some(Auxiliary::Predicate { unknown, found: Some(found) }), Mode::Possible) => {
-                Condition::Or(vec![plain, Condition::And(vec![with(unknown), not(with(found))])])
-            }
-            (Some(Auxiliary::Predicate { unknown, found: None }), Mode::Possible) => {
-                Condition::Or(vec![plain, with(unknown)])
-            }
+            (Some(AuxiliaryPredicates::Derived { maybe, .. }), Certainty::Possible) => with(maybe),
+            (
+                Some(AuxiliaryPredicates::Predicate { unknown, found: Some(found) }),
+                Certainty::Sure,
+            ) => Condition::Or(vec![plain, Condition::And(vec![with(unknown), with(found)])]),
+            (
+                Some(AuxiliaryPredicates::Predicate { unknown, found: Some(found) }),
+                Certainty::Possible,
+            ) => Condition::Or(vec![plain, Condition::And(vec![with(unknown), not(with(found))])]),
+            (
+                Some(AuxiliaryPredicates::Predicate { unknown, found: None }),
+                Certainty::Possible,
+            ) => Condition::Or(vec![plain, with(unknown)]),
             _ => plain,
         }
     }
 
-    fn holds_not(&self, atom: &Atom, mode: Mode) -> Condition {
+    fn holds_not(&self, atom: &Atom, mode: Certainty) -> Condition {
         let plain = not(Condition::Atom(atom.clone()));
         let with = |name: &Name| Condition::Atom(Atom { predicate: name.clone(), ..atom.clone() });
         match (self.symbols.get(&atom.predicate), mode) {
-            (Some(Auxiliary::Derived { maybe, .. }), Mode::Sure) => not(with(maybe)),
-            (Some(Auxiliary::Predicate { unknown, found: Some(found) }), Mode::Sure) => {
+            (Some(AuxiliaryPredicates::Derived { maybe, .. }), Certainty::Sure) => not(with(maybe)),
+            (
+                Some(AuxiliaryPredicates::Predicate { unknown, found: Some(found) }),
+                Certainty::Sure,
+            ) => {
                 let is_known = Condition::Or(vec![not(with(unknown)), with(found)]);
                 Condition::And(vec![plain, is_known])
             }
-            (Some(Auxiliary::Predicate { unknown, found: None }), Mode::Sure) => {
+            (Some(AuxiliaryPredicates::Predicate { unknown, found: None }), Certainty::Sure) => {
                 Condition::And(vec![plain, not(with(unknown))])
             }
-            (Some(Auxiliary::Predicate { unknown, found: Some(found) }), Mode::Possible) => {
+            (
+                Some(AuxiliaryPredicates::Predicate { unknown, found: Some(found) }),
+                Certainty::Possible,
+            ) => {
                 let is_free = Condition::Or(vec![not(with(unknown)), not(with(found))]);
                 Condition::And(vec![plain, is_free])
             }
@@ -355,7 +371,7 @@ impl Knowledge {
 
     /// Rewrites a comparison. If a function in it has no value, neither the comparison nor its
     /// negation holds, so the negation is expressed by the opposite comparison.
-    fn compare(&self, compare: &Compare, positive: bool, mode: Mode) -> Condition {
+    fn compare(&self, compare: &Compare, positive: bool, mode: Certainty) -> Condition {
         let with =
             |comparison| Condition::Compare(Box::new(Compare { comparison, ..compare.clone() }));
         let plain = match positive {
@@ -363,8 +379,8 @@ impl Knowledge {
             false => one_or(compare.comparison.negated().iter().copied().map(with).collect()),
         };
         let assumed = match mode {
-            Mode::Sure => self.assumed(compare),
-            Mode::Possible => self.undetermined(compare),
+            Certainty::Sure => self.assumed(compare),
+            Certainty::Possible => self.undetermined(compare),
         };
         match assumed {
             Some(assumed) => Condition::Or(vec![plain, assumed]),
@@ -425,7 +441,8 @@ impl Knowledge {
             }
         }
         let tracked = fluents.into_iter().filter_map(|fluent| {
-            let Some(Auxiliary::Function { defined, found }) = self.symbols.get(&fluent.function)
+            let Some(AuxiliaryPredicates::Function { defined, found }) =
+                self.symbols.get(&fluent.function)
             else {
                 return None;
             };
@@ -437,7 +454,8 @@ impl Knowledge {
 
     fn found(&self, observed: &Atom) -> Option<Atom> {
         let auxiliary = self.symbols.get(&observed.predicate)?;
-        let (Auxiliary::Predicate { found, .. } | Auxiliary::Function { found, .. }) = auxiliary
+        let (AuxiliaryPredicates::Predicate { found, .. }
+        | AuxiliaryPredicates::Function { found, .. }) = auxiliary
         else {
             return None;
         };
@@ -462,7 +480,7 @@ impl Knowledge {
                 Effect::Forall(variables.clone(), Box::new(self.effect(inner)))
             }
             Effect::When(condition, inner) => {
-                let condition = self.sure(condition);
+                let condition = self.known_to_hold(condition);
                 Effect::When(Box::new(condition), Box::new(self.effect(inner)))
             }
         }
@@ -487,9 +505,9 @@ impl Knowledge {
 
     /// Returns the axioms for facts that cannot be ruled out because an agent has left: one for
     /// each derived predicate.
-    fn left_behind(&self, domain: &Domain) -> Vec<Derived> {
-        let axiom = |(symbol, auxiliary): (&Name, &Auxiliary)| {
-            let Auxiliary::Derived { maybe, unknown } = auxiliary else { return None };
+    fn departure_axioms(&self, domain: &Domain) -> Vec<Derived> {
+        let axiom = |(symbol, auxiliary): (&Name, &AuxiliaryPredicates)| {
+            let AuxiliaryPredicates::Derived { maybe, unknown } = auxiliary else { return None };
             let parameters = &domain.predicates.iter().find(|it| it.name == *symbol)?.parameters;
             let variables = parameters.iter().map(|it| Term::Variable(it.name.clone()));
             let unknown = applied(unknown, &variables.collect::<Vec<_>>(), Span::default());
@@ -530,7 +548,7 @@ fn applied(predicate: &Name, arguments: &[Term], span: Span) -> Atom {
 /// and those in `left`.
 fn dependent(
     domain: &Domain,
-    symbols: &BTreeMap<Name, Auxiliary>,
+    symbols: &BTreeMap<Name, AuxiliaryPredicates>,
     left: Vec<Name>,
 ) -> BTreeSet<Name> {
     let uses: Vec<(&Name, BTreeSet<&Name>)> = { domain.derived.iter() }
@@ -551,21 +569,21 @@ fn dependent(
 }
 
 /// Chooses names that are not used elsewhere.
-struct Words {
+struct FreshNames {
     taken: BTreeSet<Name>,
 }
 
 // === impl Words ===
 
-impl Words {
-    fn of(domain: &Domain) -> Words {
+impl FreshNames {
+    fn of(domain: &Domain) -> FreshNames {
         let predicates = domain.predicates.iter().map(|it| &it.name);
         let functions = domain.functions.iter().map(|it| &it.name);
-        Words { taken: predicates.chain(functions).cloned().collect() }
+        FreshNames { taken: predicates.chain(functions).cloned().collect() }
     }
 
     /// Returns `PREFIX-SYMBOL`, or the first of `PREFIX-SYMBOL-2`, `PREFIX-SYMBOL-3`, … that is free.
-    fn word(&mut self, prefix: &str, symbol: &Name) -> Name {
+    fn fresh_name(&mut self, prefix: &str, symbol: &Name) -> Name {
         let wanted = format!("{prefix}-{}", symbol.as_str());
         let numbered = (2..).map(|number| Name::new(&format!("{wanted}-{number}")));
         let word = std::iter::once(Name::new(&wanted))
@@ -603,11 +621,11 @@ mod tests {
     #[track_caller]
     fn check(condition: &str, expected: &str) {
         let parsed = |text| crate::parse_condition(text).into_result().expect("a condition");
-        let sure = knowledge().sure(&parsed(condition));
+        let sure = knowledge().known_to_hold(&parsed(condition));
         assert_eq!(sure.to_string(), parsed(expected).to_string());
         // The reverse direction.
-        let plain = knowledge().plain(&sure);
-        assert_eq!(knowledge().sure(&plain).to_string(), sure.to_string(), "{plain}");
+        let plain = knowledge().original_condition(&sure);
+        assert_eq!(knowledge().known_to_hold(&plain).to_string(), sure.to_string(), "{plain}");
     }
 
     #[test]
@@ -696,7 +714,7 @@ mod tests {
             ("(not (>= (warmth hall) 21))", "(< (warmth hall) 21)"),
             ("(unknown-on a)", "(or)"),
         ] {
-            let plain = knowledge().plain(&knowledge().sure(&parsed(asked)));
+            let plain = knowledge().original_condition(&knowledge().known_to_hold(&parsed(asked)));
             assert_eq!(plain.to_string(), told);
         }
     }
@@ -709,7 +727,8 @@ mod tests {
         let text = text.replace("(:derived (lit ?r - room)", "(:derived (motion ?r - room)");
         let domain = crate::parse_domain(&text).into_result().expect("a domain");
         let knowledge = Knowledge::of(&domain, &[Name::new("on")].into());
-        let Some(Auxiliary::Predicate { unknown, .. }) = knowledge.symbols.get("on") else {
+        let Some(AuxiliaryPredicates::Predicate { unknown, .. }) = knowledge.symbols.get("on")
+        else {
             panic!("{knowledge:?}");
         };
         assert_eq!(unknown.as_str(), "unknown-on-2");

@@ -10,13 +10,13 @@ use nom::combinator::{map, value};
 use nom::{IResult, Parser};
 
 /// The rest of the text to read.
-pub(crate) type Input<'a> = &'a [u8];
+pub(crate) type LexInput<'a> = &'a [u8];
 
-type LexResult<'a, T> = IResult<Input<'a>, T, ()>;
+type LexResult<'a, T> = IResult<LexInput<'a>, T, ()>;
 
 /// One token; its place is the difference between the input before and after.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Token {
+pub(crate) enum LexToken {
     Open,
     Close,
     /// A word of this many bytes.
@@ -24,14 +24,14 @@ pub(crate) enum Token {
 }
 
 /// `BLANK* ( "(" | ")" | SYMBOL )`; fails only at the end of the text.
-pub(crate) fn token(input: Input<'_>) -> LexResult<'_, Token> {
+pub(crate) fn token(input: LexInput<'_>) -> LexResult<'_, LexToken> {
     let (input, ()) = blanks(input)?;
     match input.first() {
-        Some(b'(') => value(Token::Open, take(1usize)).parse(input),
-        Some(b')') => value(Token::Close, take(1usize)).parse(input),
+        Some(b'(') => value(LexToken::Open, take(1usize)).parse(input),
+        Some(b')') => value(LexToken::Close, take(1usize)).parse(input),
         Some(_) => {
             let length = word_length(input);
-            map(take(length), |word: Input<'_>| Token::Symbol(word.len())).parse(input)
+            map(take(length), |word: LexInput<'_>| LexToken::Symbol(word.len())).parse(input)
         }
         None => Err(nom::Err::Error(())),
     }
@@ -39,13 +39,13 @@ pub(crate) fn token(input: Input<'_>) -> LexResult<'_, Token> {
 
 /// Returns the length of the word that `input` begins with. A question mark begins a variable and
 /// so ends the word before it: `aircraft?a` is two words.
-fn word_length(input: Input<'_>) -> usize {
+fn word_length(input: LexInput<'_>) -> usize {
     let rest = input.iter().skip(1);
     1 + rest.take_while(|byte| !is_delimiter(**byte) && **byte != b'?').count()
 }
 
 /// `BLANK* = (SPACE | COMMENT)*`
-pub(crate) fn blanks(input: Input<'_>) -> LexResult<'_, ()> {
+pub(crate) fn blanks(input: LexInput<'_>) -> LexResult<'_, ()> {
     let (mut input, _) = take_while(is_space).parse(input)?;
     while input.first() == Some(&b';') {
         (input, _) = comment(input)?;
@@ -55,7 +55,7 @@ pub(crate) fn blanks(input: Input<'_>) -> LexResult<'_, ()> {
 }
 
 /// `COMMENT = ";" up to the end of the line`
-fn comment(input: Input<'_>) -> LexResult<'_, Input<'_>> {
+fn comment(input: LexInput<'_>) -> LexResult<'_, LexInput<'_>> {
     take_till(|byte| byte == b'\n' || byte == b'\r').parse(input)
 }
 
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[track_caller]
-    fn check(text: &str, expected: &[Token]) {
+    fn check(text: &str, expected: &[LexToken]) {
         let mut rest = text.as_bytes();
         let mut tokens = Vec::new();
         while let Ok((left, token)) = token(rest) {
@@ -84,24 +84,33 @@ mod tests {
 
     #[test]
     fn parentheses_need_no_space() {
-        check("(?x)a", &[Token::Open, Token::Symbol(2), Token::Close, Token::Symbol(1)]);
+        check(
+            "(?x)a",
+            &[LexToken::Open, LexToken::Symbol(2), LexToken::Close, LexToken::Symbol(1)],
+        );
     }
 
     #[test]
     fn comments_end_with_their_line_and_cut_a_word() {
-        check("a;(\r\n;)\rb;", &[Token::Symbol(1), Token::Symbol(1)]);
+        check("a;(\r\n;)\rb;", &[LexToken::Symbol(1), LexToken::Symbol(1)]);
     }
 
     #[test]
     fn a_variable_may_touch_the_word_before_it() {
         check(
             "(at?x?yz)",
-            &[Token::Open, Token::Symbol(2), Token::Symbol(2), Token::Symbol(3), Token::Close],
+            &[
+                LexToken::Open,
+                LexToken::Symbol(2),
+                LexToken::Symbol(2),
+                LexToken::Symbol(3),
+                LexToken::Close,
+            ],
         );
     }
 
     #[test]
     fn words_of_any_script_are_symbols() {
-        check("büro-2 (", &[Token::Symbol("büro-2".len()), Token::Open]);
+        check("büro-2 (", &[LexToken::Symbol("büro-2".len()), LexToken::Open]);
     }
 }

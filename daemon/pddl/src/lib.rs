@@ -29,10 +29,10 @@ pub mod graph;
 pub mod knowledge;
 
 mod arithmetic;
-mod balance;
 mod grammar;
 mod lexer;
 mod nearest;
+mod parentheses;
 mod parts;
 mod printer;
 mod sexpr;

@@ -4,9 +4,9 @@
 //! it, and return what could be made of the rest; [`Parsed::into_result`] is for callers that need
 //! a text without errors.
 
-use crate::diagnostic::{Parsed, Problems};
-use crate::grammar::{self, Reader};
-use crate::sexpr::{Forest, Items, Node};
+use crate::diagnostic::{DiagnosticList, Parsed};
+use crate::grammar::{self, GrammarReader};
+use crate::sexpr::{Forest, Items, SyntaxNode};
 use crate::tree::{
     ActionModel, Condition, Document, Domain, InitElement, Metric, Plan, PlanStep, Problem,
 };
@@ -52,9 +52,9 @@ pub fn parse_problem(text: &str) -> Parsed<Problem> {
 /// assert!(!pddl::states_goal(&problem.replace("(:goal (and))", "")));
 /// ```
 pub fn states_goal(text: &str) -> bool {
-    let forest = Forest::read(text, &mut Problems::default());
+    let forest = Forest::read(text, &mut DiagnosticList::default());
     let is_goal =
-        |node: Node<'_>| node.head().is_some_and(|head| head.eq_ignore_ascii_case(":goal"));
+        |node: SyntaxNode<'_>| node.head().is_some_and(|head| head.eq_ignore_ascii_case(":goal"));
     forest.roots().any(|root| root.list().is_some_and(|mut items| items.any(is_goal)))
 }
 
@@ -126,11 +126,11 @@ pub fn text_from_bytes(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
 /// Reads the parentheses, then parses their content.
 fn read<T>(
     text: &str,
-    meaning: impl for<'f> FnOnce(&mut Reader<'f>, Items<'f>) -> Option<T>,
+    meaning: impl for<'f> FnOnce(&mut GrammarReader<'f>, Items<'f>) -> Option<T>,
 ) -> Parsed<T> {
-    let mut problems = Problems::default();
+    let mut problems = DiagnosticList::default();
     let forest = Forest::read(text, &mut problems);
-    let mut reader = Reader::new(problems, forest.len());
+    let mut reader = GrammarReader::new(problems, forest.len());
     let value = meaning(&mut reader, forest.roots());
     Parsed { value, diagnostics: reader.into_diagnostics() }
 }

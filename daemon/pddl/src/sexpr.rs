@@ -4,8 +4,8 @@
 //! - All nodes are in one vector in the order of the text, so neither building nor dropping a tree
 //!   recurses, and skipping a list is one look-up.
 
-use crate::balance::Builder;
-use crate::diagnostic::Problems;
+use crate::diagnostic::DiagnosticList;
+use crate::parentheses::ForestBuilder;
 use crate::tree::Span;
 
 /// Most levels of nested parentheses.
@@ -18,18 +18,18 @@ const _: () = assert!(NESTING_MAX <= u8::MAX as usize, "`Entry::depth` is a byte
 /// The content of a text between its parentheses.
 pub(crate) struct Forest<'t> {
     text: &'t str,
-    entries: Vec<Entry>,
+    entries: Vec<StoredNode>,
 }
 
 /// A node: a list, a word, or a part that could not be kept.
 #[derive(Clone, Copy)]
-pub(crate) struct Node<'f> {
+pub(crate) struct SyntaxNode<'f> {
     forest: &'f Forest<'f>,
     index: u32,
 }
 
 /// Kind of a node.
-pub(crate) enum View<'f> {
+pub(crate) enum NodeContent<'f> {
     List(Items<'f>),
     Symbol(&'f str),
     /// Nested too deep. This has been reported, so callers do not report it again.
@@ -48,18 +48,18 @@ pub(crate) struct Items<'f> {
 
 /// A node as it is stored.
 #[derive(Clone, Copy)]
-pub(crate) struct Entry {
+pub(crate) struct StoredNode {
     pub(crate) start: u32,
     pub(crate) end: u32,
     /// The first entry after this node and its content.
     pub(crate) next: u32,
-    pub(crate) kind: Kind,
+    pub(crate) kind: NodeKind,
     /// The number of lists around the node.
     pub(crate) depth: u8,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum NodeKind {
     List,
     Symbol,
     Damaged,
@@ -69,8 +69,8 @@ pub(crate) enum Kind {
 
 impl<'t> Forest<'t> {
     /// Reads the whole text.
-    pub(crate) fn read(text: &'t str, problems: &mut Problems) -> Forest<'t> {
-        Forest { text, entries: Builder::new(text, problems).read() }
+    pub(crate) fn read(text: &'t str, problems: &mut DiagnosticList) -> Forest<'t> {
+        Forest { text, entries: ForestBuilder::new(text, problems).read() }
     }
 
     /// Returns the number of nodes.
@@ -91,8 +91,8 @@ impl<'t> Forest<'t> {
 
 // === impl Node ===
 
-impl<'f> Node<'f> {
-    fn entry(self) -> &'f Entry {
+impl<'f> SyntaxNode<'f> {
+    fn entry(self) -> &'f StoredNode {
         &self.forest.entries[self.index as usize]
     }
 
@@ -101,17 +101,17 @@ impl<'f> Node<'f> {
         Span { start: entry.start, end: entry.end }
     }
 
-    pub(crate) fn view(self) -> View<'f> {
+    pub(crate) fn content(self) -> NodeContent<'f> {
         let entry = self.entry();
         match entry.kind {
-            Kind::List => View::List(Items {
+            NodeKind::List => NodeContent::List(Items {
                 forest: self.forest,
                 next: self.index + 1,
                 stop: entry.next,
                 end: self.close(),
             }),
-            Kind::Symbol => View::Symbol(self.text()),
-            Kind::Damaged => View::Damaged,
+            NodeKind::Symbol => NodeContent::Symbol(self.text()),
+            NodeKind::Damaged => NodeContent::Damaged,
         }
     }
 
@@ -121,16 +121,16 @@ impl<'f> Node<'f> {
     }
 
     pub(crate) fn symbol(self) -> Option<&'f str> {
-        match self.view() {
-            View::Symbol(word) => Some(word),
-            View::List(_) | View::Damaged => None,
+        match self.content() {
+            NodeContent::Symbol(word) => Some(word),
+            NodeContent::List(_) | NodeContent::Damaged => None,
         }
     }
 
     pub(crate) fn list(self) -> Option<Items<'f>> {
-        match self.view() {
-            View::List(items) => Some(items),
-            View::Symbol(_) | View::Damaged => None,
+        match self.content() {
+            NodeContent::List(items) => Some(items),
+            NodeContent::Symbol(_) | NodeContent::Damaged => None,
         }
     }
 
@@ -140,39 +140,41 @@ impl<'f> Node<'f> {
     }
 
     /// Whether two nodes have the same content, apart from blanks and comments.
-    pub(crate) fn says_the_same(self, other: Node<'f>) -> bool {
-        let entries = |node: Node<'f>| {
+    pub(crate) fn says_the_same(self, other: SyntaxNode<'f>) -> bool {
+        let entries = |node: SyntaxNode<'f>| {
             let all = node.index..node.entry().next;
-            all.map(move |index| Node { forest: node.forest, index })
+            all.map(move |index| SyntaxNode { forest: node.forest, index })
         };
-        let is_same = |(one, two): (Node<'f>, Node<'f>)| match (one.symbol(), two.symbol()) {
-            (Some(one), Some(two)) => one.eq_ignore_ascii_case(two),
-            (None, None) => one.entry().next - one.index == two.entry().next - two.index,
-            _ => false,
-        };
+        let is_same =
+            |(one, two): (SyntaxNode<'f>, SyntaxNode<'f>)| match (one.symbol(), two.symbol()) {
+                (Some(one), Some(two)) => one.eq_ignore_ascii_case(two),
+                (None, None) => one.entry().next - one.index == two.entry().next - two.index,
+                _ => false,
+            };
         entries(self).len() == entries(other).len()
             && entries(self).zip(entries(other)).all(is_same)
     }
 
     /// Returns the list that begins where this word ends, as other languages write functions:
     /// `at(r1, hall)`.
-    pub(crate) fn touching_list(self) -> Option<Node<'f>> {
-        let Entry { end, next, kind, .. } = *self.entry();
+    pub(crate) fn touching_list(self) -> Option<SyntaxNode<'f>> {
+        let StoredNode { end, next, kind, .. } = *self.entry();
         let list = self.forest.entries.get(next as usize)?;
-        let touches = kind == Kind::Symbol && list.kind != Kind::Symbol && list.start == end;
-        touches.then_some(Node { forest: self.forest, index: next })
+        let touches =
+            kind == NodeKind::Symbol && list.kind != NodeKind::Symbol && list.start == end;
+        touches.then_some(SyntaxNode { forest: self.forest, index: next })
     }
 
     /// Returns this node as the only item.
     pub(crate) fn alone(self) -> Items<'f> {
-        let Entry { end, next, .. } = *self.entry();
+        let StoredNode { end, next, .. } = *self.entry();
         let end = Span { start: end, end };
         Items { forest: self.forest, next: self.index, stop: next, end }
     }
 
     /// Returns the closing parenthesis of a list, or the place where it is missing.
     fn close(self) -> Span {
-        let Entry { start, end, .. } = *self.entry();
+        let StoredNode { start, end, .. } = *self.entry();
         let last = self.forest.text.as_bytes().get((end as usize).wrapping_sub(1));
         let is_closed = end > start + 1 && last == Some(&b')');
         Span { start: end - u32::from(is_closed), end }
@@ -187,12 +189,12 @@ impl<'f> Node<'f> {
 // === impl Items ===
 
 impl<'f> Items<'f> {
-    pub(crate) fn peek(&self) -> Option<Node<'f>> {
-        (self.next < self.stop).then_some(Node { forest: self.forest, index: self.next })
+    pub(crate) fn peek(&self) -> Option<SyntaxNode<'f>> {
+        (self.next < self.stop).then_some(SyntaxNode { forest: self.forest, index: self.next })
     }
 
     /// Returns the items before the first one for which `last` holds.
-    pub(crate) fn until(self, last: impl Fn(Node<'f>) -> bool) -> Items<'f> {
+    pub(crate) fn until(self, last: impl Fn(SyntaxNode<'f>) -> bool) -> Items<'f> {
         let stop = self.into_iter().find(|node| last(*node)).map_or(self.stop, |node| node.index);
         Items { stop, ..self }
     }
@@ -209,9 +211,9 @@ impl<'f> Items<'f> {
 }
 
 impl<'f> Iterator for Items<'f> {
-    type Item = Node<'f>;
+    type Item = SyntaxNode<'f>;
 
-    fn next(&mut self) -> Option<Node<'f>> {
+    fn next(&mut self) -> Option<SyntaxNode<'f>> {
         let node = self.peek()?;
         self.next = node.entry().next;
         Some(node)

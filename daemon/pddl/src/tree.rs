@@ -403,7 +403,7 @@ pub enum InitElement {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Metric {
     /// The direction of improvement.
-    pub direction: Direction,
+    pub direction: MetricDirection,
     /// The expression, evaluated at the end of the plan.
     pub expression: Expression,
     /// From `(` to `)`.
@@ -412,7 +412,7 @@ pub struct Metric {
 
 /// The direction in which a metric improves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Direction {
+pub enum MetricDirection {
     /// `minimize`
     Minimize,
     /// `maximize`
@@ -640,7 +640,7 @@ impl TypeExpr {
     }
 
     /// Returns the alternatives; empty if the only one is `object`, which is the same as no type.
-    fn told(&self) -> &[Name] {
+    fn declared_alternatives(&self) -> &[Name] {
         match &self.alternatives[..] {
             [only] if *only == "object" => &[],
             told => told,
@@ -650,7 +650,7 @@ impl TypeExpr {
 
 impl PartialEq for TypeExpr {
     fn eq(&self, other: &TypeExpr) -> bool {
-        self.told() == other.told()
+        self.declared_alternatives() == other.declared_alternatives()
     }
 }
 
@@ -658,7 +658,7 @@ impl Eq for TypeExpr {}
 
 impl Hash for TypeExpr {
     fn hash<H: Hasher>(&self, state: &mut H) {
-        self.told().hash(state);
+        self.declared_alternatives().hash(state);
     }
 }
 

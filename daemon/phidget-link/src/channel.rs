@@ -3,13 +3,13 @@
 use std::fmt;
 use std::time::Duration;
 
-use crate::ffi::{CallError, Handle};
+use crate::ffi::{CallError, ChannelHandle};
 use crate::library::Library;
-use crate::part::Part;
+use crate::part::PhidgetPart;
 
 /// Place where a part is attached. `None` matches anything.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Address {
+pub struct PartAddress {
     /// Serial number printed on the Phidget, or on the hub that it is attached to.
     pub serial: Option<i32>,
     /// Port of a VINT hub.
@@ -18,9 +18,9 @@ pub struct Address {
     pub port: Option<u8>,
 }
 
-impl fmt::Display for Address {
+impl fmt::Display for PartAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Address { serial, hub_port, port } = *self;
+        let PartAddress { serial, hub_port, port } = *self;
         if let Some(port) = port {
             write!(f, "port {port} of ")?;
         }
@@ -35,15 +35,15 @@ impl fmt::Display for Address {
 }
 
 /// Channel of the library; closed on drop. Its device may be unplugged and plugged in.
-pub struct Channel {
-    handle: Handle,
-    part: &'static Part,
-    address: Address,
+pub struct PhidgetChannel {
+    handle: ChannelHandle,
+    part: &'static PhidgetPart,
+    address: PartAddress,
     /// Error of the time when its device was awaited and did not attach; `None` once it has attached.
     missed: Option<CallError>,
 }
 
-impl Channel {
+impl PhidgetChannel {
     /// Opens a channel, and waits up to `wait` for its device. It is no error if the device does not attach
     /// in that time: it may do so later ([`Channel::is_attached`]).
     ///
@@ -52,18 +52,21 @@ impl Channel {
     /// Returns an error if the library refuses.
     pub fn open(
         library: Library,
-        part: &'static Part,
-        address: Address,
+        part: &'static PhidgetPart,
+        address: PartAddress,
         wait: Duration,
-    ) -> Result<Channel, CallError> {
-        let handle = Handle::create(library.functions, part.class)?;
-        let mut channel = Channel { handle, part, address, missed: None };
-        channel.addressed().and_then(|()| channel.opened(wait)).map_err(|e| channel.placed(e))?;
+    ) -> Result<PhidgetChannel, CallError> {
+        let handle = ChannelHandle::create(library.functions, part.class)?;
+        let mut channel = PhidgetChannel { handle, part, address, missed: None };
+        channel
+            .set_address()
+            .and_then(|()| channel.open_and_wait(wait))
+            .map_err(|e| channel.with_address(e))?;
         Ok(channel)
     }
 
-    fn addressed(&self) -> Result<(), CallError> {
-        let Address { serial, hub_port, port } = self.address;
+    fn set_address(&self) -> Result<(), CallError> {
+        let PartAddress { serial, hub_port, port } = self.address;
         if let Some(serial) = serial {
             self.handle.set_serial(serial)?;
         }
@@ -76,7 +79,7 @@ impl Channel {
         port.map_or(Ok(()), |port| self.handle.set_channel(i32::from(port)))
     }
 
-    fn opened(&mut self, wait: Duration) -> Result<(), CallError> {
+    fn open_and_wait(&mut self, wait: Duration) -> Result<(), CallError> {
         match self.handle.open_waiting(wait) {
             Err(missed) if missed.is_timeout() => {
                 self.missed = Some(missed);
@@ -100,12 +103,12 @@ impl Channel {
     /// # Errors
     ///
     /// Returns an error with the known reason if it is not attached.
-    pub fn seek(&mut self) -> Result<(), CallError> {
+    pub fn check_attached(&mut self) -> Result<(), CallError> {
         if self.is_attached() {
             return Ok(());
         }
         let missed = self.missed.clone().unwrap_or_else(CallError::unplugged);
-        Err(self.placed(missed))
+        Err(self.with_address(missed))
     }
 
     /// Reads the value, in the quantity's unit.
@@ -114,14 +117,14 @@ impl Channel {
     ///
     /// Returns an error if its device is not attached, or has no value (now).
     pub fn read(&mut self) -> Result<f64, CallError> {
-        self.seek()?;
+        self.check_attached()?;
         let value = self.handle.read(self.part.sensor_type);
-        value.map(|value| self.part.canonical(value)).map_err(|error| self.placed(error))
+        value.map(|value| self.part.canonical(value)).map_err(|error| self.with_address(error))
     }
 
     /// Adds to an error the part that it is about: “find it” becomes “find a 1111 at port 3 of Phidget
     /// 12345”.
-    fn placed(&self, mut error: CallError) -> CallError {
+    fn with_address(&self, mut error: CallError) -> CallError {
         error.what = match error.what.as_str() {
             "find it" => format!("find {} at {}", self.part, self.address),
             "read it" => format!("read {} at {}", self.part, self.address),

@@ -9,18 +9,18 @@ use std::ptr::{self, NonNull};
 use std::time::Duration;
 
 /// Pointer to a channel of the library.
-type Raw = *mut c_void;
+type RawChannel = *mut c_void;
 /// `PhidgetReturnCode`: 0, or the number of an error.
-type Code = c_int;
+type ReturnCode = c_int;
 
-type Create = unsafe extern "C" fn(*mut Raw) -> Code;
-type Do = unsafe extern "C" fn(Raw) -> Code;
-type SetInt = unsafe extern "C" fn(Raw, c_int) -> Code;
-type GetInt = unsafe extern "C" fn(Raw, *mut c_int) -> Code;
-type GetDouble = unsafe extern "C" fn(Raw, *mut c_double) -> Code;
+type CreateFn = unsafe extern "C" fn(*mut RawChannel) -> ReturnCode;
+type ChannelFn = unsafe extern "C" fn(RawChannel) -> ReturnCode;
+type SetIntFn = unsafe extern "C" fn(RawChannel, c_int) -> ReturnCode;
+type GetIntFn = unsafe extern "C" fn(RawChannel, *mut c_int) -> ReturnCode;
+type GetDoubleFn = unsafe extern "C" fn(RawChannel, *mut c_double) -> ReturnCode;
 
-const TIMEOUT: Code = 3;
-const NOT_ATTACHED: Code = 52;
+const TIMEOUT: ReturnCode = 3;
+const NOT_ATTACHED: ReturnCode = 52;
 
 /// Longest detail of an error that is read, in bytes; the known ones have about 200.
 const DETAIL_BYTES: usize = 1024;
@@ -31,7 +31,7 @@ const DETAIL_BYTES: usize = 1024;
 pub struct CallError {
     pub(crate) what: String,
     pub(crate) reason: String,
-    code: Code,
+    code: ReturnCode,
 }
 
 impl CallError {
@@ -49,7 +49,7 @@ impl CallError {
 
 /// Class of channels, which decides the functions for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Class {
+pub(crate) enum ChannelClass {
     /// Device that measures the temperature without an input.
     Temperature,
     Humidity,
@@ -63,38 +63,42 @@ pub(crate) enum Class {
 
 /// Functions of a class.
 struct ClassFunctions {
-    create: Create,
-    read: Read,
+    create: CreateFn,
+    read: ReadFunctions,
 }
 
-enum Read {
-    Double(GetDouble),
-    Int(GetInt),
+enum ReadFunctions {
+    Double(GetDoubleFn),
+    Int(GetIntFn),
     /// An analog input: its type of sensor, and the value for that type.
     Sensor {
-        sensor_type: GetInt,
-        set_sensor_type: SetInt,
-        value: GetDouble,
+        sensor_type: GetIntFn,
+        set_sensor_type: SetIntFn,
+        value: GetDoubleFn,
     },
 }
 
 /// Functions of the library.
 ///
 /// The library is never unloaded, so the functions exist as long as they can be called.
-pub(crate) struct Functions {
-    version: unsafe extern "C" fn(*mut *const c_char) -> Code,
-    describe: unsafe extern "C" fn(Code, *mut *const c_char) -> Code,
-    last_error:
-        unsafe extern "C" fn(*mut Code, *mut *const c_char, *mut c_char, *mut usize) -> Code,
-    set_serial: SetInt,
-    set_hub_port: SetInt,
-    set_is_hub_port: SetInt,
-    set_channel: SetInt,
-    open: Do,
-    open_waiting: unsafe extern "C" fn(Raw, u32) -> Code,
-    attached: GetInt,
-    close: Do,
-    delete: Create,
+pub(crate) struct LibraryFunctions {
+    version: unsafe extern "C" fn(*mut *const c_char) -> ReturnCode,
+    describe: unsafe extern "C" fn(ReturnCode, *mut *const c_char) -> ReturnCode,
+    last_error: unsafe extern "C" fn(
+        *mut ReturnCode,
+        *mut *const c_char,
+        *mut c_char,
+        *mut usize,
+    ) -> ReturnCode,
+    set_serial: SetIntFn,
+    set_hub_port: SetIntFn,
+    set_is_hub_port: SetIntFn,
+    set_channel: SetIntFn,
+    open: ChannelFn,
+    open_waiting: unsafe extern "C" fn(RawChannel, u32) -> ReturnCode,
+    attached: GetIntFn,
+    close: ChannelFn,
+    delete: CreateFn,
     temperature: ClassFunctions,
     humidity: ClassFunctions,
     light: ClassFunctions,
@@ -103,26 +107,27 @@ pub(crate) struct Functions {
     digital: ClassFunctions,
 }
 
-impl Functions {
+impl LibraryFunctions {
     /// Loads a library, for good.
-    pub(crate) fn load(file: &OsStr) -> Result<&'static Functions, String> {
+    pub(crate) fn load(file: &OsStr) -> Result<&'static LibraryFunctions, String> {
         // SAFETY: no caller can prove what a library does when it is loaded. The owner of this machine has
         // installed this file or named it, as with a program that is run. `libphidget22` itself has only
         // ordinary constructors.
-        let library = unsafe { libloading::Library::new(file) }.map_err(|error| told(&error))?;
-        let functions = Functions::of(&library).map_err(|error| told(&error));
+        let library =
+            unsafe { libloading::Library::new(file) }.map_err(|error| linker_message(&error))?;
+        let functions = LibraryFunctions::of(&library).map_err(|error| linker_message(&error));
         // Also kept if it is the wrong library: it may have started threads, which need its code.
         std::mem::forget(library);
         let functions = functions?;
         Ok(Box::leak(Box::new(functions)))
     }
 
-    fn of(library: &libloading::Library) -> Result<Functions, libloading::Error> {
+    fn of(library: &libloading::Library) -> Result<LibraryFunctions, libloading::Error> {
         // SAFETY: each function has the type that `phidget22.h` declares for its name, which is the type of
         // the field that it is assigned to. The declarations do not change while the library's name ends in
         // 22.
         unsafe {
-            Ok(Functions {
+            Ok(LibraryFunctions {
                 version: function(library, "Phidget_getLibraryVersion")?,
                 describe: function(library, "Phidget_getErrorDescription")?,
                 last_error: function(library, "Phidget_getLastError")?,
@@ -137,22 +142,28 @@ impl Functions {
                 delete: function(library, "Phidget_delete")?,
                 temperature: ClassFunctions {
                     create: function(library, "PhidgetTemperatureSensor_create")?,
-                    read: Read::Double(function(
+                    read: ReadFunctions::Double(function(
                         library,
                         "PhidgetTemperatureSensor_getTemperature",
                     )?),
                 },
                 humidity: ClassFunctions {
                     create: function(library, "PhidgetHumiditySensor_create")?,
-                    read: Read::Double(function(library, "PhidgetHumiditySensor_getHumidity")?),
+                    read: ReadFunctions::Double(function(
+                        library,
+                        "PhidgetHumiditySensor_getHumidity",
+                    )?),
                 },
                 light: ClassFunctions {
                     create: function(library, "PhidgetLightSensor_create")?,
-                    read: Read::Double(function(library, "PhidgetLightSensor_getIlluminance")?),
+                    read: ReadFunctions::Double(function(
+                        library,
+                        "PhidgetLightSensor_getIlluminance",
+                    )?),
                 },
                 ratio: ClassFunctions {
                     create: function(library, "PhidgetVoltageRatioInput_create")?,
-                    read: Read::Sensor {
+                    read: ReadFunctions::Sensor {
                         sensor_type: function(library, "PhidgetVoltageRatioInput_getSensorType")?,
                         set_sensor_type: function(
                             library,
@@ -163,7 +174,7 @@ impl Functions {
                 },
                 voltage: ClassFunctions {
                     create: function(library, "PhidgetVoltageInput_create")?,
-                    read: Read::Sensor {
+                    read: ReadFunctions::Sensor {
                         sensor_type: function(library, "PhidgetVoltageInput_getSensorType")?,
                         set_sensor_type: function(library, "PhidgetVoltageInput_setSensorType")?,
                         value: function(library, "PhidgetVoltageInput_getSensorValue")?,
@@ -171,20 +182,20 @@ impl Functions {
                 },
                 digital: ClassFunctions {
                     create: function(library, "PhidgetDigitalInput_create")?,
-                    read: Read::Int(function(library, "PhidgetDigitalInput_getState")?),
+                    read: ReadFunctions::Int(function(library, "PhidgetDigitalInput_getState")?),
                 },
             })
         }
     }
 
-    fn class(&self, class: Class) -> &ClassFunctions {
+    fn class(&self, class: ChannelClass) -> &ClassFunctions {
         match class {
-            Class::Temperature => &self.temperature,
-            Class::Humidity => &self.humidity,
-            Class::Light => &self.light,
-            Class::Ratio => &self.ratio,
-            Class::Voltage => &self.voltage,
-            Class::Digital => &self.digital,
+            ChannelClass::Temperature => &self.temperature,
+            ChannelClass::Humidity => &self.humidity,
+            ChannelClass::Light => &self.light,
+            ChannelClass::Ratio => &self.ratio,
+            ChannelClass::Voltage => &self.voltage,
+            ChannelClass::Digital => &self.digital,
         }
     }
 
@@ -197,7 +208,7 @@ impl Functions {
         Ok(unsafe { text(version) })
     }
 
-    fn check(&self, code: Code, what: &str) -> Result<(), CallError> {
+    fn check(&self, code: ReturnCode, what: &str) -> Result<(), CallError> {
         match code {
             0 => Ok(()),
             code => {
@@ -208,7 +219,7 @@ impl Functions {
     }
 
     /// Returns the meaning of an error code.
-    fn reason(&self, code: Code) -> String {
+    fn reason(&self, code: ReturnCode) -> String {
         let mut description = ptr::null();
         // SAFETY: the function exists and accepts any number; it writes one pointer to a variable of that
         // type.
@@ -221,7 +232,7 @@ impl Functions {
     }
 
     /// Returns the detail of this thread's last error, or `None` if that error had another code.
-    fn detail(&self, code: Code) -> Option<String> {
+    fn detail(&self, code: ReturnCode) -> Option<String> {
         let (mut last, mut description) = (0, ptr::null());
         let mut detail = [0_u8; DETAIL_BYTES];
         // The library may fill the whole room without a final zero, so the array has one byte more.
@@ -264,28 +275,31 @@ unsafe fn text(text: *const c_char) -> String {
 }
 
 /// Returns the message of the dynamic linker, which `libloading` keeps as the cause of its error.
-fn told(error: &libloading::Error) -> String {
+fn linker_message(error: &libloading::Error) -> String {
     let cause = std::error::Error::source(error);
     cause.map_or_else(|| error.to_string(), ToString::to_string)
 }
 
 /// Channel of the library; it is deleted on drop, and not before.
-pub(crate) struct Handle {
-    functions: &'static Functions,
-    class: Class,
+pub(crate) struct ChannelHandle {
+    functions: &'static LibraryFunctions,
+    class: ChannelClass,
     raw: NonNull<c_void>,
 }
 
 // SAFETY: a channel belongs to no thread: the library locks its own objects, and uses them from threads of
 // its own. Only one thread uses a `Handle` at a time, because it is not `Sync`.
-unsafe impl Send for Handle {}
+unsafe impl Send for ChannelHandle {}
 
 // Each call below is sound for these reasons: `raw` is a channel made by `create` of its class, and only
 // `drop` deletes it; the function is one of this library, which is never unloaded; and the function writes
 // to a variable of the right type. If the function is for another class of channels, the library refuses
 // the call (`EPHIDGET_WRONGDEVICE`).
-impl Handle {
-    pub(crate) fn create(functions: &'static Functions, class: Class) -> Result<Handle, CallError> {
+impl ChannelHandle {
+    pub(crate) fn create(
+        functions: &'static LibraryFunctions,
+        class: ChannelClass,
+    ) -> Result<ChannelHandle, CallError> {
         const WHAT: &str = "make a channel of libphidget22";
         let mut raw = ptr::null_mut();
         // SAFETY: the function exists; it writes one pointer to a variable of that type.
@@ -293,23 +307,23 @@ impl Handle {
         functions.check(code, WHAT)?;
         let nothing = || CallError { what: WHAT.to_owned(), reason: "there is none".into(), code };
         let raw = NonNull::new(raw).ok_or_else(nothing)?;
-        Ok(Handle { functions, class, raw })
+        Ok(ChannelHandle { functions, class, raw })
     }
 
-    fn set(&self, set: SetInt, value: c_int, what: &str) -> Result<(), CallError> {
+    fn set(&self, set: SetIntFn, value: c_int, what: &str) -> Result<(), CallError> {
         // SAFETY: see above this `impl`.
         let code = unsafe { set(self.raw.as_ptr(), value) };
         self.functions.check(code, what)
     }
 
-    fn int(&self, get: GetInt, what: &str) -> Result<c_int, CallError> {
+    fn int(&self, get: GetIntFn, what: &str) -> Result<c_int, CallError> {
         let mut value = 0;
         // SAFETY: see above this `impl`.
         let code = unsafe { get(self.raw.as_ptr(), &raw mut value) };
         self.functions.check(code, what).map(|()| value)
     }
 
-    fn double(&self, get: GetDouble, what: &str) -> Result<c_double, CallError> {
+    fn double(&self, get: GetDoubleFn, what: &str) -> Result<c_double, CallError> {
         let mut value = 0.0;
         // SAFETY: see above this `impl`.
         let code = unsafe { get(self.raw.as_ptr(), &raw mut value) };
@@ -365,9 +379,9 @@ impl Handle {
     /// Returns the value; for an analog input, the value for this type of sensor.
     pub(crate) fn read(&self, wanted_type: i32) -> Result<f64, CallError> {
         match self.functions.class(self.class).read {
-            Read::Double(get) => self.double(get, "read it"),
-            Read::Int(get) => self.int(get, "read it").map(f64::from),
-            Read::Sensor { sensor_type, set_sensor_type, value } => {
+            ReadFunctions::Double(get) => self.double(get, "read it"),
+            ReadFunctions::Int(get) => self.int(get, "read it").map(f64::from),
+            ReadFunctions::Sensor { sensor_type, set_sensor_type, value } => {
                 // A device that was unplugged has lost the type.
                 if self.int(sensor_type, "read it")? != wanted_type {
                     self.set(set_sensor_type, wanted_type, "set the type of the sensor")?;
@@ -378,7 +392,7 @@ impl Handle {
     }
 }
 
-impl Drop for Handle {
+impl Drop for ChannelHandle {
     fn drop(&mut self) {
         let mut raw = self.raw.as_ptr();
         // SAFETY: see above this `impl`; nothing uses the channel after this. A channel that was not opened

@@ -15,7 +15,7 @@ mod ffi;
 mod library;
 mod part;
 
-pub use channel::{Address, Channel};
+pub use channel::{PartAddress, PhidgetChannel};
 pub use ffi::CallError;
-pub use library::{Library, LoadError};
-pub use part::{Part, Quantity};
+pub use library::{Library, LibraryError};
+pub use part::{PhidgetPart, PhidgetQuantity};

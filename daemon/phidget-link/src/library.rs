@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use crate::ffi::{self, Functions};
+use crate::ffi::{self, LibraryFunctions};
 
 /// File names of the library: the one of Phidgets' own packages, and the one of a build from source.
 const NAMES: [&str; 2] = ["libphidget22.so.0", "libphidget22.so"];
@@ -19,7 +19,7 @@ static LOADED: Mutex<BTreeMap<Option<PathBuf>, Library>> = Mutex::new(BTreeMap::
 /// The loaded library. It stays loaded until the process ends, because it has threads of its own.
 #[derive(Clone, Copy)]
 pub struct Library {
-    pub(crate) functions: &'static Functions,
+    pub(crate) functions: &'static LibraryFunctions,
 }
 
 /// Reason why the library could not be loaded. Completes “failed to …”.
@@ -28,7 +28,7 @@ pub struct Library {
     "load libphidget22: {reason}; install it from www.phidgets.com, or `pip install phidget22` and \
      say where: library = \"…/site-packages\""
 )]
-pub struct LoadError {
+pub struct LibraryError {
     reason: String,
 }
 
@@ -40,13 +40,13 @@ impl Library {
     /// # Errors
     ///
     /// Returns an error if the library is not there, or is another library.
-    pub fn load(from: Option<&Path>) -> Result<Library, LoadError> {
+    pub fn load(from: Option<&Path>) -> Result<Library, LibraryError> {
         let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
         let key = from.map(Path::to_owned);
         if let Some(known) = loaded.get(&key) {
             return Ok(*known);
         }
-        let library = load(from).map_err(|reason| LoadError { reason })?;
+        let library = load(from).map_err(|reason| LibraryError { reason })?;
         loaded.insert(key, library);
         Ok(library)
     }
@@ -78,7 +78,7 @@ fn load(from: Option<&Path>) -> Result<Library, String> {
     };
     let mut reasons = Vec::new();
     for candidate in &candidates {
-        match Functions::load(candidate) {
+        match LibraryFunctions::load(candidate) {
             Ok(functions) => return Ok(Library { functions }),
             Err(reason) => reasons.push(reason),
         }

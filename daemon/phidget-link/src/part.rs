@@ -5,12 +5,12 @@
 
 use std::fmt;
 
-use crate::ffi::Class;
+use crate::ffi::ChannelClass;
 
 /// Quantity that is measured, with one unit for all parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Quantity {
+pub enum PhidgetQuantity {
     /// Temperature, in degrees Celsius.
     Temperature,
     /// Relative humidity, in per cent.
@@ -25,36 +25,36 @@ pub enum Quantity {
     Reflection,
 }
 
-impl Quantity {
+impl PhidgetQuantity {
     /// All quantities.
-    pub const ALL: [Quantity; 6] = [
-        Quantity::Temperature,
-        Quantity::Humidity,
-        Quantity::Light,
-        Quantity::Distance,
-        Quantity::Motion,
-        Quantity::Reflection,
+    pub const ALL: [PhidgetQuantity; 6] = [
+        PhidgetQuantity::Temperature,
+        PhidgetQuantity::Humidity,
+        PhidgetQuantity::Light,
+        PhidgetQuantity::Distance,
+        PhidgetQuantity::Motion,
+        PhidgetQuantity::Reflection,
     ];
 
     /// Returns the name as in ecosystem files.
     pub fn name(self) -> &'static str {
         match self {
-            Quantity::Temperature => "temperature",
-            Quantity::Humidity => "humidity",
-            Quantity::Light => "light",
-            Quantity::Distance => "distance",
-            Quantity::Motion => "motion",
-            Quantity::Reflection => "reflection",
+            PhidgetQuantity::Temperature => "temperature",
+            PhidgetQuantity::Humidity => "humidity",
+            PhidgetQuantity::Light => "light",
+            PhidgetQuantity::Distance => "distance",
+            PhidgetQuantity::Motion => "motion",
+            PhidgetQuantity::Reflection => "reflection",
         }
     }
 
     /// Returns the quantity of this name, or `None` if there is none.
-    pub fn named(name: &str) -> Option<Quantity> {
-        Quantity::ALL.into_iter().find(|quantity| quantity.name() == name)
+    pub fn named(name: &str) -> Option<PhidgetQuantity> {
+        PhidgetQuantity::ALL.into_iter().find(|quantity| quantity.name() == name)
     }
 }
 
-impl fmt::Display for Quantity {
+impl fmt::Display for PhidgetQuantity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.name())
     }
@@ -62,19 +62,19 @@ impl fmt::Display for Quantity {
 
 /// Product of Phidgets Inc., with one quantity that it measures.
 #[derive(Debug)]
-pub struct Part {
+pub struct PhidgetPart {
     /// Number printed on it; `None` for a Phidget that measures without an input.
     name: Option<&'static str>,
-    quantity: Quantity,
-    pub(crate) class: Class,
+    quantity: PhidgetQuantity,
+    pub(crate) class: ChannelClass,
     /// Type of sensor in the library, if it is analog.
     pub(crate) sensor_type: i32,
-    value: Value,
+    value: ValueConversion,
 }
 
 /// Conversion of the library's value to the quantity's unit.
 #[derive(Clone, Copy, Debug)]
-enum Value {
+enum ValueConversion {
     Same,
     /// A length in centimeters.
     Centimeters,
@@ -100,58 +100,61 @@ const PLAIN: i32 = 0;
 
 const DIGITAL: &str = "digital";
 
-use Quantity::{Distance, Humidity, Light, Motion, Reflection, Temperature};
+use PhidgetQuantity::{Distance, Humidity, Light, Motion, Reflection, Temperature};
 
 /// All parts.
-const PARTS: &[Part] = &[
-    itself(Temperature, Class::Temperature),
-    itself(Humidity, Class::Humidity),
-    itself(Light, Class::Light),
-    analog("1125", Temperature, Class::Ratio, 11252, Value::Same),
-    analog("1125", Humidity, Class::Ratio, 11251, Value::Same),
-    analog("1124", Temperature, Class::Ratio, 11240, Value::Same),
-    analog("1107", Humidity, Class::Ratio, 11070, Value::Same),
+const PARTS: &[PhidgetPart] = &[
+    itself(Temperature, ChannelClass::Temperature),
+    itself(Humidity, ChannelClass::Humidity),
+    itself(Light, ChannelClass::Light),
+    analog("1125", Temperature, ChannelClass::Ratio, 11252, ValueConversion::Same),
+    analog("1125", Humidity, ChannelClass::Ratio, 11251, ValueConversion::Same),
+    analog("1124", Temperature, ChannelClass::Ratio, 11240, ValueConversion::Same),
+    analog("1107", Humidity, ChannelClass::Ratio, 11070, ValueConversion::Same),
     // Sharp's sensors differ in their ranges: 4 to 30 cm, 10 to 80 cm, 20 to 150 cm.
-    analog("1101-2D120X", Distance, Class::Ratio, 11011, Value::Centimeters),
-    analog("1101-2Y0A21", Distance, Class::Ratio, 11012, Value::Centimeters),
-    analog("1101-2Y0A02", Distance, Class::Ratio, 11013, Value::Centimeters),
-    analog("1102", Reflection, Class::Ratio, 11020, Value::Same),
-    analog("1103", Reflection, Class::Ratio, 11030, Value::Same),
+    analog("1101-2D120X", Distance, ChannelClass::Ratio, 11011, ValueConversion::Centimeters),
+    analog("1101-2Y0A21", Distance, ChannelClass::Ratio, 11012, ValueConversion::Centimeters),
+    analog("1101-2Y0A02", Distance, ChannelClass::Ratio, 11013, ValueConversion::Centimeters),
+    analog("1102", Reflection, ChannelClass::Ratio, 11020, ValueConversion::Same),
+    analog("1103", Reflection, ChannelClass::Ratio, 11030, ValueConversion::Same),
     // The library converts it to millimeters, and has no value beyond 4 mm. But here “nothing near” is a
     // value, too.
-    analog("1146", Reflection, Class::Ratio, PLAIN, Value::Near(FOUR_MILLIMETERS)),
-    analog("1111", Motion, Class::Ratio, 11110, Value::Swing(MOTION)),
-    analog("1127", Light, Class::Voltage, 11270, Value::Same),
-    analog("1142", Light, Class::Voltage, 11420, Value::Same),
-    analog("1143", Light, Class::Voltage, 11430, Value::Same),
-    analog("1105", Light, Class::Ratio, 11050, Value::Unscaled),
-    analog(DIGITAL, Motion, Class::Digital, PLAIN, Value::Same),
-    analog(DIGITAL, Reflection, Class::Digital, PLAIN, Value::Same),
+    analog("1146", Reflection, ChannelClass::Ratio, PLAIN, ValueConversion::Near(FOUR_MILLIMETERS)),
+    analog("1111", Motion, ChannelClass::Ratio, 11110, ValueConversion::Swing(MOTION)),
+    analog("1127", Light, ChannelClass::Voltage, 11270, ValueConversion::Same),
+    analog("1142", Light, ChannelClass::Voltage, 11420, ValueConversion::Same),
+    analog("1143", Light, ChannelClass::Voltage, 11430, ValueConversion::Same),
+    analog("1105", Light, ChannelClass::Ratio, 11050, ValueConversion::Unscaled),
+    analog(DIGITAL, Motion, ChannelClass::Digital, PLAIN, ValueConversion::Same),
+    analog(DIGITAL, Reflection, ChannelClass::Digital, PLAIN, ValueConversion::Same),
 ];
 
-const fn itself(quantity: Quantity, class: Class) -> Part {
-    Part { name: None, quantity, class, sensor_type: PLAIN, value: Value::Same }
+const fn itself(quantity: PhidgetQuantity, class: ChannelClass) -> PhidgetPart {
+    PhidgetPart { name: None, quantity, class, sensor_type: PLAIN, value: ValueConversion::Same }
 }
 
 const fn analog(
     name: &'static str,
-    quantity: Quantity,
-    class: Class,
+    quantity: PhidgetQuantity,
+    class: ChannelClass,
     sensor_type: i32,
-    value: Value,
-) -> Part {
-    Part { name: Some(name), quantity, class, sensor_type, value }
+    value: ValueConversion,
+) -> PhidgetPart {
+    PhidgetPart { name: Some(name), quantity, class, sensor_type, value }
 }
 
-impl Part {
+impl PhidgetPart {
     /// Returns the part of this name that measures the quantity; without a name, the Phidget that measures
     /// it without an input.
     ///
     /// # Errors
     ///
     /// Returns an error if there is none, with names that are possible.
-    pub fn find(name: Option<&str>, quantity: Quantity) -> Result<&'static Part, String> {
-        let is_it = |part: &&Part| match (part.name, name) {
+    pub fn find(
+        name: Option<&str>,
+        quantity: PhidgetQuantity,
+    ) -> Result<&'static PhidgetPart, String> {
+        let is_it = |part: &&PhidgetPart| match (part.name, name) {
             (Some(part), Some(name)) => part.eq_ignore_ascii_case(name),
             (part, name) => part.is_none() && name.is_none(),
         };
@@ -163,7 +166,7 @@ impl Part {
             };
             let measured: Vec<_> =
                 { PARTS.iter().filter(is_it) }.map(|part| part.quantity.name()).collect();
-            let is_kin = |part: &Part| part.is_kind_of(name) && part.quantity == quantity;
+            let is_kin = |part: &PhidgetPart| part.is_kind_of(name) && part.quantity == quantity;
             if !measured.is_empty() {
                 let measured = measured.join(" and ");
                 return format!("a `{name}` measures {measured}, and no {quantity}: write {right}");
@@ -188,32 +191,33 @@ impl Part {
 
     /// Whether each cable of it carries only one of the several quantities that it measures.
     pub fn has_cables(&self) -> bool {
-        let same = |part: &&Part| part.name == self.name && part.class == Class::Ratio;
+        let same =
+            |part: &&PhidgetPart| part.name == self.name && part.class == ChannelClass::Ratio;
         PARTS.iter().filter(same).count() > 1
     }
 
     /// Whether the unit of its value is unknown: only the user can know what 1 means.
     pub fn is_unscaled(&self) -> bool {
-        matches!(self.value, Value::Unscaled)
+        matches!(self.value, ValueConversion::Unscaled)
     }
 
     /// Whether its value swings during motion, so that single readings may be below the threshold.
     pub fn swings(&self) -> bool {
-        matches!(self.value, Value::Swing(_))
+        matches!(self.value, ValueConversion::Swing(_))
     }
 
     /// Converts the library's value to the quantity's unit.
     pub(crate) fn canonical(&self, value: f64) -> f64 {
         match self.value {
-            Value::Same | Value::Unscaled => value,
-            Value::Centimeters => value / 100.0,
-            Value::Swing(yes) => f64::from(value.abs() >= yes),
-            Value::Near(no) => f64::from(value <= no),
+            ValueConversion::Same | ValueConversion::Unscaled => value,
+            ValueConversion::Centimeters => value / 100.0,
+            ValueConversion::Swing(yes) => f64::from(value.abs() >= yes),
+            ValueConversion::Near(no) => f64::from(value <= no),
         }
     }
 }
 
-impl fmt::Display for Part {
+impl fmt::Display for PhidgetPart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.name {
             None => write!(f, "a Phidget that measures the {}", self.quantity),
@@ -224,7 +228,7 @@ impl fmt::Display for Part {
 }
 
 /// Returns the settings that an entry could have, of the parts that fit.
-fn fitting(fits: impl Fn(&Part) -> bool) -> String {
+fn fitting(fits: impl Fn(&PhidgetPart) -> bool) -> String {
     let parts: Vec<_> = PARTS
         .iter()
         .filter(|part| fits(part))
@@ -253,7 +257,7 @@ mod tests {
             (Some("1146"), Reflection, 0.9, 0.0),
             (Some("1102"), Reflection, 1.0, 1.0),
         ] {
-            let part = Part::find(name, quantity).expect("a part");
+            let part = PhidgetPart::find(name, quantity).expect("a part");
             assert!((part.canonical(value) - expected).abs() < 1e-9, "{part} {value}");
         }
     }
@@ -292,15 +296,15 @@ mod tests {
                  `sensor = \"digital\"`",
             ),
         ] {
-            assert_eq!(Part::find(name, quantity).err().as_deref(), Some(expected));
+            assert_eq!(PhidgetPart::find(name, quantity).err().as_deref(), Some(expected));
         }
     }
 
     #[test]
     fn every_quantity_has_parts() {
-        for quantity in Quantity::ALL {
+        for quantity in PhidgetQuantity::ALL {
             assert!(PARTS.iter().any(|part| part.quantity == quantity), "{quantity}");
-            assert_eq!(Quantity::named(quantity.name()), Some(quantity));
+            assert_eq!(PhidgetQuantity::named(quantity.name()), Some(quantity));
         }
     }
 }

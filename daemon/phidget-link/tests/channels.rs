@@ -6,21 +6,26 @@ mod fake;
 use std::time::Duration;
 
 use fake::Fake;
-use phidget_link::{Address, Channel, Library, Part, Quantity};
+use phidget_link::{Library, PartAddress, PhidgetChannel, PhidgetPart, PhidgetQuantity};
 
 const SERIAL: Option<i32> = Some(12345);
 /// Enough for a device that is attached, and short for one that is not.
 const WAIT: Duration = Duration::from_millis(20);
 
-fn open(fake: &Fake, name: Option<&str>, quantity: Quantity, address: Address) -> Channel {
+fn open(
+    fake: &Fake,
+    name: Option<&str>,
+    quantity: PhidgetQuantity,
+    address: PartAddress,
+) -> PhidgetChannel {
     let library = Library::load(Some(&fake.library())).expect("it is there");
-    let part = Part::find(name, quantity).expect("a part");
-    Channel::open(library, part, address, WAIT).expect("a channel")
+    let part = PhidgetPart::find(name, quantity).expect("a part");
+    PhidgetChannel::open(library, part, address, WAIT).expect("a channel")
 }
 
 /// Returns the address of an input of the interface kit.
-fn at(port: u8) -> Address {
-    Address { serial: SERIAL, hub_port: None, port: Some(port) }
+fn at(port: u8) -> PartAddress {
+    PartAddress { serial: SERIAL, hub_port: None, port: Some(port) }
 }
 
 fn plugged() -> Fake {
@@ -31,11 +36,11 @@ fn plugged() -> Fake {
 
 #[test]
 fn every_part_is_read_as_what_it_is() {
-    use Quantity::{Distance, Humidity, Light, Motion, Reflection, Temperature};
+    use PhidgetQuantity::{Distance, Humidity, Light, Motion, Reflection, Temperature};
     let mut fake = plugged();
-    let hub = Address { serial: None, hub_port: Some(2), port: None };
+    let hub = PartAddress { serial: None, hub_port: Some(2), port: None };
     for (name, quantity, address, line, says, expected) in [
-        (None, Temperature, Address::default(), "temperature.0.0", 21.5, 21.5),
+        (None, Temperature, PartAddress::default(), "temperature.0.0", 21.5, 21.5),
         (None, Humidity, hub, "humidity.0.0", 40.0, 40.0),
         (None, Light, hub, "light.0.0", 320.0, 320.0),
         (Some("1125"), Temperature, at(0), "ratio.0.11252", 22.25, 22.25),
@@ -58,7 +63,7 @@ fn every_part_is_read_as_what_it_is() {
 fn what_is_not_here_is_said_and_comes_later() {
     let mut fake = Fake::new();
     fake.set("ratio.3.11110", 0.9);
-    let mut channel = open(&fake, Some("1111"), Quantity::Motion, at(3));
+    let mut channel = open(&fake, Some("1111"), PhidgetQuantity::Motion, at(3));
     assert!(!channel.is_attached());
     let problem = channel.read().expect_err("it is not here").to_string();
     assert_eq!(
@@ -77,7 +82,7 @@ fn what_is_plugged_in_again_is_told_again_what_hangs_on_it() {
     fake.set("ratio.3.11110", 0.9);
     // Value without a type of sensor.
     fake.set("ratio.3.0", 0.01);
-    let mut channel = open(&fake, Some("1111"), Quantity::Motion, at(3));
+    let mut channel = open(&fake, Some("1111"), PhidgetQuantity::Motion, at(3));
     assert_eq!(channel.read(), Ok(1.0));
     fake.set("plugged", 0.0);
     assert!(!channel.is_attached());
@@ -93,16 +98,16 @@ fn another_serial_number_is_another_device() {
     let mut fake = plugged();
     fake.set("serial", 777.0);
     fake.set("temperature.0.0", 20.0);
-    let address = Address { serial: SERIAL, ..Address::default() };
-    assert!(!open(&fake, None, Quantity::Temperature, address).is_attached());
-    let address = Address { serial: Some(777), ..Address::default() };
-    assert!(open(&fake, None, Quantity::Temperature, address).is_attached());
+    let address = PartAddress { serial: SERIAL, ..PartAddress::default() };
+    assert!(!open(&fake, None, PhidgetQuantity::Temperature, address).is_attached());
+    let address = PartAddress { serial: Some(777), ..PartAddress::default() };
+    assert!(open(&fake, None, PhidgetQuantity::Temperature, address).is_attached());
 }
 
 #[test]
 fn what_the_library_refuses_is_told() {
     let mut fake = plugged();
-    let mut channel = open(&fake, Some("1125"), Quantity::Humidity, at(1));
+    let mut channel = open(&fake, Some("1125"), PhidgetQuantity::Humidity, at(1));
     let problem = channel.read().expect_err("no such line").to_string();
     assert_eq!(problem, "read a 1125 at port 1 of Phidget 12345: Unknown or Invalid Value");
     fake.set("ratio.1.11251", 40.0);
@@ -111,8 +116,8 @@ fn what_the_library_refuses_is_told() {
     assert_eq!(read, [true, false, true, false]);
 
     let library = Library::load(Some(&fake.library())).expect("it is there");
-    let part = Part::find(Some("1111"), Quantity::Motion).expect("a part");
-    let problem = Channel::open(library, part, at(8), WAIT).err().expect("there are 8");
+    let part = PhidgetPart::find(Some("1111"), PhidgetQuantity::Motion).expect("a part");
+    let problem = PhidgetChannel::open(library, part, at(8), WAIT).err().expect("there are 8");
     let expected = "choose a port (for a 1111 at port 8 of Phidget 12345): Unexpected Error";
     assert_eq!(problem.to_string(), expected);
 }
@@ -121,7 +126,7 @@ fn what_the_library_refuses_is_told() {
 fn what_is_dropped_is_closed_and_deleted() {
     let fake = plugged();
     for port in 0..3 {
-        drop(open(&fake, Some("1111"), Quantity::Motion, at(port)));
+        drop(open(&fake, Some("1111"), PhidgetQuantity::Motion, at(port)));
     }
     let counts = ["create", "open", "close", "delete"].map(|what| fake.count(what));
     assert_eq!(counts, [3, 3, 3, 3]);
@@ -131,7 +136,7 @@ fn what_is_dropped_is_closed_and_deleted() {
 fn a_channel_goes_from_thread_to_thread() {
     let mut fake = plugged();
     fake.set("temperature.0.0", 20.0);
-    let mut channel = open(&fake, None, Quantity::Temperature, Address::default());
+    let mut channel = open(&fake, None, PhidgetQuantity::Temperature, PartAddress::default());
     for _ in 0..8 {
         let reader = std::thread::spawn(move || {
             assert_eq!(channel.read(), Ok(20.0));

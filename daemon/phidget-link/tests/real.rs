@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use phidget_link::{Address, Channel, Library, Part, Quantity};
+use phidget_link::{Library, PartAddress, PhidgetChannel, PhidgetPart, PhidgetQuantity};
 
 /// Environment variable with the folder or file of the library.
 const NAMED: &str = "ALTHING_TEST_LIBPHIDGET22";
@@ -51,18 +51,18 @@ fn it_loads_and_says_its_version() {
 fn what_is_not_plugged_in_is_not_here_and_it_says_why() {
     let Some(library) = library() else { return };
     for (name, quantity, hub_port, port) in [
-        (None, Quantity::Temperature, None, None),
-        (None, Quantity::Humidity, Some(2), None),
-        (None, Quantity::Light, Some(2), None),
-        (Some("1125"), Quantity::Humidity, None, Some(3)),
-        (Some("1111"), Quantity::Motion, Some(0), None),
-        (Some("1142"), Quantity::Light, None, Some(0)),
-        (Some("digital"), Quantity::Motion, None, Some(7)),
+        (None, PhidgetQuantity::Temperature, None, None),
+        (None, PhidgetQuantity::Humidity, Some(2), None),
+        (None, PhidgetQuantity::Light, Some(2), None),
+        (Some("1125"), PhidgetQuantity::Humidity, None, Some(3)),
+        (Some("1111"), PhidgetQuantity::Motion, Some(0), None),
+        (Some("1142"), PhidgetQuantity::Light, None, Some(0)),
+        (Some("digital"), PhidgetQuantity::Motion, None, Some(7)),
     ] {
-        let address = Address { serial: Some(987_654), hub_port, port };
-        let part = Part::find(name, quantity).expect("a part");
+        let address = PartAddress { serial: Some(987_654), hub_port, port };
+        let part = PhidgetPart::find(name, quantity).expect("a part");
         let (began, wait) = (Instant::now(), Duration::from_millis(100));
-        let mut channel = Channel::open(library, part, address, wait).expect("a channel");
+        let mut channel = PhidgetChannel::open(library, part, address, wait).expect("a channel");
         assert!(began.elapsed() >= wait && began.elapsed() < Duration::from_secs(5));
         assert!(!channel.is_attached());
         let problem = channel.read().expect_err("it is not here").to_string();

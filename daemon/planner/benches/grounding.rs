@@ -13,7 +13,7 @@ use std::process::{Command, ExitCode};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use planner::{Budget, Cancel, Ground, StopReason, prepare};
+use planner::{Budget, Cancel, GroundProblem, StopReason, prepare};
 
 /// Cap on the work of finding mutex groups, in units of about ten nanoseconds.
 const GROUPS_WORK_MAX: u64 = 100_000_000;
@@ -151,7 +151,7 @@ fn ground(domain: &Path, problem: &Path, seconds: u64) -> String {
     )
 }
 
-fn describe(ground: &Ground) -> String {
+fn describe(ground: &GroundProblem) -> String {
     let start = Clock::now();
     let groups = ground.groups(GROUPS_WORK_MAX, &Cancel::new());
     let grouped = Clock::now();

@@ -14,7 +14,7 @@ use std::time::Instant;
 mod scenarios;
 
 use pddl::Problem;
-use planner::{Cancel, Grounding, Options, Replanner, plan};
+use planner::{Cancel, GroundingReuse, Options, Replanner, plan};
 use scenarios::{SCENARIOS, events, parse};
 
 /// Targets in milliseconds: the median, and the 99th percentile.
@@ -38,12 +38,12 @@ fn main() {
         let mut again = |problem: &Problem| {
             let (options, cancel) = (Options::default(), Cancel::new());
             let answer = replanner.plan(&domain, problem, &[], &options, &cancel);
-            answer.expect("it is supported").grounding
+            answer.expect("it is supported").grounding_reuse
         };
         again(&problem);
         let warm = times(rounds, |round| {
             let event = &events[round % events.len()];
-            assert_eq!(again(event), Grounding::Kept, "{name} is ground once");
+            assert_eq!(again(event), GroundingReuse::Kept, "{name} is ground once");
         });
         tell(name, &format!("replan, {} events", events.len()), warm, WARM_AIM);
     }

@@ -40,7 +40,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     replanner.plan(&domain, &problem, &[], &options, &cancel)?;
     let changed = without(&problem, "(located thermo2 office2)");
     let replanned = replanner.plan(&domain, &changed, &found.steps, &options, &cancel)?;
-    println!("without thermo2, {:?}, grounding {:?}:", replanned.course, replanned.grounding);
+    println!(
+        "without thermo2, {:?}, grounding {:?}:",
+        replanned.plan_reuse, replanned.grounding_reuse
+    );
     println!("{}", replanned.outcome.plan.map(|plan| plan.to_string()).unwrap_or_default());
 
     // If there is no plan, the reason.

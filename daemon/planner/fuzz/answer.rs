@@ -4,8 +4,8 @@
 
 use pddl::{Document, Domain, Plan, Problem, parse_document, text_from_bytes};
 use planner::{
-    Budget, CONFIGURATIONS, Cancel, Effort, Options, Outcome, PlanError, Replanner, StopReason,
-    Verdict, plan, validate,
+    Budget, CONFIGURATIONS, Cancel, Effort, Options, PlanError, PlanningOutcome, Replanner,
+    StopReason, Verdict, plan, validate,
 };
 
 /// Enough for a small building; larger tasks end at a limit.
@@ -56,15 +56,15 @@ pub(crate) fn answer(bytes: &[u8]) -> Answer {
 }
 
 /// Returns the outcome, after checking any plan in it; `None` if the texts are rejected.
-fn planned(domain: &Domain, problem: &Problem, options: &Options) -> Option<Outcome> {
+fn planned(domain: &Domain, problem: &Problem, options: &Options) -> Option<PlanningOutcome> {
     judged(domain, problem, plan(domain, problem, options, &Cancel::new()))
 }
 
 fn judged(
     domain: &Domain,
     problem: &Problem,
-    answer: Result<Outcome, PlanError>,
-) -> Option<Outcome> {
+    answer: Result<PlanningOutcome, PlanError>,
+) -> Option<PlanningOutcome> {
     let outcome = match answer {
         Ok(outcome) => outcome,
         Err(err @ PlanError::Internal(_)) => panic!("{err}\n{domain}\n{problem}"),

@@ -9,7 +9,7 @@ use crate::task::{FactId, Literal, Task};
 
 /// Axioms of a task, indexed by the facts in their bodies. Contains scratch space.
 #[derive(Debug)]
-pub(crate) struct Axioms {
+pub(crate) struct AxiomEvaluator {
     /// Index of the first derived fact; all facts from here on are derived.
     first_derived: usize,
     /// One past the last axiom of each stratum.
@@ -33,8 +33,8 @@ const DEAD: u32 = u32::MAX;
 
 // === impl Axioms ===
 
-impl Axioms {
-    pub(crate) fn new(task: &Task) -> Axioms {
+impl AxiomEvaluator {
+    pub(crate) fn new(task: &Task) -> AxiomEvaluator {
         let mut stratum_of = vec![u32::MAX; task.fact_count];
         for axiom in &task.axioms {
             stratum_of[axiom.head.index()] = axiom.stratum;
@@ -42,7 +42,7 @@ impl Axioms {
         let is_own = |literal: &&Literal, stratum: u32| {
             literal.is_positive() && stratum_of[literal.fact().index()] == stratum
         };
-        let mut axioms = Axioms {
+        let mut axioms = AxiomEvaluator {
             first_derived: task.basic_count + task.comparisons.len(),
             strata: Vec::new(),
             heads: task.axioms.iter().map(|axiom| axiom.head).collect(),

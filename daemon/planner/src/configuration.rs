@@ -14,12 +14,12 @@ pub struct Configuration {
     pub heuristics: &'static [&'static str],
     /// Whether the first plan that it finds is a cheapest one.
     pub optimal: bool,
-    pub(crate) method: Method,
+    pub(crate) method: SearchMethod,
 }
 
 /// Search algorithm of a configuration, with its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Method {
+pub(crate) enum SearchMethod {
     /// Lazy greedy search with several open lists that alternate; with `climb`, enforced hill climbing
     /// is tried first.
     Lists { climb: bool, lists: &'static [List] },
@@ -35,7 +35,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
         summary: "hill climbing; then landmarks, preferred operators, novelty and types take turns",
         heuristics: &["ff", "landmarks", "novelty"],
         optimal: false,
-        method: Method::Lists {
+        method: SearchMethod::Lists {
             climb: true,
             lists: &[
                 List::Ff,
@@ -52,7 +52,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
         summary: "LAMA with novelty instead of landmarks for all (Corrêa and Seipp, 2025)",
         heuristics: &["ff", "landmarks", "novelty"],
         optimal: false,
-        method: Method::Lists {
+        method: SearchMethod::Lists {
             climb: false,
             lists: &[List::Ff, List::FfPreferred, List::LandmarksPreferred, List::Novel],
         },
@@ -63,7 +63,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
                   2010)",
         heuristics: &["ff", "landmarks"],
         optimal: false,
-        method: Method::Lists {
+        method: SearchMethod::Lists {
             climb: false,
             lists: &[List::Ff, List::FfPreferred, List::Landmarks, List::LandmarksPreferred],
         },
@@ -73,33 +73,34 @@ pub const CONFIGURATIONS: &[Configuration] = &[
         summary: "novelty before estimated distance; the second search of two threads",
         heuristics: &["ff", "landmarks", "novelty"],
         optimal: false,
-        method: Method::Lists { climb: false, lists: CURIOUS },
+        method: SearchMethod::Lists { climb: false, lists: EXPLORATION_LISTS },
     },
     Configuration {
         name: "astar-lmcut",
         summary: "A* (Hart, Nilsson and Raphael, 1968), each landmark cut paid for once",
         heuristics: &["lmcut"],
         optimal: true,
-        method: Method::AStar { heuristic: Admissible::LandmarkCut },
+        method: SearchMethod::AStar { heuristic: Admissible::LandmarkCut },
     },
     Configuration {
         name: "astar-max",
         summary: "A* with a weak but quick heuristic",
         heuristics: &["max"],
         optimal: true,
-        method: Method::AStar { heuristic: Admissible::Max },
+        method: SearchMethod::AStar { heuristic: Admissible::Max },
     },
     Configuration {
         name: "astar-blind",
         summary: "A* without a heuristic",
         heuristics: &["blind"],
         optimal: true,
-        method: Method::AStar { heuristic: Admissible::Blind },
+        method: SearchMethod::AStar { heuristic: Admissible::Blind },
     },
 ];
 
 /// Open lists of the second search, which runs beside the configured one if two threads are asked for.
-pub(crate) const CURIOUS: &[List] = &[List::Ff, List::Novel, List::Landmarks, List::Types];
+pub(crate) const EXPLORATION_LISTS: &[List] =
+    &[List::Ff, List::Novel, List::Landmarks, List::Types];
 
 /// Returns the configuration of this name, or `None` if there is none.
 pub fn configuration(name: &str) -> Option<&'static Configuration> {
@@ -117,7 +118,7 @@ mod tests {
             for name in one.heuristics {
                 assert!(HEURISTICS.iter().any(|heuristic| heuristic.name == *name), "{name}");
             }
-            if let Method::AStar { heuristic } = one.method {
+            if let SearchMethod::AStar { heuristic } = one.method {
                 assert_eq!(one.heuristics, [heuristic.name()]);
                 let entry = HEURISTICS.iter().find(|entry| entry.name == heuristic.name());
                 assert!(entry.is_some_and(|entry| entry.admissible), "{heuristic:?}");

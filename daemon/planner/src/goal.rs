@@ -3,7 +3,7 @@
 use pddl::{Atom, Condition, Derived, Domain, Problem};
 
 use crate::ground::ground;
-use crate::heuristic::{Evaluator, Max};
+use crate::heuristic::{Evaluator, MaxHeuristic};
 use crate::limits::{Cancel, Options};
 use crate::normalize::normalize;
 use crate::outcome::PlanError;
@@ -75,16 +75,16 @@ fn is_unreachable(
     };
     let Some(task) = task else { return Ok(true) };
     let initial = Progression::new(&task).initial();
-    let mut evaluator = Max::new(&task);
+    let mut evaluator = MaxHeuristic::new(&task);
     Ok(evaluator.evaluate(&initial).is_none())
 }
 
 /// A state, and the predicate that decides which derived facts stay one conjunct.
-type Within<'w> = (&'w World, &'w dyn Fn(&Atom) -> bool);
+type SplitContext<'w> = (&'w World, &'w dyn Fn(&Atom) -> bool);
 
 /// Adds the conjuncts of a condition, or of its negation where `positive` is false.
 fn split(
-    (world, stays): Within<'_>,
+    (world, stays): SplitContext<'_>,
     condition: &Condition,
     positive: bool,
     bindings: &mut Bindings,
@@ -118,7 +118,7 @@ fn split(
 
 /// Adds the conjuncts of every instance of a quantified condition.
 fn expand(
-    (world, stays): Within<'_>,
+    (world, stays): SplitContext<'_>,
     variables: &[pddl::Typed],
     inner: &Condition,
     positive: bool,
@@ -138,7 +138,7 @@ fn expand(
 /// Returns the conjuncts of the axioms that derive an atom, or that make it false where `positive` is
 /// false. Returns `None` if the atom itself is one conjunct.
 fn derive(
-    (world, stays): Within<'_>,
+    (world, stays): SplitContext<'_>,
     atom: &Atom,
     positive: bool,
     bindings: &Bindings,

@@ -41,7 +41,7 @@ mod mutex;
 mod prune;
 
 #[cfg(test)]
-mod small_tasks;
+mod test_tasks;
 
 mod state;
 
@@ -59,7 +59,7 @@ pub mod goal;
 
 pub mod explain;
 
-mod extent;
+mod problem_size;
 
 mod id_table;
 
@@ -70,13 +70,14 @@ mod arena;
 mod axioms;
 
 pub use configuration::{CONFIGURATIONS, Configuration, configuration};
-pub use extent::{Extent, Ground, Groups, Prepared, prepare};
 pub use heuristic::{HEURISTICS, Heuristic};
 pub use limits::{Budget, Cancel, Effort, Options};
 pub use normalize::refuse_nonclassical;
 pub use outcome::{
-    News, Outcome, PlanError, Statistics, StopReason, Text, Unprovable, Unsupported,
+    InputText, PlanError, PlanningOutcome, PlanningProgress, Statistics, StopReason, Unprovable,
+    Unsupported,
 };
-pub use plan::{plan, plan_and_tell};
-pub use replan::{Course, Grounding, Replanned, Replanner};
-pub use validate::{Fault, FaultReason, Place, Verdict, World, rest_reaches, validate};
+pub use plan::{plan, plan_with_progress};
+pub use problem_size::{GroundProblem, MutexGroupCounts, NormalizedProblem, ProblemSize, prepare};
+pub use replan::{GroundingReuse, PlanReuse, Replanned, Replanner};
+pub use validate::{Fault, FaultPlace, FaultReason, Verdict, World, rest_reaches, validate};

@@ -7,7 +7,7 @@ use crate::task::{FactId, Literal, NumericChange, ObjectId};
 
 /// A ground action.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Operator<'t> {
+pub(crate) struct GroundOperator<'t> {
     /// Index of the action schema that it instantiates.
     pub(crate) schema: u32,
     /// Objects for the parameters of the schema; the agent, if any, comes first.
@@ -48,7 +48,7 @@ pub(crate) struct ConditionalEffects<'t> {
 
 /// All operators of a task.
 #[derive(Clone, Debug)]
-pub(crate) struct Operators {
+pub(crate) struct OperatorTable {
     /// Per operator, the end of its part in each array. The first row is a sentinel of zeros.
     rows: Vec<OperatorRow>,
     arguments: Vec<ObjectId>,
@@ -93,7 +93,7 @@ struct ConditionalTable {
 /// A filter and mapping of operators, effects and facts, for [`Operators::renumber`].
 pub(crate) trait Renumbering {
     /// Whether an operator is kept. It is passed with its old fact numbers.
-    fn keeps(&self, operator: Operator<'_>) -> bool;
+    fn keeps(&self, operator: GroundOperator<'_>) -> bool;
 
     /// Whether a conditional effect is kept; asked only for operators that are kept.
     fn keeps_effect(&self, conditions: &[Literal], effect: Changes<'_>) -> bool;
@@ -107,15 +107,15 @@ pub(crate) trait Renumbering {
 
 /// How much of a [`ChangesTable`] has been kept so far, while it is compacted.
 #[derive(Debug)]
-struct Kept {
+struct CompactionProgress {
     rows: Vec<ChangesRow>,
     facts: usize,
     numeric: usize,
 }
 
-impl Default for Kept {
-    fn default() -> Kept {
-        Kept { rows: vec![ChangesRow::default()], facts: 0, numeric: 0 }
+impl Default for CompactionProgress {
+    fn default() -> CompactionProgress {
+        CompactionProgress { rows: vec![ChangesRow::default()], facts: 0, numeric: 0 }
     }
 }
 
@@ -143,9 +143,9 @@ fn end(length: usize) -> u32 {
 
 // === impl Operators ===
 
-impl Default for Operators {
-    fn default() -> Operators {
-        Operators {
+impl Default for OperatorTable {
+    fn default() -> OperatorTable {
+        OperatorTable {
             rows: vec![OperatorRow::default()],
             arguments: Vec::new(),
             preconditions: Vec::new(),
@@ -156,16 +156,16 @@ impl Default for Operators {
     }
 }
 
-impl Operators {
+impl OperatorTable {
     pub(crate) fn len(&self) -> usize {
         self.costs.len()
     }
 
     /// Returns the operator at an index below [`Operators::len`].
     #[inline]
-    pub(crate) fn get(&self, index: usize) -> Operator<'_> {
+    pub(crate) fn get(&self, index: usize) -> GroundOperator<'_> {
         let (from, to) = (&self.rows[index], &self.rows[index + 1]);
-        Operator {
+        GroundOperator {
             schema: to.schema,
             arguments: &self.arguments[from.arguments as usize..to.arguments as usize],
             preconditions: &self.preconditions
@@ -180,7 +180,7 @@ impl Operators {
         }
     }
 
-    pub(crate) fn iter(&self) -> impl ExactSizeIterator<Item = Operator<'_>> {
+    pub(crate) fn iter(&self) -> impl ExactSizeIterator<Item = GroundOperator<'_>> {
         (0..self.len()).map(|index| self.get(index))
     }
 
@@ -206,7 +206,7 @@ impl Operators {
     /// Adds a copy of an operator of another table, with other preconditions.
     pub(crate) fn push_with(
         &mut self,
-        operator: Operator<'_>,
+        operator: GroundOperator<'_>,
         preconditions: impl IntoIterator<Item = Literal>,
     ) {
         self.push(operator.schema, operator.arguments.iter().copied(), preconditions);
@@ -269,7 +269,8 @@ impl Operators {
     /// the write position never overtakes the read position.
     pub(crate) fn renumber(&mut self, by: &impl Renumbering) {
         let mut rows = vec![OperatorRow::default()];
-        let (mut effects, mut conditional) = (Kept::default(), Kept::default());
+        let (mut effects, mut conditional) =
+            (CompactionProgress::default(), CompactionProgress::default());
         let (mut ends, mut conditions) = (vec![0], 0);
         let (mut arguments, mut preconditions) = (0, 0);
         for index in 0..self.len() {
@@ -399,7 +400,7 @@ impl ChangesTable {
     }
 
     /// Renumbers an entry and moves it behind those kept already.
-    fn keep(&mut self, index: usize, kept: &mut Kept, by: &impl Renumbering) {
+    fn keep(&mut self, index: usize, kept: &mut CompactionProgress, by: &impl Renumbering) {
         let (from, to) = (self.rows[index], self.rows[index + 1]);
         let mut keep = |read: std::ops::Range<u32>| {
             for read in read.start as usize..read.end as usize {
@@ -419,7 +420,7 @@ impl ChangesTable {
         kept.rows.push(ChangesRow { adds, deletes, numeric: end(kept.numeric) });
     }
 
-    fn finish(&mut self, kept: Kept) {
+    fn finish(&mut self, kept: CompactionProgress) {
         self.rows = kept.rows;
         self.facts.truncate(kept.facts);
         self.numeric.truncate(kept.numeric);
@@ -450,8 +451,8 @@ mod tests {
         facts(indices).into_iter().map(|fact| Literal::new(fact, true)).collect()
     }
 
-    fn table() -> Operators {
-        let mut operators = Operators::default();
+    fn table() -> OperatorTable {
+        let mut operators = OperatorTable::default();
         operators.push(0, [ObjectId::from_index(5)], literals(&[1, 2]));
         operators.set_effect(facts(&[3]), facts(&[1]), []);
         operators.set_cost(7);
@@ -485,7 +486,7 @@ mod tests {
     struct Shift;
 
     impl Renumbering for Shift {
-        fn keeps(&self, operator: Operator<'_>) -> bool {
+        fn keeps(&self, operator: GroundOperator<'_>) -> bool {
             operator.schema > 0
         }
 

@@ -11,7 +11,7 @@ use crate::validate::Fault;
 
 /// The result of one call. There is always a reason and always statistics.
 #[derive(Clone, Debug)]
-pub struct Outcome {
+pub struct PlanningOutcome {
     /// Plan that the independent validator has accepted, with its cost.
     pub plan: Option<Plan>,
     /// Why the call ended; [`StopReason::GoalReached`] if and only if there is a plan.
@@ -32,7 +32,7 @@ pub struct Outcome {
 /// Progress event of a running call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
-pub enum News<'n> {
+pub enum PlanningProgress<'n> {
     /// Grounding is finished; the search begins.
     Ground {
         /// As [`Statistics::facts`].
@@ -92,7 +92,7 @@ pub enum Unprovable {
     /// The cost of some step depends on the state.
     Varies,
     /// Some step has a negative cost, so that a plan with more steps may be cheaper.
-    Pays,
+    NegativeCosts,
     /// Some cost has more than six decimal places.
     TooFine,
     /// Costs are too large to be added without rounding.
@@ -138,12 +138,12 @@ pub struct Unsupported {
     /// Place in the text where it is used.
     pub span: Span,
     /// Text that `span` refers to.
-    pub text: Text,
+    pub text: InputText,
 }
 
 /// Selects one of the two texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Text {
+pub enum InputText {
     /// The domain.
     Domain,
     /// The problem.
@@ -152,7 +152,7 @@ pub enum Text {
 
 // === impl Outcome ===
 
-impl Outcome {
+impl PlanningOutcome {
     /// Returns the process exit code, as Fast Downward uses it. A plan that was to be proved a cheapest
     /// one and is not has its own codes: 1 if memory was the limit, 2 if time was, 4 otherwise.
     pub fn exit_code(&self) -> u8 {
@@ -212,7 +212,7 @@ impl fmt::Display for Unprovable {
         f.write_str(match self {
             Unprovable::NoSum => "the metric is not a weighted sum",
             Unprovable::Varies => "the cost of a step depends on the state",
-            Unprovable::Pays => {
+            Unprovable::NegativeCosts => {
                 "some step improves the metric, so that a plan with more steps may be better"
             }
             Unprovable::TooFine => "the cost of a step has more than six decimal places",
@@ -265,11 +265,11 @@ impl Unsupported {
     }
 
     pub(crate) fn in_domain(feature: impl Into<String>, span: Span) -> Unsupported {
-        Unsupported { feature: feature.into(), span, text: Text::Domain }
+        Unsupported { feature: feature.into(), span, text: InputText::Domain }
     }
 
     pub(crate) fn in_problem(feature: impl Into<String>, span: Span) -> Unsupported {
-        Unsupported { feature: feature.into(), span, text: Text::Problem }
+        Unsupported { feature: feature.into(), span, text: InputText::Problem }
     }
 }
 

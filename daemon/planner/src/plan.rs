@@ -3,16 +3,18 @@
 //! Pipeline: normalize → ground → [`crate::solve`] → validation. Every plan is checked by the
 //! independent validator; a plan that fails the check is reported as a defect of the planner.
 
-use pddl::{Diagnostic, Direction, Domain, Number, Plan, Problem};
+use pddl::{Diagnostic, Domain, MetricDirection, Number, Plan, Problem};
 
 use crate::ground::{Grounded, ground};
 use crate::limits::{Budget, Cancel, Effort, Options};
 use crate::normalize::lifted::Lifted;
 use crate::normalize::{Piecewise, is_wide, normalize, split_wide};
-use crate::outcome::{News, Outcome, PlanError, Statistics, StopReason, Unprovable, Unsupported};
-use crate::search::Told;
+use crate::outcome::{
+    PlanError, PlanningOutcome, PlanningProgress, Statistics, StopReason, Unprovable, Unsupported,
+};
+use crate::search::SearchProgress;
 use crate::solve::Solver;
-use crate::validate::{Place, World, cost_from};
+use crate::validate::{FaultPlace, World, cost_from};
 
 /// Plans for a problem.
 ///
@@ -24,19 +26,19 @@ pub fn plan(
     problem: &Problem,
     options: &Options,
     cancel: &Cancel,
-) -> Result<Outcome, PlanError> {
-    plan_and_tell(domain, problem, options, cancel, &mut |_| ())
+) -> Result<PlanningOutcome, PlanError> {
+    plan_with_progress(domain, problem, options, cancel, &mut |_| ())
 }
 
 /// As [`plan()`], but also calls `tell` with the progress, and with every plan as soon as it is found
 /// and validated.
-pub fn plan_and_tell(
+pub fn plan_with_progress(
     domain: &Domain,
     problem: &Problem,
     options: &Options,
     cancel: &Cancel,
-    tell: &mut dyn FnMut(News<'_>),
-) -> Result<Outcome, PlanError> {
+    tell: &mut dyn FnMut(PlanningProgress<'_>),
+) -> Result<PlanningOutcome, PlanError> {
     refuse_mistakes(domain, problem)?;
     let mut lifted = normalize(domain, problem)?;
     split_wide(&mut lifted);
@@ -55,17 +57,17 @@ pub fn plan_and_tell(
     };
     statistics.facts = task.fact_count;
     statistics.operators = task.operator_count();
-    tell(News::Ground { facts: statistics.facts, operators: statistics.operators });
-    let mut judge = Judge::new(domain, problem);
+    tell(PlanningProgress::Ground { facts: statistics.facts, operators: statistics.operators });
+    let mut judge = PlanJudge::new(domain, problem);
     let mut solver = Solver::new(&task, options, cancel, &mut statistics);
     let reason = solver.run(&mut |told| match told {
-        Told::Searching(expansions) => tell(News::Searching { expansions }),
-        Told::Found(operators) => {
+        SearchProgress::Searching(expansions) => tell(PlanningProgress::Searching { expansions }),
+        SearchProgress::Found(operators) => {
             let mut plan = task.plan(operators);
             if let Some(piecewise) = &piecewise {
                 plan = piecewise.whole(plan);
             }
-            judge.hear(plan, &mut |plan| tell(News::Plan(plan)));
+            judge.submit(plan, &mut |plan| tell(PlanningProgress::Plan(plan)));
         }
     });
     judge.outcome(reason, options.effort, statistics, task.unprovable, grounded.warnings)
@@ -101,7 +103,7 @@ fn ground_whole_or_piecewise(
 }
 
 /// Whether [`plan()`] decomposes a part of the texts because it is too wide, or may do so.
-pub(crate) fn is_taken_apart(domain: &Domain, problem: &Problem) -> Result<bool, PlanError> {
+pub(crate) fn is_decomposed(domain: &Domain, problem: &Problem) -> Result<bool, PlanError> {
     let mut lifted = normalize(domain, problem)?;
     let axioms = lifted.axioms.len();
     split_wide(&mut lifted);
@@ -109,7 +111,7 @@ pub(crate) fn is_taken_apart(domain: &Domain, problem: &Problem) -> Result<bool,
 }
 
 /// Validates plans against the texts, and keeps the cheapest.
-pub(crate) struct Judge<'j> {
+pub(crate) struct PlanJudge<'j> {
     domain: &'j Domain,
     problem: &'j Problem,
     /// Initial state; `None` until it is needed for the first time.
@@ -120,13 +122,13 @@ pub(crate) struct Judge<'j> {
 
 // === impl Judge ===
 
-impl<'j> Judge<'j> {
-    pub(crate) fn new(domain: &'j Domain, problem: &'j Problem) -> Judge<'j> {
-        Judge { domain, problem, world: None, best: None, defect: None }
+impl<'j> PlanJudge<'j> {
+    pub(crate) fn new(domain: &'j Domain, problem: &'j Problem) -> PlanJudge<'j> {
+        PlanJudge { domain, problem, world: None, best: None, defect: None }
     }
 
     /// Validates a plan. If it is the best so far, keeps it, calls `found` and returns `true`.
-    pub(crate) fn hear(&mut self, plan: Plan, found: &mut dyn FnMut(&Plan)) -> bool {
+    pub(crate) fn submit(&mut self, plan: Plan, found: &mut dyn FnMut(&Plan)) -> bool {
         match self.validated(plan) {
             // Where costs depend on the state, the search may report a plan that is in truth more
             // expensive.
@@ -152,7 +154,7 @@ impl<'j> Judge<'j> {
         let world = self.world.insert(world);
         match cost_from(world, &plan.steps, &self.problem.goal) {
             Ok(cost) => Ok(Plan { cost: Some(Number(cost)), ..plan }),
-            Err(fault) if fault.place == Place::Metric => {
+            Err(fault) if fault.place == FaultPlace::Metric => {
                 let feature = "a metric that has no value after some plan";
                 Err(Unsupported::in_problem(feature, fault.span).into())
             }
@@ -163,7 +165,7 @@ impl<'j> Judge<'j> {
     /// Whether the metric prefers `plan` to `best`.
     fn is_better(&self, plan: &Plan, best: &Plan) -> bool {
         let metric = self.problem.metric.as_ref();
-        match metric.is_some_and(|metric| metric.direction == Direction::Maximize) {
+        match metric.is_some_and(|metric| metric.direction == MetricDirection::Maximize) {
             true => cost(plan) > cost(best),
             false => cost(plan) < cost(best),
         }
@@ -177,7 +179,7 @@ impl<'j> Judge<'j> {
         statistics: Statistics,
         unprovable: Option<Unprovable>,
         warnings: Vec<Diagnostic>,
-    ) -> Result<Outcome, PlanError> {
+    ) -> Result<PlanningOutcome, PlanError> {
         match (self.best, self.defect) {
             (_, Some(error)) => Err(error),
             (Some(plan), None) => {
@@ -192,7 +194,14 @@ impl<'j> Judge<'j> {
                 let is_in_vain = unproven == Some(StopReason::Exhausted);
                 let unprovable = unprovable.or(is_in_vain.then_some(Unprovable::TooLarge));
                 let plan = Some(plan);
-                Ok(Outcome { plan, stop_reason, unproven, unprovable, statistics, warnings })
+                Ok(PlanningOutcome {
+                    plan,
+                    stop_reason,
+                    unproven,
+                    unprovable,
+                    statistics,
+                    warnings,
+                })
             }
             (None, None) => Ok(without_plan(reason, statistics, warnings)),
         }
@@ -228,9 +237,16 @@ fn without_plan(
     stop_reason: StopReason,
     statistics: Statistics,
     warnings: Vec<Diagnostic>,
-) -> Outcome {
+) -> PlanningOutcome {
     debug_assert_ne!(stop_reason, StopReason::GoalReached, "a goal is reached by a plan");
-    Outcome { plan: None, stop_reason, unproven: None, unprovable: None, statistics, warnings }
+    PlanningOutcome {
+        plan: None,
+        stop_reason,
+        unproven: None,
+        unprovable: None,
+        statistics,
+        warnings,
+    }
 }
 
 /// Returns the cost of a validated plan.

@@ -9,16 +9,16 @@
 //!    searches with smaller and smaller weights, each for a cheaper plan than the last, and
 //!    between them searches for shortcuts (`search::neighborhood`).
 
-use crate::configuration::Method;
+use crate::configuration::SearchMethod;
 use crate::heuristic::{Admissible, FastForward, LandmarkCut, Weights};
 use crate::limits::{Budget, Cancel, Effort, Options};
 use crate::outcome::{Statistics, StopReason};
 use crate::prune::{Pruned, prune};
-use crate::search::climbing::{Climb, Climbed};
-use crate::search::lazy::{Lazy, List, Manner};
-use crate::search::neighborhood::Extent;
+use crate::search::climbing::{ClimbingOutcome, HillClimbing};
+use crate::search::lazy::{LazySearch, List, SearchParameters};
+use crate::search::neighborhood::NeighborhoodLimits;
 use crate::search::optimal::{AStar, weight};
-use crate::search::{Search, Told, improve, lanes, neighborhood, run};
+use crate::search::{Search, SearchProgress, improve, neighborhood, portfolio, run};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
@@ -69,25 +69,27 @@ impl<'t> Solver<'t> {
 
     /// Runs all stages. Calls `tell` with the progress and with every plan that is an improvement.
     /// Returns why there is no plan, or no further one.
-    pub(crate) fn run(&mut self, tell: &mut dyn FnMut(Told<'_>)) -> StopReason {
+    pub(crate) fn run(&mut self, tell: &mut dyn FnMut(SearchProgress<'_>)) -> StopReason {
         let first = match self.climb() {
-            Climbed::Plan(plan) if self.options.effort == Effort::First => {
+            ClimbingOutcome::Plan(plan) if self.options.effort == Effort::First => {
                 return self.finish(plan, tell);
             }
-            Climbed::Plan(plan) => Some(plan),
-            Climbed::DeadEnd => return StopReason::Unsolvable { before_search: true },
-            Climbed::GaveUp => None,
+            ClimbingOutcome::Plan(plan) => Some(plan),
+            ClimbingOutcome::DeadEnd => return StopReason::Unsolvable { before_search: true },
+            ClimbingOutcome::GaveUp => None,
         };
         let bytes_max = self.options.budget.memory_max_bytes / 8;
         match prune(self.task, PRUNING_MAX, bytes_max, self.cancel) {
             Pruned::Nothing => StopReason::Unsolvable { before_search: true },
-            Pruned::Everything => self.go_on(first, tell),
+            Pruned::Everything => self.solve_pruned(first, tell),
             Pruned::Smaller(smaller) => {
                 let first = first.and_then(|plan| smaller.translate(&plan));
-                Solver::new(&smaller.task, self.options, self.cancel, self.statistics).go_on(
+                Solver::new(&smaller.task, self.options, self.cancel, self.statistics).solve_pruned(
                     first,
                     &mut |told| match told {
-                        Told::Found(plan) => tell(Told::Found(&smaller.original(plan))),
+                        SearchProgress::Found(plan) => {
+                            tell(SearchProgress::Found(&smaller.original(plan)))
+                        }
                         told => tell(told),
                     },
                 )
@@ -101,12 +103,12 @@ impl<'t> Solver<'t> {
     }
 
     /// Runs hill climbing, if the configuration has it.
-    fn climb(&mut self) -> Climbed {
-        if !matches!(self.options.configuration.method, Method::Lists { climb: true, .. }) {
-            return Climbed::GaveUp;
+    fn climb(&mut self) -> ClimbingOutcome {
+        if !matches!(self.options.configuration.method, SearchMethod::Lists { climb: true, .. }) {
+            return ClimbingOutcome::GaveUp;
         }
         let mut ff = FastForward::new(self.task, Weights::Unit);
-        let mut climb = Climb::new(self.task, &mut ff);
+        let mut climb = HillClimbing::new(self.task, &mut ff);
         let climbed = climb.run(self.cancel);
         self.statistics.evaluations += climb.evaluations;
         self.statistics.expansions += climb.expansions;
@@ -114,10 +116,10 @@ impl<'t> Solver<'t> {
     }
 
     /// Continues on the pruned task: searches for a first plan unless one is known, then finishes.
-    fn go_on(
+    fn solve_pruned(
         &mut self,
         first: Option<Vec<OperatorId>>,
-        tell: &mut dyn FnMut(Told<'_>),
+        tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> StopReason {
         match first.map_or_else(|| self.first(tell), Ok) {
             Ok(plan) => self.finish(plan, tell),
@@ -126,17 +128,24 @@ impl<'t> Solver<'t> {
     }
 
     /// Searches for a first plan by the method of the configuration.
-    fn first(&mut self, tell: &mut dyn FnMut(Told<'_>)) -> Result<Vec<OperatorId>, StopReason> {
+    fn first(
+        &mut self,
+        tell: &mut dyn FnMut(SearchProgress<'_>),
+    ) -> Result<Vec<OperatorId>, StopReason> {
         match self.options.configuration.method {
-            Method::Lists { lists, .. } => self.search(lists, tell),
-            Method::AStar { heuristic } => self.a_star(heuristic, tell),
+            SearchMethod::Lists { lists, .. } => self.search(lists, tell),
+            SearchMethod::AStar { heuristic } => self.a_star(heuristic, tell),
         }
     }
 
     /// Reports a first plan after removing superfluous steps, then searches for better ones.
-    fn finish(&mut self, first: Vec<OperatorId>, tell: &mut dyn FnMut(Told<'_>)) -> StopReason {
+    fn finish(
+        &mut self,
+        first: Vec<OperatorId>,
+        tell: &mut dyn FnMut(SearchProgress<'_>),
+    ) -> StopReason {
         if self.statistics.proven_optimal {
-            tell(Told::Found(&first));
+            tell(SearchProgress::Found(&first));
             return StopReason::GoalReached;
         }
         let first = improve::eliminate(self.task, first, self.cancel);
@@ -144,11 +153,11 @@ impl<'t> Solver<'t> {
         // which computes the true costs, gets both plans.
         let is_told = self.options.effort == Effort::Anytime || !self.is_provable();
         if is_told {
-            tell(Told::Found(&first));
+            tell(SearchProgress::Found(&first));
         }
         let (best, reason) = self.cheapest(first.clone(), tell);
         if !is_told || best != first {
-            tell(Told::Found(&best));
+            tell(SearchProgress::Found(&best));
         }
         match self.options.effort {
             Effort::Anytime if !self.statistics.proven_optimal => self.improve(best, tell),
@@ -161,14 +170,15 @@ impl<'t> Solver<'t> {
     fn search(
         &mut self,
         lists: &'static [List],
-        tell: &mut dyn FnMut(Told<'_>),
+        tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> Result<Vec<OperatorId>, StopReason> {
         let ff = FastForward::new(self.task, Weights::Unit);
         let (task, generator, budget) = (self.task, &self.generator, self.options.budget);
         let (result, found) = if self.options.threads > 1 {
-            lanes::run(task, generator, ff, lists, budget, self.cancel, tell)
+            portfolio::run(task, generator, ff, lists, budget, self.cancel, tell)
         } else {
-            let mut search = Lazy::new(task, generator, ff, Manner::greedy(lists), self.cancel);
+            let mut search =
+                LazySearch::new(task, generator, ff, SearchParameters::greedy(lists), self.cancel);
             (run(&mut search, budget, self.cancel, tell), search.statistics())
         };
         self.statistics.expansions += found.expansions;
@@ -179,7 +189,7 @@ impl<'t> Solver<'t> {
     fn a_star(
         &mut self,
         heuristic: Admissible,
-        tell: &mut dyn FnMut(Told<'_>),
+        tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> Result<Vec<OperatorId>, StopReason> {
         let evaluator = heuristic.evaluator(self.task);
         let mut search = AStar::new(self.task, &self.generator, evaluator, u64::MAX, u64::MAX);
@@ -204,7 +214,7 @@ impl<'t> Solver<'t> {
     fn cheapest(
         &mut self,
         first: Vec<OperatorId>,
-        tell: &mut dyn FnMut(Told<'_>),
+        tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> (Vec<OperatorId>, StopReason) {
         let evaluator = LandmarkCut::new(self.task);
         let size = evaluator.size().max(1) as u64;
@@ -245,9 +255,9 @@ impl<'t> Solver<'t> {
         &mut self,
         best: &mut Vec<OperatorId>,
         expansions: u64,
-        tell: &mut dyn FnMut(Told<'_>),
+        tell: &mut dyn FnMut(SearchProgress<'_>),
     ) {
-        let extent = Extent {
+        let extent = NeighborhoodLimits {
             steps_max: expansions.saturating_mul(SHORTCUTS_PER_EXPANSION),
             bytes_max: self.options.budget.memory_max_bytes,
         };
@@ -257,13 +267,17 @@ impl<'t> Solver<'t> {
             let costs_less = self.task.cost(&cheaper) < self.task.cost(best);
             *best = improve::eliminate(self.task, cheaper, self.cancel);
             if costs_less {
-                tell(Told::Found(best));
+                tell(SearchProgress::Found(best));
             }
         }
     }
 
     /// Searches for cheaper plans until there is none or a limit is reached.
-    fn improve(&mut self, mut best: Vec<OperatorId>, tell: &mut dyn FnMut(Told<'_>)) -> StopReason {
+    fn improve(
+        &mut self,
+        mut best: Vec<OperatorId>,
+        tell: &mut dyn FnMut(SearchProgress<'_>),
+    ) -> StopReason {
         // If all steps cost the same, the first search has already been the greedy stage.
         let stages = WEIGHTS.into_iter().cycle().skip(usize::from(self.task.costs_equal));
         for weight in stages {
@@ -272,14 +286,14 @@ impl<'t> Solver<'t> {
             let expansions_max = left.min(self.options.budget.expansions_max);
             self.take_shortcuts(&mut best, expansions_max, tell);
             let budget = Budget { expansions_max, ..self.options.budget };
-            let manner = Manner {
+            let manner = SearchParameters {
                 weights: Weights::PlusOne,
                 weight,
                 bound: self.task.cost(&best),
                 lists: LAMA,
             };
             let ff = FastForward::new(self.task, manner.weights);
-            let mut search = Lazy::new(self.task, &self.generator, ff, manner, self.cancel);
+            let mut search = LazySearch::new(self.task, &self.generator, ff, manner, self.cancel);
             let result = run(&mut search, budget, self.cancel, tell);
             let found_here = search.statistics();
             self.statistics.expansions += found_here.expansions;
@@ -287,7 +301,7 @@ impl<'t> Solver<'t> {
             match result {
                 Ok(plan) => {
                     best = improve::eliminate(self.task, plan, self.cancel);
-                    tell(Told::Found(&best));
+                    tell(SearchProgress::Found(&best));
                 }
                 Err(StopReason::ExpansionLimit { .. }) if makes_room => (),
                 Err(StopReason::Exhausted) => {

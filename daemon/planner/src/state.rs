@@ -6,9 +6,9 @@
 use pddl::Assignment;
 
 use crate::arena;
-use crate::axioms::Axioms;
+use crate::axioms::AxiomEvaluator;
 use crate::id_table::{IdTable, hash_words};
-use crate::task::{Changes, ConditionalEffect, FactId, Literal, Operator, OperatorId, Task};
+use crate::task::{Changes, ConditionalEffect, FactId, GroundOperator, Literal, OperatorId, Task};
 
 /// Index of a state in one [`StateSpace`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -23,12 +23,12 @@ pub(crate) struct StateSpace {
     width: usize,
     words: Vec<u64>,
     ids: IdTable,
-    ways: Vec<Way>,
+    ways: Vec<Transition>,
 }
 
 /// Parent and operator that lead to a state. For the initial state they have no meaning.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Way {
+pub(crate) struct Transition {
     pub(crate) parent: StateId,
     pub(crate) operator: OperatorId,
 }
@@ -39,7 +39,7 @@ pub(crate) struct Way {
 pub(crate) struct Progression<'t> {
     task: &'t Task,
     fact_words: usize,
-    axioms: Axioms,
+    axioms: AxiomEvaluator,
     numeric: Vec<(u32, Assignment, f64)>,
 }
 
@@ -125,17 +125,17 @@ impl StateSpace {
         arena::make_room(words, *width);
         arena::make_room(ways, 1);
         words.extend_from_slice(state);
-        ways.push(Way { parent, operator });
+        ways.push(Transition { parent, operator });
         (StateId(id), true)
     }
 
     /// Replaces the parent and operator of a state.
     pub(crate) fn reparent(&mut self, id: StateId, parent: StateId, operator: OperatorId) {
-        self.ways[id.0 as usize] = Way { parent, operator };
+        self.ways[id.0 as usize] = Transition { parent, operator };
     }
 
     /// Returns the step that led to a state; `None` for the initial state.
-    pub(crate) fn way(&self, id: StateId) -> Option<Way> {
+    pub(crate) fn transition(&self, id: StateId) -> Option<Transition> {
         (id.0 != 0).then(|| self.ways[id.0 as usize])
     }
 
@@ -164,7 +164,7 @@ impl<'t> Progression<'t> {
         Progression {
             task,
             fact_words: task.fact_count.div_ceil(64),
-            axioms: Axioms::new(task),
+            axioms: AxiomEvaluator::new(task),
             numeric: Vec::new(),
         }
     }
@@ -185,7 +185,7 @@ impl<'t> Progression<'t> {
     /// contradictory ways.
     pub(crate) fn apply(
         &mut self,
-        operator: Operator<'_>,
+        operator: GroundOperator<'_>,
         from: &State,
         to: &mut Vec<u64>,
     ) -> bool {

@@ -3,7 +3,7 @@
 //! - Built by `ground` and read by all search code. It is never changed afterwards.
 //! - A [`FactId`] or [`OperatorId`] is valid in one task only. It is never sent in a message.
 
-pub(crate) use crate::operators::{Changes, ConditionalEffect, Operator, Operators};
+pub(crate) use crate::operators::{Changes, ConditionalEffect, GroundOperator, OperatorTable};
 
 use pddl::{Comparison, Name, Number, Operator as Arithmetic, Plan, PlanStep};
 
@@ -53,7 +53,7 @@ pub(crate) struct GroundComparison {
 
 /// A ground axiom: the head is true if the body holds.
 #[derive(Clone, Debug)]
-pub(crate) struct Axiom {
+pub(crate) struct GroundAxiom {
     pub(crate) head: FactId,
     pub(crate) body: Box<[Literal]>,
     pub(crate) stratum: u32,
@@ -79,9 +79,9 @@ pub(crate) struct Task {
     pub(crate) atoms: Atoms,
     /// Comparisons; their facts follow the basic ones.
     pub(crate) comparisons: Vec<GroundComparison>,
-    pub(crate) operators: Operators,
+    pub(crate) operators: OperatorTable,
     /// Axioms, sorted by stratum.
-    pub(crate) axioms: Vec<Axiom>,
+    pub(crate) axioms: Vec<GroundAxiom>,
     pub(crate) goal: Vec<Literal>,
     /// Basic facts that are true in the initial state.
     pub(crate) initial: Vec<FactId>,
@@ -231,7 +231,7 @@ impl GroundExpression {
 
 impl Task {
     #[inline]
-    pub(crate) fn operator(&self, id: OperatorId) -> Operator<'_> {
+    pub(crate) fn operator(&self, id: OperatorId) -> GroundOperator<'_> {
         self.operators.get(id.index())
     }
 
@@ -254,7 +254,7 @@ impl Task {
     }
 
     /// Returns a copy of the task with other operators.
-    pub(crate) fn with_operators(&self, operators: Operators) -> Task {
+    pub(crate) fn with_operators(&self, operators: OperatorTable) -> Task {
         Task {
             fact_count: self.fact_count,
             basic_count: self.basic_count,

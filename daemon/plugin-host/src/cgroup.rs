@@ -23,20 +23,20 @@ const DELEGATED: [&str; 2] = ["user.delegate", "trusted.delegate"];
 
 /// Part of the tree that was delegated to this daemon.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Tree(PathBuf);
+pub(crate) struct CgroupTree(PathBuf);
 
 /// Control group of one incarnation of a plugin. On drop, all processes in it are killed and the group is
 /// removed.
 #[derive(Debug)]
-pub(crate) struct Group {
+pub(crate) struct PluginCgroup {
     folder: PathBuf,
     /// Usage of earlier incarnations in the same group; it is subtracted.
-    before: Taken,
+    before: CgroupUsage,
 }
 
 /// Resources that a group has taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Taken {
+pub(crate) struct CgroupUsage {
     /// Bytes of memory that the group holds, of any kind.
     pub(crate) memory: u64,
     /// Processor time of all processes that were ever in the group.
@@ -45,23 +45,23 @@ pub(crate) struct Taken {
     pub(crate) ended: u64,
 }
 
-impl Tree {
+impl CgroupTree {
     /// Finds the group of this process, and divides it into subgroups if it is not divided yet.
     ///
     /// # Errors
     ///
     /// Returns the reason, for a person, if this daemon has no tree of its own.
-    pub(crate) fn find() -> Result<Tree, String> {
+    pub(crate) fn find() -> Result<CgroupTree, String> {
         let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
         let own = groups.lines().find_map(|line| line.strip_prefix("0::"));
         let own = own.ok_or("this machine has no control groups of version 2")?;
         let folder = Path::new(ROOT).join(own.trim_start_matches('/'));
-        Tree::divided(&folder).map_or_else(|| Tree::at(&folder), Ok)
+        CgroupTree::divided(&folder).map_or_else(|| CgroupTree::at(&folder), Ok)
     }
 
     /// Returns the tree if `part` is the daemon's own subgroup of it, made before the daemon re-executed
     /// itself.
-    fn divided(part: &Path) -> Option<Tree> {
+    fn divided(part: &Path) -> Option<CgroupTree> {
         let folder = part.parent().filter(|_| part.file_name().is_some_and(|name| name == OWN))?;
         let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap_or_default();
         let enabled = read("cgroup.subtree_control");
@@ -71,10 +71,10 @@ impl Tree {
         let is_given = !rustix::process::geteuid().is_root() || is_marked(folder);
         let is_writable = rustix::fs::access(folder, rustix::fs::Access::WRITE_OK).is_ok();
         (is_divided && is_given && is_writable && read("cgroup.procs").trim().is_empty())
-            .then(|| Tree(folder.to_owned()))
+            .then(|| CgroupTree(folder.to_owned()))
     }
 
-    fn at(folder: &Path) -> Result<Tree, String> {
+    fn at(folder: &Path) -> Result<CgroupTree, String> {
         let shown = folder.display();
         let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap_or_default();
         let known = read("cgroup.controllers");
@@ -107,7 +107,7 @@ impl Tree {
                 "the control group {shown} is not delegated to this daemon (Delegate=yes): {error}"
             )
         })?;
-        Ok(Tree(folder.to_owned()))
+        Ok(CgroupTree(folder.to_owned()))
     }
 
     /// Creates the group of a plugin, with limits of `memory` bytes and `tasks` threads.
@@ -115,11 +115,11 @@ impl Tree {
     /// # Errors
     ///
     /// Returns an error if the kernel refuses.
-    pub(crate) fn group(&self, name: &str, memory: u64, tasks: u64) -> io::Result<Group> {
+    pub(crate) fn group(&self, name: &str, memory: u64, tasks: u64) -> io::Result<PluginCgroup> {
         let folder = self.0.join(format!("plugin-{name}"));
         make(&folder)?;
-        let mut group = Group { folder, before: Taken::default() };
-        group.before = Taken { memory: 0, ..group.taken() };
+        let mut group = PluginCgroup { folder, before: CgroupUsage::default() };
+        group.before = CgroupUsage { memory: 0, ..group.measure() };
         group.write("memory.max", &memory.to_string())?;
         // Without swap: memory and swap together would exceed the limit. The file is missing if the kernel
         // has no swap.
@@ -135,14 +135,14 @@ impl Tree {
     }
 }
 
-impl Group {
+impl PluginCgroup {
     /// Returns the folder of the group. A process joins the group by writing to its `cgroup.procs`.
     pub(crate) fn folder(&self) -> &Path {
         &self.folder
     }
 
     /// Returns the usage so far. A value that cannot be read is zero.
-    pub(crate) fn taken(&self) -> Taken {
+    pub(crate) fn measure(&self) -> CgroupUsage {
         let number = |file: &str, key: &str| -> u64 {
             let text = fs::read_to_string(self.folder.join(file)).unwrap_or_default();
             let line = text.lines().find_map(|line| match key {
@@ -151,7 +151,7 @@ impl Group {
             });
             line.and_then(|value| value.trim().parse().ok()).unwrap_or(0)
         };
-        Taken {
+        CgroupUsage {
             memory: number("memory.current", ""),
             cpu: Duration::from_micros(number("cpu.stat", "usage_usec "))
                 .saturating_sub(self.before.cpu),
@@ -171,7 +171,7 @@ impl Group {
     }
 }
 
-impl Drop for Group {
+impl Drop for PluginCgroup {
     fn drop(&mut self) {
         // Kills all processes that are still in the group, whatever their process group.
         let _ = self.write("cgroup.kill", "1");
@@ -203,13 +203,13 @@ mod tests {
     #[test]
     fn a_tree_that_nobody_gave_away_is_left_alone() {
         let folder = tempfile::tempdir().expect("a folder");
-        let problem = Tree::at(folder.path()).expect_err("it has no controllers");
+        let problem = CgroupTree::at(folder.path()).expect_err("it has no controllers");
         assert!(problem.contains("has no `cpu`"), "{problem}");
         let write =
             |file: &str, text: &str| fs::write(folder.path().join(file), text).expect("a file");
         write("cgroup.controllers", "cpuset cpu io memory pids");
         write("cgroup.procs", "1\n2\n");
-        let problem = Tree::at(folder.path()).expect_err("it is another's");
+        let problem = CgroupTree::at(folder.path()).expect_err("it is another's");
         let expected = ["delegated to this daemon", "processes other"];
         assert!(expected.iter().any(|text| problem.contains(text)), "{problem}");
         assert!(!folder.path().join(OWN).exists(), "nothing was made there");
@@ -223,14 +223,14 @@ mod tests {
         let write =
             |file: &str, text: &str| fs::write(folder.path().join(file), text).expect("a file");
         write("cgroup.procs", "");
-        assert_eq!(Tree::divided(&part), None, "nobody has divided it");
+        assert_eq!(CgroupTree::divided(&part), None, "nobody has divided it");
         write("cgroup.subtree_control", "cpu memory pids\n");
-        assert_eq!(Tree::divided(folder.path()), None, "it is no part");
+        assert_eq!(CgroupTree::divided(folder.path()), None, "it is no part");
         let is_root = rustix::process::geteuid().is_root();
-        let expected = (!is_root).then(|| Tree(folder.path().to_owned()));
-        assert_eq!(Tree::divided(&part), expected, "as root only what systemd has marked");
+        let expected = (!is_root).then(|| CgroupTree(folder.path().to_owned()));
+        assert_eq!(CgroupTree::divided(&part), expected, "as root only what systemd has marked");
         write("cgroup.procs", "1\n");
-        assert_eq!(Tree::divided(&part), None, "others are in it");
+        assert_eq!(CgroupTree::divided(&part), None, "others are in it");
     }
 
     #[test]
@@ -242,18 +242,18 @@ mod tests {
         write("memory.current", "4096\n");
         write("cpu.stat", "usage_usec 2500000\nuser_usec 1\n");
         write("memory.events", "low 0\noom 1\noom_kill 1\n");
-        let before = Taken { memory: 0, cpu: Duration::from_secs(1), ended: 0 };
-        let group = Group { folder: path.clone(), before };
-        let expected = Taken { memory: 4096, cpu: Duration::from_millis(1_500), ended: 1 };
-        assert_eq!(group.taken(), expected);
-        let none = Group { folder: folder.path().join("none"), before };
-        assert_eq!(none.taken(), Taken::default());
+        let before = CgroupUsage { memory: 0, cpu: Duration::from_secs(1), ended: 0 };
+        let group = PluginCgroup { folder: path.clone(), before };
+        let expected = CgroupUsage { memory: 4096, cpu: Duration::from_millis(1_500), ended: 1 };
+        assert_eq!(group.measure(), expected);
+        let none = PluginCgroup { folder: folder.path().join("none"), before };
+        assert_eq!(none.measure(), CgroupUsage::default());
     }
 
     #[test]
     fn a_group_that_is_used_again_is_not_slow_any_more() {
         let folder = tempfile::tempdir().expect("a folder");
-        let tree = Tree(folder.path().to_owned());
+        let tree = CgroupTree(folder.path().to_owned());
         let share = || fs::read_to_string(folder.path().join("plugin-x/cpu.max")).expect("a file");
         let group = tree.group("x", 1 << 20, 8).expect("files can be written there");
         group.slow_down(0.5);

@@ -22,9 +22,9 @@ use tokio::sync::{Notify, mpsc};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use crate::attendant::{Attendant, Bell};
 use crate::package::Package;
-use crate::proxy::{Accepted, Escort};
+use crate::plugin_client::{PluginClient, PluginClientHandle};
+use crate::proxy::{AdmittedAgents, ProxyRunner};
 
 /// Name of the client agent that forwards actions to the plugin's agents.
 const HOST: &str = "host";
@@ -60,14 +60,14 @@ pub(crate) struct Endpoint {
     pub(crate) socket: PathBuf,
     pub(crate) host: HostName,
     substrate: Arc<dyn Substrate>,
-    pub(crate) accepted: Arc<Accepted>,
-    pub(crate) meter: Arc<Meter>,
+    pub(crate) accepted: Arc<AdmittedAgents>,
+    pub(crate) meter: Arc<RateLimit>,
     stopping: CancellationToken,
     tasks: TaskTracker,
 }
 
 /// Parameters of an endpoint.
-pub(crate) struct Purpose<'p> {
+pub(crate) struct EndpointParameters<'p> {
     pub(crate) ecosystem: &'p EcosystemId,
     pub(crate) daemon: &'p DaemonId,
     pub(crate) settings: &'p Settings,
@@ -79,17 +79,18 @@ pub(crate) struct Purpose<'p> {
 }
 
 impl Endpoint {
-    pub(crate) async fn open(purpose: Purpose<'_>) -> Result<Endpoint, OpenError> {
-        let Purpose { ecosystem, daemon, settings, socket, package, agents, landing } = purpose;
+    pub(crate) async fn open(purpose: EndpointParameters<'_>) -> Result<Endpoint, OpenError> {
+        let EndpointParameters { ecosystem, daemon, settings, socket, package, agents, landing } =
+            purpose;
         let machine = landing.switchboard.machine();
         let switchboard =
             Switchboard::on(machine, ecosystem.clone(), daemon.clone(), settings.clone());
-        let meter = Arc::new(Meter::new(Arc::clone(&switchboard)));
+        let meter = Arc::new(RateLimit::new(Arc::clone(&switchboard)));
         let locator = format!("unixsock-stream/{}", socket.display());
         let mut config = substrate_zenoh::Config::new(ecosystem.clone(), daemon.clone());
         config.listen = vec![locator.clone()];
         config.zenoh = wire(package.manifest.permissions.processes);
-        let inbound: Arc<dyn Inbound> = Arc::<Meter>::clone(&meter);
+        let inbound: Arc<dyn Inbound> = Arc::<RateLimit>::clone(&meter);
         let substrate: Arc<dyn Substrate> = config.open(inbound).await?;
         switchboard.connect(Arc::clone(&substrate));
         let (stopping, tasks) = (landing.stopping.child_token(), TaskTracker::new());
@@ -100,17 +101,17 @@ impl Endpoint {
             tasks: tasks.clone(),
             tells_way: false,
         };
-        let (attendant, bell) = Attendant::new();
+        let (attendant, bell) = PluginClient::new();
         let (newcomers, met) = mpsc::channel(AGENTS_MAX);
         let host = HostName { daemon: daemon.clone(), agent: plain(HOST) };
         drop(Box::new(attendant).launch(own.berth(&host.agent, Vec::new(), &stopping)));
         let observer = Observer::of_all(newcomers);
         drop(Box::new(observer).launch(own.berth(&plain(WATCHER), Vec::new(), &stopping)));
-        let accepted = Arc::new(Accepted::new(BTreeMap::new()));
-        let reception = Reception {
+        let accepted = Arc::new(AdmittedAgents::new(BTreeMap::new()));
+        let reception = AgentReception {
             package: Arc::clone(package),
             agents,
-            bell,
+            client: bell,
             landing: landing.clone(),
             accepted: Arc::clone(&accepted),
             stopping: stopping.clone(),
@@ -148,18 +149,18 @@ fn plain(name: &str) -> AgentId {
 }
 
 /// Admits or rejects the agents that join the endpoint.
-struct Reception {
+struct AgentReception {
     package: Arc<Package>,
     agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
-    bell: Bell,
+    client: PluginClientHandle,
     landing: Landing,
-    accepted: Arc<Accepted>,
+    accepted: Arc<AdmittedAgents>,
     stopping: CancellationToken,
     tasks: TaskTracker,
-    meter: Arc<Meter>,
+    meter: Arc<RateLimit>,
 }
 
-impl Reception {
+impl AgentReception {
     async fn run(self, mut met: mpsc::Receiver<(AgentId, Sight)>) {
         loop {
             let (agent, sight) = tokio::select! {
@@ -185,10 +186,10 @@ impl Reception {
                 }
             };
             self.meter.allow_more();
-            let escort = Escort {
+            let escort = ProxyRunner {
                 agent,
                 sight,
-                bell: self.bell.clone(),
+                client: self.client.clone(),
                 package: Arc::clone(&self.package),
                 own,
                 landing: self.landing.clone(),
@@ -201,15 +202,15 @@ impl Reception {
 }
 
 /// Limits the rate of messages from a plugin: counts them and drops those that are too many.
-pub(crate) struct Meter {
+pub(crate) struct RateLimit {
     inner: Arc<Switchboard>,
     per_second: AtomicU32,
-    second: Mutex<Second>,
+    second: Mutex<RateWindow>,
     /// Notified when there were too many messages for [`FLOOD_SECONDS`] in a row.
     pub(crate) flooded: Notify,
 }
 
-struct Second {
+struct RateWindow {
     began: Instant,
     count: u32,
     /// Number of seconds in a row with too many messages.
@@ -217,10 +218,10 @@ struct Second {
     dropped: u64,
 }
 
-impl Meter {
-    fn new(inner: Arc<Switchboard>) -> Meter {
-        let second = Second { began: Instant::now(), count: 0, over: 0, dropped: 0 };
-        Meter {
+impl RateLimit {
+    fn new(inner: Arc<Switchboard>) -> RateLimit {
+        let second = RateWindow { began: Instant::now(), count: 0, over: 0, dropped: 0 };
+        RateLimit {
             inner,
             per_second: AtomicU32::new(MESSAGES_PER_SECOND),
             second: Mutex::new(second),
@@ -238,7 +239,7 @@ impl Meter {
     }
 
     /// Counts one message, and returns whether it is accepted.
-    fn takes(&self) -> bool {
+    fn accepts_message(&self) -> bool {
         let most = self.per_second.load(Ordering::Relaxed);
         let mut second = self.second.lock().unwrap_or_else(PoisonError::into_inner);
         let elapsed = second.began.elapsed();
@@ -258,22 +259,22 @@ impl Meter {
     }
 }
 
-impl Inbound for Meter {
+impl Inbound for RateLimit {
     fn deliver(&self, delivery: Delivery) {
-        if self.takes() {
+        if self.accepts_message() {
             self.inner.deliver(delivery);
         }
     }
 
     fn presence(&self, presence: Presence) {
         // The end of an agent is always passed on, however many messages came before.
-        if self.takes() || matches!(presence, Presence::Left(_)) {
+        if self.accepts_message() || matches!(presence, Presence::Left(_)) {
             self.inner.presence(presence);
         }
     }
 
     fn question(&self, question: Question) {
-        if self.takes() {
+        if self.accepts_message() {
             self.inner.question(question);
         }
     }

@@ -11,13 +11,13 @@ use acl::{DaemonId, Deadline, Hello, HelloAgent, SCHEMA_VERSION};
 use agent::Landing;
 use pddl::ActionModel;
 
-use crate::cgroup::{Group, Tree};
-use crate::confinement::{Confinement, Limits, Means, Plan};
+use crate::cgroup::{CgroupTree, PluginCgroup};
+use crate::confinement::{Confinement, ConfinementMeans, ConfinementPlan, ProcessLimits};
 use crate::endpoint::Endpoint;
-use crate::log::Log;
+use crate::log::PluginLog;
 use crate::package::Package;
-use crate::process::{Launch, Launcher, Process};
-use crate::program::{self, Program};
+use crate::process::{Launcher, PluginProcess, ProcessLaunch};
+use crate::program::{self, ResolvedProgram};
 use crate::rights::{Permissions, device_objection, read_objection};
 use crate::supervision::WantedAgent;
 
@@ -36,46 +36,54 @@ const THREADS: u64 = 64;
 
 /// Means of confinement on this machine.
 #[derive(Clone, Debug)]
-pub(crate) struct Ward {
-    pub(crate) means: Means,
+pub(crate) struct MachineConfinement {
+    pub(crate) means: ConfinementMeans,
     /// The part of the tree of control groups that is this daemon's, or the reason why it has none.
-    pub(crate) tree: Result<Tree, String>,
+    pub(crate) tree: Result<CgroupTree, String>,
     /// Folders that no plugin may read.
     pub(crate) private: Vec<PathBuf>,
 }
 
 /// Parameters of a process that is to be started.
-pub(crate) struct Start<'s> {
+pub(crate) struct ProcessStart<'s> {
     pub(crate) launcher: &'s Launcher,
-    pub(crate) ward: &'s Ward,
+    pub(crate) machine_confinement: &'s MachineConfinement,
     pub(crate) package: &'s Package,
-    pub(crate) program: &'s Program,
+    pub(crate) program: &'s ResolvedProgram,
     /// Sockets that it may connect to.
     pub(crate) sockets: Vec<PathBuf>,
     /// Its data folder; created if it does not exist.
     pub(crate) data: &'s Path,
-    pub(crate) log: &'s Log,
+    pub(crate) log: &'s PluginLog,
 }
 
 /// A running process, with its control group if it has one.
-pub(crate) struct Started {
-    pub(crate) process: Process,
-    pub(crate) counted: Option<Group>,
+pub(crate) struct StartedProcess {
+    pub(crate) process: PluginProcess,
+    pub(crate) counted: Option<PluginCgroup>,
 }
 
-impl Ward {
+impl MachineConfinement {
     /// Finds the means of confinement. `folder` is any folder that exists.
-    pub(crate) async fn find(launcher: &Launcher, folder: &Path, private: &[PathBuf]) -> Ward {
+    pub(crate) async fn find(
+        launcher: &Launcher,
+        folder: &Path,
+        private: &[PathBuf],
+    ) -> MachineConfinement {
         // The groups come first: otherwise the process that tries out the rest would be in the daemon's
         // group.
-        let tree = Tree::find();
-        Ward { means: launcher.means(folder).await, tree, private: private.to_vec() }
+        let tree = CgroupTree::find();
+        MachineConfinement { means: launcher.means(folder).await, tree, private: private.to_vec() }
     }
 
     /// Returns the placeholder that is used before the means are known. It has none.
-    pub(crate) fn unknown() -> Ward {
+    pub(crate) fn unknown() -> MachineConfinement {
         let why = "this machine has not been checked yet";
-        Ward { means: Means::none(why), tree: Err(why.to_owned()), private: Vec::new() }
+        MachineConfinement {
+            means: ConfinementMeans::none(why),
+            tree: Err(why.to_owned()),
+            private: Vec::new(),
+        }
     }
 
     /// Describes for a person how the resources of plugins are limited.
@@ -124,7 +132,7 @@ impl Ward {
     }
 
     /// Returns the use of the means for a plugin.
-    pub(crate) fn plan(&self, permissions: &Permissions) -> Plan {
+    pub(crate) fn plan(&self, permissions: &Permissions) -> ConfinementPlan {
         self.means.plan(permissions, self.tree.is_ok())
     }
 }
@@ -134,14 +142,22 @@ pub(crate) fn threads_max(processes: u32) -> u64 {
     THREADS + THREADS_PER_PROCESS * u64::from(processes)
 }
 
-impl Start<'_> {
+impl ProcessStart<'_> {
     /// Starts the process, in its confinement.
     ///
     /// # Errors
     ///
     /// Returns the reason, for a person, if the process cannot be started.
-    pub(crate) async fn begin(self) -> Result<Started, String> {
-        let Start { launcher, ward, package, program, sockets, data, log } = self;
+    pub(crate) async fn begin(self) -> Result<StartedProcess, String> {
+        let ProcessStart {
+            launcher,
+            machine_confinement: ward,
+            package,
+            program,
+            sockets,
+            data,
+            log,
+        } = self;
         let permissions = &package.manifest.permissions;
         ward.check_paths(permissions)?;
         make_home(data)?;
@@ -162,7 +178,7 @@ impl Start<'_> {
         let confinement = Confinement {
             parent: std::process::id(),
             plan: ward.means.plan(permissions, counted.is_some()),
-            limits: Limits {
+            limits: ProcessLimits {
                 memory: permissions.memory.saturating_add(ADDRESSES),
                 files: permissions.files,
                 file_size: permissions.disk,
@@ -178,7 +194,7 @@ impl Start<'_> {
         let arguments = [&program.leading, told].concat();
         let mut environment = program.environment.clone();
         environment.push(("PATH", path));
-        let launch = Launch {
+        let launch = ProcessLaunch {
             launcher,
             program: &program.file,
             arguments: &arguments,
@@ -189,9 +205,9 @@ impl Start<'_> {
             processes: permissions.processes,
             log,
         };
-        let begun = Process::begin(&launch).await;
+        let begun = PluginProcess::begin(&launch).await;
         let process = begun.map_err(|error| format!("failed to start it: {error}"))?;
-        Ok(Started { process, counted })
+        Ok(StartedProcess { process, counted })
     }
 }
 
@@ -204,7 +220,7 @@ fn make_home(data: &Path) -> Result<(), String> {
 
 /// Returns the `PATH` of a plugin. The folder of its interpreter comes first, so that the plugin starts the
 /// same interpreter by its name. The folders of the daemon's `PATH` follow that the plugin can read.
-fn path(program: &Program, read: &BTreeSet<PathBuf>) -> OsString {
+fn path(program: &ResolvedProgram, read: &BTreeSet<PathBuf>) -> OsString {
     let own = program.file.parent().map(Path::to_owned);
     let is_readable = |folder: &PathBuf| {
         read.iter().any(|root| folder.starts_with(root)) || folder.starts_with("/usr")
@@ -286,7 +302,7 @@ mod tests {
         std::fs::create_dir(at("private")).expect("a folder");
         std::os::unix::fs::symlink(at("socket"), at("link")).expect("a link");
         let private = at("private").canonicalize().expect("it is there");
-        let ward = Ward { private: vec![private], ..Ward::unknown() };
+        let ward = MachineConfinement { private: vec![private], ..MachineConfinement::unknown() };
         let objection = |name: &str| {
             let asked = Permissions { read: vec![at(name)], ..Permissions::default() };
             ward.check_paths(&asked).err().unwrap_or_default()

@@ -19,23 +19,23 @@
 //! the ecosystem only through the proxy agents.
 
 mod advice;
-mod attendant;
 mod cgroup;
 mod confinement;
 mod endpoint;
 mod launching;
-mod lives;
-mod living;
 mod log;
-mod looking;
 mod manifest;
 mod mediator;
 mod package;
+mod package_store;
+mod plugin_client;
 mod process;
+mod process_health;
 mod program;
 mod proxy;
+mod resource_sampling;
+mod restart_policy;
 mod rights;
-mod shelf;
 mod status;
 mod supervision;
 mod template;
@@ -57,20 +57,20 @@ use notify::{RecursiveMode, Watcher as _};
 use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 
-pub use confinement::{Confinement, ConfinementError, Means, probe};
-pub use manifest::{ConfigKey, ConfigShape, Manifest, OwnAgent};
-pub use package::{Faults, MANIFEST, Package};
+pub use confinement::{Confinement, ConfinementError, ConfinementMeans, probe};
+pub use manifest::{ConfigKey, ConfigShape, OwnAgent, PackageManifest};
+pub use package::{MANIFEST, Package, PackageFaults};
+pub use package_store::{PackageStore, PackageStoreError};
 pub use process::Launcher;
 pub use rights::{Permissions, Right, listed};
-pub use shelf::{Shelf, ShelfError};
-pub use status::{Confined, Plugins, State, Status};
+pub use status::{ConfinementStatus, PluginList, PluginState, PluginStatus};
 pub use supervision::WantedAgent;
-pub use trial::{Failed, Trial, Worked};
+pub use trial::{Trial, TrialFailure, TrialSuccess};
 
-use launching::Ward;
-use log::Log;
+use launching::MachineConfinement;
+use log::PluginLog;
 use package::{Stamp, stamp};
-use supervision::{Statuses, Supervision, Wanted, Wish};
+use supervision::{DesiredPlugin, DesiredState, PluginSupervisor, Statuses};
 
 /// First argument of this daemon's own program when it is to become the program of a plugin. The next
 /// arguments are a [`Confinement`] in JSON, the program and the program's arguments.
@@ -84,19 +84,19 @@ pub const PROBE: &str = "probe";
 const PLUGINS: &str = "plugins";
 
 /// Time without changes after which the plugin folder is checked: a package is copied file by file.
-const AT_REST: Duration = Duration::from_millis(60);
+const QUIET_TIME: Duration = Duration::from_millis(60);
 
 /// Interval between checks of the plugin folder for [`LOOK_AGAIN`] after a change. The kernel reports
 /// changes in a new subfolder only once that is watched; files that were written before are not reported.
-const LOOK_SOON: Duration = Duration::from_millis(250);
+const CHECK_INTERVAL_SHORT: Duration = Duration::from_millis(250);
 
 /// Interval between checks of the plugin folder while the kernel reports no changes.
-const LOOK_AGAIN: Duration = Duration::from_secs(5);
+const CHECK_INTERVAL_LONG: Duration = Duration::from_secs(5);
 
 /// Settings and surroundings that plugins are hosted with.
-pub struct Setting {
+pub struct HostSettings {
     /// The plugin folder, with the packages.
-    pub shelf: Shelf,
+    pub packages: PackageStore,
     /// The ecosystem that the proxy agents join.
     pub landing: Landing,
     /// Agents that the ecosystem file assigns to this daemon, by package.
@@ -120,8 +120,8 @@ pub struct Setting {
 }
 
 /// State that the supervisions of all plugins share.
-pub(crate) struct Ground {
-    pub(crate) shelf: Shelf,
+pub(crate) struct HostContext {
+    pub(crate) packages: PackageStore,
     pub(crate) landing: Landing,
     pub(crate) launcher: Launcher,
     pub(crate) sockets: PathBuf,
@@ -130,29 +130,29 @@ pub(crate) struct Ground {
     requires_confinement: bool,
     private: Vec<PathBuf>,
     /// Means of confinement on this machine; set before the first plugin is started.
-    ward: OnceLock<Ward>,
+    machine_confinement: OnceLock<MachineConfinement>,
     /// Notified when the plugin folder is to be checked again.
-    pub(crate) look_again: Notify,
-    taken_back: Mutex<BTreeMap<String, String>>,
+    pub(crate) check_again: Notify,
+    rolled_back: Mutex<BTreeMap<String, String>>,
 }
 
 /// Stands in for the means of confinement until they are known.
-static UNKNOWN: LazyLock<Ward> = LazyLock::new(Ward::unknown);
+static UNKNOWN: LazyLock<MachineConfinement> = LazyLock::new(MachineConfinement::unknown);
 
-impl Ground {
+impl HostContext {
     /// Returns the means of confinement on this machine, or [`Ward::unknown`] until they are known.
-    pub(crate) fn ward(&self) -> &Ward {
-        self.ward.get().unwrap_or(&UNKNOWN)
+    pub(crate) fn machine_confinement(&self) -> &MachineConfinement {
+        self.machine_confinement.get().unwrap_or(&UNKNOWN)
     }
 
     /// Returns how far plugins can be confined here, for users. Until that is known, only `is_required` is
     /// set.
-    fn confined(&self) -> Confined {
+    fn confined(&self) -> ConfinementStatus {
         let is_required = self.requires_confinement;
-        let Some(ward) = self.ward.get() else {
-            return Confined { is_required, ..Confined::default() };
+        let Some(ward) = self.machine_confinement.get() else {
+            return ConfinementStatus { is_required, ..ConfinementStatus::default() };
         };
-        Confined {
+        ConfinementStatus {
             not_enforced: ward.plan(&Permissions::default()).lacks(),
             limits: ward.limits(),
             is_required,
@@ -161,8 +161,8 @@ impl Ground {
     }
 
     /// Returns the plugins that were rolled back to their previous version, each with the reason.
-    pub(crate) fn taken_back(&self) -> MutexGuard<'_, BTreeMap<String, String>> {
-        self.taken_back.lock().unwrap_or_else(PoisonError::into_inner)
+    pub(crate) fn rolled_back(&self) -> MutexGuard<'_, BTreeMap<String, String>> {
+        self.rolled_back.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -171,10 +171,19 @@ impl Ground {
 /// # Errors
 ///
 /// Returns an error if the folder for sockets or the folder for data cannot be created.
-pub fn host(setting: Setting) -> std::io::Result<()> {
-    let Setting { shelf, landing, agents, named, admissions, launcher, sockets, state, .. } =
-        setting;
-    let Setting { building, requires_confinement, private, .. } = setting;
+pub fn host(setting: HostSettings) -> std::io::Result<()> {
+    let HostSettings {
+        packages: shelf,
+        landing,
+        agents,
+        named,
+        admissions,
+        launcher,
+        sockets,
+        state,
+        ..
+    } = setting;
+    let HostSettings { building, requires_confinement, private, .. } = setting;
     for folder in [&sockets, &state] {
         DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
     }
@@ -184,8 +193,8 @@ pub fn host(setting: Setting) -> std::io::Result<()> {
     // A folder that does not exist yet keeps its path: there is no link to follow.
     let real = |folder: PathBuf| folder.canonicalize().unwrap_or(folder);
     let private = private.into_iter().map(real).collect();
-    let ground = Arc::new(Ground {
-        shelf,
+    let ground = Arc::new(HostContext {
+        packages: shelf,
         landing,
         launcher,
         sockets,
@@ -193,32 +202,32 @@ pub fn host(setting: Setting) -> std::io::Result<()> {
         building,
         requires_confinement,
         private,
-        ward: OnceLock::new(),
-        look_again: Notify::new(),
-        taken_back: Mutex::default(),
+        machine_confinement: OnceLock::new(),
+        check_again: Notify::new(),
+        rolled_back: Mutex::default(),
     });
     let statuses = Statuses::default();
     // A weak reference: the ground owns the switchboard, which keeps this closure.
     let (told_of, told_ground) = (Arc::clone(&statuses), Arc::downgrade(&ground));
     ground.landing.switchboard.tell_plugins(move || {
-        told_ground.upgrade().map(|ground| told(&ground, &told_of)).unwrap_or_default()
+        told_ground.upgrade().map(|ground| status_json(&ground, &told_of)).unwrap_or_default()
     });
-    let keeper = Keeper {
-        ground: Arc::clone(&ground),
+    let keeper = PluginReconciler {
+        context: Arc::clone(&ground),
         agents,
         named,
         admissions,
         statuses,
-        kept: BTreeMap::new(),
+        managed: BTreeMap::new(),
     };
     ground.landing.tasks.spawn(keeper.run());
     Ok(())
 }
 
-fn told(ground: &Ground, statuses: &Statuses) -> String {
-    let plugins = Plugins {
+fn status_json(ground: &HostContext, statuses: &Statuses) -> String {
+    let plugins = PluginList {
         daemon: ground.landing.switchboard.daemon().clone(),
-        folder: ground.shelf.folder.display().to_string(),
+        folder: ground.packages.folder.display().to_string(),
         confinement: ground.confined(),
         plugins: statuses
             .lock()
@@ -232,24 +241,24 @@ fn told(ground: &Ground, statuses: &Statuses) -> String {
 
 /// Compares the packages in the plugin folder with the plugins that run, and starts or stops plugins
 /// accordingly.
-struct Keeper {
-    ground: Arc<Ground>,
+struct PluginReconciler {
+    context: Arc<HostContext>,
     agents: BTreeMap<String, Vec<WantedAgent>>,
     named: BTreeSet<AgentId>,
     admissions: Arc<Admissions>,
     statuses: Statuses,
-    kept: BTreeMap<String, Kept>,
+    managed: BTreeMap<String, ManagedPlugin>,
 }
 
 /// One plugin, as of the last check.
-struct Kept {
-    looked: Looked,
-    wish: watch::Sender<Wish>,
+struct ManagedPlugin {
+    snapshot: PackageSnapshot,
+    desired_state: watch::Sender<DesiredState>,
 }
 
 /// Everything that decides whether a plugin runs.
 #[derive(PartialEq)]
-struct Looked {
+struct PackageSnapshot {
     stamp: Stamp,
     is_disabled: bool,
     allowed: Vec<Right>,
@@ -258,36 +267,38 @@ struct Looked {
     writable: Option<String>,
 }
 
-impl Keeper {
+impl PluginReconciler {
     async fn run(mut self) {
         self.find_means().await;
-        let touched = Arc::new(Touched::default());
+        let touched = Arc::new(FolderChanges::default());
         let _watcher = self.watch(&touched);
-        let stopping = self.ground.landing.stopping.clone();
+        let stopping = self.context.landing.stopping.clone();
         let mut admitted = self.admissions.changes();
         let mut stirred = Instant::now();
         loop {
-            self.look(&touched.take());
-            let is_fresh = stirred.elapsed() < LOOK_AGAIN;
+            self.reconcile(&touched.take());
+            let is_fresh = stirred.elapsed() < CHECK_INTERVAL_LONG;
             tokio::select! {
                 biased;
                 () = stopping.cancelled() => return,
-                () = self.ground.look_again.notified() => (),
+                () = self.context.check_again.notified() => (),
                 Ok(()) = admitted.changed() => (),
-                () = touched.at_rest() => stirred = Instant::now(),
-                () = tokio::time::sleep(if is_fresh { LOOK_SOON } else { LOOK_AGAIN }) => (),
+                () = touched.wait_until_quiet() => stirred = Instant::now(),
+                () = tokio::time::sleep(if is_fresh { CHECK_INTERVAL_SHORT } else { CHECK_INTERVAL_LONG }) => (),
             }
         }
     }
 
     /// Finds out how plugins can be confined on this machine, and logs it.
     async fn find_means(&self) {
-        let Ground { launcher, data, ward, shelf, private, .. } = &*self.ground;
-        let kept = shelf.keep_rights(|name| data.join(name).is_dir());
+        let HostContext {
+            launcher, data, machine_confinement: ward, packages: shelf, private, ..
+        } = &*self.context;
+        let kept = shelf.allow_rights_in_use(|name| data.join(name).is_dir());
         if let Err(error) = kept {
             tracing::warn!("failed to {error}");
         }
-        let found = Ward::find(launcher, data, private).await;
+        let found = MachineConfinement::find(launcher, data, private).await;
         let lacks = found.plan(&Permissions::default()).lacks();
         match lacks.is_empty() {
             true => {
@@ -305,8 +316,8 @@ impl Keeper {
 
     /// Watches the plugin folder for changes. Returns `None` if the kernel cannot watch it; then the folder
     /// is only checked periodically.
-    fn watch(&self, touched: &Arc<Touched>) -> Option<notify::RecommendedWatcher> {
-        let folder = self.ground.shelf.folder.clone();
+    fn watch(&self, touched: &Arc<FolderChanges>) -> Option<notify::RecommendedWatcher> {
+        let folder = self.context.packages.folder.clone();
         let touched = Arc::clone(touched);
         let heard = {
             let folder = folder.clone();
@@ -336,46 +347,47 @@ impl Keeper {
 
     /// Checks the plugin folder and updates the wish for each plugin. `touched` are plugins with a changed
     /// marker file: their supervisions are notified even if nothing else changed.
-    fn look(&mut self, touched: &BTreeSet<String>) {
-        let mut names: BTreeSet<_> = self.ground.shelf.names().into_iter().collect();
+    fn reconcile(&mut self, touched: &BTreeSet<String>) {
+        let mut names: BTreeSet<_> = self.context.packages.names().into_iter().collect();
         names.extend(self.agents.keys().cloned());
         let gone: Vec<_> =
-            self.kept.keys().filter(|name| !names.contains(*name)).cloned().collect();
+            self.managed.keys().filter(|name| !names.contains(*name)).cloned().collect();
         for name in gone {
-            if let Some(kept) = self.kept.remove(&name) {
-                kept.wish.send_replace(Wish::Gone);
+            if let Some(kept) = self.managed.remove(&name) {
+                kept.desired_state.send_replace(DesiredState::Removed);
             }
         }
         let (mut discovered, mut applicants) = (Vec::new(), BTreeMap::new());
         for name in names {
-            let looked = self.looked(&name);
-            let package = Package::open(&self.ground.shelf.at(&name));
+            let looked = self.snapshot_of(&name);
+            let package = Package::open(&self.context.packages.package_folder(&name));
             if let Some(about) = self.application(&name, package.as_ref().ok(), looked.is_disabled)
             {
                 applicants.insert(name.clone(), about);
             }
-            let wish = self.wish(&name, package, &looked, &mut discovered);
-            match self.kept.get_mut(&name) {
-                Some(kept) if kept.looked == looked && !touched.contains(&name) => (),
+            let wish = self.desired_state(&name, package, &looked, &mut discovered);
+            match self.managed.get_mut(&name) {
+                Some(kept) if kept.snapshot == looked && !touched.contains(&name) => (),
                 Some(kept) => {
-                    kept.looked = looked;
-                    kept.wish.send_replace(wish);
+                    kept.snapshot = looked;
+                    kept.desired_state.send_replace(wish);
                 }
                 None => {
-                    let wish = self.begin(&name, wish);
-                    self.kept.insert(name, Kept { looked, wish });
+                    let wish = self.start_supervisor(&name, wish);
+                    self.managed
+                        .insert(name, ManagedPlugin { snapshot: looked, desired_state: wish });
                 }
             }
         }
         self.admissions.present(PLUGINS, applicants);
-        self.ground.landing.switchboard.discovered(PLUGINS, discovered);
+        self.context.landing.switchboard.discovered(PLUGINS, discovered);
     }
 
-    fn looked(&self, name: &str) -> Looked {
-        let shelf = &self.ground.shelf;
+    fn snapshot_of(&self, name: &str) -> PackageSnapshot {
+        let shelf = &self.context.packages;
         let writers = shelf.check_writers().and_then(|()| shelf.check_writers_of(name));
-        Looked {
-            stamp: stamp(&shelf.at(name)),
+        PackageSnapshot {
+            stamp: stamp(&shelf.package_folder(name)),
             is_disabled: shelf.is_disabled(name),
             allowed: shelf.allowed(name),
             admission: self.admissions.of(PLUGINS, name),
@@ -404,26 +416,26 @@ impl Keeper {
         Some(format!("a plugin, with {brings}"))
     }
 
-    fn wish(
+    fn desired_state(
         &self,
         name: &str,
-        package: Result<Package, Faults>,
-        looked: &Looked,
+        package: Result<Package, PackageFaults>,
+        looked: &PackageSnapshot,
         discovered: &mut Vec<Discovered>,
-    ) -> Wish {
+    ) -> DesiredState {
         let named = self.agents.get(name);
         let package = match package {
             Ok(package) => package,
-            Err(faults) if self.ground.shelf.at(name).exists() => {
-                return Wish::Rest(State::Invalid, Some(faults.first()), None);
+            Err(faults) if self.context.packages.package_folder(name).exists() => {
+                return DesiredState::Stopped(PluginState::Invalid, Some(faults.first()), None);
             }
             Err(_) => {
-                let folder = self.ground.shelf.folder.display();
+                let folder = self.context.packages.folder.display();
                 let reason = format!("the ecosystem's file names it, and it is not in {folder}");
-                return Wish::Rest(State::Invalid, Some(reason), None);
+                return DesiredState::Stopped(PluginState::Invalid, Some(reason), None);
             }
         };
-        let Looked { admission, is_disabled, .. } = looked;
+        let PackageSnapshot { admission, is_disabled, .. } = looked;
         let joined = named.is_none() && *admission == Admission::Granted && !is_disabled;
         let own = || package.manifest.agents.iter().filter(|own| !self.named.contains(&own.name));
         if named.is_none() {
@@ -436,7 +448,7 @@ impl Keeper {
             }));
         }
         if *is_disabled {
-            return Wish::Rest(State::Disabled, None, Some(Arc::new(package)));
+            return DesiredState::Stopped(PluginState::Disabled, None, Some(Arc::new(package)));
         }
         let agents: Vec<_> = match named {
             Some(named) => named.clone(),
@@ -463,21 +475,31 @@ impl Keeper {
                 }
                 _ => "no [[agent]] of the ecosystem's file names it, and it brings none".to_owned(),
             };
-            return Wish::Rest(State::Unused, Some(reason), Some(Arc::new(package)));
+            return DesiredState::Stopped(
+                PluginState::Unused,
+                Some(reason),
+                Some(Arc::new(package)),
+            );
         }
         match self.refusal(&package, looked) {
-            Some((state, why)) => Wish::Rest(state, Some(why), Some(Arc::new(package))),
-            None => Wish::Run(Arc::new(Wanted { package: Arc::new(package), agents })),
+            Some((state, why)) => DesiredState::Stopped(state, Some(why), Some(Arc::new(package))),
+            None => {
+                DesiredState::Run(Arc::new(DesiredPlugin { package: Arc::new(package), agents }))
+            }
         }
     }
 
     /// Returns the reason why a package must not run although its agents are wanted, or `None` if it may
     /// run.
-    fn refusal(&self, package: &Package, looked: &Looked) -> Option<(State, String)> {
-        let Ground { requires_confinement, .. } = &*self.ground;
+    fn refusal(
+        &self,
+        package: &Package,
+        looked: &PackageSnapshot,
+    ) -> Option<(PluginState, String)> {
+        let HostContext { requires_confinement, .. } = &*self.context;
         let (name, permissions) = (&package.manifest.name, &package.manifest.permissions);
         if let Some(problem) = &looked.writable {
-            return Some((State::Invalid, format!("failed to {problem}")));
+            return Some((PluginState::Invalid, format!("failed to {problem}")));
         }
         let beyond = permissions.beyond(&looked.allowed);
         if !beyond.is_empty() {
@@ -485,24 +507,24 @@ impl Keeper {
             let why = format!(
                 "it asks for {asks}, which is not allowed yet: althing plugin allow {name}"
             );
-            return Some((State::NotAllowed, why));
+            return Some((PluginState::NotAllowed, why));
         }
-        let lacks = self.ground.ward().plan(permissions).lacks();
+        let lacks = self.context.machine_confinement().plan(permissions).lacks();
         let why = trial::not_confined(*requires_confinement, &lacks);
-        why.map(|why| (State::NotConfined, why))
+        why.map(|why| (PluginState::NotConfined, why))
     }
 
-    fn begin(&self, name: &str, wish: Wish) -> watch::Sender<Wish> {
+    fn start_supervisor(&self, name: &str, wish: DesiredState) -> watch::Sender<DesiredState> {
         let (wish, wishes) = watch::channel(wish);
-        let path = self.ground.data.join(format!("{name}.log"));
-        let supervision = Supervision {
+        let path = self.context.data.join(format!("{name}.log"));
+        let supervision = PluginSupervisor {
             name: name.to_owned(),
-            ground: Arc::clone(&self.ground),
-            wishes,
+            context: Arc::clone(&self.context),
+            desired_states: wishes,
             statuses: Arc::clone(&self.statuses),
-            log: Log::new(name, path),
+            log: PluginLog::new(name, path),
         };
-        self.ground.landing.tasks.spawn(supervision.run());
+        self.context.landing.tasks.spawn(supervision.run());
         wish
     }
 }
@@ -524,12 +546,12 @@ fn entry(package: &str, own: &OwnAgent) -> String {
 /// Plugins with a changed marker file since the last check, and a notification of any change in the plugin
 /// folder.
 #[derive(Default)]
-struct Touched {
+struct FolderChanges {
     names: Mutex<BTreeSet<String>>,
     something: Notify,
 }
 
-impl Touched {
+impl FolderChanges {
     fn note(&self, folder: &std::path::Path, event: &notify::Event) {
         if event.kind.is_access() {
             return;
@@ -558,8 +580,8 @@ impl Touched {
     }
 
     /// Waits until there was a change, and then none for [`AT_REST`].
-    async fn at_rest(&self) {
+    async fn wait_until_quiet(&self) {
         self.something.notified().await;
-        while tokio::time::timeout(AT_REST, self.something.notified()).await.is_ok() {}
+        while tokio::time::timeout(QUIET_TIME, self.something.notified()).await.is_ok() {}
     }
 }

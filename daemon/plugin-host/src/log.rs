@@ -21,9 +21,9 @@ const LAST_LINES: usize = 4;
 
 /// Log of a plugin; clones write to the same file.
 #[derive(Clone)]
-pub(crate) struct Log(Arc<Mutex<Inner>>);
+pub(crate) struct PluginLog(Arc<Mutex<LogFile>>);
 
-struct Inner {
+struct LogFile {
     name: String,
     path: PathBuf,
     file: Option<File>,
@@ -34,9 +34,9 @@ struct Inner {
     dropped: u32,
 }
 
-impl Log {
-    pub(crate) fn new(name: &str, path: PathBuf) -> Log {
-        Log(Arc::new(Mutex::new(Inner {
+impl PluginLog {
+    pub(crate) fn new(name: &str, path: PathBuf) -> PluginLog {
+        PluginLog(Arc::new(Mutex::new(LogFile {
             name: name.to_owned(),
             path,
             file: None,
@@ -53,7 +53,7 @@ impl Log {
     }
 
     /// Returns the last line that is not blank, for a person.
-    pub(crate) fn last_words(&self) -> Option<String> {
+    pub(crate) fn last_line(&self) -> Option<String> {
         self.lock().last.iter().rev().find(|line| !line.trim().is_empty()).cloned()
     }
 
@@ -67,10 +67,10 @@ impl Log {
         &self,
         pipe: Option<impl AsyncRead + Unpin + Send + 'static>,
     ) -> Option<JoinHandle<()>> {
-        Some(tokio::spawn(self.clone().take_down(pipe?)))
+        Some(tokio::spawn(self.clone().record_lines(pipe?)))
     }
 
-    async fn take_down(self, pipe: impl AsyncRead + Unpin) {
+    async fn record_lines(self, pipe: impl AsyncRead + Unpin) {
         let mut pipe = BufReader::new(pipe);
         let mut line = Vec::new();
         loop {
@@ -87,12 +87,12 @@ impl Log {
         self.lock().note(&format!("[althing] {remark}"));
     }
 
-    fn lock(&self) -> MutexGuard<'_, Inner> {
+    fn lock(&self) -> MutexGuard<'_, LogFile> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Inner {
+impl LogFile {
     fn note(&mut self, line: &str) {
         let now = std::time::Instant::now();
         if now.duration_since(self.second).as_secs() >= 1 {
@@ -159,15 +159,15 @@ mod tests {
     async fn a_flood_of_words_is_bounded_and_the_last_are_known() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("lamp.log");
-        let log = Log::new("lamp", path.clone());
+        let log = PluginLog::new("lamp", path.clone());
         let flood = "\u{1b}[2Jwarm\n".repeat(5_000);
-        log.clone().take_down(flood.as_bytes()).await;
+        log.clone().record_lines(flood.as_bytes()).await;
         let text = std::fs::read_to_string(&path).expect("written");
         assert!(text.lines().count() <= 2 * LINES_PER_SECOND_MAX as usize, "{}", text.len());
         assert!(!text.contains('\u{1b}'), "a terminal would obey it");
-        assert_eq!(log.last_words().as_deref(), Some(" [2Jwarm"));
+        assert_eq!(log.last_line().as_deref(), Some(" [2Jwarm"));
         let long = "x".repeat(1 << 20);
-        log.clone().take_down(long.as_bytes()).await;
+        log.clone().record_lines(long.as_bytes()).await;
         let longest = std::fs::read_to_string(&path).expect("written");
         let longest = longest.lines().map(str::len).max().unwrap_or(0);
         assert!(longest as u64 <= LINE_BYTES_MAX, "{longest}");
@@ -178,7 +178,7 @@ mod tests {
         use std::os::unix::fs::PermissionsExt as _;
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("lamp.log");
-        let log = Log::new("lamp", path.clone());
+        let log = PluginLog::new("lamp", path.clone());
         log.lock().write(&"x".repeat(1 << 20));
         log.lock().write("more");
         for path in [before(&path), path] {

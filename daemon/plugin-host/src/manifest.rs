@@ -27,7 +27,7 @@ const TIMEOUT_MAX: Duration = Duration::from_secs(24 * 3_600);
 
 /// Contents of a manifest.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Manifest {
+pub struct PackageManifest {
     /// Name of the package, which is also that of its folder.
     pub name: String,
     /// Version, for people.
@@ -98,7 +98,7 @@ pub enum ConfigShape {
 
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct Raw {
+struct RawManifest {
     name: Spanned<String>,
     version: Spanned<String>,
     protocol: Spanned<String>,
@@ -112,7 +112,7 @@ struct Raw {
     #[serde(default)]
     action: BTreeMap<String, Spanned<RawAction>>,
     #[serde(default)]
-    agent: Vec<RawAgent>,
+    agent: Vec<RawManifestAgent>,
     #[serde(default)]
     brings: Vec<Spanned<String>>,
     #[serde(default)]
@@ -132,7 +132,7 @@ struct RawAction {
 
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct RawAgent {
+struct RawManifestAgent {
     name: Spanned<String>,
     driver: Option<String>,
     #[serde(default)]
@@ -155,17 +155,17 @@ struct RawPermissions {
     disk: Option<Spanned<String>>,
 }
 
-impl Manifest {
+impl PackageManifest {
     /// Reads a manifest.
     ///
     /// # Errors
     ///
     /// Returns all mistakes, each with its place.
-    pub fn read(text: &str) -> Result<Manifest, Vec<Diagnostic>> {
-        let raw: Raw = toml::from_str(text).map_err(|error| {
+    pub fn read(text: &str) -> Result<PackageManifest, Vec<Diagnostic>> {
+        let raw: RawManifest = toml::from_str(text).map_err(|error| {
             vec![worded(text, error.message(), error.span().unwrap_or_default())]
         })?;
-        let mut reading = Reading { found: Vec::new() };
+        let mut reading = ManifestReader { found: Vec::new() };
         let manifest = reading.manifest(raw);
         if reading.found.is_empty() { Ok(manifest) } else { Err(reading.found) }
     }
@@ -233,12 +233,12 @@ impl ConfigShape {
 }
 
 /// Collects mistakes while a manifest is read.
-struct Reading {
+struct ManifestReader {
     found: Vec<Diagnostic>,
 }
 
-impl Reading {
-    fn manifest(&mut self, raw: Raw) -> Manifest {
+impl ManifestReader {
+    fn manifest(&mut self, raw: RawManifest) -> PackageManifest {
         self.name(&raw.name);
         if raw.version.get_ref().trim().is_empty() {
             self.wrong(&raw.version, "the version is empty", "write one, such as \"0.1.0\"");
@@ -251,7 +251,7 @@ impl Reading {
             let method = self.method(&action)?;
             Some((name.to_lowercase(), method))
         });
-        Manifest {
+        PackageManifest {
             methods: methods.collect(),
             agents: raw.agent.into_iter().filter_map(|agent| self.agent(agent)).collect(),
             brings: raw.brings.iter().filter_map(|pattern| self.pattern(pattern)).collect(),
@@ -342,7 +342,7 @@ impl Reading {
         duration
     }
 
-    fn agent(&mut self, agent: RawAgent) -> Option<OwnAgent> {
+    fn agent(&mut self, agent: RawManifestAgent) -> Option<OwnAgent> {
         match AgentId::new(agent.name.get_ref()) {
             Ok(name) => Some(OwnAgent { name, driver: agent.driver, config: agent.config }),
             Err(error) => {
@@ -454,7 +454,7 @@ memory = "64MiB"
 
     #[test]
     fn a_manifest_is_read_with_what_it_leaves_out() {
-        let manifest = Manifest::read(WHOLE).expect("nothing is wrong");
+        let manifest = PackageManifest::read(WHOLE).expect("nothing is wrong");
         assert_eq!(manifest.permissions.memory, 64 << 20);
         assert!(!manifest.permissions.network, "least rights");
         assert_eq!(manifest.agents[0].name.as_str(), "py-1");
@@ -484,20 +484,20 @@ memory = "64MiB"
             ("type = \"text\"", "type = \"words\"", "\"words\" is not known here"),
         ] {
             let text = WHOLE.replacen(was, is, 1);
-            let found = Manifest::read(&text).expect_err(expected);
+            let found = PackageManifest::read(&text).expect_err(expected);
             assert!(found[0].message.contains(expected), "{}", found[0].message);
             let at = found[0].span.start as usize..found[0].span.end as usize;
             assert!(text.get(at).is_some(), "{expected}");
         }
         let elsewhere =
             WHOLE.replacen("run = [\"python3\", \"agent.py\"]", "executable.riscv-none = \"x\"", 1);
-        let found = Manifest::read(&elsewhere).expect_err("another machine");
+        let found = PackageManifest::read(&elsewhere).expect_err("another machine");
         assert!(found[0].message.contains("only for riscv-none"), "{}", found[0].message);
     }
 
     #[test]
     fn a_config_is_held_against_what_the_package_knows() {
-        let manifest = Manifest::read(WHOLE).expect("nothing is wrong");
+        let manifest = PackageManifest::read(WHOLE).expect("nothing is wrong");
         for (config, expected) in [
             (serde_json::json!({}), "config.location is missing: the room it stands in"),
             (serde_json::json!({ "location": 2 }), "config.location must be a text in quotes"),

@@ -23,7 +23,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rustix::io::Errno;
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
 use rustix::process::{Pid, PidfdFlags, PidfdGetfdFlags};
-use seccomp_notify::{Listener, Notification, Response};
+use seccomp_notify::{Notification, NotifyListener, Response};
 use syscalls::Sysno;
 
 use crate::usage;
@@ -35,7 +35,7 @@ const WAITING_MAX: usize = 64;
 const ADDRESS_MAX: u64 = 110;
 
 /// Decides the calls of one plugin.
-pub(crate) struct Mediator {
+pub(crate) struct CallMediator {
     /// Process group of the plugin.
     pub(crate) group: Pid,
     /// Sockets that it may connect to.
@@ -48,25 +48,25 @@ pub(crate) struct Mediator {
 
 /// Address in a call of `connect`.
 #[derive(Debug, PartialEq)]
-enum Address {
+enum ConnectAddress {
     Path(PathBuf),
     Internet(SocketAddr),
     /// `AF_UNSPEC`, which dissolves the connection of a socket.
     Nothing,
 }
 
-impl Mediator {
+impl CallMediator {
     /// Answers calls on a thread of its own.
     ///
     /// # Errors
     ///
     /// Returns an error if the thread cannot be started.
-    pub(crate) fn start(self, listener: Listener) -> io::Result<()> {
+    pub(crate) fn start(self, listener: NotifyListener) -> io::Result<()> {
         let thread = std::thread::Builder::new().name("plugin-calls".to_owned());
         thread.spawn(move || self.run(listener)).map(drop)
     }
 
-    fn run(self, listener: Listener) {
+    fn run(self, listener: NotifyListener) {
         let (mediator, listener) = (Arc::new(self), Arc::new(listener));
         let waiting = Arc::new(AtomicUsize::new(0));
         loop {
@@ -88,7 +88,7 @@ impl Mediator {
 
     fn answer(
         self: &Arc<Self>,
-        listener: &Arc<Listener>,
+        listener: &Arc<NotifyListener>,
         call: Notification,
         waiting: &Arc<AtomicUsize>,
     ) {
@@ -97,7 +97,7 @@ impl Mediator {
         };
         let response = if is("connect") {
             match self.address(listener, &call) {
-                Ok(Address::Path(path)) => self.connect(listener, &call, &path),
+                Ok(ConnectAddress::Path(path)) => self.connect(listener, &call, &path),
                 Ok(address) => return self.connect_beyond(listener, call, address, waiting),
                 Err(errno) => Err(errno),
             }
@@ -110,7 +110,11 @@ impl Mediator {
     }
 
     /// Reads the address that a call names, once.
-    fn address(&self, listener: &Listener, call: &Notification) -> Result<Address, Errno> {
+    fn address(
+        &self,
+        listener: &NotifyListener,
+        call: &Notification,
+    ) -> Result<ConnectAddress, Errno> {
         let [_, pointer, length, ..] = call.arguments;
         let length = usize::try_from(length.min(ADDRESS_MAX)).map_err(|_| Errno::INVAL)?;
         let mut bytes = vec![0; length];
@@ -125,7 +129,7 @@ impl Mediator {
     /// Connects to a Unix socket on behalf of the plugin.
     fn connect(
         &self,
-        listener: &Listener,
+        listener: &NotifyListener,
         call: &Notification,
         path: &Path,
     ) -> Result<Response, Errno> {
@@ -154,9 +158,9 @@ impl Mediator {
     /// Connects a socket of the Internet on behalf of the plugin, on a thread that may block.
     fn connect_beyond(
         self: &Arc<Self>,
-        listener: &Arc<Listener>,
+        listener: &Arc<NotifyListener>,
         call: Notification,
-        address: Address,
+        address: ConnectAddress,
         waiting: &Arc<AtomicUsize>,
     ) {
         if !self.network {
@@ -198,7 +202,7 @@ impl Mediator {
     }
 }
 
-fn respond(listener: &Listener, id: u64, response: Result<Response, Errno>) {
+fn respond(listener: &NotifyListener, id: u64, response: Result<Response, Errno>) {
     let response = response.unwrap_or_else(|errno| Response::Error(errno.raw_os_error()));
     if let Err(error) = listener.respond(id, response) {
         tracing::debug!(%error, "a system call is not answered");
@@ -206,21 +210,21 @@ fn respond(listener: &Listener, id: u64, response: Result<Response, Errno>) {
 }
 
 /// Parses an address of `connect`; `None` if it is invalid or of a family that no plugin may connect to.
-fn read(bytes: &[u8]) -> Option<Address> {
+fn read(bytes: &[u8]) -> Option<ConnectAddress> {
     let family = u16::from_ne_bytes(bytes.get(..2)?.try_into().ok()?);
     match i32::from(family) {
-        libc::AF_UNSPEC => Some(Address::Nothing),
+        libc::AF_UNSPEC => Some(ConnectAddress::Nothing),
         libc::AF_UNIX => {
             let name = bytes.get(2..)?;
             let end = name.iter().position(|byte| *byte == 0).unwrap_or(name.len());
             // A name that begins with a zero byte is abstract, and refused.
             let name = name.get(..end).filter(|name| !name.is_empty())?;
-            Some(Address::Path(PathBuf::from(std::ffi::OsStr::from_bytes(name))))
+            Some(ConnectAddress::Path(PathBuf::from(std::ffi::OsStr::from_bytes(name))))
         }
         libc::AF_INET => {
             let port = u16::from_be_bytes(bytes.get(2..4)?.try_into().ok()?);
             let address: [u8; 4] = bytes.get(4..8)?.try_into().ok()?;
-            Some(Address::Internet(SocketAddrV4::new(Ipv4Addr::from(address), port).into()))
+            Some(ConnectAddress::Internet(SocketAddrV4::new(Ipv4Addr::from(address), port).into()))
         }
         libc::AF_INET6 => {
             let port = u16::from_be_bytes(bytes.get(2..4)?.try_into().ok()?);
@@ -228,7 +232,7 @@ fn read(bytes: &[u8]) -> Option<Address> {
             let address: [u8; 16] = bytes.get(8..24)?.try_into().ok()?;
             let scope = u32::from_ne_bytes(bytes.get(24..28)?.try_into().ok()?);
             let address = SocketAddrV6::new(Ipv6Addr::from(address), port, flow, scope);
-            Some(Address::Internet(address.into()))
+            Some(ConnectAddress::Internet(address.into()))
         }
         _ => None,
     }
@@ -253,9 +257,9 @@ fn flags(thread: u32, descriptor: u32) -> Option<u32> {
 /// Connects a socket of another process to an address that was read before. The descriptor is duplicated,
 /// so the process cannot exchange the socket.
 fn connect_socket(
-    listener: &Listener,
+    listener: &NotifyListener,
     call: &Notification,
-    address: &Address,
+    address: &ConnectAddress,
 ) -> Result<Response, Errno> {
     let process = process_of(call.thread).ok_or(Errno::SRCH)?;
     let process = rustix::process::pidfd_open(process, PidfdFlags::empty())?;
@@ -270,9 +274,9 @@ fn connect_socket(
         return Err(Errno::ACCESS);
     }
     match address {
-        Address::Internet(address) => rustix::net::connect(&socket, address)?,
-        Address::Nothing => rustix::net::connect_unspec(&socket)?,
-        Address::Path(_) => return Err(Errno::INVAL),
+        ConnectAddress::Internet(address) => rustix::net::connect(&socket, address)?,
+        ConnectAddress::Nothing => rustix::net::connect_unspec(&socket)?,
+        ConnectAddress::Path(_) => return Err(Errno::INVAL),
     }
     Ok(Response::Value(0))
 }
@@ -292,15 +296,15 @@ mod tests {
     fn addresses_are_read_as_the_kernel_reads_them() {
         let family = |family: i32| u16::try_from(family).expect("short").to_ne_bytes().to_vec();
         let unix = |name: &[u8]| [family(libc::AF_UNIX), name.to_vec()].concat();
-        assert_eq!(read(&unix(b"/run/a\0rest")), Some(Address::Path("/run/a".into())));
-        assert_eq!(read(&unix(b"/run/a")), Some(Address::Path("/run/a".into())));
+        assert_eq!(read(&unix(b"/run/a\0rest")), Some(ConnectAddress::Path("/run/a".into())));
+        assert_eq!(read(&unix(b"/run/a")), Some(ConnectAddress::Path("/run/a".into())));
         assert_eq!(read(&unix(b"\0abstract")), None);
         assert_eq!(read(&unix(b"")), None);
         let internet = [family(libc::AF_INET), vec![0x1f, 0x90, 127, 0, 0, 1]].concat();
         let expected = SocketAddr::from(([127, 0, 0, 1], 8080));
-        assert_eq!(read(&internet), Some(Address::Internet(expected)));
+        assert_eq!(read(&internet), Some(ConnectAddress::Internet(expected)));
         assert_eq!(read(&internet[..5]), None);
-        assert_eq!(read(&family(libc::AF_UNSPEC)), Some(Address::Nothing));
+        assert_eq!(read(&family(libc::AF_UNSPEC)), Some(ConnectAddress::Nothing));
         assert_eq!(read(&family(libc::AF_NETLINK)), None);
         assert_eq!(read(b"x"), None);
     }
@@ -308,7 +312,7 @@ mod tests {
     #[test]
     fn signals_stay_in_the_group() {
         let group = rustix::process::getpgid(None).expect("it has one");
-        let mediator = Mediator { group, sockets: Vec::new(), network: false, processes: 1 };
+        let mediator = CallMediator { group, sockets: Vec::new(), network: false, processes: 1 };
         let own = group.as_raw_nonzero().get();
         let sent = |process: i32| mediator.signal(u64::from(process.cast_unsigned()));
         for process in [0, -own, std::process::id().cast_signed()] {

@@ -13,8 +13,8 @@ use pddl::{ActionModel, Diagnostic, Span};
 use serde_json::Value;
 use terminal::report::reason;
 
-use crate::manifest::{MANIFEST_BYTES_MAX, Manifest, stays_within};
-use crate::program::{self, Program};
+use crate::manifest::{MANIFEST_BYTES_MAX, PackageManifest, stays_within};
+use crate::program::{self, ResolvedProgram};
 use crate::template;
 
 /// Name of the manifest, the file that makes a folder a package.
@@ -32,7 +32,7 @@ pub struct Package {
     /// Path of its folder.
     pub folder: PathBuf,
     /// Its manifest.
-    pub manifest: Manifest,
+    pub manifest: PackageManifest,
     /// Text of the manifest.
     text: String,
     /// Text of the template of its action model.
@@ -41,7 +41,7 @@ pub struct Package {
 
 /// Mistakes of a package: in one of its files, or about the whole package.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Faults {
+pub struct PackageFaults {
     /// The file with the mistakes; the package's folder if they are about the whole package.
     pub file: PathBuf,
     /// Text of the file; empty if it could not be read.
@@ -59,18 +59,18 @@ impl Package {
     /// # Errors
     ///
     /// Returns the mistakes of the package.
-    pub fn open(folder: &Path) -> Result<Package, Faults> {
+    pub fn open(folder: &Path) -> Result<Package, PackageFaults> {
         let file = folder.join(MANIFEST);
         let text = read(&file, MANIFEST_BYTES_MAX).map_err(|error| {
             about(folder, format!("failed to read `{}`: {}", file.display(), reason(&error)))
         })?;
-        let manifest = Manifest::read(&text).map_err(|found| {
+        let manifest = PackageManifest::read(&text).map_err(|found| {
             let (file, text) = (file.clone(), text.clone());
-            Faults { file, text, found }
+            PackageFaults { file, text, found }
         })?;
         let wrong = |message: String| {
             let found = vec![Diagnostic::error(Span::default(), message)];
-            Faults { file: file.clone(), text: text.clone(), found }
+            PackageFaults { file: file.clone(), text: text.clone(), found }
         };
         let called = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
         if called != manifest.name {
@@ -91,7 +91,7 @@ impl Package {
         if let (Some(text), Some(path)) = (&template, &manifest.model) {
             let found = template::mistakes(text, &manifest.config);
             if !found.is_empty() {
-                return Err(Faults { file: folder.join(path), text: text.clone(), found });
+                return Err(PackageFaults { file: folder.join(path), text: text.clone(), found });
             }
         }
         let text_of_it = text.clone();
@@ -120,11 +120,11 @@ impl Package {
 
     /// Returns a mistake that shows only when the program is started, at the place of `run` in the
     /// manifest.
-    pub fn fault_of_program(&self, message: String, help: Option<String>) -> Faults {
+    pub fn fault_of_program(&self, message: String, help: Option<String>) -> PackageFaults {
         let mistake = Diagnostic::error(self.manifest.run_place, message);
         let mistake = help.into_iter().fold(mistake, Diagnostic::with_help);
         let (file, text) = (self.folder.join(MANIFEST), self.text.clone());
-        Faults { file, text, found: vec![mistake] }
+        PackageFaults { file, text, found: vec![mistake] }
     }
 
     /// Resolves the program that is really executed, through shims, links and first lines of scripts.
@@ -132,9 +132,9 @@ impl Package {
     /// # Errors
     ///
     /// Returns the reason, for a person, if the program does not exist or cannot be run.
-    pub(crate) async fn program(&self) -> Result<Program, String> {
+    pub(crate) async fn program(&self) -> Result<ResolvedProgram, String> {
         let (folder, read) = (&self.folder, &self.manifest.permissions.read);
-        let scope = program::Scope { folder, read, path: &program::own_path() };
+        let scope = program::ProgramScope { folder, read, path: &program::own_path() };
         program::resolve(scope, self.called()).await
     }
 
@@ -208,7 +208,7 @@ impl Package {
     }
 }
 
-impl Faults {
+impl PackageFaults {
     /// Returns the first mistake in one line, with its place.
     pub fn first(&self) -> String {
         let file = self.file.file_name().unwrap_or(self.file.as_os_str()).to_string_lossy();
@@ -223,9 +223,9 @@ impl Faults {
     }
 }
 
-fn about(folder: &Path, message: String) -> Faults {
+fn about(folder: &Path, message: String) -> PackageFaults {
     let found = vec![Diagnostic::error(Span::default(), message)];
-    Faults { file: folder.to_owned(), text: String::new(), found }
+    PackageFaults { file: folder.to_owned(), text: String::new(), found }
 }
 
 fn read(path: &Path, bytes_max: u64) -> io::Result<String> {

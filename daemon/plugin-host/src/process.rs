@@ -19,15 +19,15 @@ use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process_group};
-use seccomp_notify::Listener;
+use seccomp_notify::NotifyListener;
 use tokio::io::{AsyncWriteExt as _, Interest};
 use tokio::net::UnixStream;
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::task::JoinHandle;
 
-use crate::confinement::{Confinement, Entered, Means};
-use crate::log::Log;
-use crate::mediator::Mediator;
+use crate::confinement::{Confinement, ConfinementMeans, ConfinementReport};
+use crate::log::PluginLog;
+use crate::mediator::CallMediator;
 
 /// Time that a plugin has to end by itself after it is asked to.
 const STOPPING: Duration = Duration::from_secs(2);
@@ -46,14 +46,14 @@ const ENTERED_BYTES_MAX: usize = 4 << 10;
 
 /// Script of the watch. It ends if a line arrives on its standard input, and kills the group if the input
 /// is closed before.
-const WATCH: &str = "trap '' HUP INT TERM\nread -r word && exit\nkill -KILL \"-$1\"";
+const CLEANUP_SCRIPT: &str = "trap '' HUP INT TERM\nread -r word && exit\nkill -KILL \"-$1\"";
 
 /// Path of this daemon's own program, which is started to become a plugin's: see [`crate::LAUNCH`].
 #[derive(Clone, Debug)]
 pub struct Launcher(pub PathBuf);
 
 /// Program to start, and its surroundings.
-pub(crate) struct Launch<'l> {
+pub(crate) struct ProcessLaunch<'l> {
     pub(crate) launcher: &'l Launcher,
     pub(crate) program: &'l Path,
     pub(crate) arguments: &'l [String],
@@ -65,13 +65,13 @@ pub(crate) struct Launch<'l> {
     pub(crate) confinement: &'l Confinement,
     /// Limit of processes.
     pub(crate) processes: u32,
-    pub(crate) log: &'l Log,
+    pub(crate) log: &'l PluginLog,
 }
 
 /// Process of a plugin. On drop, it is killed with all processes that it has started.
-pub(crate) struct Process {
+pub(crate) struct PluginProcess {
     child: Child,
-    group: Group,
+    group: KilledGroup,
     stdin: Option<UnixStream>,
     /// Tasks that read its standard output and standard error into the log.
     words: Vec<JoinHandle<()>>,
@@ -79,13 +79,13 @@ pub(crate) struct Process {
 }
 
 /// Process group, which is killed on drop. `None` after it is gone.
-struct Group(Option<Pid>);
+struct KilledGroup(Option<Pid>);
 
 impl Launcher {
     /// Starts a process of this program that finds out what the kernel offers to confine plugins. If the
     /// machine is too busy to answer, this is repeated up to [`PROBES_MAX`] times, because without an
     /// answer nothing is enforced.
-    pub(crate) async fn means(&self, folder: &Path) -> Means {
+    pub(crate) async fn means(&self, folder: &Path) -> ConfinementMeans {
         let mut why = String::new();
         for _ in 0..PROBES_MAX {
             match self.probe(folder).await {
@@ -94,10 +94,10 @@ impl Launcher {
             }
             tracing::warn!("failed to find out how plugins can be confined: {why}");
         }
-        Means::none(&why)
+        ConfinementMeans::none(&why)
     }
 
-    async fn probe(&self, folder: &Path) -> Result<Means, String> {
+    async fn probe(&self, folder: &Path) -> Result<ConfinementMeans, String> {
         let mut command = Command::new(&self.0);
         command.arg(crate::LAUNCH).arg(crate::PROBE).arg(folder).kill_on_drop(true);
         command.stdin(Stdio::null()).stderr(Stdio::null());
@@ -111,9 +111,9 @@ impl Launcher {
     }
 }
 
-impl Process {
+impl PluginProcess {
     /// Starts the process, and waits until it has confined itself or has ended.
-    pub(crate) async fn begin(launch: &Launch<'_>) -> io::Result<Process> {
+    pub(crate) async fn begin(launch: &ProcessLaunch<'_>) -> io::Result<PluginProcess> {
         let confinement = serde_json::to_string(launch.confinement)?;
         let (ours, theirs) = Blocking::pair()?;
         ours.set_nonblocking(true)?;
@@ -130,12 +130,12 @@ impl Process {
         // The command holds the child's end of the socket, which only the child must hold.
         drop(command);
         let pid = child.id().and_then(|id| Pid::from_raw(i32::try_from(id).ok()?));
-        let group = Group(pid);
+        let group = KilledGroup(pid);
         let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
         let words = [launch.log.follow(stdout), launch.log.follow(stderr)];
         let words = words.into_iter().flatten().collect();
         let stdin = UnixStream::from_std(ours)?;
-        let mut process = Process { child, group, stdin: Some(stdin), words, watch: None };
+        let mut process = PluginProcess { child, group, stdin: Some(stdin), words, watch: None };
         process.watch = Some(process.watch()?);
         process.entered(launch).await?;
         Ok(process)
@@ -144,13 +144,13 @@ impl Process {
     /// Receives the report about the confinement, and starts to answer the process's system calls. A
     /// process that cannot confine itself writes the reason to its standard error and ends; this is no
     /// error here.
-    async fn entered(&self, launch: &Launch<'_>) -> io::Result<()> {
+    async fn entered(&self, launch: &ProcessLaunch<'_>) -> io::Result<()> {
         let (Some(stdin), Some(group)) = (&self.stdin, self.group.0) else { return Ok(()) };
-        let heard = tokio::time::timeout(ENTERING, hear(stdin)).await;
+        let heard = tokio::time::timeout(ENTERING, receive_report(stdin)).await;
         let (said, listener) =
             heard.map_err(|_| io::Error::other("it was not confined in time"))??;
         let Some(said) = said else { return Ok(()) };
-        let entered: Entered = serde_json::from_slice(&said)?;
+        let entered: ConfinementReport = serde_json::from_slice(&said)?;
         tracing::debug!(?entered, plugin = %launch.folder.display(), "is confined");
         let plan = launch.confinement.plan;
         if plan.is_mediated && listener.is_none() {
@@ -159,7 +159,7 @@ impl Process {
             ));
         }
         if let Some(listener) = listener {
-            let mediator = Mediator {
+            let mediator = CallMediator {
                 group,
                 sockets: launch.confinement.sockets.clone(),
                 network: plan.network,
@@ -174,7 +174,7 @@ impl Process {
 
     fn watch(&self) -> io::Result<(Child, ChildStdin)> {
         let mut command = Command::new("sh");
-        command.args(["-c", WATCH, "watch", &self.id().to_string()]).current_dir("/");
+        command.args(["-c", CLEANUP_SCRIPT, "watch", &self.id().to_string()]).current_dir("/");
         command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
         // A process group of its own: signals to the daemon's group, such as that of Ctrl-C, do not reach
         // the watch.
@@ -240,7 +240,7 @@ impl Process {
     }
 }
 
-impl Group {
+impl KilledGroup {
     fn kill(&self) {
         if let Some(pid) = self.0 {
             // An error means that no process is left in the group.
@@ -249,7 +249,7 @@ impl Group {
     }
 }
 
-impl Drop for Group {
+impl Drop for KilledGroup {
     fn drop(&mut self) {
         self.kill();
     }
@@ -257,7 +257,9 @@ impl Drop for Group {
 
 /// Reads the report that a process sends before it becomes the program. The report is `None` if the process
 /// has ended.
-async fn hear(stdin: &UnixStream) -> io::Result<(Option<Vec<u8>>, Option<Listener>)> {
+async fn receive_report(
+    stdin: &UnixStream,
+) -> io::Result<(Option<Vec<u8>>, Option<NotifyListener>)> {
     let mut buffer = vec![0; ENTERED_BYTES_MAX];
     let (length, listener) = stdin
         .async_io(Interest::READABLE, || seccomp_notify::receive(stdin.as_fd(), &mut buffer))

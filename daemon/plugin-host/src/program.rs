@@ -59,7 +59,7 @@ print(json.dumps({'executable': sys.executable or '',
 
 /// A program that can be run inside the confinement.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Program {
+pub(crate) struct ResolvedProgram {
     /// The file that is executed.
     pub(crate) file: PathBuf,
     /// Arguments before those of the manifest: a script, and the arguments from its first line.
@@ -93,7 +93,7 @@ struct Shim {
 
 /// Places where programs are looked for, and those where a package may name them by path.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Scope<'s> {
+pub(crate) struct ProgramScope<'s> {
     /// Folder of the package.
     pub(crate) folder: &'s Path,
     /// Files and folders that the package asks to read. A plugin is not started before a person has allowed
@@ -105,7 +105,7 @@ pub(crate) struct Scope<'s> {
 
 /// File that may be the program.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Candidate {
+pub(crate) struct ProgramCandidate {
     file: PathBuf,
     /// File that may be run outside of the confinement to ask for its paths: one that the daemon's user or
     /// the system has installed.
@@ -118,11 +118,14 @@ pub(crate) struct Candidate {
 /// # Errors
 ///
 /// Returns the reason, for a person, if there is no program that can be run.
-pub(crate) async fn resolve(scope: Scope<'_>, name: &str) -> Result<Program, String> {
+pub(crate) async fn resolve(
+    scope: ProgramScope<'_>,
+    name: &str,
+) -> Result<ResolvedProgram, String> {
     let candidates = candidates(scope.folder, name, scope.path)?;
     let mut first = None;
     for candidate in candidates {
-        match Box::pin(really(&candidate, scope, STEPS_MAX)).await {
+        match Box::pin(resolve_file(&candidate, scope, STEPS_MAX)).await {
             Ok(mut program) => {
                 if program.file != candidate.file && program.leading.is_empty() {
                     let (shim, real) = (candidate.file.display(), program.file.display());
@@ -146,17 +149,17 @@ pub(crate) fn candidates(
     folder: &Path,
     name: &str,
     path: &[PathBuf],
-) -> Result<Vec<Candidate>, String> {
+) -> Result<Vec<ProgramCandidate>, String> {
     if name.contains('/') {
         let file = folder.join(name);
         return match fs::metadata(&file) {
-            Ok(_) if is_executable(&file) => Ok(vec![Candidate::named(file)]),
+            Ok(_) if is_executable(&file) => Ok(vec![ProgramCandidate::named(file)]),
             Ok(_) => Err(format!("`{name}` cannot be executed: chmod +x {}", file.display())),
             Err(error) => Err(format!("failed to find the program `{name}`: {error}")),
         };
     }
     let own = OWN_ENVIRONMENTS.iter().map(|own| folder.join(own).join("bin").join(name));
-    let own = own.filter(|file| is_executable(file)).map(Candidate::named);
+    let own = own.filter(|file| is_executable(file)).map(ProgramCandidate::named);
     let found: Vec<_> = own.chain(on_path(name, path)).collect();
     if found.is_empty() {
         return Err(format!("there is no `{name}` on the PATH of this daemon"));
@@ -165,22 +168,22 @@ pub(crate) fn candidates(
 }
 
 /// Returns the programs of a name on a path.
-fn on_path(name: &str, path: &[PathBuf]) -> impl Iterator<Item = Candidate> {
+fn on_path(name: &str, path: &[PathBuf]) -> impl Iterator<Item = ProgramCandidate> {
     let files = path.iter().map(move |folder| folder.join(name)).filter(|file| is_executable(file));
-    files.map(Candidate::trusted)
+    files.map(ProgramCandidate::trusted)
 }
 
-impl Candidate {
+impl ProgramCandidate {
     /// Returns a candidate that the daemon's user has installed.
-    fn trusted(file: PathBuf) -> Candidate {
-        Candidate { asked: Some(file.clone()), file }
+    fn trusted(file: PathBuf) -> ProgramCandidate {
+        ProgramCandidate { asked: Some(file.clone()), file }
     }
 
     /// Returns a candidate that a manifest or a script names by its path. It may be asked only if it is a
     /// program of the system, or a link to one.
-    fn named(file: PathBuf) -> Candidate {
+    fn named(file: PathBuf) -> ProgramCandidate {
         let asked = file.canonicalize().ok().filter(|file| is_system(file));
-        Candidate { file, asked }
+        ProgramCandidate { file, asked }
     }
 
     /// Whether the file was installed by the daemon's user.
@@ -189,7 +192,7 @@ impl Candidate {
     }
 }
 
-impl Scope<'_> {
+impl ProgramScope<'_> {
     /// Whether the package may read a file: one of the system, of the package, or below a path in `read`.
     fn holds(&self, file: &Path) -> bool {
         let is_below = |root: &Path| {
@@ -216,8 +219,12 @@ fn is_executable(file: &Path) -> bool {
 }
 
 /// Returns the program that a file really runs.
-async fn really(candidate: &Candidate, scope: Scope<'_>, steps: u32) -> Result<Program, String> {
-    let Candidate { file, asked } = candidate;
+async fn resolve_file(
+    candidate: &ProgramCandidate,
+    scope: ProgramScope<'_>,
+    steps: u32,
+) -> Result<ResolvedProgram, String> {
+    let ProgramCandidate { file, asked } = candidate;
     let shown = file.display();
     if steps == 0 {
         return Err(format!("{shown}: too many scripts start one another"));
@@ -244,7 +251,7 @@ async fn really(candidate: &Candidate, scope: Scope<'_>, steps: u32) -> Result<P
             None => script.as_deref().and_then(shim),
         };
         if let Some(shim) = shim {
-            return Box::pin(behind(&shim, file, scope, steps)).await;
+            return Box::pin(resolve_shim(&shim, file, scope, steps)).await;
         }
     }
     let Some((interpreter, extra)) = script.and_then(|script| interpreter(&script, scope.path))
@@ -255,7 +262,7 @@ async fn really(candidate: &Candidate, scope: Scope<'_>, steps: u32) -> Result<P
         }
         return Ok(program);
     };
-    let mut program = Box::pin(really(&interpreter, scope, steps - 1))
+    let mut program = Box::pin(resolve_file(&interpreter, scope, steps - 1))
         .await
         .map_err(|problem| format!("{shown} needs an interpreter: {problem}"))?;
     program.leading.extend(extra);
@@ -269,7 +276,11 @@ async fn really(candidate: &Candidate, scope: Scope<'_>, steps: u32) -> Result<P
 /// # Errors
 ///
 /// Returns the reason, for a person, if the package may not read the program itself.
-async fn named(file: &Path, scope: Scope<'_>, steps: u32) -> Result<Program, String> {
+async fn named(
+    file: &Path,
+    scope: ProgramScope<'_>,
+    steps: u32,
+) -> Result<ResolvedProgram, String> {
     let real = file.canonicalize().unwrap_or_else(|_| file.to_owned());
     let mut program = binary(file);
     if scope.holds(file) && !scope.holds(&real) {
@@ -277,7 +288,7 @@ async fn named(file: &Path, scope: Scope<'_>, steps: u32) -> Result<Program, Str
         // That interpreter is accepted if it is also found on the path.
         let name = real.file_name().unwrap_or_default().to_string_lossy();
         for candidate in on_path(&name, scope.path) {
-            let users = Box::pin(really(&candidate, scope, steps - 1)).await;
+            let users = Box::pin(resolve_file(&candidate, scope, steps - 1)).await;
             let Ok(users) = users else { continue };
             if users.readable.contains(&real) {
                 program.readable.retain(|path| scope.holds(path));
@@ -301,7 +312,12 @@ async fn named(file: &Path, scope: Scope<'_>, steps: u32) -> Result<Program, Str
 }
 
 /// Asks the version manager of a shim for the real program.
-async fn behind(shim: &Shim, file: &Path, scope: Scope<'_>, steps: u32) -> Result<Program, String> {
+async fn resolve_shim(
+    shim: &Shim,
+    file: &Path,
+    scope: ProgramScope<'_>,
+    steps: u32,
+) -> Result<ResolvedProgram, String> {
     let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut command = vec!["env".to_owned()];
     command.extend(shim.environment.iter().cloned());
@@ -325,7 +341,7 @@ async fn behind(shim: &Shim, file: &Path, scope: Scope<'_>, steps: u32) -> Resul
         ));
     }
     // The manager was installed by the user, so its answer is trusted.
-    really(&Candidate::trusted(real), scope, steps - 1).await
+    resolve_file(&ProgramCandidate::trusted(real), scope, steps - 1).await
 }
 
 /// Returns the multiplexer that a file is a link to, such as `mise` for `python3`; `None` if it is no such
@@ -351,7 +367,7 @@ fn script(file: &Path) -> Option<String> {
 
 /// Returns the interpreter and its arguments from the first line of a script. `env` is resolved here,
 /// because inside the confinement it might find another interpreter.
-fn interpreter(script: &str, path: &[PathBuf]) -> Option<(Candidate, Vec<String>)> {
+fn interpreter(script: &str, path: &[PathBuf]) -> Option<(ProgramCandidate, Vec<String>)> {
     let line = script.lines().next()?.strip_prefix("#!")?.trim();
     let (interpreter, argument) = match line.split_once(char::is_whitespace) {
         Some((interpreter, argument)) => (Path::new(interpreter), argument.trim()),
@@ -360,7 +376,7 @@ fn interpreter(script: &str, path: &[PathBuf]) -> Option<(Candidate, Vec<String>
     if interpreter.file_name().is_some_and(|name| name != "env") {
         // The kernel passes everything after the interpreter as one argument.
         let argument = (!argument.is_empty()).then(|| argument.to_owned());
-        let interpreter = Candidate::named(interpreter.to_owned());
+        let interpreter = ProgramCandidate::named(interpreter.to_owned());
         return Some((interpreter, argument.into_iter().collect()));
     }
     let split = argument.strip_prefix("-S").unwrap_or(argument);
@@ -399,7 +415,7 @@ fn is_python(file: &Path) -> bool {
 }
 
 /// Asks a Python, also behind a shim of any kind, for the paths of its interpreter and libraries.
-async fn ask_python(file: &Path) -> Result<Program, String> {
+async fn ask_python(file: &Path) -> Result<ResolvedProgram, String> {
     // A plugin does not get these variables, so they must not influence the answer.
     let words = ["env", "-u", "PYTHONPATH", "-u", "PYTHONHOME"].map(str::to_owned);
     let asked = [file.display().to_string(), "-c".to_owned(), ASK_PYTHON.to_owned()];
@@ -425,7 +441,7 @@ async fn ask_python(file: &Path) -> Result<Program, String> {
 }
 
 /// Returns a program that is no script, with the folder that it was installed into.
-fn binary(file: &Path) -> Program {
+fn binary(file: &Path) -> ResolvedProgram {
     let mut readable = BTreeSet::from([file.to_owned()]);
     for file in [Some(file.to_owned()), file.canonicalize().ok()].into_iter().flatten() {
         let installed = file.parent().filter(|folder| folder.ends_with("bin"));
@@ -435,7 +451,7 @@ fn binary(file: &Path) -> Program {
         }
         readable.insert(file);
     }
-    Program { file: file.to_owned(), readable, ..Program::default() }
+    ResolvedProgram { file: file.to_owned(), readable, ..ResolvedProgram::default() }
 }
 
 /// Returns the shared libraries of a program outside of the system's folders, as the loader reports them.
@@ -474,8 +490,12 @@ mod tests {
     use super::*;
 
     /// Resolves a name for a package that asks to read nothing.
-    async fn resolve(folder: &Path, name: &str, path: &[PathBuf]) -> Result<Program, String> {
-        super::resolve(Scope { folder, read: &[], path }, name).await
+    async fn resolve(
+        folder: &Path,
+        name: &str,
+        path: &[PathBuf],
+    ) -> Result<ResolvedProgram, String> {
+        super::resolve(ProgramScope { folder, read: &[], path }, name).await
     }
 
     fn write(file: &Path, text: &str) {
@@ -630,7 +650,7 @@ mod tests {
         }
         // A person can allow the program, without the files around it.
         let read = [tool.clone()];
-        let scope = Scope { folder: &package, read: &read, path: &own_path() };
+        let scope = ProgramScope { folder: &package, read: &read, path: &own_path() };
         let program = super::resolve(scope, "bin/link").await.expect("it may be read");
         assert!(program.readable.contains(&tool), "{program:?}");
         assert!(!program.readable.contains(&project), "{program:?}");

@@ -10,7 +10,10 @@ use std::time::Duration;
 
 use acl::content::Report;
 use acl::{AgentId, Deadline, Incarnation};
-use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Stir};
+use actuator::{
+    Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
+    OwnFact,
+};
 use agent::{Blueprint, Landing, Launch as _, Sight, Sighted};
 use pddl::ActionModel;
 use serde_json::Value;
@@ -18,37 +21,38 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use crate::attendant::Bell;
 use crate::package::Package;
+use crate::plugin_client::PluginClientHandle;
 
 /// Time for which the proxy agent stays in the ecosystem, without actions, while its process is away: a
 /// plugin is restarted at once.
-const AWAY: Duration = Duration::from_secs(5);
+const ABSENCE_MAX: Duration = Duration::from_secs(5);
 
 /// Wait before an agent that could not run in the ecosystem tries again, for example because another agent
 /// has its name.
-const REST: Duration = Duration::from_secs(5);
+const RETRY_WAIT: Duration = Duration::from_secs(5);
 
 /// Longest time for a method without a known timeout.
 const UNSAID: Duration = Duration::from_secs(60);
 
 /// Agents that have joined the endpoint of a plugin: admitted, or the reason why not.
-pub(crate) type Accepted = watch::Sender<std::collections::BTreeMap<AgentId, Result<(), String>>>;
+pub(crate) type AdmittedAgents =
+    watch::Sender<std::collections::BTreeMap<AgentId, Result<(), String>>>;
 
 /// Keeps the proxy agent of one agent in the ecosystem while the plugin brings it.
-pub(crate) struct Escort {
+pub(crate) struct ProxyRunner {
     pub(crate) agent: AgentId,
     pub(crate) sight: Sight,
-    pub(crate) bell: Bell,
+    pub(crate) client: PluginClientHandle,
     pub(crate) package: Arc<Package>,
     /// Action model that the package has for the agent, if any.
     pub(crate) own: Option<Arc<ActionModel>>,
     pub(crate) landing: Landing,
-    pub(crate) accepted: Arc<Accepted>,
+    pub(crate) accepted: Arc<AdmittedAgents>,
     pub(crate) stopping: CancellationToken,
 }
 
-impl Escort {
+impl ProxyRunner {
     /// Runs the proxy agent whenever the plugin's agent is present and admitted, until the endpoint stops.
     pub(crate) async fn run(mut self) {
         let stopping = self.stopping.clone();
@@ -69,17 +73,17 @@ impl Escort {
                 tokio::select! {
                     biased;
                     () = stopping.cancelled() => (),
-                    () = another(&mut self.sight, life) => (),
+                    () = wait_until_changed(&mut self.sight, life) => (),
                 }
                 self.note(None);
                 continue;
             }
-            if let Err(problem) = self.live(sighted).await {
+            if let Err(problem) = self.run_incarnation(sighted).await {
                 self.note(Some(Err(problem)));
                 tokio::select! {
                     biased;
                     () = stopping.cancelled() => (),
-                    () = tokio::time::sleep(REST) => (),
+                    () = tokio::time::sleep(RETRY_WAIT) => (),
                 }
             }
         }
@@ -98,15 +102,15 @@ impl Escort {
     }
 
     /// Runs one incarnation of the proxy agent. Returns an error with the reason if it could not run.
-    async fn live(&mut self, sighted: Sighted) -> Result<(), String> {
-        let device = Proxy {
+    async fn run_incarnation(&mut self, sighted: Sighted) -> Result<(), String> {
+        let device = PluginProxy {
             agent: self.agent.clone(),
             package: Arc::clone(&self.package),
             own: self.own.clone(),
             sight: self.sight.clone(),
             sighted: Some(sighted.clone()),
             last: sighted,
-            bell: self.bell.clone(),
+            client: self.client.clone(),
         };
         let blueprint = Blueprint {
             id: self.agent.clone(),
@@ -123,9 +127,9 @@ impl Escort {
             tokio::select! {
                 biased;
                 ended = &mut life => break ended,
-                () = away(&mut self.sight) => {
+                () = wait_until_absent(&mut self.sight) => {
                     self.note(None);
-                    if tokio::time::timeout(AWAY, appeared(&mut self.sight)).await.is_ok() {
+                    if tokio::time::timeout(ABSENCE_MAX, appeared(&mut self.sight)).await.is_ok() {
                         // An agent that came back with another action model is reported, and offers no
                         // actions.
                         self.note(Some(self.refused().map_or(Ok(()), Err)));
@@ -168,14 +172,14 @@ async fn appeared(sight: &mut Sight) -> Option<Sighted> {
     sight.wait_for(Option::is_some).await.ok()?.clone()
 }
 
-async fn away(sight: &mut Sight) {
+async fn wait_until_absent(sight: &mut Sight) {
     // If the agent is not observed any more, that counts as absent.
     let _ = sight.wait_for(Option::is_none).await;
 }
 
 /// Waits until the agent is absent, or present with another incarnation or description than the one that
 /// was not admitted.
-async fn another(sight: &mut Sight, (incarnation, digest): (Incarnation, String)) {
+async fn wait_until_changed(sight: &mut Sight, (incarnation, digest): (Incarnation, String)) {
     let is_other = |sighted: &Option<Sighted>| {
         sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
     };
@@ -183,7 +187,7 @@ async fn another(sight: &mut Sight, (incarnation, digest): (Incarnation, String)
 }
 
 /// Device of the proxy agent's actuator.
-struct Proxy {
+struct PluginProxy {
     agent: AgentId,
     package: Arc<Package>,
     own: Option<Arc<ActionModel>>,
@@ -192,12 +196,12 @@ struct Proxy {
     sighted: Option<Sighted>,
     /// Latest snapshot that was admitted.
     last: Sighted,
-    bell: Bell,
+    client: PluginClientHandle,
 }
 
-impl Proxy {
+impl PluginProxy {
     /// Updates the snapshot of the plugin's agent.
-    fn look(&mut self) {
+    fn update_snapshot(&mut self) {
         let now = self.sight.borrow_and_update().clone();
         let may = |sighted: &Sighted| {
             sighted.digest == self.last.digest
@@ -209,7 +213,7 @@ impl Proxy {
         }
     }
 
-    fn timeout(&self, call: &Call) -> Duration {
+    fn timeout(&self, call: &MethodCall) -> Duration {
         let action = call.action.trim_start_matches('(').split_whitespace().next();
         let method = action.and_then(|action| self.last.methods.get(&action.to_lowercase()));
         method.map_or(UNSAID, |method| method.timeout.0)
@@ -219,7 +223,7 @@ impl Proxy {
 /// Next number of an action that is forwarded to a plugin, unique in this process.
 static ASKED: AtomicU64 = AtomicU64::new(0);
 
-impl Device for Proxy {
+impl Device for PluginProxy {
     type Yield = Report;
 
     fn describe(&self) -> Description {
@@ -251,8 +255,8 @@ impl Device for Proxy {
         current.collect()
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Report, Failure>> {
-        let (bell, to, call) = (self.bell.clone(), self.agent.clone(), call.clone());
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<Report, MethodFailure>> {
+        let (bell, to, call) = (self.client.clone(), self.agent.clone(), call.clone());
         let timeout = self.timeout(&call);
         let mut sight = self.sight.clone();
         let incarnation = self.last.incarnation;
@@ -265,31 +269,31 @@ impl Device for Proxy {
                 biased;
                 outcome = bell.act(to, call, timeout, number) => outcome,
                 _ = sight.wait_for(is_gone) => {
-                    Err(Failure::Driver("act: its plugin has ended meanwhile".to_owned()))
+                    Err(MethodFailure::Driver("act: its plugin has ended meanwhile".to_owned()))
                 }
             }
         })
     }
 
-    fn performed(&mut self, _call: &Call, report: Report) -> Performed {
-        self.look();
+    fn on_success(&mut self, _call: &MethodCall, report: Report) -> MethodResult {
+        self.update_snapshot();
         let observed = pddl::parse_init_elements(&report.observations);
-        Performed { detail: report.detail, observations: observed.value.unwrap_or_default() }
+        MethodResult { detail: report.detail, observations: observed.value.unwrap_or_default() }
     }
 
-    fn failed(&mut self, _call: &Call, _failure: &Failure) {
-        self.look();
+    fn on_failure(&mut self, _call: &MethodCall, _failure: &MethodFailure) {
+        self.update_snapshot();
     }
 
-    fn watch(&mut self) -> Option<BoxFuture<Stir<Proxy>>> {
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<PluginProxy>>> {
         let mut sight = self.sight.clone();
         Some(Box::pin(async move {
             if sight.changed().await.is_err() {
                 // The agent is not observed any more; it is about to end with its plugin.
                 return std::future::pending().await;
             }
-            let stir: Stir<Proxy> = Box::new(|proxy| {
-                proxy.look();
+            let stir: DeviceEvent<PluginProxy> = Box::new(|proxy| {
+                proxy.update_snapshot();
                 Vec::new()
             });
             stir

@@ -3,27 +3,27 @@
 use acl::{AgentId, DaemonId};
 use serde::{Deserialize, Serialize};
 
-use crate::confinement::Means;
+use crate::confinement::ConfinementMeans;
 use crate::package::Package;
 
 /// All plugins of one daemon.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Plugins {
+pub struct PluginList {
     /// Name of the daemon.
     pub daemon: DaemonId,
     /// Its plugin folder.
     pub folder: String,
     /// Extent to which plugins can be confined there.
     #[serde(default)]
-    pub confinement: Confined,
+    pub confinement: ConfinementStatus,
     /// Status of each plugin, sorted by name.
-    pub plugins: Vec<Status>,
+    pub plugins: Vec<PluginStatus>,
 }
 
 /// Extent to which plugins can be confined on a daemon's machine.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Confined {
+pub struct ConfinementStatus {
     /// Restrictions that cannot be enforced for a plugin without `network`, each as a sentence; empty if
     /// all can.
     pub not_enforced: Vec<String>,
@@ -32,13 +32,13 @@ pub struct Confined {
     /// Whether a plugin runs only if all of its confinement can be enforced.
     pub is_required: bool,
     /// Means of confinement that the kernel offers; `None` until they are known.
-    pub means: Option<Means>,
+    pub means: Option<ConfinementMeans>,
 }
 
 /// Status of one plugin.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Status {
+pub struct PluginStatus {
     /// Name of the plugin.
     pub name: String,
     /// Its version; empty if its manifest cannot be read.
@@ -46,7 +46,7 @@ pub struct Status {
     /// Its description, one line.
     pub about: String,
     /// Its state.
-    pub state: State,
+    pub state: PluginState,
     /// Reason for the state, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
@@ -75,7 +75,7 @@ pub struct Status {
     pub log: String,
 }
 
-impl Status {
+impl PluginStatus {
     /// Takes version and description from its package; clears them if the package cannot be read.
     pub(crate) fn describes(&mut self, package: Option<&Package>) {
         let manifest = package.map(|package| &package.manifest);
@@ -87,7 +87,7 @@ impl Status {
 /// State of a plugin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum State {
+pub enum PluginState {
     /// Its package has mistakes.
     Invalid,
     /// A person has disabled it.
@@ -109,19 +109,19 @@ pub enum State {
     GivenUp,
 }
 
-impl State {
+impl PluginState {
     /// Returns the name of the state, for a person.
     pub fn as_str(self) -> &'static str {
         match self {
-            State::Invalid => "invalid",
-            State::Disabled => "disabled",
-            State::NotAllowed => "not allowed",
-            State::NotConfined => "not confined",
-            State::Unused => "unused",
-            State::Starting => "starting",
-            State::Running => "running",
-            State::Waiting => "waiting",
-            State::GivenUp => "given up",
+            PluginState::Invalid => "invalid",
+            PluginState::Disabled => "disabled",
+            PluginState::NotAllowed => "not allowed",
+            PluginState::NotConfined => "not confined",
+            PluginState::Unused => "unused",
+            PluginState::Starting => "starting",
+            PluginState::Running => "running",
+            PluginState::Waiting => "waiting",
+            PluginState::GivenUp => "given up",
         }
     }
 }

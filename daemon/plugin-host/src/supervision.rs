@@ -12,37 +12,37 @@ use serde_json::Value;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-use crate::Ground;
+use crate::HostContext;
 use crate::advice::advice;
-use crate::cgroup::Group;
-use crate::endpoint::{Endpoint, Purpose};
-use crate::launching::{Start, Started, described, hello};
-use crate::lives::Lives;
-use crate::living::{Living, SILENT, held_too_much};
-use crate::log::Log;
-use crate::looking::Looking;
+use crate::cgroup::PluginCgroup;
+use crate::endpoint::{Endpoint, EndpointParameters};
+use crate::launching::{ProcessStart, StartedProcess, described, hello};
+use crate::log::PluginLog;
 use crate::package::Package;
-use crate::process::{Process, ending};
-use crate::program::Program;
-use crate::status::{State, Status};
+use crate::process::{PluginProcess, ending};
+use crate::process_health::{ProcessHealth, SILENT, out_of_memory_message};
+use crate::program::ResolvedProgram;
+use crate::resource_sampling::ResourceSampler;
+use crate::restart_policy::RestartPolicy;
+use crate::status::{PluginState, PluginStatus};
 
 /// Interval of measuring what a plugin takes.
-const LOOK: Duration = Duration::from_millis(250);
+const SAMPLE_INTERVAL: Duration = Duration::from_millis(250);
 
 /// Desired state of a plugin.
 #[derive(Clone, Debug)]
-pub(crate) enum Wish {
+pub(crate) enum DesiredState {
     /// The plugin runs.
-    Run(Arc<Wanted>),
+    Run(Arc<DesiredPlugin>),
     /// The plugin does not run: its state, the reason, and its package if that can be read.
-    Rest(State, Option<String>, Option<Arc<Package>>),
+    Stopped(PluginState, Option<String>, Option<Arc<Package>>),
     /// The package was removed: the supervision ends and its status is deleted.
-    Gone,
+    Removed,
 }
 
 /// A package, and the agents that it has to bring.
 #[derive(Debug)]
-pub(crate) struct Wanted {
+pub(crate) struct DesiredPlugin {
     pub(crate) package: Arc<Package>,
     pub(crate) agents: Vec<WantedAgent>,
 }
@@ -61,10 +61,10 @@ pub struct WantedAgent {
 }
 
 /// Status of all plugins, by name.
-pub(crate) type Statuses = Arc<Mutex<BTreeMap<String, Status>>>;
+pub(crate) type Statuses = Arc<Mutex<BTreeMap<String, PluginStatus>>>;
 
 /// Reason why an incarnation of a plugin is over.
-enum Over {
+enum IncarnationEnd {
     /// The desired state has changed, or the daemon drains.
     Unwanted,
     /// The process ended, or had to be ended. `ready` is the time since which it was ready; `None` if it
@@ -72,33 +72,33 @@ enum Over {
     Ended { why: String, ready: Option<Instant> },
 }
 
-pub(crate) struct Supervision {
+pub(crate) struct PluginSupervisor {
     pub(crate) name: String,
-    pub(crate) ground: Arc<Ground>,
-    pub(crate) wishes: watch::Receiver<Wish>,
+    pub(crate) context: Arc<HostContext>,
+    pub(crate) desired_states: watch::Receiver<DesiredState>,
     pub(crate) statuses: Statuses,
-    pub(crate) log: Log,
+    pub(crate) log: PluginLog,
 }
 
-impl Supervision {
+impl PluginSupervisor {
     /// Follows the wishes until the package is removed or the daemon drains.
     pub(crate) async fn run(mut self) {
         loop {
-            let wish = self.wishes.borrow_and_update().clone();
+            let wish = self.desired_states.borrow_and_update().clone();
             match wish {
-                Wish::Gone => return drop(self.statuses().remove(&self.name)),
-                Wish::Rest(state, reason, package) => {
+                DesiredState::Removed => return drop(self.statuses().remove(&self.name)),
+                DesiredState::Stopped(state, reason, package) => {
                     self.status(|status| {
                         (status.state, status.reason) = (state, reason);
                         status.describes(package.as_deref());
                     });
-                    if self.unwanted().await {
+                    if self.wait_until_unwanted().await {
                         return;
                     }
                 }
-                Wish::Run(wanted) => {
+                DesiredState::Run(wanted) => {
                     self.keep_running(&wanted).await;
-                    if self.ground.landing.stopping.is_cancelled() {
+                    if self.context.landing.stopping.is_cancelled() {
                         return;
                     }
                 }
@@ -106,11 +106,11 @@ impl Supervision {
         }
     }
 
-    fn statuses(&self) -> MutexGuard<'_, BTreeMap<String, Status>> {
+    fn statuses(&self) -> MutexGuard<'_, BTreeMap<String, PluginStatus>> {
         self.statuses.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn status(&self, change: impl FnOnce(&mut Status)) {
+    fn status(&self, change: impl FnOnce(&mut PluginStatus)) {
         let mut statuses = self.statuses();
         let status = statuses.entry(self.name.clone()).or_default();
         status.name = self.name.clone();
@@ -119,27 +119,29 @@ impl Supervision {
     }
 
     /// Waits until the desired state changes. Returns `true` if the supervision has to end instead.
-    async fn unwanted(&mut self) -> bool {
-        let stopping = self.ground.landing.stopping.clone();
+    async fn wait_until_unwanted(&mut self) -> bool {
+        let stopping = self.context.landing.stopping.clone();
         tokio::select! {
             biased;
             () = stopping.cancelled() => true,
-            changed = self.wishes.changed() => changed.is_err(),
+            changed = self.desired_states.changed() => changed.is_err(),
         }
     }
 
     /// Keeps the plugin running until the desired state changes.
-    async fn keep_running(&mut self, wanted: &Wanted) {
+    async fn keep_running(&mut self, wanted: &DesiredPlugin) {
         let permissions = &wanted.package.manifest.permissions;
-        let (asks, lacks) = (permissions.asks(), self.ground.ward().plan(permissions).lacks());
+        let (asks, lacks) =
+            (permissions.asks(), self.context.machine_confinement().plan(permissions).lacks());
         if !lacks.is_empty() {
             self.log.remark(&format!("not enforced here: {}", lacks.join("; ")));
         }
         self.status(|status| {
             let former = std::mem::take(status);
-            *status = Status { name: former.name, log: former.log, ..Status::default() };
+            *status =
+                PluginStatus { name: former.name, log: former.log, ..PluginStatus::default() };
             status.describes(Some(&wanted.package));
-            status.state = State::Starting;
+            status.state = PluginState::Starting;
             status.allowed = asks.iter().map(ToString::to_string).collect();
             status.not_enforced = lacks;
         });
@@ -147,13 +149,13 @@ impl Supervision {
             Ok(opened) => opened,
             Err(problem) => {
                 self.status(|status| {
-                    (status.state, status.reason) = (State::GivenUp, Some(problem))
+                    (status.state, status.reason) = (PluginState::GivenUp, Some(problem))
                 });
-                self.unwanted().await;
+                self.wait_until_unwanted().await;
                 return;
             }
         };
-        self.lives(wanted, &program, &agents, &endpoint).await;
+        self.run_until_given_up(wanted, &program, &agents, &endpoint).await;
         endpoint.close().await;
         self.status(|status| {
             (status.pid, status.memory) = (None, None);
@@ -161,7 +163,10 @@ impl Supervision {
         });
     }
 
-    async fn open(&self, wanted: &Wanted) -> Result<(Program, Vec<HelloAgent>, Endpoint), String> {
+    async fn open(
+        &self,
+        wanted: &DesiredPlugin,
+    ) -> Result<(ResolvedProgram, Vec<HelloAgent>, Endpoint), String> {
         let program = wanted.package.program().await?;
         let (mut told, mut models) = (Vec::new(), BTreeMap::new());
         for agent in &wanted.agents {
@@ -169,15 +174,15 @@ impl Supervision {
             told.push(hello);
             models.insert(agent.name.clone(), model.map(Arc::new));
         }
-        let socket = self.ground.sockets.join(format!("{}.sock", self.name));
-        let purpose = Purpose {
-            ecosystem: self.ground.landing.switchboard.ecosystem(),
-            daemon: self.ground.landing.switchboard.daemon(),
-            settings: &self.ground.landing.host.settings,
+        let socket = self.context.sockets.join(format!("{}.sock", self.name));
+        let purpose = EndpointParameters {
+            ecosystem: self.context.landing.switchboard.ecosystem(),
+            daemon: self.context.landing.switchboard.daemon(),
+            settings: &self.context.landing.host.settings,
             socket: &socket,
             package: &wanted.package,
             agents: models,
-            landing: &self.ground.landing,
+            landing: &self.context.landing,
         };
         let opened = Endpoint::open(purpose).await;
         opened
@@ -185,43 +190,44 @@ impl Supervision {
             .map_err(|error| format!("failed to {error}"))
     }
 
-    async fn lives(
+    async fn run_until_given_up(
         &mut self,
-        wanted: &Wanted,
-        program: &Program,
+        wanted: &DesiredPlugin,
+        program: &ResolvedProgram,
         agents: &[HelloAgent],
         endpoint: &Endpoint,
     ) {
-        let mut lives = Lives::default();
-        while !self.wishes.has_changed().unwrap_or(true) {
-            let (why, ready) = match self.life(wanted, program, agents, endpoint).await {
-                Over::Unwanted => return,
-                Over::Ended { why, ready } => (why, ready),
+        let mut lives = RestartPolicy::default();
+        while !self.desired_states.has_changed().unwrap_or(true) {
+            let (why, ready) = match self.run_process(wanted, program, agents, endpoint).await {
+                IncarnationEnd::Unwanted => return,
+                IncarnationEnd::Ended { why, ready } => (why, ready),
             };
             self.log.remark(&why);
             if ready.is_none() && lives.ends() >= 1 && self.roll_back(&why) {
-                self.unwanted().await;
+                self.wait_until_unwanted().await;
                 return;
             }
             let wait = lives.after(ready, Instant::now());
             tracing::warn!(plugin = self.name, ?wait, "{why}");
             let advice = advice(&why, &program.file, &wanted.package.folder);
             self.status(|status| {
-                let state = if wait.is_some() { State::Waiting } else { State::GivenUp };
+                let state =
+                    if wait.is_some() { PluginState::Waiting } else { PluginState::GivenUp };
                 (status.state, status.reason, status.pid) = (state, Some(why), None);
                 status.advice = advice;
                 status.restarts += u32::from(wait.is_some());
             });
             let Some(wait) = wait else {
                 // Only a person or another version can help.
-                self.unwanted().await;
+                self.wait_until_unwanted().await;
                 return;
             };
-            let stopping = self.ground.landing.stopping.clone();
+            let stopping = self.context.landing.stopping.clone();
             tokio::select! {
                 biased;
                 () = stopping.cancelled() => return,
-                _ = self.wishes.changed() => return self.wishes.mark_changed(),
+                _ = self.desired_states.changed() => return self.desired_states.mark_changed(),
                 () = tokio::time::sleep(wait) => (),
             }
         }
@@ -229,15 +235,15 @@ impl Supervision {
 
     /// Restores the version before an upgrade that does not become ready. Returns whether there was one.
     fn roll_back(&self, why: &str) -> bool {
-        match self.ground.shelf.roll_back(&self.name) {
+        match self.context.packages.roll_back(&self.name) {
             Ok(true) => {
                 let said = format!("rolled back to the version before: {why}");
                 tracing::warn!(plugin = self.name, "{said}");
                 self.log.remark(&said);
-                let mut taken_back = self.ground.taken_back();
+                let mut taken_back = self.context.rolled_back();
                 taken_back.insert(self.name.clone(), said);
                 drop(taken_back);
-                self.ground.look_again.notify_one();
+                self.context.check_again.notify_one();
                 true
             }
             Ok(false) => false,
@@ -249,31 +255,39 @@ impl Supervision {
     }
 
     /// Runs one incarnation of the process, until it is over.
-    async fn life(
+    async fn run_process(
         &mut self,
-        wanted: &Wanted,
-        program: &Program,
+        wanted: &DesiredPlugin,
+        program: &ResolvedProgram,
         agents: &[HelloAgent],
         endpoint: &Endpoint,
-    ) -> Over {
+    ) -> IncarnationEnd {
         self.log.begin();
         self.status(|status| {
-            (status.state, status.reason, status.advice) = (State::Starting, None, None);
+            (status.state, status.reason, status.advice) = (PluginState::Starting, None, None);
         });
-        let ended = |why: String| Over::Ended { why, ready: None };
-        let ground = Arc::clone(&self.ground);
-        let Ground { launcher, landing, building, .. } = &*ground;
+        let ended = |why: String| IncarnationEnd::Ended { why, ready: None };
+        let ground = Arc::clone(&self.context);
+        let HostContext { launcher, landing, building, .. } = &*ground;
         let (package, log) = (&wanted.package, &self.log);
         let data = ground.data.join(&self.name);
         let sockets = building.iter().cloned().chain([endpoint.socket.clone()]).collect();
-        let ward = ground.ward();
-        let start = Start { launcher, ward, package, program, sockets, data: &data, log };
+        let ward = ground.machine_confinement();
+        let start = ProcessStart {
+            launcher,
+            machine_confinement: ward,
+            package,
+            program,
+            sockets,
+            data: &data,
+            log,
+        };
         let begun = tokio::select! {
             biased;
-            () = landing.stopping.cancelled() => return Over::Unwanted,
+            () = landing.stopping.cancelled() => return IncarnationEnd::Unwanted,
             begun = start.begin() => begun,
         };
-        let Started { mut process, counted } = match begun {
+        let StartedProcess { mut process, counted } = match begun {
             Ok(started) => started,
             Err(problem) => return ended(problem),
         };
@@ -283,56 +297,59 @@ impl Supervision {
         let said = tokio::time::timeout(within, process.say(&hello)).await;
         if !matches!(said, Ok(Ok(()))) {
             // If the process has ended, the way in which it ended says more than the error of writing.
-            let why = match tokio::time::timeout(LOOK, process.ended()).await {
+            let why = match tokio::time::timeout(SAMPLE_INTERVAL, process.ended()).await {
                 Ok(status) => self.with_last_words(ending(status)),
                 Err(_) => "it does not read its standard input".to_owned(),
             };
             process.end().await;
             return ended(why);
         }
-        let mut living = Living::new();
+        let mut living = ProcessHealth::new();
         let disk = wanted.package.manifest.permissions.disk;
-        let looking = Looking::new(process.id(), data, disk);
+        let looking = ResourceSampler::new(process.id(), data, disk);
         let counted = counted.as_ref();
-        match self.live(wanted, endpoint, &mut process, &mut living, looking, counted).await {
+        match self
+            .follow_process(wanted, endpoint, &mut process, &mut living, looking, counted)
+            .await
+        {
             None => {
                 process.stop().await;
-                Over::Unwanted
+                IncarnationEnd::Unwanted
             }
             Some(why) => {
                 process.end().await;
                 // The kernel kills a process that exceeds its memory limit, and the exit status only says
                 // “killed”.
-                let is_full = counted.is_some_and(|group| group.taken().ended > 0);
+                let is_full = counted.is_some_and(|group| group.measure().ended > 0);
                 let permissions = &wanted.package.manifest.permissions;
-                let why = if is_full { held_too_much(permissions) } else { why };
-                Over::Ended { why, ready: living.ready }
+                let why = if is_full { out_of_memory_message(permissions) } else { why };
+                IncarnationEnd::Ended { why, ready: living.ready }
             }
         }
     }
 
     /// Follows a process until it is over. Returns the reason why it ended or has to be ended, or `None` if
     /// it is not wanted any more.
-    async fn live(
+    async fn follow_process(
         &mut self,
-        wanted: &Wanted,
+        wanted: &DesiredPlugin,
         endpoint: &Endpoint,
-        process: &mut Process,
-        living: &mut Living,
-        mut looking: Looking,
-        counted: Option<&Group>,
+        process: &mut PluginProcess,
+        living: &mut ProcessHealth,
+        mut looking: ResourceSampler,
+        counted: Option<&PluginCgroup>,
     ) -> Option<String> {
         let mut accepted = endpoint.accepted.subscribe();
-        let mut looks = tokio::time::interval(LOOK);
+        let mut looks = tokio::time::interval(SAMPLE_INTERVAL);
         looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-        let stopping = self.ground.landing.stopping.clone();
+        let stopping = self.context.landing.stopping.clone();
         loop {
-            self.see(wanted, &accepted.borrow_and_update(), living);
+            self.update_agents(wanted, &accepted.borrow_and_update(), living);
             tokio::select! {
                 biased;
                 () = stopping.cancelled() => return None,
-                _ = self.wishes.changed() => {
-                    self.wishes.mark_changed();
+                _ = self.desired_states.changed() => {
+                    self.desired_states.mark_changed();
                     return None;
                 }
                 status = process.ended() => return Some(self.with_last_words(ending(status))),
@@ -341,11 +358,11 @@ impl Supervision {
                     return Some("it sent more messages than are accepted, for too long".to_owned());
                 }
                 _ = looks.tick() => {
-                    let (dropped, look) = (endpoint.meter.dropped(), looking.look(counted).await);
+                    let (dropped, look) = (endpoint.meter.dropped(), looking.sample(counted).await);
                     self.status(|status| {
                         (status.memory, status.dropped) = (Some(look.memory()), dropped);
                     });
-                    if let Some(why) = living.objection(wanted, look, counted, &accepted.borrow()) {
+                    if let Some(why) = living.limit_exceeded(wanted, look, counted, &accepted.borrow()) {
                         return Some(why);
                     }
                 }
@@ -354,23 +371,23 @@ impl Supervision {
     }
 
     fn with_last_words(&self, why: String) -> String {
-        match self.log.last_words() {
+        match self.log.last_line() {
             Some(words) => format!("{why}: {words}"),
             None => why,
         }
     }
 
     /// Updates which of the plugin's agents are present, and its status.
-    fn see(
+    fn update_agents(
         &self,
-        wanted: &Wanted,
+        wanted: &DesiredPlugin,
         accepted: &BTreeMap<AgentId, Result<(), String>>,
-        living: &mut Living,
+        living: &mut ProcessHealth,
     ) {
         let here: Vec<_> =
             accepted.iter().filter(|(_, is)| is.is_ok()).map(|(agent, _)| agent.clone()).collect();
         if !here.is_empty() {
-            living.heard = Instant::now();
+            living.last_present = Instant::now();
         }
         let is_here = |agent: &WantedAgent| here.contains(&agent.name);
         let is_ready =
@@ -386,16 +403,17 @@ impl Supervision {
                 ?took,
                 "is ready"
             );
-            self.ground.shelf.keep(&self.name);
+            self.context.packages.discard_previous(&self.name);
         }
-        let taken_back = self.ground.taken_back().get(&self.name).cloned();
+        let taken_back = self.context.rolled_back().get(&self.name).cloned();
         let is_silent = living.ready.is_some() && here.is_empty() && !wanted.agents.is_empty();
         let silent = || format!("its agents are silent; after {SILENT:?} it is started again");
         let reason = objection.or_else(|| is_silent.then(silent)).or(taken_back);
         self.status(|status| {
             status.agents = here;
             status.reason = reason;
-            status.state = if living.ready.is_some() { State::Running } else { State::Starting };
+            status.state =
+                if living.ready.is_some() { PluginState::Running } else { PluginState::Starting };
         });
     }
 }

@@ -20,12 +20,12 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::advice::advice;
-use crate::endpoint::{Endpoint, Purpose};
-use crate::launching::{Start, Started, Ward, described, hello};
-use crate::log::Log;
+use crate::endpoint::{Endpoint, EndpointParameters};
+use crate::launching::{MachineConfinement, ProcessStart, StartedProcess, described, hello};
+use crate::log::PluginLog;
 use crate::package::Package;
-use crate::process::{Launcher, Process, ending};
-use crate::program::Program;
+use crate::process::{Launcher, PluginProcess, ending};
+use crate::program::ResolvedProgram;
 use crate::supervision::WantedAgent;
 
 /// Time that a program without agents must keep running.
@@ -45,7 +45,7 @@ pub struct Trial {
 
 /// Result of a successful trial.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Worked {
+pub struct TrialSuccess {
     /// The program that was executed.
     pub program: PathBuf,
     /// Time until all its agents were present.
@@ -58,7 +58,7 @@ pub struct Worked {
 
 /// Result of a failed trial.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Failed {
+pub struct TrialFailure {
     /// Reason, for a person.
     pub why: String,
     /// Advice on what a person can do.
@@ -66,18 +66,18 @@ pub struct Failed {
 }
 
 /// Temporary folder; removed with its contents on drop.
-struct Folder(PathBuf);
+struct TemporaryFolder(PathBuf);
 
 /// Surroundings of a trial.
-struct Stage {
+struct TrialEnvironment {
     package: Arc<Package>,
-    program: Program,
+    program: ResolvedProgram,
     wanted: Vec<WantedAgent>,
     landing: Landing,
     /// Network of an ecosystem without other daemons; closed on drop.
     _network: Network,
-    folder: Folder,
-    log: Log,
+    folder: TemporaryFolder,
+    log: PluginLog,
     requires_confinement: bool,
 }
 
@@ -87,12 +87,13 @@ impl Trial {
     /// # Errors
     ///
     /// Returns the reason if the program does not start, ends by itself, or is not ready in time.
-    pub async fn run(self) -> Result<Worked, Failed> {
-        let without = |why: String| Failed { why, advice: None };
+    pub async fn run(self) -> Result<TrialSuccess, TrialFailure> {
+        let without = |why: String| TrialFailure { why, advice: None };
         let Trial { package, launcher, host, requires_confinement } = self;
         let program = package.program().await.map_err(without)?;
-        let folder = Folder::new().map_err(|error| without(format!("failed to begin: {error}")))?;
-        let log = Log::new(&package.manifest.name, folder.0.join("log"));
+        let folder =
+            TemporaryFolder::new().map_err(|error| without(format!("failed to begin: {error}")))?;
+        let log = PluginLog::new(&package.manifest.name, folder.0.join("log"));
         let wanted = package.manifest.agents.iter().map(|own| WantedAgent {
             name: own.name.clone(),
             plugin: package.manifest.name.clone(),
@@ -102,7 +103,7 @@ impl Trial {
         let wanted = wanted.collect();
         let network = Network::new();
         let (package, landing) = (Arc::new(package), landing(host, &network));
-        let stage = Stage {
+        let stage = TrialEnvironment {
             package,
             program,
             wanted,
@@ -116,21 +117,21 @@ impl Trial {
         stage.landing.stopping.cancel();
         outcome.map_err(|why| {
             let advice = advice(&why, &stage.program.file, &stage.package.folder);
-            Failed { why, advice }
+            TrialFailure { why, advice }
         })
     }
 }
 
-impl Stage {
-    async fn play(&self, launcher: &Launcher) -> Result<Worked, String> {
-        let Stage { package, program, landing, log, .. } = self;
+impl TrialEnvironment {
+    async fn play(&self, launcher: &Launcher) -> Result<TrialSuccess, String> {
+        let TrialEnvironment { package, program, landing, log, .. } = self;
         let (mut told, mut models) = (Vec::new(), BTreeMap::new());
         for agent in &self.wanted {
             let (hello, model) = described(package, agent)?;
             told.push(hello);
             models.insert(agent.name.clone(), model.map(Arc::new));
         }
-        let purpose = Purpose {
+        let purpose = EndpointParameters {
             ecosystem: landing.switchboard.ecosystem(),
             daemon: landing.switchboard.daemon(),
             settings: &landing.host.settings,
@@ -142,14 +143,22 @@ impl Stage {
         let opened = Endpoint::open(purpose).await;
         let endpoint = opened.map_err(|error| format!("failed to {error}"))?;
         let data = self.folder.0.join("home");
-        let ward = Ward::find(launcher, &self.folder.0, &[]).await;
+        let ward = MachineConfinement::find(launcher, &self.folder.0, &[]).await;
         let not_enforced = ward.plan(&package.manifest.permissions).lacks();
         if let Some(why) = not_confined(self.requires_confinement, &not_enforced) {
             return Err(why);
         }
         let sockets = vec![endpoint.socket.clone()];
-        let start = Start { launcher, ward: &ward, package, program, sockets, data: &data, log };
-        let Started { mut process, counted: _counted } = start.begin().await?;
+        let start = ProcessStart {
+            launcher,
+            machine_confinement: &ward,
+            package,
+            program,
+            sockets,
+            data: &data,
+            log,
+        };
+        let StartedProcess { mut process, counted: _counted } = start.begin().await?;
         let began = Instant::now();
         let hello = hello(package, landing, &endpoint, &told, None);
         let outcome = match process.say(&hello).await {
@@ -161,13 +170,13 @@ impl Stage {
         process.stop().await;
         endpoint.close().await;
         let agents = outcome?;
-        Ok(Worked { program: program.file.clone(), took, agents, not_enforced })
+        Ok(TrialSuccess { program: program.file.clone(), took, agents, not_enforced })
     }
 
     /// Waits until all agents that it has to bring are present, and returns them.
     async fn ready(
         &self,
-        process: &mut Process,
+        process: &mut PluginProcess,
         endpoint: &Endpoint,
     ) -> Result<Vec<AgentId>, String> {
         let manifest = &self.package.manifest;
@@ -206,7 +215,7 @@ impl Stage {
     }
 
     fn with_last_words(&self, why: String) -> String {
-        match self.log.last_words() {
+        match self.log.last_line() {
             Some(words) => format!("{why}: {words}"),
             None => why,
         }
@@ -237,18 +246,18 @@ fn landing(host: Host, network: &Network) -> Landing {
     }
 }
 
-impl Folder {
+impl TemporaryFolder {
     /// Creates a new folder that only this user can enter.
-    fn new() -> io::Result<Folder> {
+    fn new() -> io::Result<TemporaryFolder> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let name = format!("althing-{}-{:x}", std::process::id(), now.as_nanos());
         let folder = std::env::temp_dir().join(name);
         DirBuilder::new().mode(0o700).create(&folder)?;
-        Ok(Folder(folder.canonicalize()?))
+        Ok(TemporaryFolder(folder.canonicalize()?))
     }
 }
 
-impl Drop for Folder {
+impl Drop for TemporaryFolder {
     fn drop(&mut self) {
         let _ = fs::remove_dir_all(Path::new(&self.0));
     }

@@ -22,7 +22,7 @@ const TEXT_BYTES_MAX: u64 = 4 << 20;
 
 /// Usage of all processes of a group together.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Usage {
+pub(crate) struct GroupUsage {
     /// Bytes of memory in use, swapped out, or used for page tables. Memory that processes share counts for
     /// each of them.
     pub(crate) memory: u64,
@@ -32,12 +32,12 @@ pub(crate) struct Usage {
     pub(crate) threads: u32,
     /// Processor time so far of each process that exists, by process id and start time. A reused process id
     /// has another start time.
-    pub(crate) cpu: BTreeMap<(i32, u64), Spent>,
+    pub(crate) cpu: BTreeMap<(i32, u64), CpuTime>,
 }
 
 /// Processor time of one process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Spent {
+pub(crate) struct CpuTime {
     pub(crate) own: Duration,
     /// Time of its children that have ended and were waited for.
     pub(crate) children: Duration,
@@ -45,7 +45,7 @@ pub(crate) struct Spent {
 
 /// Files that a plugin keeps on disk.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Kept {
+pub(crate) struct DiskUsage {
     /// Bytes, including removed files that are still open.
     pub(crate) bytes: u64,
     /// Number of files and folders, up to [`FILES_MAX`].
@@ -55,7 +55,7 @@ pub(crate) struct Kept {
     pub(crate) hides: Option<String>,
 }
 
-impl Kept {
+impl DiskUsage {
     /// Records that something cannot be read. Only the first is kept.
     fn hide(&mut self, what: impl FnOnce() -> String, error: &io::Error) {
         self.hides.get_or_insert_with(|| format!("{} cannot be read: {error}", what()));
@@ -63,8 +63,8 @@ impl Kept {
 }
 
 /// Measures the processes of a group.
-pub(crate) fn usage(group: i32) -> Usage {
-    let mut usage = Usage::default();
+pub(crate) fn usage(group: i32) -> GroupUsage {
+    let mut usage = GroupUsage::default();
     for (process, stat) in processes_of(group) {
         usage.processes += 1;
         usage.threads += stat.threads;
@@ -87,11 +87,11 @@ pub(crate) fn processes(group: i32) -> u32 {
     u32::try_from(processes_of(group).count()).unwrap_or(u32::MAX)
 }
 
-impl Usage {
+impl GroupUsage {
     /// Returns the processor time spent since `before`: by the processes that exist now, and by processes
     /// that have ended if their parents waited for them.
-    pub(crate) fn spent_since(&self, before: &Usage) -> Duration {
-        let all = |usage: &Usage| -> Duration {
+    pub(crate) fn spent_since(&self, before: &GroupUsage) -> Duration {
+        let all = |usage: &GroupUsage| -> Duration {
             usage.cpu.values().map(|spent| spent.own + spent.children).sum()
         };
         // When a parent waits for a child, it takes over the child's time, so the sum does not shrink. The
@@ -106,13 +106,13 @@ impl Usage {
     }
 }
 
-struct Stat {
+struct ProcessStat {
     threads: u32,
     began: u64,
-    spent: Spent,
+    spent: CpuTime,
 }
 
-fn processes_of(group: i32) -> impl Iterator<Item = (i32, Stat)> {
+fn processes_of(group: i32) -> impl Iterator<Item = (i32, ProcessStat)> {
     let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
     entries.filter_map(move |entry| {
         let process = entry.file_name().to_str()?.parse::<i32>().ok()?;
@@ -122,7 +122,7 @@ fn processes_of(group: i32) -> impl Iterator<Item = (i32, Stat)> {
 }
 
 /// Parses the line of `/proc/PID/stat` of one process; `None` if the process is not of this group.
-fn of_group(stat: &str, group: i32) -> Option<Stat> {
+fn of_group(stat: &str, group: i32) -> Option<ProcessStat> {
     // The name of the program stands in parentheses, and may contain parentheses.
     let (_, rest) = stat.rsplit_once(')')?;
     let fields: Vec<&str> = rest.split_whitespace().collect();
@@ -133,10 +133,10 @@ fn of_group(stat: &str, group: i32) -> Option<Stat> {
     }
     let per_second = rustix::param::clock_ticks_per_second().max(1) as f64;
     let time = |ticks: u64| Duration::from_secs_f64(ticks as f64 / per_second);
-    Some(Stat {
+    Some(ProcessStat {
         threads: number(17)?.try_into().unwrap_or(u32::MAX),
         began: number(19)?,
-        spent: Spent {
+        spent: CpuTime {
             own: time(number(11)? + number(12)?),
             children: time(number(13)? + number(14)?),
         },
@@ -171,8 +171,8 @@ pub(crate) fn read_text(path: &Path) -> io::Result<String> {
 
 /// Counts the files of a plugin: those in its data folder `home`, and removed ones that its processes still
 /// hold. `file_max` is the largest size of one file.
-pub(crate) fn kept(home: &Path, group: i32, file_max: u64) -> Kept {
-    let mut kept = Kept::default();
+pub(crate) fn measure_disk(home: &Path, group: i32, file_max: u64) -> DiskUsage {
+    let mut kept = DiskUsage::default();
     let mut folders = vec![home.to_owned()];
     while let Some(folder) = folders.pop() {
         if let Err(error) = count_folder(&folder, &mut kept, &mut folders)
@@ -189,7 +189,7 @@ pub(crate) fn kept(home: &Path, group: i32, file_max: u64) -> Kept {
 }
 
 /// Counts the files in one folder, and adds its subfolders to `folders`.
-fn count_folder(folder: &Path, kept: &mut Kept, folders: &mut Vec<PathBuf>) -> io::Result<()> {
+fn count_folder(folder: &Path, kept: &mut DiskUsage, folders: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
         let metadata = match entry.metadata() {
@@ -219,7 +219,7 @@ fn shortened(path: &Path) -> String {
 }
 
 /// Counts removed files that processes still have open or mapped.
-fn removed(home: &Path, group: i32, file_max: u64, kept: &mut Kept) {
+fn removed(home: &Path, group: i32, file_max: u64, kept: &mut DiskUsage) {
     let is_removed = |path: &Path| {
         path.starts_with(home) && path.as_os_str().as_encoded_bytes().ends_with(b" (deleted)")
     };
@@ -260,7 +260,7 @@ fn count_open(
     process: i32,
     is_removed: &impl Fn(&Path) -> bool,
     known: &mut BTreeSet<u64>,
-    kept: &mut Kept,
+    kept: &mut DiskUsage,
 ) -> io::Result<()> {
     for entry in fs::read_dir(format!("/proc/{process}/fd"))? {
         let path = entry?.path();
@@ -305,7 +305,7 @@ mod tests {
     fn a_line_is_read_whatever_a_process_is_called() {
         let line = "42 (a) b) S 1 7 7 0 -1 0 0 0 0 0 150 50 100 300 20 0 3 0 9 8192 3 184467";
         let stat = of_group(line, 7).expect("it is of the group");
-        let expected = Spent { own: Duration::from_secs(2), children: Duration::from_secs(4) };
+        let expected = CpuTime { own: Duration::from_secs(2), children: Duration::from_secs(4) };
         assert_eq!((stat.spent, stat.threads, stat.began), (expected, 3, 9));
         assert!(of_group(line, 8).is_none());
         assert!(of_group(&line.replace(" S ", " Z "), 7).is_some(), "its number is taken");
@@ -319,16 +319,16 @@ mod tests {
 
     #[test]
     fn time_is_neither_lost_with_a_child_nor_counted_twice() {
-        let usage = |processes: &[(i32, u64, u64)]| Usage {
+        let usage = |processes: &[(i32, u64, u64)]| GroupUsage {
             cpu: processes
                 .iter()
                 .map(|(process, own, children)| {
                     let (own, children) =
                         (Duration::from_secs(*own), Duration::from_secs(*children));
-                    ((*process, 0), Spent { own, children })
+                    ((*process, 0), CpuTime { own, children })
                 })
                 .collect(),
-            ..Usage::default()
+            ..GroupUsage::default()
         };
         let spent = |before: &[_], after: &[_]| usage(after).spent_since(&usage(before)).as_secs();
         assert_eq!(spent(&[(1, 5, 0), (2, 3, 0)], &[(1, 6, 4)]), 2, "waited for: 1 s more of each");
@@ -353,7 +353,7 @@ mod tests {
         child.stdin.as_mut().expect("piped").write_all(b"!").expect("it listens");
         child.stdout.as_mut().expect("piped").read_exact(&mut [0]).expect("it answers");
         let group = i32::try_from(child.id()).expect("a number of a process");
-        let (used, kept) = (usage(group), kept(home.path(), group, 1 << 20));
+        let (used, kept) = (usage(group), measure_disk(home.path(), group, 1 << 20));
         let others = processes(group);
         child.kill().expect("our own child");
         child.wait().expect("our own child");
@@ -366,7 +366,7 @@ mod tests {
     fn a_folder_that_cannot_be_read_is_said() {
         use rustix::fs::{Mode, OFlags, mkdirat, openat};
         let home = tempfile::tempdir().expect("a folder");
-        assert_eq!(kept(home.path(), i32::MAX, 1).hides, None);
+        assert_eq!(measure_disk(home.path(), i32::MAX, 1).hides, None);
         // Nested folders, until the path is longer than the kernel accepts. Permissions would not stop
         // root.
         let name = "x".repeat(250);
@@ -376,11 +376,11 @@ mod tests {
             mkdirat(&folder, &name, Mode::RWXU).expect("a folder");
             folder = openat(&folder, &name, flags, Mode::empty()).expect("a folder");
         }
-        let kept = kept(home.path(), i32::MAX, 1);
+        let kept = measure_disk(home.path(), i32::MAX, 1);
         let hides = kept.hides.expect("not all of it can be read");
         assert!(hides.contains("cannot be read: ") && hides.len() < 500, "{hides}");
-        let gone = super::kept(&home.path().join("gone"), i32::MAX, 1);
-        assert_eq!(gone, Kept::default(), "nothing is kept in what is not there");
+        let gone = super::measure_disk(&home.path().join("gone"), i32::MAX, 1);
+        assert_eq!(gone, DiskUsage::default(), "nothing is kept in what is not there");
     }
 
     #[test]

@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use pddl::{Diagnostic, Span, nearest};
-use terminal::form::{self, Mistake};
+use terminal::form_error::{self, FormError};
 
 /// Help for mistakes without more specific advice.
 const DOCS: &str = "docs/plugins.md says what a plugin.toml has";
@@ -32,18 +32,18 @@ const LISTS_OF_TABLES: &[&str] = &["agent"];
 pub(crate) fn worded(text: &str, said: &str, place: Range<usize>) -> Diagnostic {
     let offset = |place| u32::try_from(place).unwrap_or(u32::MAX);
     let span = Span { start: offset(place.start), end: offset(place.end) };
-    let (message, help) = match Mistake::of(said) {
-        Some(Mistake::UnknownKey { key, known }) => {
+    let (message, help) = match FormError::of(said) {
+        Some(FormError::UnknownKey { key, known }) => {
             (format!("unknown key `{key}`"), in_place_of(key, &known))
         }
-        Some(Mistake::MissingKey(key)) => (format!("`{key}` is missing"), write(key)),
-        Some(Mistake::UnknownWord { word, known }) => (
+        Some(FormError::MissingKey(key)) => (format!("`{key}` is missing"), write(key)),
+        Some(FormError::UnknownWord { word, known }) => (
             format!("\"{word}\" is not known here"),
             format!("write \"{}\"", known.join("\" or \"")),
         ),
-        Some(Mistake::Kind { got, wanted }) => {
+        Some(FormError::Kind { got, wanted }) => {
             let key = key_at(text, place.start);
-            let (wanted, got) = (form::kind(wanted), form::got(got));
+            let (wanted, got) = (form_error::kind(wanted), form_error::got(got));
             let help = match &*wanted {
                 "a list in [ ]" if LISTS_OF_TABLES.contains(&key) => format!("write [[{key}]]"),
                 "a list in [ ]" => format!("write {key} = [\"…\"]"),
@@ -51,7 +51,7 @@ pub(crate) fn worded(text: &str, said: &str, place: Range<usize>) -> Diagnostic 
             };
             (format!("`{key}` must be {wanted}, and is {got}"), help)
         }
-        Some(Mistake::NoForm) | None => (said.trim().to_owned(), DOCS.to_owned()),
+        Some(FormError::NoForm) | None => (said.trim().to_owned(), DOCS.to_owned()),
     };
     Diagnostic::error(span, message).with_help(help)
 }
@@ -86,11 +86,11 @@ fn key_at(text: &str, place: usize) -> &str {
 
 #[cfg(test)]
 mod tests {
-    use crate::manifest::Manifest;
+    use crate::manifest::PackageManifest;
 
     /// Returns the first mistake of a manifest, with its help.
     fn said(text: &str) -> String {
-        let found = Manifest::read(text).expect_err("it is wrong");
+        let found = PackageManifest::read(text).expect_err("it is wrong");
         let help = found[0].help.clone().unwrap_or_default();
         format!("{}: {help}", found[0].message)
     }

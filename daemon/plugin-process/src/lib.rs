@@ -57,7 +57,7 @@ pub fn run(plugins: &[PluginEntry]) -> ExitCode {
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
     match runtime {
-        Ok(runtime) => match runtime.block_on(live(plugins, hello)) {
+        Ok(runtime) => match runtime.block_on(run_agents(plugins, hello)) {
             Ok(()) => ExitCode::SUCCESS,
             Err(problem) => failed(&problem),
         },
@@ -81,7 +81,7 @@ fn failed(problem: &str) -> ExitCode {
     ExitCode::FAILURE
 }
 
-async fn live(plugins: &[PluginEntry], hello: Hello) -> Result<(), String> {
+async fn run_agents(plugins: &[PluginEntry], hello: Hello) -> Result<(), String> {
     let first = |found: Vec<pddl::Diagnostic>| {
         let first = found.first().map(ToString::to_string).unwrap_or_default();
         format!("read the domain and the map that the daemon sends: {first}")
@@ -121,7 +121,7 @@ async fn live(plugins: &[PluginEntry], hello: Hello) -> Result<(), String> {
         lives.spawn(built.1.launch(berth));
     }
     tokio::select! {
-        () = unwanted() => (),
+        () = wait_for_stop() => (),
         Some(ended) = lives.join_next() => {
             // An agent that fails ends the process: the daemon starts it again.
             let ended = ended.map_err(|error| error.to_string())?;
@@ -157,7 +157,7 @@ fn build(
 }
 
 /// Waits until the daemon stops the plugin: it closes the standard input, or sends a signal to terminate.
-async fn unwanted() {
+async fn wait_for_stop() {
     let (tell, ended) = tokio::sync::oneshot::channel();
     // On a thread of its own, because a blocking read cannot be cancelled.
     std::thread::spawn(move || {

@@ -16,7 +16,7 @@ use tokio::process::Command;
 const OUTPUT_BYTES_MAX: usize = 64 << 10;
 
 /// Maximum length of a reported error line, in characters.
-const TOLD_CHARS: usize = 160;
+const ERROR_CHARS_MAX: usize = 160;
 
 /// A program and its arguments.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -85,13 +85,13 @@ impl Program {
     ///
     /// Returns an error if it cannot be started, does not end in time, prints too much, or fails.
     pub async fn run(&self, time_out: Duration) -> Result<String, ProgramError> {
-        let running = tokio::time::timeout(time_out, self.printed());
+        let running = tokio::time::timeout(time_out, self.run_to_end());
         running.await.unwrap_or_else(|_| {
             Err(ProgramError::TimedOut { program: self.program.clone(), within: time_out })
         })
     }
 
-    async fn printed(&self) -> Result<String, ProgramError> {
+    async fn run_to_end(&self) -> Result<String, ProgramError> {
         let program = || self.program.clone();
         let failed = |what: &'static str| {
             move |source| ProgramError::System { what, program: program(), source }
@@ -100,7 +100,7 @@ impl Program {
         command.args(&self.arguments).stdin(Stdio::null()).stdout(Stdio::piped());
         command.stderr(Stdio::piped()).kill_on_drop(true).process_group(0);
         let mut child = command.spawn().map_err(failed("run"))?;
-        let _group = child.id().map(Group);
+        let _group = child.id().map(ProgramGroup);
         let (text, complaint) = tokio::join!(read(child.stdout.take()), read(child.stderr.take()));
         let text = text.map_err(failed("read the output of"))?;
         if text.len() >= OUTPUT_BYTES_MAX {
@@ -128,7 +128,7 @@ async fn read(pipe: Option<impl AsyncRead + Unpin>) -> io::Result<Vec<u8>> {
 fn last_line(complaint: &[u8]) -> Option<String> {
     let complaint = String::from_utf8_lossy(complaint);
     let line = complaint.lines().map(str::trim).rfind(|line| !line.is_empty())?;
-    let mut told: String = line.chars().take(TOLD_CHARS).collect();
+    let mut told: String = line.chars().take(ERROR_CHARS_MAX).collect();
     if told.len() < line.len() {
         told.push('…');
     }
@@ -136,9 +136,9 @@ fn last_line(complaint: &[u8]) -> Option<String> {
 }
 
 /// Process group of a running program; it is killed when this is dropped.
-struct Group(u32);
+struct ProgramGroup(u32);
 
-impl Drop for Group {
+impl Drop for ProgramGroup {
     fn drop(&mut self) {
         if let Some(group) = i32::try_from(self.0).ok().and_then(rustix::process::Pid::from_raw) {
             // The call fails if all processes have ended.
@@ -183,7 +183,7 @@ mod tests {
                 "run `/bin/sh`: exit status: 1: no bulb",
             ),
             ("kill -9 $$", "run `/bin/sh`: signal: 9 (SIGKILL)"),
-            (&long, &format!("run `/bin/sh`: exit status: 1: {}…", "x".repeat(TOLD_CHARS))),
+            (&long, &format!("run `/bin/sh`: exit status: 1: {}…", "x".repeat(ERROR_CHARS_MAX))),
         ] {
             assert_eq!(problem(self::script(script), PATIENCE).await, expected, "{script}");
         }

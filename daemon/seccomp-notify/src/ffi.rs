@@ -12,7 +12,7 @@ use std::os::fd::{AsRawFd as _, BorrowedFd, FromRawFd as _, OwnedFd};
 
 use seccompiler::BpfProgram;
 
-use crate::{Listener, Notification, Response};
+use crate::{Notification, NotifyListener, Response};
 
 /// Installs a filter on this thread, for good; its children inherit it. Calls that it selects wait until
 /// they are answered through the listener.
@@ -21,7 +21,7 @@ use crate::{Listener, Notification, Response};
 ///
 /// Returns an error if the kernel has no user notification, or if another filter of this process notifies
 /// already.
-pub fn listen(program: &BpfProgram) -> io::Result<Listener> {
+pub fn listen(program: &BpfProgram) -> io::Result<NotifyListener> {
     rustix::thread::set_no_new_privs(true)?;
     // With `WAIT_KILLABLE_RECV`, a signal does not interrupt a call that was read already. Before Linux
     // 5.19 there is no such flag: then an interrupted call is made again.
@@ -35,7 +35,7 @@ pub fn listen(program: &BpfProgram) -> io::Result<Listener> {
     }
 }
 
-fn install(program: &BpfProgram, flags: c_ulong) -> io::Result<Listener> {
+fn install(program: &BpfProgram, flags: c_ulong) -> io::Result<NotifyListener> {
     let length = u16::try_from(program.len());
     let length = length.map_err(|_| io::Error::from(io::ErrorKind::InvalidInput))?;
     let filter: Vec<libc::sock_filter> = program.iter().map(instruction).collect();
@@ -52,7 +52,7 @@ fn install(program: &BpfProgram, flags: c_ulong) -> io::Result<Listener> {
     };
     let listener = i32::try_from(checked(result)?).map_err(io::Error::other)?;
     // SAFETY: the kernel has just opened this descriptor for this process, and nothing else owns it.
-    Ok(Listener::from(unsafe { OwnedFd::from_raw_fd(listener) }))
+    Ok(NotifyListener::from(unsafe { OwnedFd::from_raw_fd(listener) }))
 }
 
 fn instruction(one: &seccompiler::sock_filter) -> libc::sock_filter {

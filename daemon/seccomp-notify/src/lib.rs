@@ -13,7 +13,7 @@
 //! There is no async here, and no policy. All `unsafe` code is in `ffi`.
 
 mod ffi;
-mod handing;
+mod listener_passing;
 
 use std::collections::BTreeMap;
 use std::io;
@@ -24,7 +24,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use seccompiler::{BpfProgram, SeccompAction, SeccompFilter, SeccompRule, TargetArch};
 
 pub use ffi::listen;
-pub use handing::{receive, send};
+pub use listener_passing::{receive, send};
 
 /// `BPF_RET | BPF_K`: the instruction that returns an action.
 const RETURN: u16 = 0x06;
@@ -35,7 +35,7 @@ const NOTIFY: u32 = 0x7fc0_0000;
 
 /// Supervisor's end of a filter.
 #[derive(Debug)]
-pub struct Listener(OwnedFd);
+pub struct NotifyListener(OwnedFd);
 
 /// System call that waits for an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,7 +81,7 @@ pub fn program(
     Ok(program)
 }
 
-impl Listener {
+impl NotifyListener {
     /// Waits for a call. Returns `None` when no process has the filter any more, or when the time `within`
     /// is over.
     ///
@@ -147,13 +147,13 @@ impl Listener {
     }
 }
 
-impl From<OwnedFd> for Listener {
-    fn from(file: OwnedFd) -> Listener {
-        Listener(file)
+impl From<OwnedFd> for NotifyListener {
+    fn from(file: OwnedFd) -> NotifyListener {
+        NotifyListener(file)
     }
 }
 
-impl AsFd for Listener {
+impl AsFd for NotifyListener {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.0.as_fd()
     }

@@ -8,7 +8,7 @@ use std::os::unix::net::UnixStream;
 use std::sync::mpsc;
 use std::time::Duration;
 
-use seccomp_notify::{Listener, Response, listen, program};
+use seccomp_notify::{NotifyListener, Response, listen, program};
 
 const PATIENCE: Option<Duration> = Some(Duration::from_secs(20));
 
@@ -17,7 +17,7 @@ const PATIENCE: Option<Duration> = Some(Duration::from_secs(20));
 fn filtered<T: Send + 'static>(
     calls: &[libc::c_long],
     work: impl FnOnce() -> T + Send + 'static,
-) -> (Listener, mpsc::Receiver<T>) {
+) -> (NotifyListener, mpsc::Receiver<T>) {
     let rules: BTreeMap<_, _> = calls.iter().map(|call| (number(*call), Vec::new())).collect();
     let target = std::env::consts::ARCH.try_into().expect("a machine with seccomp");
     let program = program(rules, target).expect("a program");

@@ -8,10 +8,10 @@
 //! - End: the process ends with a code of [`exit`], at the latest at its [`deadline`].
 
 pub mod arguments;
-pub mod beside;
-pub mod deadline;
+pub mod domain_search;
 pub mod exit;
-pub mod form;
+pub mod form_error;
+pub mod limits;
 pub mod output;
 pub mod pddl_files;
 pub mod pddl_tree;

@@ -16,8 +16,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::render::{self, Look};
-use crate::report::Report;
+use crate::render::{self, RenderStyle};
+use crate::report::DiagnosticReport;
 use crate::styled::Styled;
 use crate::{exit, visible};
 
@@ -25,7 +25,7 @@ use crate::{exit, visible};
 static READER_GONE: AtomicBool = AtomicBool::new(false);
 
 /// Channel that prints lines above the interactive prompt; `None` when no prompt is active.
-static ABOVE: Mutex<Option<Sender<String>>> = Mutex::new(None);
+static PROMPT_PRINTER: Mutex<Option<Sender<String>>> = Mutex::new(None);
 
 /// Color of a word, by its meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,7 +43,7 @@ pub enum Color {
 }
 
 /// Prints everything above a prompt from now on, or, with `None`, to the two streams again.
-pub fn above(prompt: Option<Sender<String>>) {
+pub fn set_prompt(prompt: Option<Sender<String>>) {
     *lock() = prompt;
 }
 
@@ -56,7 +56,7 @@ fn print_above(text: String) -> Result<(), String> {
 }
 
 fn lock() -> MutexGuard<'static, Option<Sender<String>>> {
-    ABOVE.lock().unwrap_or_else(PoisonError::into_inner)
+    PROMPT_PRINTER.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Colors a word if stdout is colored. The word must not come from outside: [`Styled`] is for those.
@@ -73,9 +73,9 @@ pub fn paint(color: Color, word: &str) -> String {
 
 /// Standard error, or the place above the prompt: for the log. Its text is safe already, because the
 /// formatter of log lines makes control characters visible.
-pub struct Notes;
+pub struct NoteStream;
 
-impl Write for Notes {
+impl Write for NoteStream {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match print_above(String::from_utf8_lossy(bytes).into_owned()) {
             Ok(()) => Ok(bytes.len()),
@@ -116,7 +116,7 @@ fn write(text: Cow<'_, str>, code: u8) -> ExitCode {
             exit::with(code)
         }
         Err(err) => {
-            note(&format!("failed to write the result: {err}"));
+            print_note(&format!("failed to write the result: {err}"));
             exit::with(exit::OUTPUT)
         }
     }
@@ -153,51 +153,51 @@ pub fn print_json(value: &serde_json::Value, code: u8) -> ExitCode {
 }
 
 /// Writes a line for people to stderr. A failure is ignored, because it could not be reported.
-pub fn note(line: &str) {
+pub fn print_note(line: &str) {
     if let Err(line) = print_above(format!("{}\n", visible::text(line))) {
         let _ = io::stderr().lock().write_all(line.as_bytes());
     }
 }
 
 /// Shows diagnostics: to people on stderr, or on stdout as one JSON object.
-pub fn show(report: &Report, json: bool, status: &str, code: u8) -> ExitCode {
+pub fn show(report: &DiagnosticReport, json: bool, status: &str, code: u8) -> ExitCode {
     if json {
         let diagnostics = render::json(report);
         let value = serde_json::json!({ "status": status, "diagnostics": diagnostics });
         return print_json(&value, code);
     }
-    show_people(report);
+    show_to_person(report);
     exit::with(code)
 }
 
 /// Shows diagnostics and their number on stderr.
-pub fn show_people(report: &Report) {
+pub fn show_to_person(report: &DiagnosticReport) {
     if report.is_empty() {
         return;
     }
-    let text = render::human(report, Look::of_stderr());
+    let text = render::human(report, RenderStyle::of_stderr());
     if let Err(text) = print_above(text) {
         let _ = io::stderr().lock().write_all(text.as_bytes());
     }
-    note(&render::summary(report));
+    print_note(&render::summary(report));
 }
 
 /// Whether stderr is a terminal, so that progress of a long job should be shown.
-pub fn notes_reach_a_terminal() -> bool {
+pub fn is_stderr_terminal() -> bool {
     io::stderr().is_terminal()
 }
 
 /// Whether stderr may have colors.
 pub fn stderr_is_colored() -> bool {
-    notes_reach_a_terminal() && colors_are_welcome()
+    is_stderr_terminal() && are_colors_allowed()
 }
 
 /// Whether stdout may have colors.
 pub fn stdout_is_colored() -> bool {
-    io::stdout().is_terminal() && colors_are_welcome()
+    io::stdout().is_terminal() && are_colors_allowed()
 }
 
-fn colors_are_welcome() -> bool {
+fn are_colors_allowed() -> bool {
     let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
     let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
     !refused && !dumb

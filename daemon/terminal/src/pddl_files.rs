@@ -8,26 +8,26 @@ use std::sync::Arc;
 
 use pddl::{ActionModel, Diagnostic, Domain, Parsed, Problem, Span};
 
-use crate::report::{Report, Source};
+use crate::report::{DiagnosticReport, SourceText};
 
 /// A domain and a problem without errors, and their texts.
-pub struct Task {
+pub struct PddlTask {
     /// The domain.
     pub domain: Domain,
     /// The problem.
     pub problem: Problem,
     /// The domain's text.
-    pub domain_source: Arc<Source>,
+    pub domain_source: Arc<SourceText>,
     /// The problem's text.
-    pub problem_source: Arc<Source>,
+    pub problem_source: Arc<SourceText>,
     /// Warnings.
-    pub report: Report,
+    pub report: DiagnosticReport,
 }
 
 /// A domain, as far as it can be parsed.
 pub struct DomainText {
     /// The text.
-    pub source: Arc<Source>,
+    pub source: Arc<SourceText>,
     /// The parsed part; `None` if there is none.
     pub domain: Option<Domain>,
     /// Lines that cannot be parsed: their declarations are missing in `domain`.
@@ -35,14 +35,14 @@ pub struct DomainText {
 }
 
 /// Reads both files. Returns the diagnostics of both if one of them has errors.
-pub fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
-    let mut report = Report::default();
+pub fn read_task(domain: &Path, problem: &Path) -> Result<PddlTask, DiagnosticReport> {
+    let mut report = DiagnosticReport::default();
     let domain = read(domain, &mut report).map(|source| domain_of(source, &mut report));
     let problem = read(problem, &mut report);
     if let (Some(domain), Some(problem)) = (&domain, &problem)
         && are_swapped(domain, problem)
     {
-        let mut report = Report::default();
+        let mut report = DiagnosticReport::default();
         let (first, second) = (&domain.source.name, &problem.name);
         let message =
             format!("`{first}` holds a problem, and `{second}` a domain: name the domain first");
@@ -58,27 +58,27 @@ pub fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
             Some(DomainText { source: domain_source, domain: Some(domain), .. }),
             Some((problem_source, Some(problem))),
         ) if !report.has_errors() => {
-            Ok(Task { domain, problem, domain_source, problem_source, report })
+            Ok(PddlTask { domain, problem, domain_source, problem_source, report })
         }
         _ => Err(report.refused()),
     }
 }
 
 /// Whether the first text is a problem and the second a domain.
-fn are_swapped(domain: &DomainText, problem: &Source) -> bool {
+fn are_swapped(domain: &DomainText, problem: &SourceText) -> bool {
     domain.domain.is_none()
         && pddl::parse_problem(&domain.source.text).value.is_some()
         && pddl::parse_domain(&problem.text).value.is_some()
 }
 
 /// Reads a file. If it cannot be read, adds that to the report and returns `None`.
-pub fn read(path: &Path, report: &mut Report) -> Option<Arc<Source>> {
-    Source::read(path).map_err(|failure| report.add_failure(failure)).ok()
+pub fn read(path: &Path, report: &mut DiagnosticReport) -> Option<Arc<SourceText>> {
+    SourceText::read(path).map_err(|failure| report.add_failure(failure)).ok()
 }
 
 /// Returns the text that most likely contains an error that the planner reports without a place: the domain
 /// if it is wrong without any problem, otherwise the problem.
-pub fn blamed(task: &Task) -> &Arc<Source> {
+pub fn likely_faulty_text(task: &PddlTask) -> &Arc<SourceText> {
     let nothing = Problem::named("nothing", task.domain.name.clone());
     match planner::validate::World::initial(&task.domain, &nothing) {
         Ok(_) => &task.problem_source,
@@ -87,7 +87,7 @@ pub fn blamed(task: &Task) -> &Arc<Source> {
 }
 
 /// Parses a domain as far as possible, and adds its diagnostics to the report.
-pub fn domain_of(source: Arc<Source>, report: &mut Report) -> DomainText {
+pub fn domain_of(source: Arc<SourceText>, report: &mut DiagnosticReport) -> DomainText {
     let Parsed { value: domain, diagnostics } = pddl::parse_domain(&source.text);
     let damaged = damaged_lines(&source.text, &diagnostics);
     let checked = domain.as_ref().map(pddl::check_domain).unwrap_or_default();
@@ -97,9 +97,9 @@ pub fn domain_of(source: Arc<Source>, report: &mut Report) -> DomainText {
 
 /// Parses a problem, which must have a goal, and checks it against its domain if that is known.
 pub fn problem_of(
-    source: &Arc<Source>,
+    source: &Arc<SourceText>,
     domain: Option<&DomainText>,
-    report: &mut Report,
+    report: &mut DiagnosticReport,
 ) -> Option<Problem> {
     let problem = problem_by(source, domain, report, pddl::check_problem);
     if let Some(problem) = problem.as_ref().filter(|problem| problem.goal.is_always())
@@ -118,17 +118,17 @@ pub fn problem_of(
 
 /// Parses the map of a building: a problem in which every fact must be declared by the domain.
 pub fn map_of(
-    source: &Arc<Source>,
+    source: &Arc<SourceText>,
     domain: Option<&DomainText>,
-    report: &mut Report,
+    report: &mut DiagnosticReport,
 ) -> Option<Problem> {
     problem_by(source, domain, report, pddl::check_map)
 }
 
 fn problem_by(
-    source: &Arc<Source>,
+    source: &Arc<SourceText>,
     domain: Option<&DomainText>,
-    report: &mut Report,
+    report: &mut DiagnosticReport,
     check: fn(&Domain, &Problem) -> Vec<Diagnostic>,
 ) -> Option<Problem> {
     let Parsed { value, diagnostics } = pddl::parse_problem(&source.text);
@@ -140,9 +140,9 @@ fn problem_by(
 
 /// Parses an action model, and checks it against the ontology if that is known.
 pub fn action_model_of(
-    source: &Arc<Source>,
+    source: &Arc<SourceText>,
     ontology: Option<&DomainText>,
-    report: &mut Report,
+    report: &mut DiagnosticReport,
 ) -> Option<ActionModel> {
     let Parsed { value, diagnostics } = pddl::parse_action_model(&source.text);
     let checked = |ontology: &Domain| {
@@ -153,7 +153,7 @@ pub fn action_model_of(
 }
 
 fn checked_against(
-    source: &Source,
+    source: &SourceText,
     domain: Option<&DomainText>,
     parsed: Vec<Diagnostic>,
     check: impl FnOnce(&Domain) -> Vec<Diagnostic>,

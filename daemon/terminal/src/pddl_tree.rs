@@ -12,13 +12,13 @@ use std::sync::Arc;
 
 use pddl::{Document, Domain, Severity};
 
-use crate::beside::distance;
+use crate::domain_search::distance;
 use crate::pddl_files::{self, DomainText};
-use crate::report::{Report, Source};
+use crate::report::{DiagnosticReport, SourceText};
 
 /// Outcomes of all files of a tree.
 #[derive(Debug, Default)]
-pub struct Tree {
+pub struct PddlTree {
     /// The files, sorted by path.
     pub files: Vec<ReadFile>,
 }
@@ -33,14 +33,14 @@ pub struct ReadFile {
     /// The domain that a problem or action model was checked against.
     pub domain: Option<PathBuf>,
     /// Whether it can be used.
-    pub outcome: Outcome,
+    pub outcome: FileOutcome,
     /// Warnings about the file.
     pub warnings: Vec<String>,
 }
 
 /// Whether a file can be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum FileOutcome {
     /// The file is valid and can be planned with.
     Read,
     /// The file is valid, but uses a feature that this version does not plan with.
@@ -53,7 +53,7 @@ pub enum Outcome {
 
 /// How many files have each outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
+pub struct OutcomeCounts {
     /// All files.
     pub files: usize,
     /// Valid, without warnings.
@@ -70,7 +70,7 @@ pub struct Counts {
 
 /// Domains read so far, by path; problems share them.
 #[derive(Default)]
-struct Domains {
+struct DomainCache {
     known: BTreeMap<PathBuf, Option<Arc<DomainText>>>,
     /// Files with a domain, by folder.
     folders: BTreeMap<PathBuf, Arc<Vec<PathBuf>>>,
@@ -86,7 +86,7 @@ const CANDIDATES_MAX: usize = 2_000;
 const HEAD_BYTES: usize = 4_096;
 
 /// Reads every PDDL file below `folder`, and calls `tell` with each.
-pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<Tree, String> {
+pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<PddlTree, String> {
     if !folder.is_dir() {
         return Err(format!("read `{}`: it is not a folder", folder.display()));
     }
@@ -94,8 +94,8 @@ pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<Tree, Stri
     walk(folder, &mut paths)
         .map_err(|err| format!("read `{}`: {}", folder.display(), crate::report::reason(&err)))?;
     paths.sort();
-    let mut domains = Domains::default();
-    let mut tree = Tree::default();
+    let mut domains = DomainCache::default();
+    let mut tree = PddlTree::default();
     for path in paths {
         let file = read_file(path, &mut domains);
         tell(&file);
@@ -125,15 +125,15 @@ fn is_pddl(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("pddl"))
 }
 
-fn read_file(path: PathBuf, domains: &mut Domains) -> ReadFile {
-    let source = match Source::read(&path) {
+fn read_file(path: PathBuf, domains: &mut DomainCache) -> ReadFile {
+    let source = match SourceText::read(&path) {
         Ok(source) => source,
         Err(failure) => {
-            let outcome = Outcome::Refused(format!("failed to {failure}"));
+            let outcome = FileOutcome::Refused(format!("failed to {failure}"));
             return ReadFile { path, kind: "unknown", domain: None, outcome, warnings: Vec::new() };
         }
     };
-    let mut report = Report::default();
+    let mut report = DiagnosticReport::default();
     let (mut beside, mut lacks) = (None, None);
     let (kind, feature) = match pddl::parse_document(&source.text).value {
         Some(Document::Domain(_)) => {
@@ -162,7 +162,7 @@ fn read_file(path: PathBuf, domains: &mut Domains) -> ReadFile {
         }
     };
     let outcome = match (outcome(&report, feature), lacks) {
-        (Outcome::Read, Some(lacks)) => Outcome::Alone(lacks),
+        (FileOutcome::Read, Some(lacks)) => FileOutcome::Alone(lacks),
         (outcome, _) => outcome,
     };
     let warnings = report.findings().iter().map(|finding| &finding.diagnostic);
@@ -176,38 +176,38 @@ fn time_in_domain(domain: &Domain) -> Option<&'static str> {
     (!domain.durative_actions.is_empty()).then_some("durative actions")
 }
 
-fn outcome(report: &Report, feature: Option<&str>) -> Outcome {
+fn outcome(report: &DiagnosticReport, feature: Option<&str>) -> FileOutcome {
     let errors = || report.findings().iter().filter(|finding| finding.diagnostic.is_error());
     if let Some(found) = errors().find(|finding| finding.diagnostic.is_unsupported) {
-        return Outcome::Unsupported(found.diagnostic.message.clone());
+        return FileOutcome::Unsupported(found.diagnostic.message.clone());
     }
     if let Some(found) = errors().next() {
         let place = found.source.as_ref().map(|source| {
             let (line, column) = source.line_column(found.diagnostic.span);
             format!("{line}:{column}: ")
         });
-        return Outcome::Refused(place.unwrap_or_default() + &found.diagnostic.message);
+        return FileOutcome::Refused(place.unwrap_or_default() + &found.diagnostic.message);
     }
     match feature {
-        Some(feature) => Outcome::Unsupported(format!("{feature} are not supported")),
-        None => Outcome::Read,
+        Some(feature) => FileOutcome::Unsupported(format!("{feature} are not supported")),
+        None => FileOutcome::Read,
     }
 }
 
 // === impl Tree ===
 
-impl Tree {
+impl PddlTree {
     /// Returns the number of files of this kind per outcome; with `None`, of all kinds.
-    pub fn counts(&self, kind: Option<&str>) -> Counts {
-        let mut counts = Counts::default();
+    pub fn counts(&self, kind: Option<&str>) -> OutcomeCounts {
+        let mut counts = OutcomeCounts::default();
         for file in self.files.iter().filter(|file| kind.is_none_or(|kind| file.kind == kind)) {
             counts.files += 1;
             match &file.outcome {
-                Outcome::Read if file.warnings.is_empty() => counts.read += 1,
-                Outcome::Read => counts.odd += 1,
-                Outcome::Unsupported(_) => counts.unsupported += 1,
-                Outcome::Alone(_) => counts.alone += 1,
-                Outcome::Refused(_) => counts.refused += 1,
+                FileOutcome::Read if file.warnings.is_empty() => counts.read += 1,
+                FileOutcome::Read => counts.odd += 1,
+                FileOutcome::Unsupported(_) => counts.unsupported += 1,
+                FileOutcome::Alone(_) => counts.alone += 1,
+                FileOutcome::Refused(_) => counts.refused += 1,
             }
         }
         counts
@@ -216,7 +216,7 @@ impl Tree {
 
 // === impl Domains ===
 
-impl Domains {
+impl DomainCache {
     /// Returns the domain that most likely belongs to a problem: first by file names, then by the domain
     /// name in the problem.
     fn of(&mut self, problem: &Path, name: &str) -> Option<(PathBuf, Arc<DomainText>)> {
@@ -256,9 +256,10 @@ impl Domains {
         if let Some(known) = self.known.get(path) {
             return known.clone();
         }
-        let source = Source::read(path).ok();
-        let text =
-            source.map(|source| Arc::new(pddl_files::domain_of(source, &mut Report::default())));
+        let source = SourceText::read(path).ok();
+        let text = source.map(|source| {
+            Arc::new(pddl_files::domain_of(source, &mut DiagnosticReport::default()))
+        });
         if self.known.len() >= DOMAINS_KEPT {
             self.known.clear();
         }
@@ -276,7 +277,7 @@ impl Domains {
         files.retain(|path| is_pddl(path) && path.is_file());
         files.sort();
         files.truncate(CANDIDATES_MAX);
-        files.retain(|path| says_domain(path));
+        files.retain(|path| begins_with_domain(path));
         let files = Arc::new(files);
         self.folders.insert(folder.to_owned(), Arc::clone(&files));
         files
@@ -299,7 +300,7 @@ fn fitness(domain: &Path, problem: &Path) -> usize {
 const OF_ANOTHER: usize = 3;
 
 /// Whether a file begins with a domain definition, apart from comments.
-fn says_domain(path: &Path) -> bool {
+fn begins_with_domain(path: &Path) -> bool {
     use std::io::Read as _;
     let Ok(file) = std::fs::File::open(path) else { return false };
     let mut head = Vec::new();

@@ -9,7 +9,7 @@ use annotate_snippets::{Annotation, AnnotationKind, Group, Level, Renderer, Snip
 use pddl::{Diagnostic, Severity, Span};
 use serde_json::{Value, json};
 
-use crate::report::{Finding, Report, Source};
+use crate::report::{DiagnosticReport, SourceText, SourcedDiagnostic};
 use crate::visible;
 
 /// Number of columns if it is not known.
@@ -23,7 +23,7 @@ const FINDINGS_MAX: usize = 200;
 
 /// Width and colors of the drawn text.
 #[derive(Clone, Copy, Debug)]
-pub struct Look {
+pub struct RenderStyle {
     width: usize,
     colored: bool,
 }
@@ -37,12 +37,12 @@ struct Excerpt<'a> {
 
 // === impl Look ===
 
-impl Look {
+impl RenderStyle {
     /// Returns the width and colors of stderr.
-    pub fn of_stderr() -> Look {
+    pub fn of_stderr() -> RenderStyle {
         let width = terminal_size::terminal_size_of(std::io::stderr())
             .map_or(WIDTH, |(width, _)| usize::from(width.0));
-        Look {
+        RenderStyle {
             width: width.clamp(WIDTH / 2, WIDTH_MAX),
             colored: crate::output::stderr_is_colored(),
         }
@@ -55,7 +55,7 @@ impl Look {
 }
 
 /// Draws all diagnostics, a blank line after each.
-pub fn human(report: &Report, look: Look) -> String {
+pub fn human(report: &DiagnosticReport, look: RenderStyle) -> String {
     let renderer = look.renderer();
     let shown = report.findings().iter().take(FINDINGS_MAX);
     let mut text: String =
@@ -68,7 +68,7 @@ pub fn human(report: &Report, look: Look) -> String {
 }
 
 /// Returns the numbers of diagnostics, such as “2 errors and 1 warning”.
-pub fn summary(report: &Report) -> String {
+pub fn summary(report: &DiagnosticReport) -> String {
     let counts =
         [(Severity::Error, "error"), (Severity::Warning, "warning"), (Severity::Hint, "hint")]
             .map(|(severity, noun)| (report.count(severity), noun));
@@ -98,12 +98,12 @@ pub fn number(value: f64) -> Value {
 }
 
 /// Returns all diagnostics as a JSON array. `line` and `column` count from 1, columns in characters.
-pub fn json(report: &Report) -> Value {
+pub fn json(report: &DiagnosticReport) -> Value {
     report.findings().iter().map(json_finding).collect()
 }
 
-fn json_finding(finding: &Finding) -> Value {
-    let Finding { source, diagnostic } = finding;
+fn json_finding(finding: &SourcedDiagnostic) -> Value {
+    let SourcedDiagnostic { source, diagnostic } = finding;
     let place = |span: Span| source.as_ref().map(|source| source.line_column(span));
     let at = place(diagnostic.span);
     let notes: Vec<Value> = diagnostic
@@ -127,7 +127,7 @@ fn json_finding(finding: &Finding) -> Value {
     })
 }
 
-fn draw(finding: &Finding, renderer: &Renderer, width: usize) -> String {
+fn draw(finding: &SourcedDiagnostic, renderer: &Renderer, width: usize) -> String {
     let diagnostic = &safe(&finding.diagnostic);
     let level = match diagnostic.severity {
         Severity::Error => Level::ERROR,
@@ -178,7 +178,7 @@ fn safe(diagnostic: &Diagnostic) -> Diagnostic {
 /// Returns the excerpt of the diagnostic, with the notes that are near, and one excerpt for each other
 /// note.
 fn snippets<'a>(
-    source: &'a Source,
+    source: &'a SourceText,
     diagnostic: &'a Diagnostic,
 ) -> Vec<Snippet<'a, Annotation<'a>>> {
     let line = |span: Span| source.line_column(span).0;
@@ -228,7 +228,7 @@ impl<'a> Excerpt<'a> {
         Excerpt { text: &text[start..end], start, line: pddl::line_column(text, first).0 }
     }
 
-    fn snippet(&self, source: &'a Source) -> Snippet<'a, Annotation<'a>> {
+    fn snippet(&self, source: &'a SourceText) -> Snippet<'a, Annotation<'a>> {
         let text = match visible::same_length(self.text) {
             Cow::Borrowed(text) => without_passwords(text),
             // Its length must not change, because places are byte offsets.
@@ -300,12 +300,12 @@ mod tests {
 
     use super::*;
 
-    const PLAIN: Look = Look { width: 60, colored: false };
+    const PLAIN: RenderStyle = RenderStyle { width: 60, colored: false };
 
     #[track_caller]
     fn check(text: &str, diagnostic: Diagnostic, expected: Expect) {
-        let mut report = Report::default();
-        report.add(&Source::new("file", text), [diagnostic]);
+        let mut report = DiagnosticReport::default();
+        report.add(&SourceText::new("file", text), [diagnostic]);
         expected.assert_eq(&human(&report, PLAIN));
     }
 

@@ -19,7 +19,7 @@ const TEXT_BYTES_MAX: u64 = 1 << 30;
 
 /// A text and its name.
 #[derive(Debug)]
-pub struct Source {
+pub struct SourceText {
     /// The file as the user named it, or a description of the text.
     pub name: String,
     /// The whole text.
@@ -28,33 +28,33 @@ pub struct Source {
 
 /// A diagnostic and its text.
 #[derive(Clone, Debug)]
-pub struct Finding {
+pub struct SourcedDiagnostic {
     /// The text; `None` if the diagnostic belongs to no text, such as for a file that cannot be read.
-    pub source: Option<Arc<Source>>,
+    pub source: Option<Arc<SourceText>>,
     /// The diagnostic; its spans are places of the text.
     pub diagnostic: Diagnostic,
 }
 
 /// Diagnostics in the order in which they were found.
 #[derive(Clone, Debug, Default)]
-pub struct Report {
-    findings: Vec<Finding>,
+pub struct DiagnosticReport {
+    findings: Vec<SourcedDiagnostic>,
 }
 
 // === impl Source ===
 
-impl Source {
+impl SourceText {
     /// Returns a source for a text that is not from a file.
-    pub fn new(name: impl Into<String>, text: impl Into<String>) -> Arc<Source> {
-        Arc::new(Source { name: name.into(), text: text.into() })
+    pub fn new(name: impl Into<String>, text: impl Into<String>) -> Arc<SourceText> {
+        Arc::new(SourceText { name: name.into(), text: text.into() })
     }
 
     /// Reads a file in UTF-8, UTF-16 (with a byte order mark) or Latin-1.
     ///
     /// The error completes “failed to …” and names the file.
-    pub fn read(path: &Path) -> Result<Arc<Source>, String> {
+    pub fn read(path: &Path) -> Result<Arc<SourceText>, String> {
         let name = visible::line(&path.display().to_string()).into_owned();
-        Source::read_as(path, &name).map_err(|reason| match nearby(path) {
+        SourceText::read_as(path, &name).map_err(|reason| match nearby(path) {
             Some(meant) if !path.exists() => {
                 format!("read `{name}`: {reason}; did you mean `{meant}`?")
             }
@@ -63,10 +63,10 @@ impl Source {
     }
 
     /// Reads a file that is called `name` in diagnostics. The error is the reason alone.
-    pub fn read_as(path: &Path, name: &str) -> Result<Arc<Source>, String> {
+    pub fn read_as(path: &Path, name: &str) -> Result<Arc<SourceText>, String> {
         let bytes = read_bytes(path)?;
         if let Some(text) = utf16(&bytes) {
-            return Ok(Source::new(name, text));
+            return Ok(SourceText::new(name, text));
         }
         if is_binary(&bytes) {
             return Err("it is not UTF-8 text".to_owned());
@@ -75,7 +75,7 @@ impl Source {
             Ok(text) => text,
             Err(err) => pddl::text_from_bytes(err.as_bytes()).into_owned(),
         };
-        Ok(Source::new(name, text))
+        Ok(SourceText::new(name, text))
     }
 
     /// Returns line and column of a place, both from 1.
@@ -174,34 +174,39 @@ pub fn reason_of_writing(err: &std::io::Error) -> String {
 
 // === impl Report ===
 
-impl Report {
+impl DiagnosticReport {
     /// Adds diagnostics of one text.
-    pub fn add(&mut self, source: &Arc<Source>, diagnostics: impl IntoIterator<Item = Diagnostic>) {
+    pub fn add(
+        &mut self,
+        source: &Arc<SourceText>,
+        diagnostics: impl IntoIterator<Item = Diagnostic>,
+    ) {
         self.findings.extend(
-            diagnostics
-                .into_iter()
-                .map(|diagnostic| Finding { source: Some(Arc::clone(source)), diagnostic }),
+            diagnostics.into_iter().map(|diagnostic| SourcedDiagnostic {
+                source: Some(Arc::clone(source)),
+                diagnostic,
+            }),
         );
     }
 
     /// Adds an error that belongs to no text. `failure` completes “failed to …”.
     pub fn add_failure(&mut self, failure: impl std::fmt::Display) {
         let diagnostic = Diagnostic::error(Span::default(), format!("failed to {failure}"));
-        self.findings.push(Finding { source: None, diagnostic });
+        self.findings.push(SourcedDiagnostic { source: None, diagnostic });
     }
 
     /// Adds a diagnostic that belongs to no text.
     pub fn add_general(&mut self, diagnostic: Diagnostic) {
-        self.findings.push(Finding { source: None, diagnostic });
+        self.findings.push(SourcedDiagnostic { source: None, diagnostic });
     }
 
     /// Adds the diagnostics of another report.
-    pub fn extend(&mut self, other: Report) {
+    pub fn extend(&mut self, other: DiagnosticReport) {
         self.findings.extend(other.findings);
     }
 
     /// Returns the diagnostics.
-    pub fn findings(&self) -> &[Finding] {
+    pub fn findings(&self) -> &[SourcedDiagnostic] {
         &self.findings
     }
 
@@ -231,7 +236,7 @@ impl Report {
 
     /// Returns the report without the errors that may only follow from an unsupported feature, which leaves
     /// gaps in the parsed text.
-    pub fn refused(mut self) -> Report {
+    pub fn refused(mut self) -> DiagnosticReport {
         if self.is_unsupported() {
             self.findings.retain(|finding| {
                 finding.diagnostic.is_unsupported || !finding.diagnostic.is_error()
@@ -248,7 +253,7 @@ impl Report {
     /// Sorts the diagnostics by place within each text, and the texts by their first diagnostic.
     pub fn sort(&mut self) {
         let mut texts: Vec<String> = Vec::new();
-        let rank = |finding: &Finding| {
+        let rank = |finding: &SourcedDiagnostic| {
             let name = finding.source.as_ref().map_or("", |source| &source.name);
             let known = texts.iter().position(|text| text == name);
             known.unwrap_or_else(|| {
@@ -257,9 +262,9 @@ impl Report {
             })
         };
         let ranks: Vec<usize> = self.findings.iter().map(rank).collect();
-        let mut ranked: Vec<(usize, Finding)> =
+        let mut ranked: Vec<(usize, SourcedDiagnostic)> =
             ranks.into_iter().zip(std::mem::take(&mut self.findings)).collect();
-        ranked.sort_by_key(|(rank, Finding { diagnostic, .. })| {
+        ranked.sort_by_key(|(rank, SourcedDiagnostic { diagnostic, .. })| {
             (*rank, diagnostic.span.start, diagnostic.span.end)
         });
         self.findings = ranked.into_iter().map(|(_, finding)| finding).collect();
@@ -268,7 +273,7 @@ impl Report {
     /// Removes repeated diagnostics of one place: a file may have been read twice.
     pub fn dedup(&mut self) {
         let mut seen = BTreeSet::new();
-        self.findings.retain(|Finding { source, diagnostic }| {
+        self.findings.retain(|SourcedDiagnostic { source, diagnostic }| {
             let file = source.as_ref().map(|source| source.name.clone());
             seen.insert((file, diagnostic.span.start, diagnostic.message.clone()))
         });

@@ -12,8 +12,8 @@ use std::time::Duration;
 use acl::Deadline;
 use acl::content::Method;
 use actuator::{
-    Actuator, BaseConfig, BoxFuture, Call, Description, Device, Failure, MobileBase, Moved,
-    OwnFact, Performed, Stir, facts_of, model_of,
+    Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, MethodCall,
+    MethodFailure, MethodResult, MobileBase, OwnFact, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use pddl::InitElement;
@@ -76,8 +76,8 @@ struct CleaningRobot {
 }
 
 /// The result of a method.
-enum Done {
-    Moved(Moved),
+enum CleaningResult {
+    Moved(BaseOutcome),
     Swept(String),
     Emptied,
 }
@@ -106,7 +106,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 }
 
 impl Device for CleaningRobot {
-    type Yield = Done;
+    type Yield = CleaningResult;
 
     fn describe(&self) -> Description {
         let CleaningRobot { id, ontology, base, home, .. } = self;
@@ -118,7 +118,7 @@ impl Device for CleaningRobot {
         let mut methods = base.methods();
         methods.insert("sweep".to_owned(), method(SWEEP, SWEEPING_MAX));
         methods.insert("empty-bin".to_owned(), method(EMPTY_BIN, EMPTYING_MAX));
-        let (objects, lasting, moving) = (base.objects(), base.lasting(), base.actions(""));
+        let (objects, lasting, moving) = (base.objects(), base.constant_facts(), base.actions(""));
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types cleaning-robot - mobile-base)
@@ -154,34 +154,39 @@ impl Device for CleaningRobot {
         facts_of(&text)
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<CleaningResult, MethodFailure>> {
         match call.method.as_str() {
             SWEEP => {
                 let swept = self.broom.sweep();
-                Box::pin(async move { swept.await.map(Done::Swept).map_err(Failure::Driver) })
+                Box::pin(async move {
+                    swept.await.map(CleaningResult::Swept).map_err(MethodFailure::Driver)
+                })
             }
             EMPTY_BIN if self.base.place() == self.home => {
-                Box::pin(std::future::ready(Ok(Done::Emptied)))
+                Box::pin(std::future::ready(Ok(CleaningResult::Emptied)))
             }
             EMPTY_BIN => {
                 let failure = format!("empty the bin: the robot is not at `{}`", self.home);
-                Box::pin(std::future::ready(Err(Failure::Driver(failure))))
+                Box::pin(std::future::ready(Err(MethodFailure::Driver(failure))))
             }
             _ => {
                 let moved = self.base.perform(call);
-                Box::pin(async move { moved.await.map(Done::Moved) })
+                Box::pin(async move { moved.await.map(CleaningResult::Moved) })
             }
         }
     }
 
-    fn performed(&mut self, _call: &Call, done: Done) -> Performed {
+    fn on_success(&mut self, _call: &MethodCall, done: CleaningResult) -> MethodResult {
         let place = match done {
-            Done::Moved(moved) => return self.base.performed(&moved),
-            Done::Emptied => {
+            CleaningResult::Moved(moved) => return self.base.performed(&moved),
+            CleaningResult::Emptied => {
                 self.rooms_in_bin = 0;
-                return Performed { detail: "the bin is empty".into(), observations: Vec::new() };
+                return MethodResult {
+                    detail: "the bin is empty".into(),
+                    observations: Vec::new(),
+                };
             }
-            Done::Swept(place) => place,
+            CleaningResult::Swept(place) => place,
         };
         self.rooms_in_bin += 1;
         let observations: Vec<InitElement> =
@@ -190,18 +195,18 @@ impl Device for CleaningRobot {
         if !self.swept.contains(&place) {
             self.swept.push(place);
         }
-        Performed { detail, observations }
+        MethodResult { detail, observations }
     }
 
-    fn look(&self) -> Option<BoxFuture<()>> {
-        Some(self.base.look())
+    fn read_state(&self) -> Option<BoxFuture<()>> {
+        Some(self.base.locate())
     }
 
-    fn watch(&mut self) -> Option<BoxFuture<Stir<CleaningRobot>>> {
-        let wish = self.base.next_wish();
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<CleaningRobot>>> {
+        let wish = self.base.next_initiative();
         Some(Box::pin(async move {
             wish.await;
-            let stir: Stir<CleaningRobot> = Box::new(|robot| robot.base.wishes());
+            let stir: DeviceEvent<CleaningRobot> = Box::new(|robot| robot.base.take_initiatives());
             stir
         }))
     }

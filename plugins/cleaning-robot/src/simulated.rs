@@ -15,10 +15,10 @@ struct Simulated {
 }
 
 /// The drivers of the base and of the broom.
-type Drivers = (Arc<dyn BaseDriver>, Arc<dyn Broom>);
+type CleaningDrivers = (Arc<dyn BaseDriver>, Arc<dyn Broom>);
 
 /// Returns the drivers of a robot.
-pub(crate) fn robot(blueprint: &Blueprint) -> Result<Drivers, BuildError> {
+pub(crate) fn robot(blueprint: &Blueprint) -> Result<CleaningDrivers, BuildError> {
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")
     })?;

@@ -21,12 +21,12 @@ pub(crate) struct Config {
     /// The action model: `(define (agent NAME) (:domain …) …)`.
     model: String,
     /// The program of each action, by the action's name.
-    actions: BTreeMap<String, Action>,
+    actions: BTreeMap<String, ActionEntry>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct Action {
+struct ActionEntry {
     /// The program and its arguments; `{name}` is replaced by the object that is bound to the action's
     /// `?name`.
     run: Vec<String>,
@@ -36,14 +36,14 @@ struct Action {
 
 /// The program of an action, before its arguments are filled in.
 #[derive(Debug)]
-pub(crate) struct Run {
+pub(crate) struct ActionProgram {
     words: Vec<String>,
     /// The variables of the action: that of the agent, and its parameters.
     pub(crate) variables: Vec<String>,
     pub(crate) time_out: Duration,
 }
 
-impl Run {
+impl ActionProgram {
     /// Returns the program with the arguments of a call; `None` if there is no program name.
     pub(crate) fn program(&self, arguments: &BTreeMap<String, String>) -> Option<Program> {
         let filled = |word: &String| {
@@ -59,10 +59,10 @@ impl Run {
 impl Config {
     /// Returns the model, and the program of each of its actions. Returns an error if the model is invalid,
     /// or the programs do not match its actions.
-    pub(crate) fn understood(
+    pub(crate) fn parse_actions(
         self,
         blueprint: &Blueprint,
-    ) -> Result<(ActionModel, BTreeMap<String, Run>), BuildError> {
+    ) -> Result<(ActionModel, BTreeMap<String, ActionProgram>), BuildError> {
         let wrong = |problem: String| blueprint.problem(problem);
         let model = self.model(blueprint)?;
         let mut runs = BTreeMap::new();
@@ -75,7 +75,7 @@ impl Config {
                     known.join(", ")
                 ))
             })?;
-            let run = action.understood(schema);
+            let run = action.parse_action(schema);
             let run = run.map_err(|problem| wrong(format!("actions.{name}: {problem}")))?;
             runs.insert(name, run);
         }
@@ -112,8 +112,8 @@ impl Config {
     }
 }
 
-impl Action {
-    fn understood(self, schema: &ActionSchema) -> Result<Run, String> {
+impl ActionEntry {
+    fn parse_action(self, schema: &ActionSchema) -> Result<ActionProgram, String> {
         let variables = schema.agent.iter().chain(&schema.parameters);
         let variables: Vec<_> = variables.map(|one| one.name.as_str().to_owned()).collect();
         if self.run.first().is_none_or(String::is_empty) {
@@ -131,7 +131,7 @@ impl Action {
         if time_out.is_zero() || time_out > TIME_OUT_MAX {
             return Err(format!("time-out: between 1ms and {}s", TIME_OUT_MAX.as_secs()));
         }
-        Ok(Run { words: self.run, variables, time_out })
+        Ok(ActionProgram { words: self.run, variables, time_out })
     }
 }
 

@@ -6,11 +6,11 @@ use pddl::{Atom, Effect, InitElement, Name, Term};
 
 /// The facts of the agent, by their texts; the value of a function by the function's text.
 #[derive(Debug, Default)]
-pub(crate) struct Known(BTreeMap<String, InitElement>);
+pub(crate) struct AgentFacts(BTreeMap<String, InitElement>);
 
-impl Known {
-    pub(crate) fn new(facts: Vec<InitElement>) -> Known {
-        let mut known = Known::default();
+impl AgentFacts {
+    pub(crate) fn new(facts: Vec<InitElement>) -> AgentFacts {
+        let mut known = AgentFacts::default();
         facts.into_iter().for_each(|fact| known.add(fact));
         known
     }
@@ -60,9 +60,15 @@ impl Known {
 
     /// Applies only the deletions of an effect that may or may not have come about: facts that it would
     /// have made untrue are no longer known.
-    pub(crate) fn doubt(&mut self, effect: &Effect, arguments: &BTreeMap<String, String>) {
+    pub(crate) fn apply_deletions(
+        &mut self,
+        effect: &Effect,
+        arguments: &BTreeMap<String, String>,
+    ) {
         match effect {
-            Effect::And(effects) => effects.iter().for_each(|each| self.doubt(each, arguments)),
+            Effect::And(effects) => {
+                effects.iter().for_each(|each| self.apply_deletions(each, arguments))
+            }
             Effect::Delete(_) => drop(self.apply(effect, arguments)),
             _ => (),
         }

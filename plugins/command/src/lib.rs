@@ -16,14 +16,17 @@ use std::time::Duration;
 
 use acl::Deadline;
 use acl::content::Method;
-use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Stir};
+use actuator::{
+    Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
+    OwnFact,
+};
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use pddl::{ActionModel, InitElement};
 use programs::ProgramError;
 use tokio::time::Instant;
 
-use crate::config::{Config, Run};
-use crate::effect::Known;
+use crate::config::{ActionProgram, Config};
+use crate::effect::AgentFacts;
 
 /// How long an actuator offers no actions after a failure.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
@@ -32,7 +35,7 @@ const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 const MARGIN: Duration = Duration::from_secs(1);
 
 /// The most characters of a program's output that are quoted.
-const TOLD_CHARS: usize = 160;
+const QUOTED_CHARS: usize = 160;
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -47,30 +50,30 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     Ok(Box::new(Actuator::new(&blueprint, commanded(&blueprint)?)?))
 }
 
-fn commanded(blueprint: &Blueprint) -> Result<Commanded, BuildError> {
+fn commanded(blueprint: &Blueprint) -> Result<CommandActuator, BuildError> {
     let config: Config = blueprint.config_as()?;
-    let (model, runs) = config.understood(blueprint)?;
-    let known = Known::new(model.init.clone());
-    Ok(Commanded { model, runs, known, rests_until: None })
+    let (model, runs) = config.parse_actions(blueprint)?;
+    let known = AgentFacts::new(model.init.clone());
+    Ok(CommandActuator { model, runs, known, paused_until: None })
 }
 
-struct Commanded {
+struct CommandActuator {
     model: ActionModel,
     /// The program of each action.
-    runs: BTreeMap<String, Run>,
-    known: Known,
-    rests_until: Option<Instant>,
+    runs: BTreeMap<String, ActionProgram>,
+    known: AgentFacts,
+    paused_until: Option<Instant>,
 }
 
-impl Device for Commanded {
+impl Device for CommandActuator {
     type Yield = String;
 
     fn describe(&self) -> Description {
         let mut model = self.model.clone();
-        if self.rests_until.is_some_and(|until| until > Instant::now()) {
+        if self.paused_until.is_some_and(|until| until > Instant::now()) {
             model.actions.clear();
         }
-        let method = |(action, run): (&String, &Run)| {
+        let method = |(action, run): (&String, &ActionProgram)| {
             let arguments = run.variables.iter().map(|name| (name.clone(), format!("?{name}")));
             let (method, arguments) = (action.clone(), arguments.collect());
             (action.clone(), Method { method, arguments, timeout: Deadline(run.time_out + MARGIN) })
@@ -82,23 +85,23 @@ impl Device for Commanded {
         self.known.facts().map(OwnFact::from).collect()
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<String, Failure>> {
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<String, MethodFailure>> {
         let Some(run) = self.runs.get(&call.method) else {
-            let unknown = Failure::UnknownMethod(call.method.clone());
+            let unknown = MethodFailure::UnknownMethod(call.method.clone());
             return Box::pin(std::future::ready(Err(unknown)));
         };
         let (program, time_out) = (run.program(&call.arguments), run.time_out);
         Box::pin(async move {
-            let program = program.ok_or_else(|| Failure::Driver("run nothing".to_owned()))?;
+            let program = program.ok_or_else(|| MethodFailure::Driver("run nothing".to_owned()))?;
             let printed = program.run(time_out).await;
             printed.map_err(|error| match error {
-                ProgramError::TimedOut { within, .. } => Failure::TimedOut(within),
-                other => Failure::Driver(other.to_string()),
+                ProgramError::TimedOut { within, .. } => MethodFailure::TimedOut(within),
+                other => MethodFailure::Driver(other.to_string()),
             })
         })
     }
 
-    fn performed(&mut self, call: &Call, printed: String) -> Performed {
+    fn on_success(&mut self, call: &MethodCall, printed: String) -> MethodResult {
         let (facts, told) = read(&printed);
         let action = self.model.actions.iter().find(|action| action.name.as_str() == call.method);
         let mut observations = Vec::new();
@@ -110,29 +113,29 @@ impl Device for Commanded {
             observations.push(fact);
         }
         let detail = told.unwrap_or_else(|| format!("{} is done", call.action));
-        Performed { detail, observations }
+        MethodResult { detail, observations }
     }
 
-    fn failed(&mut self, call: &Call, failure: &Failure) {
+    fn on_failure(&mut self, call: &MethodCall, failure: &MethodFailure) {
         let action = self.model.actions.iter().find(|action| action.name.as_str() == call.method);
-        if let (Failure::TimedOut(_), Some(action)) = (failure, action) {
-            self.known.doubt(&action.effect, &call.arguments);
+        if let (MethodFailure::TimedOut(_), Some(action)) = (failure, action) {
+            self.known.apply_deletions(&action.effect, &call.arguments);
         }
-        if *failure != Failure::GivenUp {
-            self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);
+        if *failure != MethodFailure::GivenUp {
+            self.paused_until = Some(Instant::now() + REST_AFTER_FAILURE);
         }
     }
 
     /// Waits for the end of the pause after a failure; then the actions are offered and announced again.
-    fn watch(&mut self) -> Option<BoxFuture<Stir<Commanded>>> {
-        let until = self.rests_until;
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<CommandActuator>>> {
+        let until = self.paused_until;
         Some(Box::pin(async move {
             match until {
                 Some(until) => tokio::time::sleep_until(until).await,
                 None => std::future::pending().await,
             }
-            let stir: Stir<Commanded> = Box::new(|commanded| {
-                commanded.rests_until = None;
+            let stir: DeviceEvent<CommandActuator> = Box::new(|commanded| {
+                commanded.paused_until = None;
                 Vec::new()
             });
             stir
@@ -150,7 +153,7 @@ fn read(printed: &str) -> (Vec<InitElement>, Option<String>) {
             |fact: &InitElement| matches!(fact, InitElement::Atom(_) | InitElement::Assign(..));
         match parsed.value.filter(|_| line.starts_with('(') && parsed.diagnostics.is_empty()) {
             Some(found) if found.iter().all(is_sayable) => facts.extend(found),
-            _ => told = Some(line.chars().take(TOLD_CHARS).collect()),
+            _ => told = Some(line.chars().take(QUOTED_CHARS).collect()),
         }
     }
     (facts, told)

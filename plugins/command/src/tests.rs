@@ -26,7 +26,7 @@ fn blueprint(config: Value) -> Blueprint {
     Blueprint { id, driver: String::new(), config: config.into(), host: Arc::new(host) }
 }
 
-fn brewer(script: &str, more: Value) -> Commanded {
+fn brewer(script: &str, more: Value) -> CommandActuator {
     let mut brew = json!({ "run": ["/bin/sh", "-c", script, "brew", "{r}"] });
     if let (Value::Object(brew), Value::Object(more)) = (&mut brew, more) {
         brew.extend(more);
@@ -34,20 +34,20 @@ fn brewer(script: &str, more: Value) -> Commanded {
     commanded(&blueprint(json!({ "model": MODEL, "actions": { "brew": brew } }))).expect("right")
 }
 
-async fn brew(device: &mut Commanded) -> Result<String, String> {
+async fn brew(device: &mut CommandActuator) -> Result<String, String> {
     let arguments = [("c", "c"), ("r", "kitchen")].map(|(key, value)| (key.into(), value.into()));
     let (action, method) = ("(brew c kitchen)".to_owned(), "brew".to_owned());
-    let call = Call { action, method, arguments: arguments.into() };
+    let call = MethodCall { action, method, arguments: arguments.into() };
     match device.perform(&call).await {
-        Ok(printed) => Ok(device.performed(&call, printed).detail),
+        Ok(printed) => Ok(device.on_success(&call, printed).detail),
         Err(failure) => {
-            device.failed(&call, &failure);
+            device.on_failure(&call, &failure);
             Err(failure.to_string())
         }
     }
 }
 
-fn facts(device: &Commanded) -> Vec<String> {
+fn facts(device: &CommandActuator) -> Vec<String> {
     device.facts().iter().map(|fact| fact.fact.to_string()).collect()
 }
 

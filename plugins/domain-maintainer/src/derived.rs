@@ -2,7 +2,7 @@
 
 use acl::content::BelievedFact;
 use capability::Snapshot;
-use pddl::knowledge::Auxiliary;
+use pddl::knowledge::AuxiliaryPredicates;
 use pddl::{Atom, Condition, Name};
 use planner::validate::World;
 
@@ -10,7 +10,7 @@ use planner::validate::World;
 const AXIOM: &str = "axiom";
 
 /// Returns the facts that axioms derive, and as unknown those that axioms neither derive nor rule out.
-pub(crate) fn derived(snapshot: &Snapshot) -> Vec<BelievedFact> {
+pub(crate) fn derived_facts(snapshot: &Snapshot) -> Vec<BelievedFact> {
     if snapshot.domain.derived.is_empty() {
         return Vec::new();
     }
@@ -18,11 +18,11 @@ pub(crate) fn derived(snapshot: &Snapshot) -> Vec<BelievedFact> {
     let knowledge = snapshot.knowledge();
     let is_derived = |name: &Name| snapshot.domain.derived.iter().any(|it| it.predicate == *name);
     let told = |atom: Atom| {
-        if let Some(Auxiliary::Derived { .. }) = knowledge.symbols.get(&atom.predicate) {
+        if let Some(AuxiliaryPredicates::Derived { .. }) = knowledge.symbols.get(&atom.predicate) {
             return Some(atom.to_string());
         }
         let maybe = { knowledge.symbols.iter() }.find(|(_, words)| {
-            matches!(words, Auxiliary::Derived { maybe, .. } if *maybe == atom.predicate)
+            matches!(words, AuxiliaryPredicates::Derived { maybe, .. } if *maybe == atom.predicate)
         });
         match maybe {
             // A fact that is known is listed as itself.

@@ -8,10 +8,10 @@
 //!   (`changing`), and announces them to the actuators.
 //! - Does not plan, and decides nothing about goals.
 
-mod changing;
+mod change_requests;
 mod derived;
-mod handing_over;
-mod kept;
+mod handover;
+mod stored_requests;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,16 +30,16 @@ use agent::{
 use capability::{Change, Conflict, Maintainer, Moment, Requests, Scope};
 use serde::Deserialize;
 
-use crate::handing_over::Namesakes;
-use crate::kept::KeptRequests;
+use crate::handover::KnownReplicas;
+use crate::stored_requests::StoredRequests;
 
 /// Minimum time between two announcements. The models of a daemon that starts arrive within this time,
 /// and one announcement serves them all. A single change after a longer pause is announced at once.
-const GATHERING: Duration = Duration::from_millis(5);
+const ANNOUNCE_INTERVAL_MIN: Duration = Duration::from_millis(5);
 
 /// Delay between news of requests and the announcement of everything that requests changed. The full
 /// announcement reaches agents that missed the news; it is sent once, however many news come meanwhile.
-const TELLING_ALL: Duration = Duration::from_secs(1);
+const FULL_ANNOUNCEMENT_DELAY: Duration = Duration::from_secs(1);
 
 /// Key of the record in which the Journals keep everything that requests changed.
 const REQUESTED: &str = "state/requested";
@@ -63,15 +63,15 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     Ok(Box::new(DomainMaintainer {
         upkeep: Upkeep::new(maintainer),
         unannounced: None,
-        announcing: None,
-        announced: None,
-        tells: Tells::Nothing,
-        telling_all: None,
+        announcement_timer: None,
+        last_announced: None,
+        announcement_scope: AnnouncementScope::Nothing,
+        full_announcement_timer: None,
         has_requests: false,
         keeper: Keeper::new(&blueprint.host),
         is_leading: false,
-        recalled: None,
-        namesakes: Namesakes::default(),
+        record_version: None,
+        known_replicas: KnownReplicas::default(),
     }))
 }
 
@@ -79,32 +79,32 @@ struct DomainMaintainer {
     upkeep: Upkeep,
     /// Changes since the last announcement.
     unannounced: Option<EpochChange>,
-    announcing: Option<TimerId>,
+    announcement_timer: Option<TimerId>,
     /// When the last announcement was sent.
-    announced: Option<Moment>,
+    last_announced: Option<Moment>,
     /// How much of the requested changes the next announcement contains.
-    tells: Tells,
-    telling_all: Option<TimerId>,
+    announcement_scope: AnnouncementScope,
+    full_announcement_timer: Option<TimerId>,
     /// Whether any requested changes were in force at the last announcement of them.
     has_requests: bool,
     keeper: Keeper<DomainMaintainer>,
     /// Whether this replica leads. A standby receives the same messages and sends none.
     is_leading: bool,
     /// Version of the last record of requested changes that was read or written.
-    recalled: Option<Version>,
-    namesakes: Namesakes,
+    record_version: Option<Version>,
+    known_replicas: KnownReplicas,
 }
 
 /// How much of the requested changes an announcement contains: as much as the agent that lacks most
 /// needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Tells {
+enum AnnouncementScope {
     Nothing,
-    News,
+    Changes,
     /// All of them, for agents that missed the news.
-    Again,
+    FullRepeat,
     /// All of them, because they are more than facts, or because an agent may have received none yet.
-    All,
+    Full,
 }
 
 impl Agent for DomainMaintainer {
@@ -121,13 +121,13 @@ impl Agent for DomainMaintainer {
         if is_leading {
             // Another leader may be active in another partition.
             self.upkeep.maintainer.part();
-            self.look_around(ctx);
+            self.check_replicas(ctx);
         } else if was_leading {
             self.stand_down(ctx);
         }
         if is_leading && self.upkeep.maintainer.revision() > 0 {
             // All agents learn that there is a leader again, and everything that requests changed.
-            self.tells = Tells::All;
+            self.announcement_scope = AnnouncementScope::Full;
             self.announce_requests(ctx);
         }
     }
@@ -136,7 +136,7 @@ impl Agent for DomainMaintainer {
         upkeep::presence(self, presence, ctx);
         keeping::presence(self, presence, ctx);
         if presence.resident().agent == *ctx.id() {
-            self.look_around(ctx);
+            self.check_replicas(ctx);
         }
     }
 
@@ -183,7 +183,7 @@ impl Maintains for DomainMaintainer {
         }
         // An agent that has joined has not received what requests changed before.
         if change.epoch_changed {
-            self.tells = Tells::All;
+            self.announcement_scope = AnnouncementScope::Full;
         }
         self.announce_soon(EpochChange::from(change), ctx);
     }
@@ -213,20 +213,20 @@ impl Keeps for DomainMaintainer {
             return;
         };
         // Changes that this replica received or wrote itself are newer than its record.
-        let is_known = self.recalled.is_some_and(|known| known >= record.version);
+        let is_known = self.record_version.is_some_and(|known| known >= record.version);
         let is_own = record.version.term == self.keeper.term();
         if is_known || is_own || self.has_requests {
             return;
         }
-        self.recalled = Some(record.version);
+        self.record_version = Some(record.version);
         let now = self.upkeep.moment();
         let wall_clock = ctx.switchboard().machine().wall_clock();
-        let kept = KeptRequests::deserialize(record.body).map_err(|error| error.to_string());
+        let kept = StoredRequests::deserialize(record.body).map_err(|error| error.to_string());
         let requests = kept.and_then(|kept| {
             let mistakes = |found: Vec<pddl::Diagnostic>| {
                 found.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
             };
-            Requests::read(&kept.until_now(wall_clock), now).map_err(mistakes)
+            Requests::read(&kept.in_force_at(wall_clock), now).map_err(mistakes)
         });
         let recalled = requests.and_then(|requests| {
             let maintainer = &mut self.upkeep.maintainer;
@@ -235,7 +235,7 @@ impl Keeps for DomainMaintainer {
         match recalled {
             Ok(change) => {
                 tracing::info!("restores the changes that were requested earlier");
-                self.tells = Tells::All;
+                self.announcement_scope = AnnouncementScope::Full;
                 upkeep::conclude(self, &change, ctx);
             }
             Err(why) => tracing::warn!(why, "earlier requests cannot be restored"),
@@ -256,13 +256,13 @@ impl DomainMaintainer {
     }
 
     /// Sends the requested changes to the Journals: no agent repeats them by itself.
-    fn keep_requests(&mut self, requested: Requested, ctx: &mut Context<Self>) {
+    fn replicate_requests(&mut self, requested: Requested, ctx: &mut Context<Self>) {
         if self.keeper.journals().is_empty() {
             return;
         }
-        let kept = KeptRequests::new(requested, ctx.switchboard().machine().wall_clock());
+        let kept = StoredRequests::new(requested, ctx.switchboard().machine().wall_clock());
         let record = self.keeper.write(REQUESTED.to_owned(), value(&kept));
-        self.recalled = Some(record.version);
+        self.record_version = Some(record.version);
         keeping::keep_on(self, &[record], ctx);
     }
 
@@ -273,48 +273,50 @@ impl DomainMaintainer {
         }
         match &mut self.unannounced {
             None => self.unannounced = Some(change),
-            Some(gathered) => gather(gathered, change),
+            Some(gathered) => merge_change(gathered, change),
         }
-        if self.announcing.is_some() {
+        if self.announcement_timer.is_some() {
             return;
         }
         let now = self.upkeep.moment();
-        let over = self.announced.map_or(GATHERING, |last| now.since(last));
-        match GATHERING.saturating_sub(over) {
+        let over = self.last_announced.map_or(ANNOUNCE_INTERVAL_MIN, |last| now.since(last));
+        match ANNOUNCE_INTERVAL_MIN.saturating_sub(over) {
             // Without a timer: even the shortest one fires a millisecond later.
             Duration::ZERO => self.announce(ctx),
             wait => {
                 let announce =
                     |maintainer: &mut Self, ctx: &mut Context<Self>| maintainer.announce(ctx);
-                self.announcing = Some(ctx.after(wait, announce));
+                self.announcement_timer = Some(ctx.after(wait, announce));
             }
         }
     }
 
     fn announce(&mut self, ctx: &mut Context<Self>) {
-        self.announcing = None;
+        self.announcement_timer = None;
         let Some(mut change) = self.unannounced.take() else { return };
-        self.announced = Some(self.upkeep.moment());
-        let tells = std::mem::replace(&mut self.tells, Tells::Nothing);
+        self.last_announced = Some(self.upkeep.moment());
+        let tells = std::mem::replace(&mut self.announcement_scope, AnnouncementScope::Nothing);
         match tells {
-            Tells::Nothing => (),
-            Tells::News => self.tell_news(&mut change, ctx),
-            Tells::Again | Tells::All => self.tell_all(tells, &mut change, ctx),
+            AnnouncementScope::Nothing => (),
+            AnnouncementScope::Changes => self.add_changes(&mut change, ctx),
+            AnnouncementScope::FullRepeat | AnnouncementScope::Full => {
+                self.add_all_requests(tells, &mut change, ctx)
+            }
         }
         let EpochChange { epoch, revision, .. } = change;
         let is_nothing = change == EpochChange { epoch, revision, ..EpochChange::default() };
         // An announcement without a change still tells that there is a leader again.
-        if !is_nothing || tells == Tells::All {
+        if !is_nothing || tells == AnnouncementScope::Full {
             ctx.inform_all(&Inform::Epoch(change));
         }
     }
 
     /// Adds the new requested changes to the announcement and schedules the full list. So the message
     /// is only as long as the news, and an agent that missed it soon gets the full list.
-    fn tell_news(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
+    fn add_changes(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
         let now = self.upkeep.moment();
         let Some(since) = self.upkeep.maintainer.requested_since(now) else {
-            return self.tell_all(Tells::All, change, ctx);
+            return self.add_all_requests(AnnouncementScope::Full, change, ctx);
         };
         if since == RequestedSince::default() {
             return;
@@ -323,18 +325,25 @@ impl DomainMaintainer {
         change.requested_since = Some(since);
         if !self.keeper.journals().is_empty() {
             let requested = self.upkeep.maintainer.requested(now);
-            self.keep_requests(requested, ctx);
+            self.replicate_requests(requested, ctx);
         }
-        if self.telling_all.is_none() {
-            self.telling_all = Some(ctx.after(TELLING_ALL, |maintainer: &mut Self, ctx| {
-                maintainer.tells = maintainer.tells.max(Tells::Again);
-                maintainer.announce_requests(ctx);
-            }));
+        if self.full_announcement_timer.is_none() {
+            self.full_announcement_timer =
+                Some(ctx.after(FULL_ANNOUNCEMENT_DELAY, |maintainer: &mut Self, ctx| {
+                    maintainer.announcement_scope =
+                        maintainer.announcement_scope.max(AnnouncementScope::FullRepeat);
+                    maintainer.announce_requests(ctx);
+                }));
         }
     }
 
-    fn tell_all(&mut self, tells: Tells, change: &mut EpochChange, ctx: &mut Context<Self>) {
-        if let Some(timer) = self.telling_all.take() {
+    fn add_all_requests(
+        &mut self,
+        tells: AnnouncementScope,
+        change: &mut EpochChange,
+        ctx: &mut Context<Self>,
+    ) {
+        if let Some(timer) = self.full_announcement_timer.take() {
             ctx.forget(timer);
         }
         let now = self.upkeep.moment();
@@ -349,8 +358,8 @@ impl DomainMaintainer {
         }
         change.requested = Some(requested.clone());
         // A repetition is on record already, from when it was new.
-        if tells == Tells::All || since != Some(RequestedSince::default()) {
-            self.keep_requests(requested, ctx);
+        if tells == AnnouncementScope::Full || since != Some(RequestedSince::default()) {
+            self.replicate_requests(requested, ctx);
         }
     }
 
@@ -368,11 +377,11 @@ impl DomainMaintainer {
                     .min()
                     .unwrap_or(0),
                 known_for: known_for(&fact.claims),
-                claims: fact.claims.iter().map(claim).collect(),
+                claims: fact.claims.iter().map(claim_content).collect(),
             }
         });
         let mut facts: Vec<BelievedFact> = known.collect();
-        let mut derived = derived::derived(&maintainer.snapshot(self.upkeep.moment()));
+        let mut derived = derived::derived_facts(&maintainer.snapshot(self.upkeep.moment()));
         // The facts of an agent that has left are already known to be unknown.
         derived.retain(|derived| facts.iter().all(|known| known.fact != derived.fact));
         facts.extend(derived);
@@ -380,7 +389,7 @@ impl DomainMaintainer {
     }
 }
 
-fn claim(claim: &capability::ClaimedBy) -> Claim {
+fn claim_content(claim: &capability::ClaimedBy) -> Claim {
     Claim {
         owner: claim.owner.to_string(),
         fact: claim.said.to_string(),
@@ -396,7 +405,7 @@ fn known_for(claims: &[capability::ClaimedBy]) -> Option<Deadline> {
     left?.into_iter().max().map(Deadline)
 }
 
-fn gather(gathered: &mut EpochChange, change: EpochChange) {
+fn merge_change(gathered: &mut EpochChange, change: EpochChange) {
     let EpochChange { epoch, revision, joined, left, believed, retracted, .. } = change;
     (gathered.epoch, gathered.revision) = (epoch, revision);
     gathered.joined.retain(|agent| !left.contains(agent));

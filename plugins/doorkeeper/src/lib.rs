@@ -23,16 +23,16 @@ use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
 /// How long to wait for more agents to appear: the devices of a gateway come at once.
-const GATHERING: Duration = Duration::from_millis(500);
+const APPLICANT_DELAY: Duration = Duration::from_millis(500);
 
 /// How long a person has to answer.
-const PATIENCE: Duration = Duration::from_secs(600);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// Delay before the next try when no person has answered.
-const REST: Duration = Duration::from_secs(10);
+const REASK_DELAY: Duration = Duration::from_secs(10);
 
 /// Maximum number of open questions. Agents that appear beyond them wait.
-const OPEN_MAX: usize = 8;
+const OPEN_QUESTIONS_MAX: usize = 8;
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -50,10 +50,10 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     Ok(Box::new(Doorkeeper {
         admissions: admissions.unwrap_or_else(|| Arc::new(Admissions::new(Admit::Ask))),
         file: folder.map(|folder| folder.0.join("admitted.json")),
-        asking: BTreeMap::new(),
-        asked: 0,
-        is_due: false,
-        hearing: None,
+        open_questions: BTreeMap::new(),
+        last_question_id: 0,
+        is_check_scheduled: false,
+        admission_watch: None,
     }))
 }
 
@@ -62,15 +62,15 @@ struct Doorkeeper {
     /// File of the answers; `None` keeps them only until the daemon stops.
     file: Option<PathBuf>,
     /// The open questions, with the agents that each is about.
-    asking: BTreeMap<u64, Asking>,
-    asked: u64,
+    open_questions: BTreeMap<u64, AdmissionQuestion>,
+    last_question_id: u64,
     /// Whether a check for new applicants is scheduled.
-    is_due: bool,
-    hearing: Option<Work>,
+    is_check_scheduled: bool,
+    admission_watch: Option<Work>,
 }
 
-struct Asking {
-    about: Vec<(Applicant, String)>,
+struct AdmissionQuestion {
+    applicants: Vec<(Applicant, String)>,
     text: String,
     /// One exchange with all keyboards, and one with each that has joined since.
     exchanges: Vec<ReplyToken>,
@@ -78,7 +78,7 @@ struct Asking {
 
 /// One answer, as stored on disk.
 #[derive(Serialize, Deserialize)]
-struct Kept {
+struct StoredAnswer {
     by: String,
     name: String,
     admitted: bool,
@@ -92,9 +92,9 @@ impl Agent for Doorkeeper {
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let Presence::Joined(newcomer) = presence else { return };
         // The new agent may be a keyboard; any other agent refuses the question.
-        let open: Vec<_> = self.asking.keys().copied().collect();
+        let open: Vec<_> = self.open_questions.keys().copied().collect();
         for id in open {
-            self.put(id, Some(newcomer.agent.clone()), ctx);
+            self.send_question(id, Some(newcomer.agent.clone()), ctx);
         }
     }
 
@@ -105,69 +105,80 @@ impl Agent for Doorkeeper {
                 Err(problem) => tracing::warn!(file = %file.display(), "failed to {problem}"),
             }
         }
-        self.hear_of_admissions(self.admissions.changes(), ctx);
-        self.look_soon(GATHERING, ctx);
+        self.watch_admissions(self.admissions.changes(), ctx);
+        self.schedule_check(APPLICANT_DELAY, ctx);
     }
 }
 
 impl Doorkeeper {
-    fn hear_of_admissions(&mut self, mut changes: watch::Receiver<()>, ctx: &mut Context<Self>) {
+    fn watch_admissions(&mut self, mut changes: watch::Receiver<()>, ctx: &mut Context<Self>) {
         let next = async move { changes.changed().await.is_ok().then_some(changes) };
         let work = ctx.run(next, |doorkeeper: &mut Self, changes, ctx| {
             let Some(changes) = changes else { return };
-            doorkeeper.look_soon(GATHERING, ctx);
-            doorkeeper.hear_of_admissions(changes, ctx);
+            doorkeeper.schedule_check(APPLICANT_DELAY, ctx);
+            doorkeeper.watch_admissions(changes, ctx);
         });
-        self.hearing = Some(work);
+        self.admission_watch = Some(work);
     }
 
-    fn look_soon(&mut self, wait: Duration, ctx: &mut Context<Self>) {
-        if self.is_due {
+    fn schedule_check(&mut self, wait: Duration, ctx: &mut Context<Self>) {
+        if self.is_check_scheduled {
             return;
         }
-        self.is_due = true;
+        self.is_check_scheduled = true;
         ctx.after(wait, |doorkeeper: &mut Self, ctx| {
-            doorkeeper.is_due = false;
-            doorkeeper.look(ctx);
+            doorkeeper.is_check_scheduled = false;
+            doorkeeper.check_applicants(ctx);
         });
     }
 
     /// Asks about applicants that are in no open question. Withdraws questions about agents that have
     /// all left.
-    fn look(&mut self, ctx: &mut Context<Self>) {
+    fn check_applicants(&mut self, ctx: &mut Context<Self>) {
         let open = self.admissions.open();
         let here: BTreeSet<_> = open.iter().map(|(applicant, _)| applicant).collect();
-        let is_idle = |asking: &Asking| asking.about.iter().all(|(one, _)| !here.contains(one));
-        let idle: Vec<_> =
-            self.asking.iter().filter(|(_, asking)| is_idle(asking)).map(|(id, _)| *id).collect();
+        let is_idle = |asking: &AdmissionQuestion| {
+            asking.applicants.iter().all(|(one, _)| !here.contains(one))
+        };
+        let idle: Vec<_> = self
+            .open_questions
+            .iter()
+            .filter(|(_, asking)| is_idle(asking))
+            .map(|(id, _)| *id)
+            .collect();
         for id in idle {
-            self.end(id, "the agents have left".to_owned(), ctx);
+            self.close_question(id, "the agents have left".to_owned(), ctx);
         }
-        let asked: BTreeSet<_> =
-            self.asking.values().flat_map(|asking| &asking.about).map(|(one, _)| one).collect();
+        let asked: BTreeSet<_> = self
+            .open_questions
+            .values()
+            .flat_map(|asking| &asking.applicants)
+            .map(|(one, _)| one)
+            .collect();
         let new: Vec<_> =
             open.iter().filter(|(applicant, _)| !asked.contains(applicant)).cloned().collect();
-        if !new.is_empty() && self.asking.len() < OPEN_MAX {
-            self.ask(new, None, ctx);
+        if !new.is_empty() && self.open_questions.len() < OPEN_QUESTIONS_MAX {
+            self.open_question(new, None, ctx);
         }
     }
 
-    fn ask(
+    fn open_question(
         &mut self,
         about: Vec<(Applicant, String)>,
         mistake: Option<String>,
         ctx: &mut Context<Self>,
     ) {
-        let text = question::text(&about, mistake.as_deref());
-        self.asked += 1;
-        let id = self.asked;
-        self.asking.insert(id, Asking { about, text, exchanges: Vec::new() });
-        self.put(id, None, ctx);
+        let text = question::question_text(&about, mistake.as_deref());
+        self.last_question_id += 1;
+        let id = self.last_question_id;
+        self.open_questions
+            .insert(id, AdmissionQuestion { applicants: about, text, exchanges: Vec::new() });
+        self.send_question(id, None, ctx);
     }
 
     /// Sends an open question to one agent, or to all if `to` is `None`.
-    fn put(&mut self, id: u64, to: Option<AgentId>, ctx: &mut Context<Self>) {
-        let Some(asking) = self.asking.get_mut(&id) else { return };
+    fn send_question(&mut self, id: u64, to: Option<AgentId>, ctx: &mut Context<Self>) {
+        let Some(asking) = self.open_questions.get_mut(&id) else { return };
         let is_to_all = to.is_none();
         let opening = Opening {
             to,
@@ -176,9 +187,10 @@ impl Doorkeeper {
             conversation: ctx.new_conversation(),
             content: serde_json::json!(Question::new(asking.text.clone())),
         };
-        let exchange = ctx.open(opening, PATIENCE, move |doorkeeper: &mut Self, answer, ctx| {
-            doorkeeper.answered(id, &answer, is_to_all, ctx);
-        });
+        let exchange =
+            ctx.open(opening, ANSWER_TIMEOUT, move |doorkeeper: &mut Self, answer, ctx| {
+                doorkeeper.answered(id, &answer, is_to_all, ctx);
+            });
         asking.exchanges.push(exchange);
     }
 
@@ -197,27 +209,34 @@ impl Doorkeeper {
             }
             Answer::Silence | Answer::Undelivered(_) => {
                 if is_of_all {
-                    self.end(id, "no answer came in time".to_owned(), ctx);
-                    self.look_soon(REST, ctx);
+                    self.close_question(id, "no answer came in time".to_owned(), ctx);
+                    self.schedule_check(REASK_DELAY, ctx);
                 }
                 return;
             }
         };
-        let Some(asking) = self.end(id, format!("answered at `{by}`"), ctx) else { return };
-        match question::understand(&said, &asking.about) {
+        let Some(asking) = self.close_question(id, format!("answered at `{by}`"), ctx) else {
+            return;
+        };
+        match question::parse_answer(&said, &asking.applicants) {
             Ok(answers) => {
                 for (applicant, is_in) in &answers {
                     let name = &applicant.name;
                     tracing::info!(name, is_in, at = %by, "a person has admitted or refused it");
                 }
-                self.keep(answers);
+                self.store_answers(answers);
             }
-            Err(mistake) => self.ask(asking.about, Some(mistake), ctx),
+            Err(mistake) => self.open_question(asking.applicants, Some(mistake), ctx),
         }
     }
 
-    fn end(&mut self, id: u64, detail: String, ctx: &mut Context<Self>) -> Option<Asking> {
-        let asking = self.asking.remove(&id)?;
+    fn close_question(
+        &mut self,
+        id: u64,
+        detail: String,
+        ctx: &mut Context<Self>,
+    ) -> Option<AdmissionQuestion> {
+        let asking = self.open_questions.remove(&id)?;
         for exchange in &asking.exchanges {
             ctx.withdraw(exchange, &Withdrawal { detail: detail.clone() });
         }
@@ -226,7 +245,7 @@ impl Doorkeeper {
 
     /// Stores answers on disk and applies them. They apply even if they cannot be stored; people are
     /// then asked again after a restart.
-    fn keep(&self, answers: Vec<(Applicant, bool)>) {
+    fn store_answers(&self, answers: Vec<(Applicant, bool)>) {
         if let Some(file) = &self.file {
             let mut all: BTreeMap<_, _> = self.admissions.answers().into_iter().collect();
             all.extend(answers.iter().cloned());
@@ -245,18 +264,18 @@ fn read(file: &Path) -> Result<Vec<(Applicant, bool)>, String> {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(format!("read the decisions: {error}")),
     };
-    let kept: Vec<Kept> = serde_json::from_str(&text)
+    let kept: Vec<StoredAnswer> = serde_json::from_str(&text)
         .map_err(|error| format!("understand the decisions: {error}"))?;
     Ok(kept
         .into_iter()
-        .map(|Kept { by, name, admitted }| (Applicant { by, name }, admitted))
+        .map(|StoredAnswer { by, name, admitted }| (Applicant { by, name }, admitted))
         .collect())
 }
 
 fn write(file: &Path, answers: BTreeMap<Applicant, bool>) -> Result<(), String> {
     let kept: Vec<_> = answers
         .into_iter()
-        .map(|(Applicant { by, name }, admitted)| Kept { by, name, admitted })
+        .map(|(Applicant { by, name }, admitted)| StoredAnswer { by, name, admitted })
         .collect();
     let text = serde_json::to_string_pretty(&kept).map_err(|error| error.to_string())?;
     // Written beside and renamed, so that the file is complete even after a power cut.

@@ -6,7 +6,7 @@ use agent::Applicant;
 const NAMED_MAX: usize = 12;
 
 /// Returns the question about these applicants, preceded by the mistake in the last answer, if any.
-pub(crate) fn text(about: &[(Applicant, String)], mistake: Option<&str>) -> String {
+pub(crate) fn question_text(about: &[(Applicant, String)], mistake: Option<&str>) -> String {
     let named: Vec<_> = about
         .iter()
         .take(NAMED_MAX)
@@ -32,7 +32,7 @@ pub(crate) fn text(about: &[(Applicant, String)], mistake: Option<&str>) -> Stri
 /// # Errors
 ///
 /// Returns what is wrong with the answer, as text for the next question.
-pub(crate) fn understand(
+pub(crate) fn parse_answer(
     answer: &str,
     about: &[(Applicant, String)],
 ) -> Result<Vec<(Applicant, bool)>, String> {
@@ -71,12 +71,12 @@ mod tests {
     #[test]
     fn a_question_names_who_has_appeared() {
         assert_eq!(
-            text(&about(&["t-1"]), None),
+            question_text(&about(&["t-1"]), None),
             "`t-1` (zigbee, office1) has appeared, and no file names it. Let it in? yes, no"
         );
         let many: Vec<_> = (0..20).map(|number| format!("t-{number}")).collect();
         let many: Vec<_> = many.iter().map(String::as_str).collect();
-        let text = text(&about(&many), Some("`x` is none of them"));
+        let text = question_text(&about(&many), Some("`x` is none of them"));
         assert!(text.starts_with("`x` is none of them. `t-0` (zigbee, office1), `t-1`"), "{text}");
         assert!(text.contains(" and 8 more have appeared"), "{text}");
     }
@@ -85,7 +85,7 @@ mod tests {
     fn answers_are_yes_no_or_names() {
         let about = about(&["t-1", "t-2", "t-3"]);
         let said = |answer: &str| {
-            understand(answer, &about)
+            parse_answer(answer, &about)
                 .map(|answers| answers.iter().map(|(_, is_in)| *is_in).collect::<Vec<_>>())
         };
         assert_eq!(said(" Yes "), Ok(vec![true, true, true]));

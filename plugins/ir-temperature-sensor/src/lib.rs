@@ -15,7 +15,8 @@ use std::time::Duration;
 use acl::content::Method;
 use acl::{AgentId, Deadline};
 use actuator::{
-    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, facts_of, model_of,
+    Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
+    facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use serde::Deserialize;
@@ -51,12 +52,12 @@ struct Config {
 /// The driver of an infrared thermometer.
 pub trait InfraredThermometer: Send + Sync + 'static {
     /// Measures where the sensor is. Error texts complete “failed to …”.
-    fn measure(&self) -> BoxFuture<Result<Measurement, String>>;
+    fn measure(&self) -> BoxFuture<Result<IrMeasurement, String>>;
 }
 
 /// A measured temperature.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Measurement {
+pub struct IrMeasurement {
     /// The place of the measurement.
     pub location: String,
     /// The temperature, in °C.
@@ -81,7 +82,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         valid_for,
         thermometer,
         measured: BTreeMap::new(),
-        rests_until: None,
+        paused_until: None,
     };
     Ok(Box::new(Actuator::new(&blueprint, sensor)?))
 }
@@ -93,18 +94,18 @@ struct IrTemperatureSensor {
     valid_for: Option<Duration>,
     thermometer: Arc<dyn InfraredThermometer>,
     /// The last measurement of each room.
-    measured: BTreeMap<String, Measurement>,
-    rests_until: Option<Instant>,
+    measured: BTreeMap<String, IrMeasurement>,
+    paused_until: Option<Instant>,
 }
 
 impl IrTemperatureSensor {
-    fn works(&self) -> bool {
-        self.rests_until.is_none_or(|until| until <= Instant::now())
+    fn is_available(&self) -> bool {
+        self.paused_until.is_none_or(|until| until <= Instant::now())
     }
 
     /// Returns the facts of a measurement; none if it no longer counts as known.
-    fn known(&self, measurement: &Measurement) -> Vec<OwnFact> {
-        let Measurement { location, celsius, at } = measurement;
+    fn known(&self, measurement: &IrMeasurement) -> Vec<OwnFact> {
+        let IrMeasurement { location, celsius, at } = measurement;
         let known_for = self.valid_for.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
         if known_for.is_some_and(|left| left.is_zero()) {
             return Vec::new();
@@ -115,7 +116,7 @@ impl IrTemperatureSensor {
 }
 
 impl Device for IrTemperatureSensor {
-    type Yield = Measurement;
+    type Yield = IrMeasurement;
 
     fn describe(&self) -> Description {
         let IrTemperatureSensor { id, ontology, mounted_on, .. } = self;
@@ -127,7 +128,7 @@ impl Device for IrTemperatureSensor {
             :precondition (and (mounted-on ?s ?b) (at ?b ?r))
             :effect (and (known-temperature ?r) (increase (total-cost) 2))
             :observe (temperature ?r))";
-        let offered = if self.works() { action } else { "" };
+        let offered = if self.is_available() { action } else { "" };
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:objects {id} - ir-temperature-sensor)
@@ -149,38 +150,38 @@ impl Device for IrTemperatureSensor {
         facts_of(&mounted).into_iter().chain(known).collect()
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Measurement, Failure>> {
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<IrMeasurement, MethodFailure>> {
         let room = match call.argument("room") {
             Ok(room) if call.method == "read_temperature" => room.to_owned(),
-            Ok(_) => return fails(Failure::UnknownMethod(call.method.clone())),
-            Err(failure) => return fails(failure),
+            Ok(_) => return failed_method(MethodFailure::UnknownMethod(call.method.clone())),
+            Err(failure) => return failed_method(failure),
         };
         let measured = self.thermometer.measure();
         Box::pin(async move {
-            let measurement = measured.await.map_err(Failure::Driver)?;
+            let measurement = measured.await.map_err(MethodFailure::Driver)?;
             if measurement.location != room {
-                let Measurement { location, .. } = measurement;
+                let IrMeasurement { location, .. } = measurement;
                 let problem = format!("measure in `{room}`: the sensor is in `{location}`");
-                return Err(Failure::Driver(problem));
+                return Err(MethodFailure::Driver(problem));
             }
             Ok(measurement)
         })
     }
 
-    fn performed(&mut self, _call: &Call, measured: Measurement) -> Performed {
+    fn on_success(&mut self, _call: &MethodCall, measured: IrMeasurement) -> MethodResult {
         let detail = format!("{:.1} °C at {}", measured.celsius, measured.location);
         let observations = self.known(&measured).into_iter().map(|fact| fact.fact).collect();
         self.measured.insert(measured.location.clone(), measured);
-        Performed { detail, observations }
+        MethodResult { detail, observations }
     }
 
-    fn failed(&mut self, _call: &Call, failure: &Failure) {
-        if *failure != Failure::GivenUp {
-            self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);
+    fn on_failure(&mut self, _call: &MethodCall, failure: &MethodFailure) {
+        if *failure != MethodFailure::GivenUp {
+            self.paused_until = Some(Instant::now() + REST_AFTER_FAILURE);
         }
     }
 }
 
-fn fails(failure: Failure) -> BoxFuture<Result<Measurement, Failure>> {
+fn failed_method(failure: MethodFailure) -> BoxFuture<Result<IrMeasurement, MethodFailure>> {
     Box::pin(std::future::ready(Err(failure)))
 }

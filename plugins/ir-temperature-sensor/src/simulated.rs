@@ -7,7 +7,7 @@ use agent::{Blueprint, BuildError};
 use building::BuildingHandle;
 use tokio::time::Instant;
 
-use crate::{InfraredThermometer, Measurement};
+use crate::{InfraredThermometer, IrMeasurement};
 
 struct Simulated {
     building: Arc<BuildingHandle>,
@@ -24,13 +24,13 @@ pub(crate) fn thermometer(
 }
 
 impl InfraredThermometer for Simulated {
-    fn measure(&self) -> BoxFuture<Result<Measurement, String>> {
+    fn measure(&self) -> BoxFuture<Result<IrMeasurement, String>> {
         let (building, sensor) = (Arc::clone(&self.building), self.sensor.clone());
         Box::pin(async move {
             let reading = building.read_temperature(&sensor).await;
             let reading = reading.map_err(|error| error.to_string())?;
             let at = Instant::now();
-            Ok(Measurement { location: reading.location, celsius: reading.celsius, at })
+            Ok(IrMeasurement { location: reading.location, celsius: reading.celsius, at })
         })
     }
 }

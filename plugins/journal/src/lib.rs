@@ -24,19 +24,19 @@ use agent::{
 };
 
 use crate::records::Records;
-pub use crate::store::{FORMAT, Shelf};
+pub use crate::store::{FORMAT, MemoryStore};
 use crate::store::{Store, StoreError};
 
 /// Maximum number of requests that wait for the running write; more are refused. Each is a change of
 /// one goal, and one write serves all that wait.
-const WAITING_MAX: usize = 256;
+const QUEUED_MAX: usize = 256;
 
 /// Interval between tries to open the file. The disk may have been full when the daemon started, or an
 /// earlier process may still hold the file.
-const OPEN_AGAIN: Duration = Duration::from_secs(5);
+const REOPEN_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Delay before another Journal is asked again that gave no answer; it may still be opening its file.
-const FETCH_AGAIN: Duration = Duration::from_secs(2);
+const FETCH_RETRY_DELAY: Duration = Duration::from_secs(2);
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -54,39 +54,39 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let others = blueprint.host.journals.iter().filter(|other| **other != blueprint.id);
     Ok(Box::new(Journal {
         others: others.cloned().collect(),
-        place: Place { path, shelf: resources.get::<Shelf>() },
-        disk: Disk::Opening(Vec::new()),
+        location: StoreLocation { path, memory: resources.get::<MemoryStore>() },
+        disk: DiskState::Opening(Vec::new()),
         records: Records::default(),
-        waiting: Vec::new(),
+        queued: Vec::new(),
         work: None,
         fetching: Vec::new(),
-        is_behind: false,
+        has_missed_writes: false,
     }))
 }
 
 /// Storage location of the records.
 #[derive(Clone)]
-struct Place {
+struct StoreLocation {
     path: Option<PathBuf>,
-    shelf: Option<Arc<Shelf>>,
+    memory: Option<Arc<MemoryStore>>,
 }
 
 struct Journal {
     others: Vec<AgentId>,
-    place: Place,
-    disk: Disk,
+    location: StoreLocation,
+    disk: DiskState,
     records: Records,
     /// Records for the next write, with the exchange that waits for each. `None` for records from
     /// another Journal.
-    waiting: Vec<(Option<Engagement>, Vec<Record>)>,
+    queued: Vec<(Option<Engagement>, Vec<Record>)>,
     /// The running write, or the opening of the file.
     work: Option<Work>,
     fetching: Vec<(AgentId, Work)>,
     /// Whether the last write failed, so that other Journals may have newer records.
-    is_behind: bool,
+    has_missed_writes: bool,
 }
 
-enum Disk {
+enum DiskState {
     /// Opening; holds the requests that have arrived meanwhile.
     Opening(Vec<(Option<Engagement>, Vec<Record>)>),
     Open(Arc<Store>),
@@ -112,19 +112,19 @@ impl Agent for Journal {
     }
 
     fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
-        let is_open = matches!(self.disk, Disk::Open(_));
+        let is_open = matches!(self.disk, DiskState::Open(_));
         (resource == Resource::Journal && is_open).then(|| self.records.to_json())?
     }
 
     fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
-        self.work.is_none() && self.waiting.is_empty()
+        self.work.is_none() && self.queued.is_empty()
     }
 }
 
 impl Journal {
     fn open(&mut self, ctx: &mut Context<Self>) {
-        let place = self.place.clone();
-        let opening = ctx.switchboard().machine().work(move || open(&place));
+        let place = self.location.clone();
+        let opening = ctx.switchboard().machine().work(move || open_location(&place));
         self.work = Some(ctx.run(opening, |journal: &mut Self, opened, ctx| {
             journal.work = None;
             journal.opened(
@@ -143,24 +143,24 @@ impl Journal {
             Ok((store, records)) => {
                 tracing::info!(agent = %ctx.id(), records = records.len(), "the journal is open");
                 for record in records {
-                    self.records.take(record);
+                    self.records.insert_if_newer(record);
                 }
-                Disk::Open(Arc::new(store))
+                DiskState::Open(Arc::new(store))
             }
             Err(error) => {
                 tracing::error!(agent = %ctx.id(), %error, "the journal keeps nothing");
                 ctx.switchboard().count_unkept();
-                if error.may_pass() {
-                    ctx.after(OPEN_AGAIN, |journal: &mut Self, ctx| journal.open(ctx));
+                if error.is_transient() {
+                    ctx.after(REOPEN_INTERVAL, |journal: &mut Self, ctx| journal.open(ctx));
                 }
-                Disk::Unusable(error.to_string())
+                DiskState::Unusable(error.to_string())
             }
         };
-        let was_unusable = matches!(self.disk, Disk::Unusable(_));
-        if let Disk::Opening(early) = std::mem::replace(&mut self.disk, disk) {
-            early.into_iter().for_each(|(asker, records)| self.keep(asker, records, ctx));
+        let was_unusable = matches!(self.disk, DiskState::Unusable(_));
+        if let DiskState::Opening(early) = std::mem::replace(&mut self.disk, disk) {
+            early.into_iter().for_each(|(asker, records)| self.queue_records(asker, records, ctx));
         }
-        if was_unusable && matches!(self.disk, Disk::Open(_)) {
+        if was_unusable && matches!(self.disk, DiskState::Open(_)) {
             // Requests that arrived meanwhile were refused here.
             self.others.clone().into_iter().for_each(|other| self.fetch(other, ctx));
         }
@@ -169,28 +169,35 @@ impl Journal {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let engagement = Engagement::of(&message);
         match message.content_as::<Request>() {
-            Ok(Request::Keep(Keeping { records })) => self.keep(Some(engagement), records, ctx),
+            Ok(Request::Keep(Keeping { records })) => {
+                self.queue_records(Some(engagement), records, ctx)
+            }
             Ok(_) => ctx.refuse(&engagement, Reason::Incapable, "a Journal takes `keep`"),
             Err(error) => ctx.not_understood(&message, error.to_string()),
         }
     }
 
     /// Queues records for the next write.
-    fn keep(&mut self, asker: Option<Engagement>, records: Vec<Record>, ctx: &mut Context<Self>) {
+    fn queue_records(
+        &mut self,
+        asker: Option<Engagement>,
+        records: Vec<Record>,
+        ctx: &mut Context<Self>,
+    ) {
         let refusal = match &mut self.disk {
-            Disk::Opening(early) if early.len() < WAITING_MAX => {
+            DiskState::Opening(early) if early.len() < QUEUED_MAX => {
                 return early.push((asker, records));
             }
-            Disk::Open(_) if self.waiting.len() < WAITING_MAX => {
-                match self.records.objection(&records) {
+            DiskState::Open(_) if self.queued.len() < QUEUED_MAX => {
+                match self.records.rejection_reason(&records) {
                     None => {
-                        self.waiting.push((asker, records));
+                        self.queued.push((asker, records));
                         return self.write(ctx);
                     }
                     Some(objection) => Refusal::new(Reason::BadContent, objection),
                 }
             }
-            Disk::Unusable(why) => Refusal::new(Reason::Incapable, why.clone()),
+            DiskState::Unusable(why) => Refusal::new(Reason::Incapable, why.clone()),
             _ => Refusal::new(Reason::Busy, "the disk does not keep up; ask again later"),
         };
         if let Some(asker) = asker {
@@ -200,17 +207,17 @@ impl Journal {
 
     /// Writes all queued records in one transaction, unless a write is running.
     fn write(&mut self, ctx: &mut Context<Self>) {
-        let Disk::Open(store) = &self.disk else { return };
-        if self.work.is_some() || self.waiting.is_empty() {
+        let DiskState::Open(store) = &self.disk else { return };
+        if self.work.is_some() || self.queued.is_empty() {
             return;
         }
-        let waiting = std::mem::take(&mut self.waiting);
+        let waiting = std::mem::take(&mut self.queued);
         let mut newer = Vec::new();
         for record in waiting.iter().flat_map(|(_, records)| records) {
             newer.extend(self.records.is_newer(record).then(|| record.clone()));
         }
         let (store, written) = (Arc::clone(store), newer.clone());
-        let surplus = self.records.surplus(newer.len());
+        let surplus = self.records.keys_to_evict(newer.len());
         let gone = surplus.clone();
         let machine = ctx.switchboard().machine();
         let writing = machine.work(move || store.write(&written, &gone));
@@ -231,14 +238,14 @@ impl Journal {
         ctx: &mut Context<Self>,
     ) {
         if outcome.is_ok() {
-            gone.iter().for_each(|key| self.records.forget(key));
-            newer.into_iter().for_each(|record| self.records.take(record));
+            gone.iter().for_each(|key| self.records.remove_key(key));
+            newer.into_iter().for_each(|record| self.records.insert_if_newer(record));
         }
         if let Err(error) = &outcome {
             tracing::error!(agent = %ctx.id(), %error, "records are not kept");
             ctx.switchboard().count_unkept();
         }
-        let was_behind = std::mem::replace(&mut self.is_behind, outcome.is_err());
+        let was_behind = std::mem::replace(&mut self.has_missed_writes, outcome.is_err());
         if was_behind && outcome.is_ok() {
             self.others.clone().into_iter().for_each(|other| self.fetch(other, ctx));
         }
@@ -270,7 +277,9 @@ impl Journal {
             journal.fetching.retain(|(other, _)| *other != from);
             if answers.is_empty() {
                 let from = from.clone();
-                ctx.after(FETCH_AGAIN, move |journal: &mut Self, ctx| journal.fetch(from, ctx));
+                ctx.after(FETCH_RETRY_DELAY, move |journal: &mut Self, ctx| {
+                    journal.fetch(from, ctx)
+                });
             }
             for answer in answers {
                 match serde_json::from_slice::<Vec<Record>>(&answer) {
@@ -279,7 +288,7 @@ impl Journal {
                         if !records.is_empty() {
                             tracing::info!(agent = %ctx.id(), %from, records = records.len(),
                                 "copies records of another Journal");
-                            journal.keep(None, records, ctx);
+                            journal.queue_records(None, records, ctx);
                         }
                     }
                     Err(error) => tracing::info!(%from, %error, "an answer cannot be read"),
@@ -291,9 +300,9 @@ impl Journal {
     }
 }
 
-fn open(place: &Place) -> Result<(Store, Vec<Record>), StoreError> {
-    match (&place.shelf, &place.path) {
-        (Some(shelf), _) => Ok(Store::on_shelf(shelf)),
+fn open_location(place: &StoreLocation) -> Result<(Store, Vec<Record>), StoreError> {
+    match (&place.memory, &place.path) {
+        (Some(shelf), _) => Ok(Store::in_memory(shelf)),
         (None, Some(path)) => Store::open(path),
         (None, None) => Err(StoreError::Nowhere),
     }

@@ -26,18 +26,18 @@ impl Records {
     }
 
     /// Stores a record, if it is newer.
-    pub(crate) fn take(&mut self, record: Record) {
+    pub(crate) fn insert_if_newer(&mut self, record: Record) {
         if self.is_newer(&record) {
             self.0.insert(record.key.clone(), record);
         }
     }
 
-    pub(crate) fn forget(&mut self, key: &str) {
+    pub(crate) fn remove_key(&mut self, key: &str) {
         self.0.remove(key);
     }
 
     /// Returns the reason why these records cannot be taken; `None` if they can.
-    pub(crate) fn objection(&self, records: &[Record]) -> Option<String> {
+    pub(crate) fn rejection_reason(&self, records: &[Record]) -> Option<String> {
         let key = |record: &&Record| record.key.is_empty() || record.key.len() > KEY_BYTES_MAX;
         if let Some(record) = records.iter().find(key) {
             let len = record.key.len();
@@ -51,20 +51,20 @@ impl Records {
         }
         let is_new = |record: &&Record| !self.0.contains_key(&record.key);
         let new = records.iter().filter(is_new).count();
-        let room = RECORDS_MAX.saturating_sub(self.0.len() - self.forgotten().count());
+        let room = RECORDS_MAX.saturating_sub(self.0.len() - self.deletion_markers().count());
         (new > room).then(|| format!("{RECORDS_MAX} records are kept already"))
     }
 
     /// Returns the keys that must be dropped to make room for `more` records: the oldest deletion
     /// markers.
-    pub(crate) fn surplus(&self, more: usize) -> Vec<String> {
+    pub(crate) fn keys_to_evict(&self, more: usize) -> Vec<String> {
         let surplus = (self.0.len() + more).saturating_sub(RECORDS_MAX);
-        let mut forgotten: Vec<_> = self.forgotten().collect();
+        let mut forgotten: Vec<_> = self.deletion_markers().collect();
         forgotten.sort_by_key(|record| record.version);
         forgotten.into_iter().take(surplus).map(|record| record.key.clone()).collect()
     }
 
-    fn forgotten(&self) -> impl Iterator<Item = &Record> {
+    fn deletion_markers(&self) -> impl Iterator<Item = &Record> {
         self.0.values().filter(|record| record.body.is_null())
     }
 
@@ -89,7 +89,7 @@ mod tests {
     fn the_newest_counts_whenever_it_comes() {
         let mut records = Records::default();
         for count in [2, 1, 3, 2] {
-            records.take(record("goal/a", count, json!(count)));
+            records.insert_if_newer(record("goal/a", count, json!(count)));
         }
         assert_eq!(records.0["goal/a"].body, json!(3));
         let later_term =
@@ -102,15 +102,15 @@ mod tests {
         let mut records = Records::default();
         for number in 0..RECORDS_MAX {
             let body = if number < 10 { Value::Null } else { json!(number) };
-            records.take(record(&format!("goal/{number}"), number as u64, body));
+            records.insert_if_newer(record(&format!("goal/{number}"), number as u64, body));
         }
         let more: Vec<_> =
             (0..11).map(|number| record(&format!("plan/{number}"), 1, json!(1))).collect();
-        assert_eq!(records.objection(&more[..10]), None);
-        assert_eq!(records.surplus(3), ["goal/0", "goal/1", "goal/2"]);
-        assert!(records.objection(&more).is_some());
-        assert!(records.objection(&[record("", 1, json!(1))]).is_some());
+        assert_eq!(records.rejection_reason(&more[..10]), None);
+        assert_eq!(records.keys_to_evict(3), ["goal/0", "goal/1", "goal/2"]);
+        assert!(records.rejection_reason(&more).is_some());
+        assert!(records.rejection_reason(&[record("", 1, json!(1))]).is_some());
         let long = json!("x".repeat(BODY_BYTES_MAX));
-        assert!(records.objection(&[record("goal/11", 9_999, long)]).is_some());
+        assert!(records.rejection_reason(&[record("goal/11", 9_999, long)]).is_some());
     }
 }

@@ -15,7 +15,7 @@ use redb::{
 pub const FORMAT: u64 = 1;
 
 const RECORDS: TableDefinition<&str, &[u8]> = TableDefinition::new("records");
-const ABOUT: TableDefinition<&str, u64> = TableDefinition::new("about");
+const METADATA: TableDefinition<&str, u64> = TableDefinition::new("about");
 const FORMAT_KEY: &str = "format";
 
 /// Text in the store's error about a file that a newer version of it wrote.
@@ -28,9 +28,9 @@ const CACHE_BYTES: usize = 4 << 20;
 /// Records in memory that outlive their Journal. Replaces a disk when a whole building runs in one
 /// process.
 #[derive(Debug, Default)]
-pub struct Shelf(Mutex<BTreeMap<String, Vec<u8>>>);
+pub struct MemoryStore(Mutex<BTreeMap<String, Vec<u8>>>);
 
-impl Shelf {
+impl MemoryStore {
     /// Returns the records in it.
     pub fn records(&self) -> Vec<Record> {
         let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -40,14 +40,14 @@ impl Shelf {
 
 /// Backing store of the records.
 pub(crate) enum Store {
-    File(Filed),
-    Shelf(std::sync::Arc<Shelf>),
+    File(JournalFile),
+    Memory(std::sync::Arc<MemoryStore>),
 }
 
 /// A file of the embedded store. After a failed write the store accepts no further writes until it is
 /// opened again; so the next write opens it again, and a disk that was full for a moment does no
 /// lasting harm.
-pub(crate) struct Filed {
+pub(crate) struct JournalFile {
     path: PathBuf,
     /// `None` after a failed write.
     database: Mutex<Option<Database>>,
@@ -112,7 +112,7 @@ pub(crate) enum StoreError {
 
 impl StoreError {
     /// Whether the error may disappear without a person's action.
-    pub(crate) fn may_pass(&self) -> bool {
+    pub(crate) fn is_transient(&self) -> bool {
         match self {
             StoreError::Nowhere | StoreError::Newer { .. } | StoreError::Foreign { .. } => false,
             StoreError::InUse { .. }
@@ -130,23 +130,23 @@ impl Store {
     /// its records.
     pub(crate) fn open(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
         if !path.exists() {
-            return begin(path);
+            return create_file(path);
         }
         match read(path) {
-            Err(Trouble::Broken(why)) => {
+            Err(OpenFailure::Broken(why)) => {
                 let aside = free_name_beside(path);
                 tracing::error!(file = %path.display(), aside = %aside.display(), why,
                     "the journal is broken; it is moved aside, and a new one begins");
                 let failed = |error: io::Error| failed("move aside", path, &error);
                 fs::rename(path, &aside).map_err(failed)?;
-                begin(path)
+                create_file(path)
             }
-            other => other.map_err(|trouble| trouble.about(path)),
+            other => other.map_err(|trouble| trouble.into_store_error(path)),
         }
     }
 
-    pub(crate) fn on_shelf(shelf: &std::sync::Arc<Shelf>) -> (Store, Vec<Record>) {
-        (Store::Shelf(std::sync::Arc::clone(shelf)), shelf.records())
+    pub(crate) fn in_memory(shelf: &std::sync::Arc<MemoryStore>) -> (Store, Vec<Record>) {
+        (Store::Memory(std::sync::Arc::clone(shelf)), shelf.records())
     }
 
     /// Writes records and removes the keys in `gone` in one transaction; returns when it is on disk.
@@ -155,7 +155,7 @@ impl Store {
             serde_json::to_vec(record).map_err(|error| StoreError::Write(error.to_string()))
         };
         match self {
-            Store::Shelf(shelf) => {
+            Store::Memory(shelf) => {
                 let mut kept = shelf.0.lock().unwrap_or_else(PoisonError::into_inner);
                 gone.iter().for_each(|key| drop(kept.remove(key)));
                 for record in records {
@@ -170,16 +170,18 @@ impl Store {
 
 // === impl Filed ===
 
-impl Filed {
-    fn new(path: &Path, database: Database) -> Filed {
-        Filed { path: path.to_owned(), database: Mutex::new(Some(database)) }
+impl JournalFile {
+    fn new(path: &Path, database: Database) -> JournalFile {
+        JournalFile { path: path.to_owned(), database: Mutex::new(Some(database)) }
     }
 
     fn write(&self, records: &[Record], gone: &[String]) -> Result<(), StoreError> {
         let mut open = self.database.lock().unwrap_or_else(PoisonError::into_inner);
         let database = match open.take() {
             Some(database) => database,
-            None => opened(&self.path).map_err(|error| StoreError::Write(error.to_string()))?,
+            None => {
+                open_database(&self.path).map_err(|error| StoreError::Write(error.to_string()))?
+            }
         };
         write(&database, records, gone).map_err(|error| StoreError::Write(error.to_string()))?;
         *open = Some(database);
@@ -204,7 +206,7 @@ fn write(database: &Database, records: &[Record], gone: &[String]) -> Result<(),
 }
 
 /// Cause of a failure with a file.
-enum Trouble {
+enum OpenFailure {
     Broken(String),
     Newer(u64),
     Foreign(String),
@@ -212,14 +214,14 @@ enum Trouble {
     Other(String),
 }
 
-impl Trouble {
-    fn about(self, path: &Path) -> StoreError {
+impl OpenFailure {
+    fn into_store_error(self, path: &Path) -> StoreError {
         let path = path.to_owned();
         match self {
-            Trouble::Newer(found) => StoreError::Newer { path, found },
-            Trouble::Foreign(why) => StoreError::Foreign { path, why },
-            Trouble::InUse => StoreError::InUse { path },
-            Trouble::Broken(why) | Trouble::Other(why) => {
+            OpenFailure::Newer(found) => StoreError::Newer { path, found },
+            OpenFailure::Foreign(why) => StoreError::Foreign { path, why },
+            OpenFailure::InUse => StoreError::InUse { path },
+            OpenFailure::Broken(why) | OpenFailure::Other(why) => {
                 StoreError::Failed { what: "open", path, why }
             }
         }
@@ -232,17 +234,17 @@ fn failed(what: &'static str, path: &Path, error: &io::Error) -> StoreError {
 
 /// Creates a file. On failure removes a partial file, as a full disk leaves it: it would count as
 /// damaged when there is room again.
-fn begin(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
+fn create_file(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
     read(path).map_err(|trouble| {
-        if matches!(trouble, Trouble::Broken(_) | Trouble::Other(_)) {
+        if matches!(trouble, OpenFailure::Broken(_) | OpenFailure::Other(_)) {
             let _ = fs::remove_file(path);
         }
-        trouble.about(path)
+        trouble.into_store_error(path)
     })
 }
 
 /// Opens a database, or creates it.
-fn opened(path: &Path) -> Result<Database, DatabaseError> {
+fn open_database(path: &Path) -> Result<Database, DatabaseError> {
     Database::builder().set_cache_size(CACHE_BYTES).create(path)
 }
 
@@ -252,56 +254,56 @@ fn free_name_beside(path: &Path) -> PathBuf {
     (1..).map(name).find(|name| !name.exists()).unwrap_or_else(|| name(0))
 }
 
-fn read(path: &Path) -> Result<(Store, Vec<Record>), Trouble> {
-    let database = opened(path).map_err(|error| match error {
-        DatabaseError::DatabaseAlreadyOpen => Trouble::InUse,
-        DatabaseError::Storage(StorageError::Io(error)) if is_of_the_file(error.kind()) => {
-            Trouble::Broken(error.to_string())
+fn read(path: &Path) -> Result<(Store, Vec<Record>), OpenFailure> {
+    let database = open_database(path).map_err(|error| match error {
+        DatabaseError::DatabaseAlreadyOpen => OpenFailure::InUse,
+        DatabaseError::Storage(StorageError::Io(error)) if is_content_error(error.kind()) => {
+            OpenFailure::Broken(error.to_string())
         }
-        DatabaseError::Storage(StorageError::Io(error)) => Trouble::Other(error.to_string()),
+        DatabaseError::Storage(StorageError::Io(error)) => OpenFailure::Other(error.to_string()),
         DatabaseError::UpgradeRequired(version) => {
-            Trouble::Foreign(format!("its format is {version}, which is too old"))
+            OpenFailure::Foreign(format!("its format is {version}, which is too old"))
         }
         // The store has no error kind for this case; a test checks that its text is still the same.
         DatabaseError::Storage(StorageError::Corrupted(why)) if why.contains(FOREIGN_FORMAT) => {
-            Trouble::Foreign(why)
+            OpenFailure::Foreign(why)
         }
-        broken => Trouble::Broken(broken.to_string()),
+        broken => OpenFailure::Broken(broken.to_string()),
     })?;
-    let records = all(&database).map_err(|error| match error {
-        Unread::Newer(found) => Trouble::Newer(found),
-        Unread::Store(redb::Error::Io(error)) if !is_of_the_file(error.kind()) => {
-            Trouble::Other(error.to_string())
+    let records = read_all(&database).map_err(|error| match error {
+        ReadFailure::Newer(found) => OpenFailure::Newer(found),
+        ReadFailure::Store(redb::Error::Io(error)) if !is_content_error(error.kind()) => {
+            OpenFailure::Other(error.to_string())
         }
-        Unread::Store(broken) => Trouble::Broken(broken.to_string()),
+        ReadFailure::Store(broken) => OpenFailure::Broken(broken.to_string()),
     })?;
-    Ok((Store::File(Filed::new(path, database)), records))
+    Ok((Store::File(JournalFile::new(path, database)), records))
 }
 
 /// Whether the error comes from the content or length of the file, and not from the disk.
-fn is_of_the_file(kind: io::ErrorKind) -> bool {
+fn is_content_error(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof)
 }
 
-enum Unread {
+enum ReadFailure {
     Newer(u64),
     Store(redb::Error),
 }
 
-impl<E: Into<redb::Error>> From<E> for Unread {
-    fn from(error: E) -> Unread {
-        Unread::Store(error.into())
+impl<E: Into<redb::Error>> From<E> for ReadFailure {
+    fn from(error: E) -> ReadFailure {
+        ReadFailure::Store(error.into())
     }
 }
 
 /// Returns all records; writes the format number to a new file first.
-fn all(database: &Database) -> Result<Vec<Record>, Unread> {
+fn read_all(database: &Database) -> Result<Vec<Record>, ReadFailure> {
     let writing = database.begin_write()?;
     {
-        let mut about = writing.open_table(ABOUT)?;
+        let mut about = writing.open_table(METADATA)?;
         let found = about.get(FORMAT_KEY)?.map(|format| format.value());
         match found {
-            Some(found) if found > FORMAT => return Err(Unread::Newer(found)),
+            Some(found) if found > FORMAT => return Err(ReadFailure::Newer(found)),
             Some(_) => (),
             None => drop(about.insert(FORMAT_KEY, FORMAT)?),
         }
@@ -368,7 +370,7 @@ mod tests {
         let Store::File(file) = store else { panic!("a file") };
         let database = file.database.lock().expect("no panic").take().expect("it is open");
         let writing = database.begin_write().expect("begun");
-        writing.open_table(ABOUT).expect("there").insert(FORMAT_KEY, FORMAT + 1).expect("put");
+        writing.open_table(METADATA).expect("there").insert(FORMAT_KEY, FORMAT + 1).expect("put");
         writing.commit().expect("written");
         drop(database);
         let before = fs::read(&path).expect("readable");
@@ -390,7 +392,7 @@ mod tests {
         fs::write(&path, &bytes).expect("written");
         let refused = Store::open(&path).map(drop).expect_err("newer");
         assert!(matches!(refused, StoreError::Foreign { .. }), "{refused}");
-        assert!(!refused.may_pass());
+        assert!(!refused.is_transient());
         assert_eq!(fs::read(&path).expect("readable"), bytes);
     }
 

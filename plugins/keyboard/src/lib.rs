@@ -9,8 +9,8 @@
 //!
 //! There is one per terminal. The owner of the [`Terminal`] decides what is shown.
 
-mod acting;
 mod questions;
+mod single_action;
 mod terminal;
 
 use std::collections::BTreeMap;
@@ -30,17 +30,17 @@ use tokio::sync::mpsc;
 use tokio::time::Instant;
 
 use crate::questions::Questions;
-pub use crate::terminal::{Draft, Heard, Said, Terminal, Wish};
+pub use crate::terminal::{GoalRequest, MessageDraft, Terminal, UserEvent, UserRequest};
 
 /// Capacity of each of the two channels between keyboard and terminal, in messages.
-const TERMINAL_MAX: usize = 1_024;
+const CHANNEL_CAPACITY: usize = 1_024;
 
 /// How long a goal may go without any report. A maintained goal may hold for a year.
-const PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
+const GOAL_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3_600);
 
 /// How long a new leader of the Plan Requesters may take to report the goals that it has taken over,
 /// before this keyboard requests its goals again. The leader reads the Journals first.
-const TAKEN_OVER_WITHIN: Duration = Duration::from_secs(5);
+const TAKEOVER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// How long a question without a deadline stays open: a person at the terminal has seen it by then.
 const QUESTION_PATIENCE: Duration = Duration::from_secs(60);
@@ -63,24 +63,24 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 struct Config {
     /// Goals to request on activation.
-    goals: Vec<Wish>,
+    goals: Vec<GoalRequest>,
 }
 
 /// Handling of a Plan Requester that leaves before it has received a goal: how long its return is
 /// waited for, the interval of the checks, and how often this may happen to one goal.
-const RETURN_AWAITED: Duration = Duration::from_secs(5);
-const SEEK_AGAIN: Duration = Duration::from_millis(200);
-const LEFTS_MAX: u32 = 5;
+const RETURN_TIMEOUT: Duration = Duration::from_secs(5);
+const SEEK_INTERVAL: Duration = Duration::from_millis(200);
+const DEPARTURES_MAX: u32 = 5;
 
 /// A requested goal.
-struct Asked {
+struct RequestedGoal {
     exchange: ReplyToken,
     /// Time of the last report about it.
-    heard: Instant,
+    last_report_at: Instant,
     /// The request.
     request: Request,
     /// How often the Plan Requester has left before it had received this request.
-    lefts: u32,
+    departures: u32,
 }
 
 /// The Keyboard Agent.
@@ -88,47 +88,51 @@ pub struct Keyboard {
     plan_requester: AgentId,
     plan_executor: AgentId,
     domain_maintainer: AgentId,
-    wishes: Vec<Wish>,
+    startup_goals: Vec<GoalRequest>,
     questions: Questions,
     /// Actions in preparation: the domain is being fetched.
-    preparing: BTreeMap<ConversationId, Work>,
+    actions_in_preparation: BTreeMap<ConversationId, Work>,
     /// Requested goals that have not ended.
-    goals: BTreeMap<ConversationId, Asked>,
+    goals: BTreeMap<ConversationId, RequestedGoal>,
     /// Running actions, by conversation.
-    acting: BTreeMap<ConversationId, ReplyToken>,
-    said: Option<mpsc::Receiver<Said>>,
+    running_actions: BTreeMap<ConversationId, ReplyToken>,
+    user_requests: Option<mpsc::Receiver<UserRequest>>,
     listening: Option<Work>,
-    heard: Option<mpsc::Sender<Heard>>,
+    user_events: Option<mpsc::Sender<UserEvent>>,
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let Config { goals } = blueprint.config_as()?;
-    Ok(Box::new(Keyboard { wishes: goals, ..Keyboard::deaf() }))
+    Ok(Box::new(Keyboard { startup_goals: goals, ..Keyboard::without_terminal() }))
 }
 
 impl Keyboard {
     /// Creates a keyboard and its terminal.
     pub fn with_terminal() -> (Keyboard, Terminal) {
-        let (say, said) = mpsc::channel(TERMINAL_MAX);
-        let (heard, hear) = mpsc::channel(TERMINAL_MAX);
-        let keyboard = Keyboard { said: Some(said), heard: Some(heard), ..Keyboard::deaf() };
-        (keyboard, Terminal { say, hear })
+        let (say, said) = mpsc::channel(CHANNEL_CAPACITY);
+        let (heard, hear) = mpsc::channel(CHANNEL_CAPACITY);
+        let keyboard = Keyboard {
+            user_requests: Some(said),
+            user_events: Some(heard),
+            ..Keyboard::without_terminal()
+        };
+        (keyboard, Terminal { requests: say, events: hear })
     }
 
-    fn deaf() -> Keyboard {
+    fn without_terminal() -> Keyboard {
         let name = |text| AgentId::new(text).expect("invariant: a literal that is a name");
         Keyboard {
             plan_requester: name("plan-requester"),
             plan_executor: name("plan-executor"),
             domain_maintainer: name("domain-maintainer"),
-            wishes: Vec::new(),
+            startup_goals: Vec::new(),
             questions: Questions::default(),
-            preparing: BTreeMap::new(),
+            actions_in_preparation: BTreeMap::new(),
             goals: BTreeMap::new(),
-            acting: BTreeMap::new(),
-            said: None,
+            running_actions: BTreeMap::new(),
+            user_requests: None,
             listening: None,
-            heard: None,
+            user_events: None,
         }
     }
 }
@@ -136,16 +140,16 @@ impl Keyboard {
 impl Agent for Keyboard {
     fn callbacks(&self) -> Callbacks<Self> {
         Callbacks::new()
-            .on(Performative::QueryRef, Self::queried)
+            .on(Performative::QueryRef, Self::question_asked)
             .on(Performative::Request, Self::requested)
-            .on(Performative::Cancel, Self::withdrawn)
-            .on_broadcast(Performative::QueryRef, Self::queried)
-            .on_broadcast(Performative::Cancel, Self::withdrawn)
+            .on(Performative::Cancel, Self::question_withdrawn)
+            .on_broadcast(Performative::QueryRef, Self::question_asked)
+            .on_broadcast(Performative::Cancel, Self::question_withdrawn)
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        for wish in std::mem::take(&mut self.wishes) {
-            self.wish(wish, ctx);
+        for wish in std::mem::take(&mut self.startup_goals) {
+            self.request_goal(wish, ctx);
         }
         self.listen(ctx);
     }
@@ -156,8 +160,8 @@ impl Agent for Keyboard {
             && !self.goals.is_empty()
         {
             let came = ctx.now();
-            ctx.after(TAKEN_OVER_WITHIN, move |keyboard: &mut Self, ctx| {
-                keyboard.ask_again(came, ctx);
+            ctx.after(TAKEOVER_TIMEOUT, move |keyboard: &mut Self, ctx| {
+                keyboard.reopen_goals(came, ctx);
             });
         }
     }
@@ -183,7 +187,7 @@ impl Keyboard {
 
     /// Waits for the next input of the person.
     fn listen(&mut self, ctx: &mut Context<Self>) {
-        let Some(mut said) = self.said.take() else { return };
+        let Some(mut said) = self.user_requests.take() else { return };
         let next = async move {
             let next = said.recv().await;
             (next, said)
@@ -191,20 +195,20 @@ impl Keyboard {
         self.listening = Some(ctx.run(next, |keyboard: &mut Self, (next, said), ctx| {
             // The terminal was dropped: there will be no more input.
             let Some(next) = next else { return };
-            keyboard.speak(next, ctx);
-            keyboard.said = Some(said);
+            keyboard.handle_user_request(next, ctx);
+            keyboard.user_requests = Some(said);
             keyboard.listen(ctx);
         }));
     }
 
-    fn speak(&mut self, said: Said, ctx: &mut Context<Self>) {
+    fn handle_user_request(&mut self, said: UserRequest, ctx: &mut Context<Self>) {
         match said {
-            Said::Wish(wish) => self.wish(wish, ctx),
-            Said::Cancel(conversation) => self.cancel(conversation, ctx),
-            Said::Act(action) => self.act(action, ctx),
-            Said::Set(change) => self.set(change, ctx),
-            Said::Mode(mode) => self.set_mode(mode, ctx),
-            Said::Answer { keyboard, question, text, seal_to } => {
+            UserRequest::RequestGoal(wish) => self.request_goal(wish, ctx),
+            UserRequest::Cancel(conversation) => self.cancel(conversation, ctx),
+            UserRequest::Act(action) => self.prepare_action(action, ctx),
+            UserRequest::Set(change) => self.change_state(change, ctx),
+            UserRequest::Mode(mode) => self.set_mode(mode, ctx),
+            UserRequest::Answer { keyboard, question, text, seal_to } => {
                 let said = PersonsAnswer::plain(text);
                 match seal_to.as_deref().map_or(Ok(said.clone()), |key| sealed(key, &said)) {
                     Ok(said) => {
@@ -212,39 +216,48 @@ impl Keyboard {
                     }
                     Err(refusal) => {
                         let conversation = ctx.new_conversation();
-                        self.pass(Heard::Asked(conversation.clone()));
-                        self.pass(Heard::Refused(conversation, refusal));
+                        self.emit(UserEvent::Sent(conversation.clone()));
+                        self.emit(UserEvent::Refused(conversation, refusal));
                     }
                 }
             }
-            Said::Send(draft) => self.send(draft, ctx),
+            UserRequest::Send(draft) => self.send(draft, ctx),
         }
     }
 
-    fn wish(&mut self, wish: Wish, ctx: &mut Context<Self>) {
-        let Wish { goal, keep, priority, partition } = wish;
+    fn request_goal(&mut self, wish: GoalRequest, ctx: &mut Context<Self>) {
+        let GoalRequest { goal, keep, priority, partition } = wish;
         let request = Request::Achieve(Achieve { goal, keep, priority, partition });
         let to = self.plan_requester.clone();
-        let (conversation, exchange) = self.request(to, Protocol::Goal, &request, PATIENCE, ctx);
-        self.goals.insert(conversation, Asked { exchange, heard: ctx.now(), request, lefts: 0 });
+        let (conversation, exchange) =
+            self.request(to, Protocol::Goal, &request, GOAL_TIMEOUT, ctx);
+        self.goals.insert(
+            conversation,
+            RequestedGoal { exchange, last_report_at: ctx.now(), request, departures: 0 },
+        );
     }
 
     /// Requests a goal again when a Plan Requester is present, because the former one left before it
     /// had received the request. A busy daemon may have been mistaken for gone. Reports a failure if
     /// none is present at `until`.
-    fn seek(&mut self, about: ConversationId, until: Instant, ctx: &mut Context<Self>) {
+    fn request_on_return(
+        &mut self,
+        about: ConversationId,
+        until: Instant,
+        ctx: &mut Context<Self>,
+    ) {
         let Some(asked) = self.goals.get(&about) else { return };
         let to = self.plan_requester.clone();
         if ctx.find(&to).is_none() {
             if ctx.now() < until {
                 let again = move |keyboard: &mut Self, ctx: &mut Context<Self>| {
-                    keyboard.seek(about, until, ctx);
+                    keyboard.request_on_return(about, until, ctx);
                 };
-                ctx.after(SEEK_AGAIN, again);
+                ctx.after(SEEK_INTERVAL, again);
             } else {
                 self.goals.remove(&about);
                 let why = format!("`{to}` could not be reached: it has left");
-                self.pass(Heard::Unanswered(about, why));
+                self.emit(UserEvent::Unanswered(about, why));
             }
             return;
         }
@@ -255,7 +268,7 @@ impl Keyboard {
             conversation: about.clone(),
             content: value(&asked.request),
         };
-        let exchange = self.open(opening, PATIENCE, ctx);
+        let exchange = self.open(opening, GOAL_TIMEOUT, ctx);
         if let Some(asked) = self.goals.get_mut(&about) {
             asked.exchange = exchange;
         }
@@ -263,13 +276,13 @@ impl Keyboard {
 
     /// Requests goals again from the Plan Requester that leads since `came`, if it has reported nothing
     /// about them: then no Journal had them.
-    fn ask_again(&mut self, came: Instant, ctx: &mut Context<Self>) {
-        for asked in self.goals.values().filter(|asked| asked.heard < came) {
+    fn reopen_goals(&mut self, came: Instant, ctx: &mut Context<Self>) {
+        for asked in self.goals.values().filter(|asked| asked.last_report_at < came) {
             ctx.open_again(&asked.exchange);
         }
     }
 
-    fn set(&mut self, change: ChangeState, ctx: &mut Context<Self>) {
+    fn change_state(&mut self, change: ChangeState, ctx: &mut Context<Self>) {
         let (to, patience) = (self.domain_maintainer.clone(), ctx.settings().answer_deadline * 2);
         self.request(to, Protocol::StateChange, &Request::ChangeState(change), patience, ctx);
     }
@@ -289,7 +302,7 @@ impl Keyboard {
         ctx: &mut Context<Self>,
     ) -> (ConversationId, ReplyToken) {
         let conversation = ctx.new_conversation();
-        self.pass(Heard::Asked(conversation.clone()));
+        self.emit(UserEvent::Sent(conversation.clone()));
         let about = conversation.clone();
         let performative = Performative::Request;
         let content = value(request);
@@ -298,12 +311,12 @@ impl Keyboard {
     }
 
     fn cancel(&mut self, conversation: ConversationId, ctx: &mut Context<Self>) {
-        if self.preparing.remove(&conversation).is_some() {
+        if self.actions_in_preparation.remove(&conversation).is_some() {
             let report = Report::new(Outcome::Cancelled, "cancelled before it was sent");
-            return self.pass(Heard::Report(conversation, report));
+            return self.emit(UserEvent::Report(conversation, report));
         }
         let nothing = serde_json::Value::Null;
-        if let Some(action) = self.acting.get(&conversation) {
+        if let Some(action) = self.running_actions.get(&conversation) {
             return ctx.go_on(action, &self.plan_executor, Performative::Cancel, nothing);
         }
         let opening = Opening {
@@ -313,30 +326,30 @@ impl Keyboard {
             conversation,
             content: nothing,
         };
-        self.open(opening, PATIENCE, ctx);
+        self.open(opening, GOAL_TIMEOUT, ctx);
     }
 
     // === one action ===
 
     /// Queries the domain, to make a plan of one step for the action.
-    fn act(&mut self, action: String, ctx: &mut Context<Self>) {
+    fn prepare_action(&mut self, action: String, ctx: &mut Context<Self>) {
         let conversation = ctx.new_conversation();
-        self.pass(Heard::Asked(conversation.clone()));
+        self.emit(UserEvent::Sent(conversation.clone()));
         let asked = ctx.ask(Resource::Domain, &self.domain_maintainer);
         let prepared = conversation.clone();
         let work = ctx.run(asked, move |keyboard: &mut Self, answers, ctx| {
-            if keyboard.preparing.remove(&prepared).is_none() {
+            if keyboard.actions_in_preparation.remove(&prepared).is_none() {
                 return;
             }
             match answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok()) {
                 Some(snapshot) => keyboard.execute(prepared, snapshot, &action, ctx),
                 None => {
                     let why = "no Domain Maintainer answers".to_owned();
-                    keyboard.pass(Heard::Unanswered(prepared, why));
+                    keyboard.emit(UserEvent::Unanswered(prepared, why));
                 }
             }
         });
-        self.preparing.insert(conversation, work);
+        self.actions_in_preparation.insert(conversation, work);
     }
 
     fn execute(
@@ -346,11 +359,11 @@ impl Keyboard {
         action: &str,
         ctx: &mut Context<Self>,
     ) {
-        let (execute, timeout) = match acting::plan_of(snapshot, action) {
+        let (execute, timeout) = match single_action::one_step_plan(snapshot, action) {
             Ok(plan) => plan,
             Err(problem) => {
                 let refusal = Refusal::new(Reason::BadContent, problem);
-                return self.pass(Heard::Refused(conversation, refusal));
+                return self.emit(UserEvent::Refused(conversation, refusal));
             }
         };
         let opening = Opening {
@@ -363,25 +376,25 @@ impl Keyboard {
         // Time for the actuator's agreement, its method, and the executor's report.
         let patience = timeout + ctx.settings().answer_deadline * 3;
         let token = self.open(opening, patience, ctx);
-        self.acting.insert(conversation, token);
+        self.running_actions.insert(conversation, token);
     }
 
     // === a message as the person wrote it ===
 
-    fn send(&mut self, draft: Draft, ctx: &mut Context<Self>) {
-        let Draft { to, performative, protocol, conversation, content, patience } = draft;
+    fn send(&mut self, draft: MessageDraft, ctx: &mut Context<Self>) {
+        let MessageDraft { to, performative, protocol, conversation, content, patience } = draft;
         let conversation = conversation.unwrap_or_else(|| ctx.new_conversation());
-        self.pass(Heard::Asked(conversation.clone()));
+        self.emit(UserEvent::Sent(conversation.clone()));
         let about = conversation.clone();
         let opening = Opening { to, performative, protocol, conversation, content };
         ctx.open(opening, patience, move |keyboard: &mut Self, answer, _| {
-            keyboard.pass(match answer {
-                Answer::Message(message) => Heard::Answered(message),
-                Answer::Silence => Heard::Unanswered(
+            keyboard.emit(match answer {
+                Answer::Message(message) => UserEvent::Answered(message),
+                Answer::Silence => UserEvent::Unanswered(
                     about.clone(),
                     format!("no further answer within {patience:?}"),
                 ),
-                Answer::Undelivered(why) => Heard::Unanswered(about.clone(), why.to_string()),
+                Answer::Undelivered(why) => UserEvent::Unanswered(about.clone(), why.to_string()),
             });
         });
     }
@@ -401,7 +414,7 @@ impl Keyboard {
             Answer::Undelivered(why) if is_cancel => {
                 let who = to.as_ref().map_or("everyone", AgentId::as_str);
                 let why = format!("`{who}` could not be reached to cancel it: {why}");
-                keyboard.pass(Heard::Unanswered(conversation.clone(), why));
+                keyboard.emit(UserEvent::Unanswered(conversation.clone(), why));
             }
             answer => keyboard.answered(&conversation, to.as_ref(), answer, ctx),
         })
@@ -421,50 +434,52 @@ impl Keyboard {
                 Ok(heard) => heard,
                 Err(error) => return ctx.not_understood(&message, error),
             },
-            Answer::Silence => Heard::Unanswered(about, format!("`{who}` did not answer in time")),
+            Answer::Silence => {
+                UserEvent::Unanswered(about, format!("`{who}` did not answer in time"))
+            }
             Answer::Undelivered(Undelivered::Left)
                 if let Some(asked) = self.goals.get_mut(&about)
-                    && asked.lefts < LEFTS_MAX =>
+                    && asked.departures < DEPARTURES_MAX =>
             {
-                asked.lefts += 1;
-                let until = ctx.now() + RETURN_AWAITED;
-                return self.seek(about, until, ctx);
+                asked.departures += 1;
+                let until = ctx.now() + RETURN_TIMEOUT;
+                return self.request_on_return(about, until, ctx);
             }
             Answer::Undelivered(why) => {
-                Heard::Unanswered(about, format!("`{who}` could not be reached: {why}"))
+                UserEvent::Unanswered(about, format!("`{who}` could not be reached: {why}"))
             }
         };
         if let Some(about) = heard.conversation() {
             if heard.is_final() {
-                self.acting.remove(about);
+                self.running_actions.remove(about);
                 self.goals.remove(about);
             } else if let Some(asked) = self.goals.get_mut(about) {
-                asked.heard = ctx.now();
+                asked.last_report_at = ctx.now();
             }
         }
-        self.pass(heard);
+        self.emit(heard);
     }
 
-    fn pass(&mut self, heard: Heard) {
+    fn emit(&mut self, heard: UserEvent) {
         match &heard {
-            Heard::Asked(about) => tracing::info!(conversation = %about, "asked"),
-            Heard::Report(about, report) => {
+            UserEvent::Sent(about) => tracing::info!(conversation = %about, "asked"),
+            UserEvent::Report(about, report) => {
                 tracing::info!(conversation = %about, outcome = %report.outcome, "{}", report.detail);
             }
             // With a terminal it is shown there; the log would repeat it.
-            Heard::Refused(about, refusal) if self.heard.is_none() => {
+            UserEvent::Refused(about, refusal) if self.user_events.is_none() => {
                 tracing::warn!(conversation = %about, "refused: {}", refusal.detail);
             }
-            Heard::Unanswered(about, why) if self.heard.is_none() => {
+            UserEvent::Unanswered(about, why) if self.user_events.is_none() => {
                 tracing::warn!(conversation = %about, "{why}");
             }
-            Heard::Question(open) => {
+            UserEvent::Question(open) => {
                 tracing::info!(question = open.question, from = %open.from, "{}", open.text);
             }
-            Heard::QuestionClosed(question, why) => tracing::info!(question, "{why}"),
-            Heard::Refused(..) | Heard::Unanswered(..) | Heard::Answered(_) => (),
+            UserEvent::QuestionClosed(question, why) => tracing::info!(question, "{why}"),
+            UserEvent::Refused(..) | UserEvent::Unanswered(..) | UserEvent::Answered(_) => (),
         }
-        if let Some(to) = &self.heard
+        if let Some(to) = &self.user_events
             && to.try_send(heard).is_err()
         {
             tracing::warn!("the terminal does not keep up: a line is lost");
@@ -473,7 +488,7 @@ impl Keyboard {
 
     // === questions to the person ===
 
-    fn queried(&mut self, message: Message, ctx: &mut Context<Self>) {
+    fn question_asked(&mut self, message: Message, ctx: &mut Context<Self>) {
         let question = match message.content_as::<Question>() {
             Ok(question) => question,
             Err(error) => return ctx.not_understood(&message, error.to_string()),
@@ -487,16 +502,16 @@ impl Keyboard {
         let patience = asked - QUESTION_MARGIN.min(asked / 10);
         let timer =
             ctx.after(patience, move |keyboard: &mut Self, ctx| keyboard.expire(number, ctx));
-        self.questions.keep(engagement, question, patience, timer, ctx.now());
+        self.questions.store(engagement, question, patience, timer, ctx.now());
         if let Some(open) = self.questions.find(ctx.id(), number, ctx.now()) {
-            self.pass(Heard::Question(open));
+            self.emit(UserEvent::Question(open));
         }
     }
 
     fn expire(&mut self, number: u64, ctx: &mut Context<Self>) {
         let Some(question) = self.questions.take(number) else { return };
         let patience = question.patience;
-        let detail = match &self.heard {
+        let detail = match &self.user_events {
             Some(_) => format!("no answer at `{}` within {patience:?}", ctx.id()),
             None => format!(
                 "`{}` has no terminal open, and no answer came from elsewhere in {patience:?}",
@@ -504,19 +519,20 @@ impl Keyboard {
             ),
         };
         ctx.refuse(&question.engagement, Reason::Unanswered, detail.clone());
-        self.pass(Heard::QuestionClosed(number, detail));
+        self.emit(UserEvent::QuestionClosed(number, detail));
     }
 
     /// Closes a question that the asking agent has withdrawn.
-    fn withdrawn(&mut self, message: Message, ctx: &mut Context<Self>) {
+    fn question_withdrawn(&mut self, message: Message, ctx: &mut Context<Self>) {
         let Some(exchange) = message.exchange() else { return };
-        let Some((number, question)) = self.questions.take_of(&message.sender, exchange) else {
+        let Some((number, question)) = self.questions.take_by_exchange(&message.sender, exchange)
+        else {
             return;
         };
         ctx.forget(question.timer);
         let why = message.content_as::<Withdrawal>().map(|withdrawal| withdrawal.detail);
         let why = why.unwrap_or_else(|_| "no reason is given".to_owned());
-        self.pass(Heard::QuestionClosed(number, format!("withdrawn: {why}")));
+        self.emit(UserEvent::QuestionClosed(number, format!("withdrawn: {why}")));
     }
 
     /// Delivers an answer: to the asking agent if the question is this keyboard's own, otherwise to the
@@ -529,12 +545,12 @@ impl Keyboard {
             return;
         }
         let conversation = ctx.new_conversation();
-        self.pass(Heard::Asked(conversation.clone()));
-        let heard = match self.tell_asker(answer, ctx) {
-            Ok(report) => Heard::Report(conversation, report),
-            Err(refusal) => Heard::Refused(conversation, refusal),
+        self.emit(UserEvent::Sent(conversation.clone()));
+        let heard = match self.deliver_answer(answer, ctx) {
+            Ok(report) => UserEvent::Report(conversation, report),
+            Err(refusal) => UserEvent::Refused(conversation, refusal),
         };
-        self.pass(heard);
+        self.emit(heard);
     }
 
     /// Takes an answer from another keyboard.
@@ -549,17 +565,17 @@ impl Keyboard {
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
         let number = answer.question;
-        match self.tell_asker(answer, ctx) {
+        match self.deliver_answer(answer, ctx) {
             Ok(report) => {
                 ctx.answer(&engagement, Performative::Confirm, &report);
                 let who = format!("answered by `{}`", message.sender);
-                self.pass(Heard::QuestionClosed(number, who));
+                self.emit(UserEvent::QuestionClosed(number, who));
             }
             Err(refusal) => ctx.answer(&engagement, Performative::Refuse, &refusal),
         }
     }
 
-    fn tell_asker(
+    fn deliver_answer(
         &mut self,
         answer: AnswerQuestion,
         ctx: &mut Context<Self>,
@@ -592,16 +608,16 @@ fn sealed(key: &str, said: &PersonsAnswer) -> Result<PersonsAnswer, Refusal> {
 }
 
 /// Reads an answer about a goal or an action.
-fn read(message: &Message) -> Result<Heard, String> {
+fn read(message: &Message) -> Result<UserEvent, String> {
     let about = message.conversation_id.clone();
     match message.performative {
         Performative::Confirm => {
             let report = message.content_as::<Report>().map_err(|error| error.to_string())?;
-            Ok(Heard::Report(about, report))
+            Ok(UserEvent::Report(about, report))
         }
         _ => {
             let refusal = message.content_as::<Refusal>().map_err(|error| error.to_string())?;
-            Ok(Heard::Refused(about, refusal))
+            Ok(UserEvent::Refused(about, refusal))
         }
     }
 }

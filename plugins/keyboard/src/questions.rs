@@ -14,13 +14,13 @@ const QUESTIONS_MAX: usize = 64;
 /// The open questions of one keyboard.
 #[derive(Debug, Default)]
 pub(crate) struct Questions {
-    open: BTreeMap<u64, Question>,
-    asked: u64,
+    open: BTreeMap<u64, PendingQuestion>,
+    last_number: u64,
 }
 
 /// One question.
 #[derive(Debug)]
-pub(crate) struct Question {
+pub(crate) struct PendingQuestion {
     /// Exchange that the answer goes to.
     pub(crate) engagement: Engagement,
     /// Text of the question.
@@ -37,11 +37,11 @@ pub(crate) struct Question {
 impl Questions {
     /// Returns the number of the next question; `None` if there is no room for it.
     pub(crate) fn next_number(&self) -> Option<u64> {
-        (self.open.len() < QUESTIONS_MAX).then_some(self.asked + 1)
+        (self.open.len() < QUESTIONS_MAX).then_some(self.last_number + 1)
     }
 
     /// Stores a question under [`Questions::next_number`]. Returns that number.
-    pub(crate) fn keep(
+    pub(crate) fn store(
         &mut self,
         engagement: Engagement,
         asked: acl::content::Question,
@@ -49,12 +49,12 @@ impl Questions {
         timer: TimerId,
         now: Instant,
     ) -> u64 {
-        self.asked += 1;
+        self.last_number += 1;
         let until = now + patience;
         let acl::content::Question { text, seal_to } = asked;
-        let question = Question { engagement, text, seal_to, patience, timer, until };
-        self.open.insert(self.asked, question);
-        self.asked
+        let question = PendingQuestion { engagement, text, seal_to, patience, timer, until };
+        self.open.insert(self.last_number, question);
+        self.last_number
     }
 
     /// Returns the key that the answer to a question is encrypted to, if there is one.
@@ -63,17 +63,17 @@ impl Questions {
     }
 
     /// Removes and returns a question that is answered or has expired.
-    pub(crate) fn take(&mut self, number: u64) -> Option<Question> {
+    pub(crate) fn take(&mut self, number: u64) -> Option<PendingQuestion> {
         self.open.remove(&number)
     }
 
     /// Removes and returns the question that `asker` put in this exchange.
-    pub(crate) fn take_of(
+    pub(crate) fn take_by_exchange(
         &mut self,
         asker: &AgentId,
         exchange: &ReplyToken,
-    ) -> Option<(u64, Question)> {
-        let is_it = |question: &Question| {
+    ) -> Option<(u64, PendingQuestion)> {
+        let is_it = |question: &PendingQuestion| {
             question.engagement.initiator == *asker && question.engagement.exchange == *exchange
         };
         let (number, _) = self.open.iter().find(|(_, question)| is_it(question))?;
@@ -82,7 +82,7 @@ impl Questions {
     }
 
     /// Removes and returns the oldest question.
-    pub(crate) fn take_first(&mut self) -> Option<(u64, Question)> {
+    pub(crate) fn take_first(&mut self) -> Option<(u64, PendingQuestion)> {
         self.open.pop_first()
     }
 
@@ -95,7 +95,7 @@ impl Questions {
     /// Returns all open questions, as sent to other agents.
     pub(crate) fn list(&self, keyboard: &AgentId, now: Instant) -> Vec<OpenQuestion> {
         let open = self.open.iter();
-        open.map(|(number, question)| question.told(keyboard, *number, now)).collect()
+        open.map(|(number, question)| question.to_content(keyboard, *number, now)).collect()
     }
 
     /// Returns one open question, as sent to other agents.
@@ -105,12 +105,12 @@ impl Questions {
         number: u64,
         now: Instant,
     ) -> Option<OpenQuestion> {
-        self.open.get(&number).map(|question| question.told(keyboard, number, now))
+        self.open.get(&number).map(|question| question.to_content(keyboard, number, now))
     }
 }
 
-impl Question {
-    fn told(&self, keyboard: &AgentId, number: u64, now: Instant) -> OpenQuestion {
+impl PendingQuestion {
+    fn to_content(&self, keyboard: &AgentId, number: u64, now: Instant) -> OpenQuestion {
         OpenQuestion {
             keyboard: keyboard.clone(),
             question: number,

@@ -9,7 +9,7 @@ use tokio::sync::mpsc;
 /// A goal that a person requests.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Wish {
+pub struct GoalRequest {
     /// The goal, a PDDL condition.
     pub goal: String,
     /// Whether it is to be achieved once or kept.
@@ -25,9 +25,9 @@ pub struct Wish {
 
 /// An input of the person.
 #[derive(Clone, Debug)]
-pub enum Said {
+pub enum UserRequest {
     /// Requests a goal.
-    Wish(Wish),
+    RequestGoal(GoalRequest),
     /// Cancels a goal or an action.
     Cancel(ConversationId),
     /// Requests one ground action.
@@ -49,12 +49,12 @@ pub enum Said {
         seal_to: Option<String>,
     },
     /// Sends a message as written.
-    Send(Draft),
+    Send(MessageDraft),
 }
 
 /// A message as a person wrote it; the keyboard adds the rest of the envelope.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Draft {
+pub struct MessageDraft {
     /// Receiver; `None` sends to all agents.
     pub to: Option<AgentId>,
     /// Performative; it must open an exchange of the protocol.
@@ -71,9 +71,9 @@ pub struct Draft {
 
 /// An output to the person.
 #[derive(Clone, Debug)]
-pub enum Heard {
+pub enum UserEvent {
     /// A request was sent, in this conversation.
-    Asked(ConversationId),
+    Sent(ConversationId),
     /// Progress or outcome of a request.
     Report(ConversationId, Report),
     /// The request was refused.
@@ -91,43 +91,43 @@ pub enum Heard {
 /// The person's end of the channels.
 pub struct Terminal {
     /// Inputs of the person.
-    pub say: mpsc::Sender<Said>,
+    pub requests: mpsc::Sender<UserRequest>,
     /// Outputs to the person.
-    pub hear: mpsc::Receiver<Heard>,
+    pub events: mpsc::Receiver<UserEvent>,
 }
 
 // === impl Heard ===
 
-impl Heard {
+impl UserEvent {
     /// Returns the conversation that this is about; `None` for questions.
     pub fn conversation(&self) -> Option<&ConversationId> {
         match self {
-            Heard::Asked(about)
-            | Heard::Report(about, _)
-            | Heard::Refused(about, _)
-            | Heard::Unanswered(about, _) => Some(about),
-            Heard::Answered(message) => Some(&message.conversation_id),
-            Heard::Question(_) | Heard::QuestionClosed(..) => None,
+            UserEvent::Sent(about)
+            | UserEvent::Report(about, _)
+            | UserEvent::Refused(about, _)
+            | UserEvent::Unanswered(about, _) => Some(about),
+            UserEvent::Answered(message) => Some(&message.conversation_id),
+            UserEvent::Question(_) | UserEvent::QuestionClosed(..) => None,
         }
     }
 
     /// Whether no more outputs follow about its conversation.
     pub fn is_final(&self) -> bool {
         match self {
-            Heard::Asked(_) | Heard::Question(_) | Heard::QuestionClosed(..) => false,
-            Heard::Report(_, report) => report.outcome.is_final(),
-            Heard::Refused(..) | Heard::Unanswered(..) => true,
-            Heard::Answered(message) => is_last(message),
+            UserEvent::Sent(_) | UserEvent::Question(_) | UserEvent::QuestionClosed(..) => false,
+            UserEvent::Report(_, report) => report.outcome.is_final(),
+            UserEvent::Refused(..) | UserEvent::Unanswered(..) => true,
+            UserEvent::Answered(message) => is_last(message),
         }
     }
 
     /// Whether the request has ended well, or the goal holds.
     pub fn is_success(&self) -> bool {
         match self {
-            Heard::Report(_, Report { outcome, .. }) => {
+            UserEvent::Report(_, Report { outcome, .. }) => {
                 matches!(outcome, Outcome::Done | Outcome::Holds)
             }
-            Heard::Answered(message) => {
+            UserEvent::Answered(message) => {
                 !matches!(message.performative, Performative::Refuse | Performative::NotUnderstood)
             }
             _ => false,

@@ -3,11 +3,11 @@
 
 use serde::Deserialize;
 
-use crate::census::Given;
-use crate::class::Classes;
-use crate::described::Described;
-use crate::device::{Value, Word};
-use crate::part::{Known, Parts};
+use crate::description::DescribedDevice;
+use crate::device::{ObservedValue, TextContent};
+use crate::device_agents::AssignedNames;
+use crate::device_class::DeviceClasses;
+use crate::part::{ClassifiedFeature, DividedDevice};
 use crate::{home_assistant, shelly, tasmota, zigbee2mqtt};
 
 const FILES: &[(&str, &str)] = &[
@@ -38,11 +38,11 @@ struct Case {
 /// Returns the outcome of the messages: the agents with their areas, their values, how each is switched and
 /// asked, and the parts of devices that cannot be used.
 fn outcome(said: &[[String; 2]]) -> Vec<String> {
-    let classes = Classes::with(&serde_json::Value::Null).expect("built in");
+    let classes = DeviceClasses::with(&serde_json::Value::Null).expect("built in");
     let devices = devices(said);
     let mut lines = Vec::new();
-    for (device, name) in devices.iter().zip(Given::default().names(&devices, |_| false)) {
-        let Parts { parts, problem } = Parts::of(device, &classes);
+    for (device, name) in devices.iter().zip(AssignedNames::default().names(&devices, |_| false)) {
+        let DividedDevice { parts, problem } = DividedDevice::of(device, &classes);
         for (suffix, features) in &parts {
             let agent = format!("{name}{suffix}");
             let area = device.area.as_ref().map(|area| format!(" in {area}")).unwrap_or_default();
@@ -56,20 +56,24 @@ fn outcome(said: &[[String; 2]]) -> Vec<String> {
     lines
 }
 
-fn devices(said: &[[String; 2]]) -> Vec<Described> {
-    let mut bridge = zigbee2mqtt::Bridge::default();
-    let mut home_assistant = home_assistant::Discovery::default();
-    let mut tasmota = tasmota::Discovery::default();
-    let mut shelly = shelly::Discovery::default();
+fn devices(said: &[[String; 2]]) -> Vec<DescribedDevice> {
+    let mut bridge = zigbee2mqtt::ZigbeeDiscovery::default();
+    let mut home_assistant = home_assistant::HomeAssistantDiscovery::default();
+    let mut tasmota = tasmota::TasmotaDiscovery::default();
+    let mut shelly = shelly::ShellyDiscovery::default();
     for [topic, text] in said {
         let _ = match topic {
-            topic if topic == "zigbee2mqtt/bridge/devices" => bridge.hear("zigbee2mqtt", text),
-            topic if topic.starts_with("homeassistant/") => {
-                home_assistant.hear("homeassistant", topic, text)
+            topic if topic == "zigbee2mqtt/bridge/devices" => {
+                bridge.receive_devices("zigbee2mqtt", text)
             }
-            topic if topic.starts_with("tasmota/discovery/") => tasmota.hear(topic, text),
+            topic if topic.starts_with("homeassistant/") => {
+                home_assistant.receive_description("homeassistant", topic, text)
+            }
+            topic if topic.starts_with("tasmota/discovery/") => {
+                tasmota.receive_discovery(topic, text)
+            }
             topic => {
-                shelly.hear(topic, text);
+                shelly.receive_report(topic, text);
                 Ok(())
             }
         };
@@ -81,7 +85,7 @@ fn devices(said: &[[String; 2]]) -> Vec<Described> {
     devices
 }
 
-fn of_feature(agent: &str, known: &Known, said: &[[String; 2]]) -> Vec<String> {
+fn of_feature(agent: &str, known: &ClassifiedFeature, said: &[[String; 2]]) -> Vec<String> {
     let mut lines = Vec::new();
     let mut last = None;
     for [topic, text] in said {
@@ -95,20 +99,22 @@ fn of_feature(agent: &str, known: &Known, said: &[[String; 2]]) -> Vec<String> {
     }
     let name = &known.name;
     lines.extend(last.map(|word| match word {
-        Word::Is(Value::Number(number)) => format!("{agent} {name} {number}"),
-        Word::Is(Value::Yes(is_so)) => {
+        TextContent::Is(ObservedValue::Number(number)) => format!("{agent} {name} {number}"),
+        TextContent::Is(ObservedValue::Yes(is_so)) => {
             format!("{agent} {name} {}", if is_so { "yes" } else { "no" })
         }
-        Word::NotKnown(_) => format!("{agent} {name} not known"),
+        TextContent::NotKnown(_) => format!("{agent} {name} not known"),
     }));
     let feature = &known.feature;
     if let Some(command) = &feature.command {
         for (what, told) in [("on", &command.on), ("off", &command.off)] {
-            let kept = if told.is_kept { " (kept)" } else { "" };
+            let kept = if told.is_retained { " (kept)" } else { "" };
             lines.push(format!("{agent} {what}: {} {}{kept}", told.topic, told.text));
         }
     }
-    lines.extend(feature.ask.iter().map(|ask| format!("{agent} asks: {} {}", ask.topic, ask.text)));
+    lines.extend(
+        feature.value_request.iter().map(|ask| format!("{agent} asks: {} {}", ask.topic, ask.text)),
+    );
     if let Some(expires) = feature.expires {
         lines.push(format!("{agent} {name} expires after {expires:?}"));
     }

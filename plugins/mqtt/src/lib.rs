@@ -17,20 +17,20 @@
 //! The gateway itself has no facts and offers no actions. When it stops, the agents of its devices stop
 //! too.
 
-mod census;
-mod class;
 #[cfg(test)]
 mod corpus;
-mod described;
+mod description;
 mod device;
-mod heard;
+mod device_agents;
+mod device_class;
+mod feature_tracker;
 mod home_assistant;
 mod naming;
 mod part;
-mod reading;
 mod shelly;
 mod tasmota;
 mod template;
+mod text_reading;
 mod zigbee2mqtt;
 
 use std::collections::BTreeMap;
@@ -45,15 +45,15 @@ use agent::{
     Agent, Blueprint, Bringing, Brings, BuildError, Callbacks, Context, Launch, PluginEntry, Work,
     bringing,
 };
-use mqtt_link::{Broker, Connection, Inbox};
+use mqtt_link::{Broker, BrokerConnection, Inbox};
 use serde::Deserialize;
 use serde_json::Value;
 use tokio::sync::watch;
 
-use class::Classes;
 use device::MqttDevice;
+use device_class::DeviceClasses;
 use naming::core;
-use part::Part;
+use part::DevicePart;
 
 /// A gateway to an MQTT broker.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -65,7 +65,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 };
 
 /// The most messages that are handled at one time.
-const WORDS_MAX: usize = 1_024;
+const MESSAGES_MAX: usize = 1_024;
 
 /// The most agents of one gateway.
 const AGENTS_MAX: usize = 2_048;
@@ -131,7 +131,8 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let (user, password_file) = (config.user.take(), config.password_file.take());
     let broker = Broker::new(config.broker.as_deref(), user, password_file, config.ca.take());
     let broker = broker.map_err(|problem| blueprint.problem(problem))?;
-    let classes = Classes::with(&config.classes).map_err(|problem| blueprint.problem(problem))?;
+    let classes =
+        DeviceClasses::with(&config.classes).map_err(|problem| blueprint.problem(problem))?;
     let valid_for = config.valid_for.as_deref().map(humantime::parse_duration).transpose();
     let valid_for = valid_for.map_err(|error| blueprint.problem(format!("valid-for: {error}")))?;
     for (device, room) in &config.rooms {
@@ -148,12 +149,12 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         rooms,
         valid_for,
         connection: None,
-        zigbee: zigbee2mqtt::Bridge::default(),
-        home_assistant: home_assistant::Discovery::default(),
-        tasmota: tasmota::Discovery::default(),
-        shelly: shelly::Discovery::default(),
+        zigbee: zigbee2mqtt::ZigbeeDiscovery::default(),
+        home_assistant: home_assistant::HomeAssistantDiscovery::default(),
+        tasmota: tasmota::TasmotaDiscovery::default(),
+        shelly: shelly::ShellyDiscovery::default(),
         given: Mutex::default(),
-        hearing: BTreeMap::new(),
+        subscriptions: BTreeMap::new(),
         birth: None,
         following: None,
     }))
@@ -163,20 +164,20 @@ struct Gateway {
     blueprint: Blueprint,
     config: Config,
     broker: Broker,
-    classes: Classes,
+    classes: DeviceClasses,
     /// The places of the map, by their normalised names; see `naming::core`.
     rooms: BTreeMap<String, String>,
     valid_for: Option<Duration>,
-    connection: Option<Arc<Connection>>,
-    zigbee: zigbee2mqtt::Bridge,
-    home_assistant: home_assistant::Discovery,
-    tasmota: tasmota::Discovery,
-    shelly: shelly::Discovery,
-    bringing: Bringing<Part>,
+    connection: Option<Arc<BrokerConnection>>,
+    zigbee: zigbee2mqtt::ZigbeeDiscovery,
+    home_assistant: home_assistant::HomeAssistantDiscovery,
+    tasmota: tasmota::TasmotaDiscovery,
+    shelly: shelly::ShellyDiscovery,
+    bringing: Bringing<DevicePart>,
     /// The names of devices.
-    given: Mutex<census::Given>,
+    given: Mutex<device_agents::AssignedNames>,
     /// The task of each subscription, by its number.
-    hearing: BTreeMap<usize, Work>,
+    subscriptions: BTreeMap<usize, Work>,
     /// The task that asks devices at each connection to describe themselves.
     birth: Option<Work>,
     /// The task that watches the connection to the broker.
@@ -189,7 +190,7 @@ impl Agent for Gateway {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        let connection = Connection::to(&self.broker, self.blueprint.id.as_str());
+        let connection = BrokerConnection::shared(&self.broker, self.blueprint.id.as_str());
         let Config { zigbee2mqtt, home_assistant, tasmota, .. } = &self.config;
         let mut filters = vec![
             format!("{zigbee2mqtt}/bridge/devices"),
@@ -199,7 +200,7 @@ impl Agent for Gateway {
         ];
         filters.extend(shelly::filters());
         if self.config.birth {
-            let birth = announce(Arc::clone(&connection), home_assistant.clone());
+            let birth = request_descriptions(Arc::clone(&connection), home_assistant.clone());
             self.birth = Some(ctx.run(birth, |_: &mut Self, (), _| ()));
         }
         for (number, filter) in filters.iter().enumerate() {
@@ -207,31 +208,31 @@ impl Agent for Gateway {
                 true => connection.listen_to_events(filter),
                 false => connection.listen_to_all(filter),
             };
-            self.hear(number, inbox, ctx);
+            self.subscribe(number, inbox, ctx);
         }
-        self.follow(connection.trouble(), ctx);
+        self.follow(connection.problem(), ctx);
         self.connection = Some(connection);
         bringing::begin(self, ctx);
     }
 }
 
 impl Brings for Gateway {
-    type Part = Part;
+    type Part = DevicePart;
 
-    fn bringing(&mut self) -> &mut Bringing<Part> {
+    fn bringing(&mut self) -> &mut Bringing<DevicePart> {
         &mut self.bringing
     }
 
-    fn found(&self) -> Vec<Finding<Part>> {
+    fn found(&self) -> Vec<Finding<DevicePart>> {
         self.census()
     }
 
     fn trouble(&self) -> Option<String> {
-        let problem = self.connection.as_ref()?.trouble().borrow().clone()?;
+        let problem = self.connection.as_ref()?.problem().borrow().clone()?;
         Some(format!("the broker {} is not reached: {problem}", self.broker))
     }
 
-    fn build(&self, agent: &AgentId, part: &Part) -> Result<Box<dyn Launch>, BuildError> {
+    fn build(&self, agent: &AgentId, part: &DevicePart) -> Result<Box<dyn Launch>, BuildError> {
         let (id, host) = (agent.clone(), Arc::clone(&self.blueprint.host));
         let connection = self.connection.as_ref().expect("there is one since it was activated");
         let device = MqttDevice::new(part.clone(), Arc::clone(&host.ontology), connection);
@@ -253,32 +254,32 @@ impl Gateway {
         self.following = Some(work);
     }
 
-    fn hear(&mut self, number: usize, inbox: Inbox, ctx: &mut Context<Self>) {
-        let next = async move { (inbox.take(WORDS_MAX).await, inbox) };
+    fn subscribe(&mut self, number: usize, inbox: Inbox, ctx: &mut Context<Self>) {
+        let next = async move { (inbox.take(MESSAGES_MAX).await, inbox) };
         let work = ctx.run(next, move |gateway: &mut Self, (heard, inbox), ctx| {
             let mut is_news = false;
             for (topic, text) in heard {
-                is_news |= gateway.heard(&topic, &text);
+                is_news |= gateway.handle_message(&topic, &text);
             }
             if is_news {
                 bringing::settle_soon(gateway, ctx);
             }
-            gateway.hear(number, inbox, ctx);
+            gateway.subscribe(number, inbox, ctx);
         });
-        self.hearing.insert(number, work);
+        self.subscriptions.insert(number, work);
     }
 
     /// Handles a message. Returns whether it may change which agents are present.
-    fn heard(&mut self, topic: &str, text: &str) -> bool {
+    fn handle_message(&mut self, topic: &str, text: &str) -> bool {
         let Config { zigbee2mqtt, home_assistant, tasmota, .. } = &self.config;
         let understood = if topic.starts_with(&format!("{zigbee2mqtt}/")) {
-            self.zigbee.hear(zigbee2mqtt, text)
+            self.zigbee.receive_devices(zigbee2mqtt, text)
         } else if topic.starts_with(&format!("{home_assistant}/")) {
-            self.home_assistant.hear(home_assistant, topic, text)
+            self.home_assistant.receive_description(home_assistant, topic, text)
         } else if topic.starts_with(&format!("{tasmota}/")) {
-            self.tasmota.hear(topic, text)
+            self.tasmota.receive_discovery(topic, text)
         } else if shelly::is_own(topic) {
-            return self.shelly.hear(topic, text);
+            return self.shelly.receive_report(topic, text);
         } else {
             return false;
         };
@@ -291,14 +292,14 @@ impl Gateway {
 
 /// Asks devices at each connection to describe themselves and report their state: as Home Assistant does
 /// when it starts, and with the command that Shelly's first generation needs.
-async fn announce(connection: Arc<Connection>, home_assistant: String) {
-    let mut trouble = connection.trouble();
+async fn request_descriptions(connection: Arc<BrokerConnection>, home_assistant: String) {
+    let mut trouble = connection.problem();
     while trouble.wait_for(Option::is_none).await.is_ok() {
         tokio::time::sleep(Duration::from_millis(fastrand::u64(BIRTH_MS))).await;
         // If the connection is lost meanwhile, devices are asked again when it is back.
         let birth = format!("{home_assistant}/status");
         for (topic, text) in [(birth.as_str(), "online"), ("shellies/command", "announce")] {
-            if let Err(problem) = connection.say(topic, text) {
+            if let Err(problem) = connection.publish_text(topic, text) {
                 tracing::debug!(topic, "failed to announce: {problem}");
             }
         }

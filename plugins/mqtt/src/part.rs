@@ -7,8 +7,8 @@ use acl::AgentId;
 use actuator::is_derived;
 use pddl::Domain;
 
-use crate::class::{Class, Classes, Kind, conversion};
-use crate::described::{Described, Feature, NOT_OF_THE_ROOM, Unused};
+use crate::description::{DescribedDevice, DeviceFeature, NOT_OF_THE_ROOM, UnusedFeature};
+use crate::device_class::{ClassKind, DeviceClass, DeviceClasses, conversion};
 use crate::naming::name_of;
 
 /// The most reasons that are reported of one device.
@@ -16,23 +16,23 @@ const REASONS_MAX: usize = 6;
 
 /// One agent of a device.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Part {
+pub(crate) struct DevicePart {
     /// The agent of this part.
     pub(crate) agent: AgentId,
     /// The room of the device.
     pub(crate) room: String,
-    pub(crate) features: Vec<Known>,
+    pub(crate) features: Vec<ClassifiedFeature>,
     /// How long a measured value counts as known; `None` if without limit.
     pub(crate) valid_for: Option<Duration>,
 }
 
 /// A feature with a known class.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Known {
+pub(crate) struct ClassifiedFeature {
     /// The class's own name.
     pub(crate) name: String,
-    pub(crate) class: Class,
-    pub(crate) feature: Feature,
+    pub(crate) class: DeviceClass,
+    pub(crate) feature: DeviceFeature,
     /// Factor and offset that convert its number to the unit of the class.
     pub(crate) factor: f64,
     pub(crate) offset: f64,
@@ -40,14 +40,14 @@ pub(crate) struct Known {
 
 /// The result of dividing a device: its parts without their rooms, each with the suffix of its name, and
 /// the problem with what cannot be used.
-pub(crate) struct Parts {
-    pub(crate) parts: Vec<(String, Vec<Known>)>,
+pub(crate) struct DividedDevice {
+    pub(crate) parts: Vec<(String, Vec<ClassifiedFeature>)>,
     pub(crate) problem: Option<String>,
 }
 
-impl Parts {
-    pub(crate) fn of(device: &Described, classes: &Classes) -> Parts {
-        let (mut measured, mut switched) = (Vec::<Known>::new(), Vec::new());
+impl DividedDevice {
+    pub(crate) fn of(device: &DescribedDevice, classes: &DeviceClasses) -> DividedDevice {
+        let (mut measured, mut switched) = (Vec::<ClassifiedFeature>::new(), Vec::new());
         let mut unused = device.unused.clone();
         let mut features: Vec<_> = device.features.iter().collect();
         features.sort_by_key(|feature| feature.rank);
@@ -60,22 +60,22 @@ impl Parts {
                 }
             };
             match known.class.kind() {
-                Some(Kind::Switch { .. }) if known.feature.command.is_some() => {
-                    match hears_itself(&known.feature) {
-                        Some(reason) => unused.push(Unused::because(reason)),
+                Some(ClassKind::Switch { .. }) if known.feature.command.is_some() => {
+                    match echoes_commands(&known.feature) {
+                        Some(reason) => unused.push(UnusedFeature::because(reason)),
                         None => switched.push(known),
                     }
                 }
-                Some(Kind::Switch { .. }) => {
+                Some(ClassKind::Switch { .. }) => {
                     let (name, label) = (&known.name, &known.feature.label);
-                    unused.push(Unused::because(format!(
+                    unused.push(UnusedFeature::because(format!(
                         "its {name} `{label}` only reports its state: it cannot be switched"
                     )));
                 }
                 None => (),
                 // All contacts of a device are combined, and so are all its motion detectors.
-                Some(Kind::YesOrNo { .. }) => {
-                    let is_same = |other: &Known| {
+                Some(ClassKind::YesOrNo { .. }) => {
+                    let is_same = |other: &ClassifiedFeature| {
                         other.name == known.name && other.feature.states == known.feature.states
                     };
                     if !measured.iter().any(is_same) {
@@ -84,7 +84,7 @@ impl Parts {
                 }
                 Some(_) if known.feature.rank >= NOT_OF_THE_ROOM => {
                     let (name, label) = (&known.name, &known.feature.label);
-                    unused.push(Unused::as_usual(format!(
+                    unused.push(UnusedFeature::as_usual(format!(
                         "its {name} `{label}` is not about the room, as its name shows"
                     )));
                 }
@@ -92,7 +92,7 @@ impl Parts {
                 Some(_) => match measured.iter().find(|other| other.name == known.name) {
                     Some(other) if other.feature.rank == known.feature.rank => {
                         let (name, speaks) = (&known.name, &other.feature.label);
-                        unused.push(Unused::as_usual(format!(
+                        unused.push(UnusedFeature::as_usual(format!(
                             "it measures its {name} in several places; `{speaks}` is used"
                         )));
                     }
@@ -103,12 +103,15 @@ impl Parts {
         }
         let parts = assembled(measured, switched);
         let problem = problem(unused, parts.is_empty());
-        Parts { parts, problem }
+        DividedDevice { parts, problem }
     }
 }
 
 /// Returns the parts of a device: one for all that it measures, one for each thing that it switches.
-fn assembled(measured: Vec<Known>, switched: Vec<Known>) -> Vec<(String, Vec<Known>)> {
+fn assembled(
+    measured: Vec<ClassifiedFeature>,
+    switched: Vec<ClassifiedFeature>,
+) -> Vec<(String, Vec<ClassifiedFeature>)> {
     let mut parts = Vec::new();
     if !measured.is_empty() {
         parts.push((String::new(), measured));
@@ -130,11 +133,12 @@ fn assembled(measured: Vec<Known>, switched: Vec<Known>) -> Vec<(String, Vec<Kno
 
 /// Returns the problem of a feature that receives commands on its own state topic: a command would look
 /// like a report. `None` if there is no such problem.
-fn hears_itself(feature: &Feature) -> Option<String> {
+fn echoes_commands(feature: &DeviceFeature) -> Option<String> {
     let command = feature.command.as_ref()?;
     let told = [command.on.topic.as_str(), command.off.topic.as_str()];
-    let is_heard =
-        |told: &&str| feature.states.iter().any(|said| mqtt_link::fits(&said.topic, told));
+    let is_heard = |told: &&str| {
+        feature.states.iter().any(|said| mqtt_link::matches_filter(&said.topic, told))
+    };
     let topic = told.into_iter().find(is_heard)?;
     let label = &feature.label;
     Some(format!(
@@ -144,19 +148,25 @@ fn hears_itself(feature: &Feature) -> Option<String> {
 }
 
 /// Whether a feature is the first of its class in a part. The first represents all of its class.
-pub(crate) fn leads(features: &[Known], number: usize) -> bool {
+pub(crate) fn leads(features: &[ClassifiedFeature], number: usize) -> bool {
     together(features, number).next() == Some(number)
 }
 
 /// The features of a part that have the class of the one with this number. Their states are combined.
-pub(crate) fn together(features: &[Known], number: usize) -> impl Iterator<Item = usize> {
+pub(crate) fn together(
+    features: &[ClassifiedFeature],
+    number: usize,
+) -> impl Iterator<Item = usize> {
     let name = features.get(number).map(|known| &known.name);
     let all = features.iter().enumerate();
     all.filter(move |(_, other)| Some(&other.name) == name).map(|(number, _)| number)
 }
 
 /// Returns a feature with its class; or the reason why it is not used.
-fn known(feature: &Feature, classes: &Classes) -> Result<Known, Unused> {
+fn known(
+    feature: &DeviceFeature,
+    classes: &DeviceClasses,
+) -> Result<ClassifiedFeature, UnusedFeature> {
     let found = classes.find(&feature.class);
     let found = found.and_then(|name| Some((name, classes.get(name)?.clone())));
     let Some((name, class)) = found else {
@@ -167,17 +177,17 @@ fn known(feature: &Feature, classes: &Classes) -> Result<Known, Unused> {
         );
         // Most devices measure things that no plan needs, such as their battery or their signal.
         return Err(match feature.command {
-            Some(_) => Unused::because(reason),
-            None => Unused::as_usual(reason),
+            Some(_) => UnusedFeature::because(reason),
+            None => UnusedFeature::as_usual(reason),
         });
     };
     let (factor, offset) = match class.kind() {
-        Some(Kind::Number { unit, .. }) => match conversion(&feature.unit, unit) {
+        Some(ClassKind::Number { unit, .. }) => match conversion(&feature.unit, unit) {
             Some(conversion) => conversion,
             None => {
                 let said = &feature.unit;
                 let reason = format!("its {name} is in `{said}`, which is no {unit}");
-                return Err(Unused::because(reason));
+                return Err(UnusedFeature::because(reason));
             }
         },
         _ => (1.0, 0.0),
@@ -186,11 +196,11 @@ fn known(feature: &Feature, classes: &Classes) -> Result<Known, Unused> {
     if class.inverted {
         std::mem::swap(&mut feature.yes, &mut feature.no);
     }
-    Ok(Known { name: name.to_owned(), class, feature, factor, offset })
+    Ok(ClassifiedFeature { name: name.to_owned(), class, feature, factor, offset })
 }
 
 /// Returns the reasons to report, as one text; `None` if there are none.
-fn problem(unused: Vec<Unused>, is_useless: bool) -> Option<String> {
+fn problem(unused: Vec<UnusedFeature>, is_useless: bool) -> Option<String> {
     // Normal reasons are reported only if nothing of the device can be used and there are no others.
     let tells_usual = is_useless && unused.iter().all(|one| one.is_usual);
     let mut reasons: Vec<String> = Vec::new();
@@ -209,17 +219,17 @@ fn problem(unused: Vec<Unused>, is_useless: bool) -> Option<String> {
     Some(if more > 0 { format!("{told}; and {more} more") } else { told })
 }
 
-impl Part {
+impl DevicePart {
     /// Returns the action model, with the types, predicates and functions that the shared ontology lacks.
     /// `offers` tells of which features an action can be used now.
     pub(crate) fn model(&self, ontology: &Domain, offers: impl Fn(usize) -> bool) -> String {
-        let Part { agent, .. } = self;
+        let DevicePart { agent, .. } = self;
         let kind = self.features.first().map_or("sensor", |known| known.class.agent.as_str());
-        let mut words = Words::of(ontology);
+        let mut words = MissingDeclarations::of(ontology);
         let is_switch = self
             .features
             .iter()
-            .any(|known| matches!(known.class.kind(), Some(Kind::Switch { .. })));
+            .any(|known| matches!(known.class.kind(), Some(ClassKind::Switch { .. })));
         let stands = if is_switch { "installed" } else { "located" };
         words.has_type(kind, if is_switch { "" } else { "sensor" });
         let mut actions = String::new();
@@ -237,7 +247,7 @@ impl Part {
             _ => "",
         };
         let place = self.place(ontology);
-        let Words { types, predicates, functions, axioms, .. } = words;
+        let MissingDeclarations { types, predicates, functions, axioms, .. } = words;
         let section = |name: &str, body: String| match body.trim() {
             "" => String::new(),
             body => format!("(:{name} {body})"),
@@ -254,13 +264,15 @@ impl Part {
 
     /// Returns the location of the device, as PDDL facts.
     pub(crate) fn place(&self, ontology: &Domain) -> String {
-        let Part { agent, room, features, .. } = self;
-        let is_switch = |known: &Known| matches!(known.class.kind(), Some(Kind::Switch { .. }));
+        let DevicePart { agent, room, features, .. } = self;
+        let is_switch = |known: &ClassifiedFeature| {
+            matches!(known.class.kind(), Some(ClassKind::Switch { .. }))
+        };
         let stands = if features.iter().any(is_switch) { "installed" } else { "located" };
         let mut place = format!("({stands} {agent} {room})");
         let leading = features.iter().enumerate().filter(|(number, _)| leads(features, *number));
         for (_, known) in leading {
-            if let Some(Kind::YesOrNo { yes, own: Some((_, at)), .. }) = known.class.kind()
+            if let Some(ClassKind::YesOrNo { yes, own: Some((_, at)), .. }) = known.class.kind()
                 && is_derived(ontology, yes)
             {
                 let _ = write!(place, " ({at} {agent} {room})");
@@ -270,8 +282,14 @@ impl Part {
     }
 }
 
-impl Known {
-    fn describe(&self, kind: &str, stands: &str, words: &mut Words<'_>, actions: &mut String) {
+impl ClassifiedFeature {
+    fn describe(
+        &self,
+        kind: &str,
+        stands: &str,
+        words: &mut MissingDeclarations<'_>,
+        actions: &mut String,
+    ) {
         let mut action = |name: &str, effect: &str, observed: &str| {
             let _ = write!(
                 actions,
@@ -282,17 +300,17 @@ impl Known {
         };
         let term = self.term("?d", "?r", words.ontology);
         match self.class.kind() {
-            Some(Kind::Number { action: name, known, value, .. }) => {
+            Some(ClassKind::Number { action: name, known, value, .. }) => {
                 words.has_predicate(known);
                 words.has_function(value);
                 action(name, &format!("({known} ?r)"), &format!(":observe {term}"));
             }
-            Some(Kind::YesOrNo { action: name, known, yes, .. }) => {
+            Some(ClassKind::YesOrNo { action: name, known, yes, .. }) => {
                 words.has_predicate(known);
                 words.has_predicate(yes);
                 action(name, &format!("({known} ?r)"), &format!(":observe {term}"));
             }
-            Some(Kind::Switch { words: of, on, off }) => {
+            Some(ClassKind::Switch { words: of, on, off }) => {
                 words.predicates += &of.predicates(words.ontology);
                 words.axioms += &of.axiom(words.ontology);
                 action(on, &term, "");
@@ -305,12 +323,14 @@ impl Known {
     /// Returns the PDDL term of the feature: a function or a predicate of the device or its room.
     pub(crate) fn term(&self, device: &str, room: &str, ontology: &Domain) -> String {
         match self.class.kind() {
-            Some(Kind::Number { value, .. }) => format!("({value} {room})"),
-            Some(Kind::YesOrNo { yes, own: Some((own, _)), .. }) if is_derived(ontology, yes) => {
+            Some(ClassKind::Number { value, .. }) => format!("({value} {room})"),
+            Some(ClassKind::YesOrNo { yes, own: Some((own, _)), .. })
+                if is_derived(ontology, yes) =>
+            {
                 format!("({own} {device})")
             }
-            Some(Kind::YesOrNo { yes, .. }) => format!("({yes} {room})"),
-            Some(Kind::Switch { words, .. }) => words.term(device, room, ontology),
+            Some(ClassKind::YesOrNo { yes, .. }) => format!("({yes} {room})"),
+            Some(ClassKind::Switch { words, .. }) => words.term(device, room, ontology),
             None => String::new(),
         }
     }
@@ -318,10 +338,10 @@ impl Known {
     /// Returns the actions of the feature, each with its method.
     pub(crate) fn methods(&self) -> Vec<(String, String)> {
         match self.class.kind() {
-            Some(Kind::Number { action, .. } | Kind::YesOrNo { action, .. }) => {
+            Some(ClassKind::Number { action, .. } | ClassKind::YesOrNo { action, .. }) => {
                 vec![(action.to_owned(), format!("read-{}", self.name))]
             }
-            Some(Kind::Switch { on, off, .. }) => {
+            Some(ClassKind::Switch { on, off, .. }) => {
                 vec![(on.to_owned(), "on".to_owned()), (off.to_owned(), "off".to_owned())]
             }
             None => Vec::new(),
@@ -330,7 +350,7 @@ impl Known {
 }
 
 /// The declarations that an action model needs and the ontology lacks.
-struct Words<'o> {
+struct MissingDeclarations<'o> {
     ontology: &'o Domain,
     types: String,
     predicates: String,
@@ -338,10 +358,10 @@ struct Words<'o> {
     axioms: String,
 }
 
-impl<'o> Words<'o> {
-    fn of(ontology: &'o Domain) -> Words<'o> {
+impl<'o> MissingDeclarations<'o> {
+    fn of(ontology: &'o Domain) -> MissingDeclarations<'o> {
         let (types, predicates, functions, axioms) = Default::default();
-        Words { ontology, types, predicates, functions, axioms }
+        MissingDeclarations { ontology, types, predicates, functions, axioms }
     }
 
     fn has_type(&mut self, name: &str, parent: &str) {

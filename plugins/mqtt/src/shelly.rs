@@ -7,8 +7,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::{Value, json};
 
-use crate::described::{
-    Availability, AvailabilityMode, Command, Described, Feature, Source, Telegram, Unused, Voice,
+use crate::description::{
+    Availability, AvailabilityMode, AvailabilityTopic, DescribedDevice, DeviceFeature,
+    OutgoingMessage, SwitchCommand, UnusedFeature, ValueSource,
 };
 
 /// The prefix of the factory-set names of devices.
@@ -25,7 +26,7 @@ const PARTS_MAX: usize = 64;
 
 /// The parts seen so far, by the name of the device, for the first generation and for later ones.
 #[derive(Debug, Default)]
-pub(crate) struct Discovery {
+pub(crate) struct ShellyDiscovery {
     first: BTreeMap<String, BTreeSet<String>>,
     second: BTreeMap<String, BTreeSet<String>>,
 }
@@ -46,9 +47,9 @@ pub(crate) fn is_own(topic: &str) -> bool {
     topic.starts_with("shellies/") || topic.starts_with(BEGINNING)
 }
 
-impl Discovery {
+impl ShellyDiscovery {
     /// Handles a message; returns whether it shows a new device or part.
-    pub(crate) fn hear(&mut self, topic: &str, text: &str) -> bool {
+    pub(crate) fn receive_report(&mut self, topic: &str, text: &str) -> bool {
         let levels: Vec<_> = topic.split('/').collect();
         match levels[..] {
             ["shellies", name, "online"] => note(&mut self.first, name, None),
@@ -75,7 +76,7 @@ impl Discovery {
     }
 
     /// Returns all devices that were seen.
-    pub(crate) fn devices(&self) -> Vec<Described> {
+    pub(crate) fn devices(&self) -> Vec<DescribedDevice> {
         let first = self.first.iter().map(|(name, parts)| of_first(name, parts));
         first.chain(self.second.iter().map(|(name, parts)| of_second(name, parts))).collect()
     }
@@ -98,54 +99,55 @@ fn note(
 fn described(
     name: &str,
     online: String,
-    mut features: Vec<Feature>,
-    unused: Vec<Unused>,
-) -> Described {
-    let voice = Voice {
-        source: Source::whole(online),
+    mut features: Vec<DeviceFeature>,
+    unused: Vec<UnusedFeature>,
+) -> DescribedDevice {
+    let voice = AvailabilityTopic {
+        source: ValueSource::whole(online),
         online: "true".to_owned(),
         offline: "false".to_owned(),
-        at_first: true,
+        is_online_at_first: true,
     };
     // A device on a battery sleeps, and is offline meanwhile; only features that are switched have
     // availability.
     for feature in features.iter_mut().filter(|feature| feature.command.is_some()) {
         let voices = vec![voice.clone()];
-        feature.availability = Availability { voices, mode: AvailabilityMode::Latest };
+        feature.availability = Availability { topics: voices, mode: AvailabilityMode::Latest };
     }
     let (name, id) = (name.to_owned(), name.to_owned());
-    Described { name, id, also: Vec::new(), area: None, features, unused }
+    DescribedDevice { name, id, other_ids: Vec::new(), area: None, features, unused }
 }
 
-fn of_first(name: &str, parts: &BTreeSet<String>) -> Described {
+fn of_first(name: &str, parts: &BTreeSet<String>) -> DescribedDevice {
     let (mut features, mut unused) = (Vec::new(), Vec::new());
     let base = format!("shellies/{name}");
     for part in parts {
         let (kind, number) = part.split_once('/').unwrap_or((part, ""));
-        let states = vec![Source::whole(format!("{base}/{part}"))];
+        let states = vec![ValueSource::whole(format!("{base}/{part}"))];
         let word = |word: &str| vec![word.to_owned()];
-        let numbered = |class: &str, unit: &str| Feature {
+        let numbered = |class: &str, unit: &str| DeviceFeature {
             states: states.clone(),
             unit: unit.to_owned(),
-            ..Feature::named(class, part)
+            ..DeviceFeature::named(class, part)
         };
         match (kind, number) {
             ("relay" | "light" | "color" | "white", _) if number.parse::<u8>().is_ok() => {
                 let class = if kind == "relay" { "switch" } else { "light" };
-                let told = |text: &str| Telegram::new(format!("{base}/{part}/command"), text);
-                features.push(Feature {
+                let told =
+                    |text: &str| OutgoingMessage::new(format!("{base}/{part}/command"), text);
+                features.push(DeviceFeature {
                     yes: word("on"),
                     no: word("off"),
                     // The relay has switched itself off, but does not report that it is off.
                     neither: word("overpower"),
-                    command: Some(Command { on: told("on"), off: told("off") }),
-                    ask: Some(Telegram::new(format!("{base}/command"), "update")),
+                    command: Some(SwitchCommand { on: told("on"), off: told("off") }),
+                    value_request: Some(OutgoingMessage::new(format!("{base}/command"), "update")),
                     ..numbered(class, "")
                 });
             }
             ("roller", _) => {
                 let reason = "its roller: there is no class for a blind or a curtain";
-                unused.push(Unused::because(reason));
+                unused.push(UnusedFeature::because(reason));
             }
             ("sensor", "temperature") => features.push(numbered("temperature", "°C")),
             ("sensor", "humidity") => features.push(numbered("humidity", "%")),
@@ -155,9 +157,9 @@ fn of_first(name: &str, parts: &BTreeSet<String>) -> Described {
                     vec!["1".to_owned(), "true".to_owned()],
                     vec!["0".to_owned(), "false".to_owned()],
                 );
-                features.push(Feature { yes, no, ..numbered("motion", "") });
+                features.push(DeviceFeature { yes, no, ..numbered("motion", "") });
             }
-            ("sensor", "state") => features.push(Feature {
+            ("sensor", "state") => features.push(DeviceFeature {
                 yes: word("open"),
                 no: vec!["close".to_owned(), "closed".to_owned()],
                 ..numbered("opening", "")
@@ -168,27 +170,27 @@ fn of_first(name: &str, parts: &BTreeSet<String>) -> Described {
     described(name, format!("{base}/online"), features, unused)
 }
 
-fn of_second(name: &str, parts: &BTreeSet<String>) -> Described {
+fn of_second(name: &str, parts: &BTreeSet<String>) -> DescribedDevice {
     let (mut features, mut unused) = (Vec::new(), Vec::new());
     let answers = format!("althing/{name}");
     let call = |method: &str, params: Value| {
         let call = json!({ "id": 1, "src": answers, "method": method, "params": params });
-        Telegram::new(format!("{name}/rpc"), call.to_string())
+        OutgoingMessage::new(format!("{name}/rpc"), call.to_string())
     };
     for part in parts {
         let (kind, number) = part.split_once(':').unwrap_or((part, ""));
         let number: Option<u32> = number.parse().ok();
         let states = |key: &str| {
             vec![
-                Source::at(format!("{name}/status/{part}"), &[key]),
-                Source::at(format!("{name}/events/rpc"), &["params", part, key]),
-                Source::at(format!("{answers}/rpc"), &["result", part, key]),
+                ValueSource::at(format!("{name}/status/{part}"), &[key]),
+                ValueSource::at(format!("{name}/events/rpc"), &["params", part, key]),
+                ValueSource::at(format!("{answers}/rpc"), &["result", part, key]),
             ]
         };
-        let measured = |class: &str, key: &str, unit: &str| Feature {
+        let measured = |class: &str, key: &str, unit: &str| DeviceFeature {
             states: states(key),
             unit: unit.to_owned(),
-            ..Feature::named(class, part)
+            ..DeviceFeature::named(class, part)
         };
         match (kind, number) {
             ("switch" | "light", Some(number)) => {
@@ -197,20 +199,21 @@ fn of_second(name: &str, parts: &BTreeSet<String>) -> Described {
                     _ => ("light", "Light.Set"),
                 };
                 let set = |is_on: bool| call(method, json!({ "id": number, "on": is_on }));
-                features.push(Feature {
+                features.push(DeviceFeature {
                     states: states("output"),
                     yes: vec!["true".to_owned()],
                     no: vec!["false".to_owned()],
-                    command: Some(Command { on: set(true), off: set(false) }),
-                    ask: Some(call("Shelly.GetStatus", json!({}))),
-                    ..Feature::named(class, part)
+                    command: Some(SwitchCommand { on: set(true), off: set(false) }),
+                    value_request: Some(call("Shelly.GetStatus", json!({}))),
+                    ..DeviceFeature::named(class, part)
                 });
             }
             ("temperature", Some(_)) => features.push(measured("temperature", "tC", "°C")),
             ("humidity", Some(_)) => features.push(measured("humidity", "rh", "%")),
             ("illuminance", Some(_)) => features.push(measured("illuminance", "lux", "lx")),
             ("cover" | "rgb" | "rgbw" | "cct" | "thermostat", Some(_)) => {
-                unused.push(Unused::because(format!("its {kind}: there is no class for it")));
+                unused
+                    .push(UnusedFeature::because(format!("its {kind}: there is no class for it")));
             }
             _ => (),
         }
@@ -224,7 +227,7 @@ mod tests {
 
     #[test]
     fn what_a_device_has_is_seen_from_what_it_says() {
-        let mut discovery = Discovery::default();
+        let mut discovery = ShellyDiscovery::default();
         for (topic, text, is_new) in [
             ("shellies/shelly1-A1/online", "true", true),
             ("shellies/shelly1-A1/relay/0", "off", true),
@@ -240,13 +243,13 @@ mod tests {
             ("other/status/x", "1", false),
             ("shellyplus1-b2/events/rpc", "{", false),
         ] {
-            assert_eq!(discovery.hear(topic, text), is_new, "{topic}");
+            assert_eq!(discovery.receive_report(topic, text), is_new, "{topic}");
         }
         let devices = discovery.devices();
         let names: Vec<_> = devices.iter().map(|device| device.name.as_str()).collect();
         assert_eq!(names, ["shelly1-A1", "shellyhtg3-c3", "shellyplus1-b2"]);
         let relay = devices[0].features[0].command.as_ref().expect("it is switched");
-        assert_eq!(relay.on, Telegram::new("shellies/shelly1-A1/relay/0/command", "on"));
+        assert_eq!(relay.on, OutgoingMessage::new("shellies/shelly1-A1/relay/0/command", "on"));
         let relay = devices[2].features[0].command.as_ref().expect("it is switched");
         assert_eq!(relay.on.topic, "shellyplus1-b2/rpc");
         assert!(relay.on.text.contains(r#""params":{"id":0,"on":true}"#), "{}", relay.on.text);

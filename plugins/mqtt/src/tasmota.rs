@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use crate::described::{
-    Availability, AvailabilityMode, Command, Described, Feature, Source, Telegram, Unused, Voice,
+use crate::description::{
+    Availability, AvailabilityMode, AvailabilityTopic, DescribedDevice, DeviceFeature,
+    OutgoingMessage, SwitchCommand, UnusedFeature, ValueSource,
 };
 
 /// Indices of its topic prefixes: for commands, for answers, and for its own reports.
@@ -22,19 +23,19 @@ fn is_chip(name: &str) -> bool {
 
 /// The descriptions received so far, by the device's address: config and sensors.
 #[derive(Debug, Default)]
-pub(crate) struct Discovery {
+pub(crate) struct TasmotaDiscovery {
     devices: BTreeMap<String, (Value, Value)>,
     /// The reason why the last message of a device could not be read; then its description stays as it was.
     problems: BTreeMap<String, String>,
 }
 
-impl Discovery {
+impl TasmotaDiscovery {
     /// Handles a discovery message; an empty text withdraws the one before.
     ///
     /// # Errors
     ///
     /// Returns the problem in words if the message cannot be read.
-    pub(crate) fn hear(&mut self, topic: &str, text: &str) -> Result<(), String> {
+    pub(crate) fn receive_discovery(&mut self, topic: &str, text: &str) -> Result<(), String> {
         let mut levels = topic.rsplit('/');
         let (Some(what), Some(address)) = (levels.next(), levels.next()) else { return Ok(()) };
         let said = match text.trim().is_empty() {
@@ -58,12 +59,12 @@ impl Discovery {
     }
 
     /// Returns all devices that were described.
-    pub(crate) fn devices(&self) -> Vec<Described> {
+    pub(crate) fn devices(&self) -> Vec<DescribedDevice> {
         let described = |(address, (config, sensors)): (&String, &(Value, Value))| {
             let mut device = described(address, config, sensors)?;
             if let Some(problem) = self.problems.get(address) {
                 let reason = format!("its last description cannot be read: {problem}");
-                device.unused.push(Unused::because(reason));
+                device.unused.push(UnusedFeature::because(reason));
             }
             Some(device)
         };
@@ -72,7 +73,7 @@ impl Discovery {
 }
 
 /// The description of a device's topics and texts.
-struct Config<'c> {
+struct TasmotaConfig<'c> {
     said: &'c Value,
     /// Its own topic.
     own: &'c str,
@@ -80,10 +81,10 @@ struct Config<'c> {
     address: &'c str,
 }
 
-impl<'c> Config<'c> {
-    fn of(said: &'c Value, address: &'c str) -> Option<Config<'c>> {
+impl<'c> TasmotaConfig<'c> {
+    fn of(said: &'c Value, address: &'c str) -> Option<TasmotaConfig<'c>> {
         let address = said["mac"].as_str().unwrap_or(address);
-        Some(Config { said, own: said["t"].as_str()?, address })
+        Some(TasmotaConfig { said, own: said["t"].as_str()?, address })
     }
 
     fn text(&self, key: &str) -> Option<&'c str> {
@@ -112,7 +113,7 @@ impl<'c> Config<'c> {
         relays.map(|relay| relay.as_u64().unwrap_or(0)).collect()
     }
 
-    fn relay(&self, index: usize, kind: u64, is_alone: bool) -> Option<Feature> {
+    fn relay(&self, index: usize, kind: u64, is_alone: bool) -> Option<DeviceFeature> {
         // Option 30 means that all its relays switch lamps.
         let is_lamp = self.said["so"]["30"].as_u64() == Some(1);
         let class = match kind {
@@ -123,9 +124,9 @@ impl<'c> Config<'c> {
         let power = if is_alone { "POWER".to_owned() } else { format!("POWER{}", index + 1) };
         let states = |power: &str| {
             [
-                Source::whole(self.topic(STAT, power)),
-                Source::at(self.topic(STAT, "RESULT"), &[power]),
-                Source::at(self.topic(TELE, "STATE"), &[power]),
+                ValueSource::whole(self.topic(STAT, power)),
+                ValueSource::at(self.topic(STAT, "RESULT"), &[power]),
+                ValueSource::at(self.topic(TELE, "STATE"), &[power]),
             ]
         };
         let mut said = states(&power).to_vec();
@@ -135,40 +136,40 @@ impl<'c> Config<'c> {
         }
         let (on, off) = (self.word(1, "ON"), self.word(0, "OFF"));
         let command = self.topic(CMND, &power);
-        Some(Feature {
+        Some(DeviceFeature {
             states: said,
             yes: vec![on.clone()],
             no: vec![off.clone()],
-            command: Some(Command {
-                on: Telegram::new(command.as_str(), on),
-                off: Telegram::new(command, off),
+            command: Some(SwitchCommand {
+                on: OutgoingMessage::new(command.as_str(), on),
+                off: OutgoingMessage::new(command, off),
             }),
-            ask: Some(Telegram::new(self.topic(CMND, "STATE"), "")),
-            ..Feature::named(class, &power.to_lowercase())
+            value_request: Some(OutgoingMessage::new(self.topic(CMND, "STATE"), "")),
+            ..DeviceFeature::named(class, &power.to_lowercase())
         })
     }
 
     fn availability(&self) -> Availability {
-        let voice = Voice {
-            source: Source::whole(self.topic(TELE, "LWT")),
+        let voice = AvailabilityTopic {
+            source: ValueSource::whole(self.topic(TELE, "LWT")),
             online: self.text("onln").unwrap_or("Online").to_owned(),
             offline: self.text("ofln").unwrap_or("Offline").to_owned(),
-            at_first: true,
+            is_online_at_first: true,
         };
-        Availability { voices: vec![voice], mode: AvailabilityMode::Latest }
+        Availability { topics: vec![voice], mode: AvailabilityMode::Latest }
     }
 }
 
-fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described> {
+fn described(address: &str, config: &Value, sensors: &Value) -> Option<DescribedDevice> {
     let said = config;
-    let Some(config) = Config::of(config, address) else {
+    let Some(config) = TasmotaConfig::of(config, address) else {
         // If only the sensors of a device are known so far, its config will follow soon.
         let name = said["dn"].as_str().filter(|name| !name.is_empty()).unwrap_or(address);
-        let no_topic = Unused::because("its description does not say its topic (`t`)");
-        return (!said.is_null()).then(|| Described {
+        let no_topic = UnusedFeature::because("its description does not say its topic (`t`)");
+        return (!said.is_null()).then(|| DescribedDevice {
             name: name.to_owned(),
             id: address.to_owned(),
-            also: Vec::new(),
+            other_ids: Vec::new(),
             area: None,
             features: Vec::new(),
             unused: vec![no_topic],
@@ -180,7 +181,7 @@ fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described
     let mut features: Vec<_> = relays.iter().enumerate().filter_map(of).collect();
     let sources = [(TELE, "SENSOR"), (STAT, "STATUS10"), (STAT, "STATUS8")];
     let sources = sources.map(|(prefix, what)| config.topic(prefix, what));
-    let ask = Telegram::new(config.topic(CMND, "STATUS"), "10");
+    let ask = OutgoingMessage::new(config.topic(CMND, "STATUS"), "10");
     features.extend(measured(&sensors["sn"], &sources, &ask));
     for feature in &mut features {
         feature.availability = config.availability();
@@ -188,19 +189,23 @@ fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described
     let chips = sensors["sn"].as_object().into_iter().flatten();
     let chips = chips.filter(|(chip, values)| values.is_object() && is_chip(chip));
     let mut unused: Vec<_> = chips
-        .map(|(chip, _)| Unused::as_usual(format!("its `{chip}` measures the device itself")))
+        .map(|(chip, _)| {
+            UnusedFeature::as_usual(format!("its `{chip}` measures the device itself"))
+        })
         .collect();
     if relays.contains(&3) {
-        unused.push(Unused::because("its shutter: there is no class for a blind or a curtain"));
+        unused.push(UnusedFeature::because(
+            "its shutter: there is no class for a blind or a curtain",
+        ));
     }
     if let Some(problem) = mqtt_link::topic_problem(&config.topic(CMND, "STATE")) {
         features.clear();
-        unused.push(Unused::because(problem));
+        unused.push(UnusedFeature::because(problem));
     }
-    Some(Described {
+    Some(DescribedDevice {
         name: config.text("dn").filter(|name| !name.is_empty()).unwrap_or(config.own).to_owned(),
         id: address.to_owned(),
-        also: vec![config.own.to_owned()],
+        other_ids: vec![config.own.to_owned()],
         area: None,
         features,
         unused,
@@ -208,7 +213,7 @@ fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described
 }
 
 /// Returns the features of its sensors, from `{"SI7021": {"Temperature": 21.5}, "TempUnit": "C"}`.
-fn measured(sensors: &Value, topics: &[String; 3], ask: &Telegram) -> Vec<Feature> {
+fn measured(sensors: &Value, topics: &[String; 3], ask: &OutgoingMessage) -> Vec<DeviceFeature> {
     let unit_of_temperature = sensors["TempUnit"].as_str().unwrap_or("C");
     let chips = sensors.as_object().into_iter().flatten();
     let mut features = Vec::new();
@@ -228,19 +233,19 @@ fn measured(sensors: &Value, topics: &[String; 3], ask: &Telegram) -> Vec<Featur
                 other => (other, String::new()),
             };
             let [said, status, older] = topics;
-            features.push(Feature {
+            features.push(DeviceFeature {
                 states: vec![
-                    Source::at(said.as_str(), &[chip, key]),
-                    Source::at(status.as_str(), &["StatusSNS", chip, key]),
-                    Source::at(older.as_str(), &["StatusSNS", chip, key]),
+                    ValueSource::at(said.as_str(), &[chip, key]),
+                    ValueSource::at(status.as_str(), &["StatusSNS", chip, key]),
+                    ValueSource::at(older.as_str(), &["StatusSNS", chip, key]),
                 ],
                 unit,
                 yes: vec!["ON".to_owned()],
                 no: vec!["OFF".to_owned()],
-                ask: Some(ask.clone()),
+                value_request: Some(ask.clone()),
                 // A chip that measures humidity too is made for rooms.
                 rank: u8::from(!has_humidity),
-                ..Feature::named(class, &format!("{chip}-{key}"))
+                ..DeviceFeature::named(class, &format!("{chip}-{key}"))
             });
         }
     }
@@ -260,9 +265,13 @@ mod tests {
 
     #[test]
     fn relays_and_sensors_are_read() {
-        let mut discovery = Discovery::default();
-        discovery.hear("tasmota/discovery/A4CF12D1E2F3/config", CONFIG).expect("understood");
-        discovery.hear("tasmota/discovery/A4CF12D1E2F3/sensors", SENSORS).expect("understood");
+        let mut discovery = TasmotaDiscovery::default();
+        discovery
+            .receive_discovery("tasmota/discovery/A4CF12D1E2F3/config", CONFIG)
+            .expect("understood");
+        discovery
+            .receive_discovery("tasmota/discovery/A4CF12D1E2F3/sensors", SENSORS)
+            .expect("understood");
         let devices = discovery.devices();
         let device = &devices[0];
         assert_eq!(device.name, "Desk");
@@ -274,16 +283,18 @@ mod tests {
         let classes: Vec<_> =
             device.features.iter().map(|feature| feature.class.as_str()).collect();
         assert_eq!(classes, ["switch", "humidity", "temperature"]);
-        let availability = &device.features[0].availability.voices[0];
+        let availability = &device.features[0].availability.topics[0];
         assert_eq!(availability.source.topic, "tele/tasmota_D1E2F3/LWT");
-        let asked = Telegram::new("cmnd/tasmota_D1E2F3/STATE", "");
-        assert_eq!(device.features[0].ask, Some(asked));
+        let asked = OutgoingMessage::new("cmnd/tasmota_D1E2F3/STATE", "");
+        assert_eq!(device.features[0].value_request, Some(asked));
         assert_eq!(device.features[2].states.len(), 3);
-        assert!(discovery.hear("tasmota/discovery/X/config", "{").is_err());
-        assert!(discovery.hear("tasmota/discovery/A4CF12D1E2F3/config", "{").is_err());
+        assert!(discovery.receive_discovery("tasmota/discovery/X/config", "{").is_err());
+        assert!(discovery.receive_discovery("tasmota/discovery/A4CF12D1E2F3/config", "{").is_err());
         let reason = &discovery.devices()[0].unused[0].reason;
         assert!(reason.contains("its last description cannot be read"), "{reason}");
-        discovery.hear("tasmota/discovery/A4CF12D1E2F3/config", "").expect("taken back");
+        discovery
+            .receive_discovery("tasmota/discovery/A4CF12D1E2F3/config", "")
+            .expect("taken back");
         assert!(discovery.devices().is_empty());
     }
 }

@@ -6,29 +6,30 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::described::{
-    Availability, AvailabilityMode, Command, Described, Feature, Source, Telegram, Unused, Voice,
+use crate::description::{
+    Availability, AvailabilityMode, AvailabilityTopic, DescribedDevice, DeviceFeature,
+    OutgoingMessage, SwitchCommand, UnusedFeature, ValueSource,
 };
 
 #[derive(Deserialize)]
-struct Device {
+struct ZigbeeDevice {
     ieee_address: String,
     friendly_name: String,
     #[serde(default, rename = "type")]
     kind: String,
     #[serde(default)]
     disabled: bool,
-    definition: Option<Definition>,
+    definition: Option<ZigbeeDefinition>,
 }
 
 #[derive(Deserialize)]
-struct Definition {
+struct ZigbeeDefinition {
     #[serde(default)]
-    exposes: Vec<Expose>,
+    exposes: Vec<ExposedFeature>,
 }
 
 #[derive(Deserialize)]
-struct Expose {
+struct ExposedFeature {
     #[serde(rename = "type")]
     kind: String,
     #[serde(default)]
@@ -41,7 +42,7 @@ struct Expose {
     value_on: Option<Value>,
     value_off: Option<Value>,
     #[serde(default)]
-    features: Vec<Expose>,
+    features: Vec<ExposedFeature>,
 }
 
 const SAYS: u8 = 1;
@@ -57,19 +58,19 @@ const UNUSED: &[(&str, &str)] = &[
 
 /// The devices that the bridge has described, by address.
 #[derive(Debug, Default)]
-pub(crate) struct Bridge {
-    devices: BTreeMap<String, Described>,
+pub(crate) struct ZigbeeDiscovery {
+    devices: BTreeMap<String, DescribedDevice>,
     /// The reason why the last message could not be read; then the devices are those of the one before.
     pub(crate) problem: Option<String>,
 }
 
-impl Bridge {
+impl ZigbeeDiscovery {
     /// Handles the bridge's description of all its devices.
     ///
     /// # Errors
     ///
     /// Returns an error if the text cannot be read; then the devices stay as they were.
-    pub(crate) fn hear(&mut self, base: &str, text: &str) -> Result<(), String> {
+    pub(crate) fn receive_devices(&mut self, base: &str, text: &str) -> Result<(), String> {
         // An empty text means that the retained one was removed; the devices are removed too.
         let told: Result<Vec<Value>, _> = match text.trim().is_empty() {
             true => Ok(Vec::new()),
@@ -85,7 +86,7 @@ impl Bridge {
         for device in told {
             let text = |key: &str| device.get(key).and_then(Value::as_str).map(str::to_owned);
             let (address, name) = (text("ieee_address"), text("friendly_name"));
-            match serde_json::from_value::<Device>(device) {
+            match serde_json::from_value::<ZigbeeDevice>(device) {
                 Ok(device) if device.disabled => (),
                 Ok(device) => {
                     let address = device.ieee_address.clone();
@@ -101,7 +102,7 @@ impl Bridge {
                     let mut device = known.unwrap_or_else(|| unread(&address, name));
                     let reason = format!("its last description cannot be read: {error}");
                     if !device.unused.iter().any(|unused| unused.reason == reason) {
-                        device.unused.push(Unused::because(reason));
+                        device.unused.push(UnusedFeature::because(reason));
                     }
                     devices.insert(address, device);
                 }
@@ -111,32 +112,32 @@ impl Bridge {
         Ok(())
     }
 
-    pub(crate) fn devices(&self) -> Vec<Described> {
+    pub(crate) fn devices(&self) -> Vec<DescribedDevice> {
         let trouble = self.problem.as_ref().map(|problem| {
-            Unused::because(format!("the last `bridge/devices` cannot be read: {problem}"))
+            UnusedFeature::because(format!("the last `bridge/devices` cannot be read: {problem}"))
         });
-        let with_trouble = |device: &Described| {
+        let with_trouble = |device: &DescribedDevice| {
             let unused = device.unused.iter().cloned().chain(trouble.clone()).collect();
-            Described { unused, ..device.clone() }
+            DescribedDevice { unused, ..device.clone() }
         };
         self.devices.values().map(with_trouble).collect()
     }
 }
 
 /// Returns a device without features: nothing can be read but its address, and perhaps its name.
-fn unread(address: &str, name: Option<String>) -> Described {
-    Described {
+fn unread(address: &str, name: Option<String>) -> DescribedDevice {
+    DescribedDevice {
         name: name.unwrap_or_else(|| address.to_owned()),
         id: address.to_owned(),
-        also: Vec::new(),
+        other_ids: Vec::new(),
         area: None,
         features: Vec::new(),
         unused: Vec::new(),
     }
 }
 
-fn described(base: &str, device: Device) -> Option<Described> {
-    let Device { ieee_address, friendly_name, kind, definition, .. } = device;
+fn described(base: &str, device: ZigbeeDevice) -> Option<DescribedDevice> {
+    let ZigbeeDevice { ieee_address, friendly_name, kind, definition, .. } = device;
     if kind == "Coordinator" {
         return None;
     }
@@ -144,40 +145,41 @@ fn described(base: &str, device: Device) -> Option<Described> {
     let (mut features, mut unused) = (Vec::new(), Vec::new());
     let exposes = definition.map(|definition| definition.exposes).unwrap_or_else(|| {
         let reason = "Zigbee2MQTT does not know what it is: it has no `definition`";
-        unused.push(Unused::because(reason));
+        unused.push(UnusedFeature::because(reason));
         Vec::new()
     });
     for expose in &exposes {
         features_of(expose, &topic, &mut features, &mut unused);
     }
     // Zigbee2MQTT 1.x exposes a raw value as `illuminance`, and beside it `illuminance_lux`.
-    let is_raw = |feature: &Feature| feature.class == "illuminance" && feature.unit.is_empty();
+    let is_raw =
+        |feature: &DeviceFeature| feature.class == "illuminance" && feature.unit.is_empty();
     let has_lux = features.iter().any(|feature| feature.class == "illuminance_lux");
     if features.iter().any(is_raw) && !has_lux {
         let reason = "its illuminance has no unit: Zigbee2MQTT 1.x reports raw values";
-        unused.push(Unused::because(reason));
+        unused.push(UnusedFeature::because(reason));
     }
     features.retain(|feature| !is_raw(feature));
-    let voice = |topic: String| Voice {
-        source: Source::at(topic, &["state"]),
+    let voice = |topic: String| AvailabilityTopic {
+        source: ValueSource::at(topic, &["state"]),
         online: "online".to_owned(),
         offline: "offline".to_owned(),
         // Availability is reported only if it is enabled in Zigbee2MQTT.
-        at_first: true,
+        is_online_at_first: true,
     };
     let voices =
         vec![voice(format!("{topic}/availability")), voice(format!("{base}/bridge/state"))];
     for feature in &mut features {
         let voices = voices.clone();
-        feature.availability = Availability { voices, mode: AvailabilityMode::All };
+        feature.availability = Availability { topics: voices, mode: AvailabilityMode::All };
     }
     let problem = mqtt_link::topic_problem(&topic);
     if let Some(problem) = problem {
         features.clear();
-        unused.push(Unused::because(problem));
+        unused.push(UnusedFeature::because(problem));
     }
     let (name, id, also, area) = (friendly_name, ieee_address, Vec::new(), None);
-    Some(Described { name, id, also, area, features, unused })
+    Some(DescribedDevice { name, id, other_ids: also, area, features, unused })
 }
 
 fn plain(value: &Option<Value>, otherwise: &str) -> String {
@@ -189,23 +191,26 @@ fn plain(value: &Option<Value>, otherwise: &str) -> String {
 }
 
 /// Adds the topic of a feature's reports, and the request for its value.
-fn heard(expose: &Expose, topic: &str, feature: Feature) -> Feature {
+fn heard(expose: &ExposedFeature, topic: &str, feature: DeviceFeature) -> DeviceFeature {
     let Some(property) = expose.property.as_deref() else { return feature };
     let states = match expose.access & SAYS {
         0 => Vec::new(),
-        _ => vec![Source::at(topic, &[property])],
+        _ => vec![ValueSource::at(topic, &[property])],
     };
     let ask = (expose.access & ASKED != 0).then(|| {
-        Telegram::new(format!("{topic}/get"), serde_json::json!({ property: "" }).to_string())
+        OutgoingMessage::new(
+            format!("{topic}/get"),
+            serde_json::json!({ property: "" }).to_string(),
+        )
     });
-    Feature { states, ask, ..feature }
+    DeviceFeature { states, value_request: ask, ..feature }
 }
 
 fn features_of(
-    expose: &Expose,
+    expose: &ExposedFeature,
     topic: &str,
-    features: &mut Vec<Feature>,
-    unused: &mut Vec<Unused>,
+    features: &mut Vec<DeviceFeature>,
+    unused: &mut Vec<UnusedFeature>,
 ) {
     let label = expose.property.clone().unwrap_or_default();
     match expose.kind.as_str() {
@@ -215,34 +220,35 @@ fn features_of(
             if is_closed(&expose.name, &yes) {
                 std::mem::swap(&mut yes, &mut no);
             }
-            let feature = Feature {
+            let feature = DeviceFeature {
                 unit: expose.unit.clone().unwrap_or_default(),
                 yes: vec![yes],
                 no: vec![no],
-                ..Feature::named(&expose.name, &label)
+                ..DeviceFeature::named(&expose.name, &label)
             };
             features.push(heard(expose, topic, feature));
         }
         "switch" | "light" | "lock" => {
-            let is_state = |part: &&Expose| part.name == "state" && part.access & SET != 0;
+            let is_state = |part: &&ExposedFeature| part.name == "state" && part.access & SET != 0;
             let Some(part) = expose.features.iter().find(is_state) else { return };
             let property = part.property.as_deref().unwrap_or_default();
             if property == "state" || property.starts_with("state_") {
                 features.extend(switched(&expose.kind, part, topic));
             } else {
                 let kind = &expose.kind;
-                unused.push(Unused::as_usual(format!(
+                unused.push(UnusedFeature::as_usual(format!(
                     "its {kind} `{property}` is a setting of the device"
                 )));
             }
         }
         "climate" => {
-            let is_room = |part: &&Expose| part.name == "local_temperature";
+            let is_room = |part: &&ExposedFeature| part.name == "local_temperature";
             if let Some(part) = expose.features.iter().find(is_room) {
                 let unit = part.unit.clone().unwrap_or_default();
                 let label = part.property.clone().unwrap_or_default();
                 // A separate thermometer beside the valve is more accurate.
-                let feature = Feature { unit, rank: 1, ..Feature::named("temperature", &label) };
+                let feature =
+                    DeviceFeature { unit, rank: 1, ..DeviceFeature::named("temperature", &label) };
                 features.push(heard(part, topic, feature));
             } else {
                 unused.push(because("climate"));
@@ -265,12 +271,12 @@ fn is_closed(name: &str, word: &str) -> bool {
     }
 }
 
-fn because(kind: &str) -> Unused {
+fn because(kind: &str) -> UnusedFeature {
     let reason = UNUSED.iter().find(|(unused, _)| *unused == kind).map_or("", |(_, reason)| reason);
-    Unused::because(format!("its {kind}: {reason}"))
+    UnusedFeature::because(format!("its {kind}: {reason}"))
 }
 
-fn switched(class: &str, part: &Expose, topic: &str) -> Option<Feature> {
+fn switched(class: &str, part: &ExposedFeature, topic: &str) -> Option<DeviceFeature> {
     let property = part.property.clone()?;
     // The texts that a lock receives differ from those that it reports.
     let (on, off) = match class {
@@ -280,15 +286,18 @@ fn switched(class: &str, part: &Expose, topic: &str) -> Option<Feature> {
     let on = part.value_on.clone().unwrap_or_else(|| on.into());
     let off = part.value_off.clone().unwrap_or_else(|| off.into());
     let say = |value: &Value| {
-        Telegram::new(format!("{topic}/set"), serde_json::json!({ &property: value }).to_string())
+        OutgoingMessage::new(
+            format!("{topic}/set"),
+            serde_json::json!({ &property: value }).to_string(),
+        )
     };
     let words = |value: &Value| plain(&Some(value.clone()), "");
     let (yes, no) = match class {
         "lock" => (vec![words(&on), "LOCKED".to_owned()], vec![words(&off), "UNLOCKED".to_owned()]),
         _ => (vec![words(&on)], vec![words(&off)]),
     };
-    let command = Some(Command { on: say(&on), off: say(&off) });
-    let feature = Feature { yes, no, command, ..Feature::named(class, &property) };
+    let command = Some(SwitchCommand { on: say(&on), off: say(&off) });
+    let feature = DeviceFeature { yes, no, command, ..DeviceFeature::named(class, &property) };
     Some(heard(part, topic, feature))
 }
 
@@ -317,8 +326,8 @@ mod tests {
 
     #[test]
     fn what_devices_expose_is_read() {
-        let mut bridge = Bridge::default();
-        bridge.hear("zigbee2mqtt", DEVICES).expect("its text");
+        let mut bridge = ZigbeeDiscovery::default();
+        bridge.receive_devices("zigbee2mqtt", DEVICES).expect("its text");
         let devices = bridge.devices();
         let names: Vec<_> = devices.iter().map(|device| device.name.as_str()).collect();
         assert_eq!(names, ["office1/thermo", "plug", "pir"]);
@@ -333,18 +342,18 @@ mod tests {
         );
         assert_eq!(devices[2].features[0].yes, ["true"]);
         assert_eq!(
-            plug.ask,
-            Some(Telegram::new("zigbee2mqtt/plug/get", r#"{"state":""}"#)),
+            plug.value_request,
+            Some(OutgoingMessage::new("zigbee2mqtt/plug/get", r#"{"state":""}"#)),
             "it can be asked"
         );
     }
 
     #[test]
     fn what_cannot_be_read_takes_nothing_away() {
-        let mut bridge = Bridge::default();
-        bridge.hear("z", DEVICES).expect("its text");
+        let mut bridge = ZigbeeDiscovery::default();
+        bridge.receive_devices("z", DEVICES).expect("its text");
         for rubbish in ["{}", "[", "12", "{\"a\":1}"] {
-            assert!(bridge.hear("z", rubbish).is_err(), "{rubbish}");
+            assert!(bridge.receive_devices("z", rubbish).is_err(), "{rubbish}");
             let devices = bridge.devices();
             assert_eq!(devices.len(), 3);
             let reason = &devices[0].unused[0].reason;
@@ -353,12 +362,12 @@ mod tests {
         // A device with a broken description stays as it was, and the other devices are updated.
         let text = r#"[{"ieee_address":"0x00158d0001a2b3c4","friendly_name":7},null,
             {"ieee_address":"0x1","friendly_name":"new","definition":{"exposes":[]}}]"#;
-        bridge.hear("z", text).expect("its text");
+        bridge.receive_devices("z", text).expect("its text");
         let devices = bridge.devices();
         let names: Vec<_> = devices.iter().map(|device| device.name.as_str()).collect();
         assert_eq!(names, ["office1/thermo", "new"]);
         assert!(devices[0].unused[0].reason.contains("cannot be read"));
-        bridge.hear("z", "").expect("taken back");
+        bridge.receive_devices("z", "").expect("taken back");
         assert!(bridge.devices().is_empty());
     }
 }

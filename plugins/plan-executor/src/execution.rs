@@ -8,7 +8,7 @@ use pddl::{Atom, Domain, Plan, PlanStep, Problem};
 use planner::order::{PartialOrder, deorder};
 use planner::validate::{Fault, World, cost_from, rest_reaches};
 
-use crate::translate::{Order, acting_agent, translate};
+use crate::translate::{ActionRequest, acting_agent, translate};
 
 /// A plan that is being executed.
 pub(crate) struct Execution {
@@ -40,13 +40,15 @@ impl Execution {
     /// Returns an error, as text for a person, if a part cannot be parsed or the plan does not reach
     /// the goal.
     pub(crate) fn new(execute: &Execute) -> Result<Execution, String> {
-        let domain = pddl::parse_domain(&execute.domain).into_result().map_err(first)?;
-        let problem = pddl::parse_problem(&execute.problem).into_result().map_err(first)?;
-        let plan: Plan = pddl::parse_plan(&execute.plan).into_result().map_err(first)?;
-        let world = World::initial(&domain, &problem).map_err(first)?;
+        let domain = pddl::parse_domain(&execute.domain).into_result().map_err(first_diagnostic)?;
+        let problem =
+            pddl::parse_problem(&execute.problem).into_result().map_err(first_diagnostic)?;
+        let plan: Plan = pddl::parse_plan(&execute.plan).into_result().map_err(first_diagnostic)?;
+        let world = World::initial(&domain, &problem).map_err(first_diagnostic)?;
         let knowledge = agent::knowledge(&execute.knowledge);
-        cost_from(&world, &plan.steps, &problem.goal)
-            .map_err(|fault| format!("the plan is not valid: {}", told(*fault, &knowledge)))?;
+        cost_from(&world, &plan.steps, &problem.goal).map_err(|fault| {
+            format!("the plan is not valid: {}", plain_fault(*fault, &knowledge))
+        })?;
         let order = deorder(&world, &plan.steps);
         let phases = vec![StepPhase::Waiting; plan.steps.len()];
         let offers = execute.offers.clone();
@@ -97,7 +99,7 @@ impl Execution {
     /// # Errors
     ///
     /// Returns an error if its agent does not offer the action, or offers it without a usable method.
-    pub(crate) fn start(&mut self, step: usize) -> Result<Order, String> {
+    pub(crate) fn start(&mut self, step: usize) -> Result<ActionRequest, String> {
         let order = translate(&self.steps[step], &self.domain, &self.offers)
             .map_err(|problem| format!("{}: {problem}", self.step_text(step)))?;
         self.phases[step] = StepPhase::Acting;
@@ -112,13 +114,13 @@ impl Execution {
     pub(crate) fn finish(&mut self, step: usize) -> Result<ChangeState, String> {
         let before = self.world.clone();
         self.world.apply(&self.steps[step]).map_err(|fault| {
-            let fault = told(*fault, &self.knowledge);
+            let fault = plain_fault(*fault, &self.knowledge);
             format!("{} was confirmed, yet {fault}", self.step_text(step))
         })?;
         self.phases[step] = StepPhase::Done;
         Ok(ChangeState {
-            believe: text(&self.world.beyond(&before)),
-            retract: text(&before.beyond(&self.world)),
+            believe: text(&self.world.facts_missing_in(&before)),
+            retract: text(&before.facts_missing_in(&self.world)),
             owner: None,
         })
     }
@@ -132,7 +134,7 @@ impl Execution {
     /// if the goal holds.
     pub(crate) fn unmet_goal(&self) -> Option<String> {
         let unmet = self.world.failing(&self.problem.goal)?;
-        Some(format!("{} does not hold", self.knowledge.plain(&unmet)))
+        Some(format!("{} does not hold", self.knowledge.original_condition(&unmet)))
     }
 
     /// Checks the remaining steps against the Domain Maintainer's state and the present action models.
@@ -142,20 +144,21 @@ impl Execution {
     /// # Errors
     ///
     /// Returns an error, as text for a person, if the remaining steps do not reach the goal.
-    pub(crate) fn renew(&mut self, snapshot: &Snapshot) -> Result<(), String> {
-        let known = pddl::parse_problem(&snapshot.problem).into_result().map_err(first)?;
+    pub(crate) fn revalidate(&mut self, snapshot: &Snapshot) -> Result<(), String> {
+        let known =
+            pddl::parse_problem(&snapshot.problem).into_result().map_err(first_diagnostic)?;
         let problem = Problem { goal: self.problem.goal.clone(), ..known };
-        let left = self.left();
+        let left = self.remaining_steps();
         let steps: Result<Vec<_>, _> =
             left.iter().map(|step| self.renamed(&self.steps[*step], &snapshot.offers)).collect();
         let steps = steps?;
         let is_new = snapshot.domain != self.domain_text;
         let parsed = is_new.then(|| pddl::parse_domain(&snapshot.domain).into_result());
-        let domain = parsed.transpose().map_err(first)?;
+        let domain = parsed.transpose().map_err(first_diagnostic)?;
         let read = domain.as_ref().unwrap_or(&self.domain);
-        let world = World::initial(read, &problem).map_err(first)?;
+        let world = World::initial(read, &problem).map_err(first_diagnostic)?;
         rest_reaches(&world, &steps, &problem.goal)
-            .map_err(|fault| told(*fault, &self.knowledge).to_string())?;
+            .map_err(|fault| plain_fault(*fault, &self.knowledge).to_string())?;
         if let Some(domain) = domain {
             let order = deorder(&world, &steps);
             for ((step, renamed), before) in left.iter().zip(steps).zip(order.predecessors) {
@@ -191,27 +194,28 @@ impl Execution {
         if after.apply(&self.steps[step]).is_err() {
             return ChangeState::default();
         }
-        let (lost, made) = (self.world.beyond(&after), after.beyond(&self.world));
+        let (lost, made) =
+            (self.world.facts_missing_in(&after), after.facts_missing_in(&self.world));
         let unknown = lost.iter().chain(&made).map(|fact| format!("(unknown {fact})"));
         let believe = unknown.collect::<Vec<_>>().join(" ");
         ChangeState { believe, retract: text(&lost), owner: None }
     }
 
     /// Returns the steps that are not done.
-    fn left(&self) -> Vec<usize> {
+    fn remaining_steps(&self) -> Vec<usize> {
         let is_left = |step: &usize| self.phases[*step] != StepPhase::Done;
         (0..self.steps.len()).filter(is_left).collect()
     }
 
     /// Whether an agent acts in a step that is not done.
     pub(crate) fn needs(&self, agent: &AgentId) -> bool {
-        let left = self.left();
+        let left = self.remaining_steps();
         left.into_iter().any(|step| acting_agent(&self.steps[step]).as_ref() == Some(agent))
     }
 
     /// Returns the agents that act in steps that are not done.
     pub(crate) fn needed(&self) -> impl Iterator<Item = AgentId> + '_ {
-        self.left().into_iter().filter_map(|step| acting_agent(&self.steps[step]))
+        self.remaining_steps().into_iter().filter_map(|step| acting_agent(&self.steps[step]))
     }
 
     /// Returns a step as text for a person, under the name that its agent uses.
@@ -226,14 +230,14 @@ impl Execution {
 }
 
 /// Returns a fault in the predicates that the goal uses.
-fn told(fault: Fault, knowledge: &Knowledge) -> Fault {
-    fault.map(|part| knowledge.plain(part))
+fn plain_fault(fault: Fault, knowledge: &Knowledge) -> Fault {
+    fault.map(|part| knowledge.original_condition(part))
 }
 
 fn text(facts: &[Atom]) -> String {
     facts.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
 }
 
-fn first(diagnostics: Vec<pddl::Diagnostic>) -> String {
+fn first_diagnostic(diagnostics: Vec<pddl::Diagnostic>) -> String {
     diagnostics.first().map_or_else(|| "unreadable".to_owned(), ToString::to_string)
 }

@@ -9,11 +9,11 @@
 //!   still reaches the goal. Does not believe a `confirm` that the agent's next heartbeat contradicts.
 //! - Does not replan: on failure it cancels the running steps and reports; the Plan Requester decides.
 
+mod effect_check;
 mod execution;
-mod taking_over;
+mod monitoring;
+mod takeover;
 mod translate;
-mod watching;
-mod word;
 
 use std::collections::BTreeMap;
 
@@ -25,9 +25,9 @@ use agent::{
 };
 use serde::Deserialize;
 
+use crate::effect_check::{LastHeartbeats, UnverifiedEffect};
 use crate::execution::Execution;
-use crate::taking_over::{Askers, Ended, PlanId};
-use crate::word::{Doubt, Words};
+use crate::takeover::{FinishedPlans, PlanId, Subscribers};
 
 /// Maximum number of plans that run side by side. Each keeps a copy of the state; a building has few
 /// goals.
@@ -60,58 +60,65 @@ impl Default for Config {
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let Config { domain_maintainer } = blueprint.config_as()?;
-    let (words, running, ended) = (Words::default(), BTreeMap::new(), Ended::default());
-    Ok(Box::new(PlanExecutor { domain_maintainer, words, running, ended, left: None }))
+    let (words, running, ended) =
+        (LastHeartbeats::default(), BTreeMap::new(), FinishedPlans::default());
+    Ok(Box::new(PlanExecutor {
+        domain_maintainer,
+        last_heartbeats: words,
+        running_plans: running,
+        finished_plans: ended,
+        departure_timer: None,
+    }))
 }
 
 struct PlanExecutor {
     domain_maintainer: AgentId,
-    words: Words,
+    last_heartbeats: LastHeartbeats,
     /// Running plans, by the exchange in which each was first requested.
-    running: BTreeMap<ReplyToken, Running>,
-    ended: Ended,
+    running_plans: BTreeMap<ReplyToken, RunningPlan>,
+    finished_plans: FinishedPlans,
     /// Set while any agent has left less than the grace ago.
-    left: Option<TimerId>,
+    departure_timer: Option<TimerId>,
 }
 
 /// A running plan.
-struct Running {
+struct RunningPlan {
     /// Exchanges in which the plan was requested; each gets all reports.
-    askers: Askers,
+    subscribers: Subscribers,
     plan: PlanId,
     /// The request for the plan, as received.
-    asked: Box<Execute>,
+    original_request: Box<Execute>,
     execution: Execution,
     /// The exchanges with actuators that are acting, by step.
-    acting: BTreeMap<usize, Acting>,
+    running_steps: BTreeMap<usize, RunningStep>,
     /// Set when the plan is given up: its final report, sent when no agent acts any more.
-    ending: Option<Report>,
+    final_report: Option<Report>,
     /// Number of changes that the Domain Maintainer has not confirmed yet. While it is not zero, the
     /// Domain Maintainer's state is older than the state known here.
-    untold: usize,
-    check: Option<TimerId>,
+    unconfirmed_changes: usize,
+    check_timer: Option<TimerId>,
     /// Timer that ends the grace of an absent agent that the plan needs.
-    grace: Option<TimerId>,
+    grace_timer: Option<TimerId>,
     /// Whether the grace was used since the last check that succeeded.
-    has_borne: bool,
-    asking: Option<Work>,
+    grace_used: bool,
+    state_query: Option<Work>,
     /// 1 if the last check failed, otherwise 0. A failed check is repeated before the plan is given up:
     /// news may still be on their way.
     retries: u32,
     /// Confirmed changes that contradict the last heartbeat of their agents, kept until the next
     /// heartbeat of each.
-    doubts: BTreeMap<AgentId, Doubt>,
+    unverified_effects: BTreeMap<AgentId, UnverifiedEffect>,
     /// Timer that limits how long a completed plan waits for these heartbeats.
-    hearing: Option<TimerId>,
+    verification_timer: Option<TimerId>,
 }
 
 /// A running step.
 #[derive(Clone)]
-struct Acting {
+struct RunningStep {
     exchange: ReplyToken,
     agent: AgentId,
     /// Incarnation of the agent that was asked; `None` if the agent was not present.
-    life: Option<Incarnation>,
+    agent_incarnation: Option<Incarnation>,
     /// The ground action, under the name that its agent uses.
     action: String,
 }
@@ -126,19 +133,23 @@ impl Agent for PlanExecutor {
 
     fn leads(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
         if !is_leading {
-            self.let_go(ctx);
+            self.abandon_all(ctx);
         }
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         match presence {
             Presence::Left(resident) => {
-                self.words.forget(&resident.agent);
+                self.last_heartbeats.remove_agent(&resident.agent);
                 let grace = ctx.settings().grace;
-                let borne = ctx.after(grace, |executor: &mut Self, _| executor.left = None);
-                self.left.replace(borne).into_iter().for_each(|former| ctx.forget(former));
+                let borne =
+                    ctx.after(grace, |executor: &mut Self, _| executor.departure_timer = None);
+                self.departure_timer
+                    .replace(borne)
+                    .into_iter()
+                    .for_each(|former| ctx.forget(former));
             }
-            Presence::Joined(resident) => self.ask_next_life(resident, ctx),
+            Presence::Joined(resident) => self.repeat_requests(resident, ctx),
         }
     }
 
@@ -146,14 +157,14 @@ impl Agent for PlanExecutor {
         let is_other = |resident: &Resident| resident.incarnation != ctx.incarnation();
         if ctx.directory().all(ctx.id()).iter().any(is_other) {
             // The standby continues the running plans.
-            self.let_go(ctx);
+            self.abandon_all(ctx);
             return true;
         }
-        let running: Vec<_> = self.running.keys().cloned().collect();
+        let running: Vec<_> = self.running_plans.keys().cloned().collect();
         for token in running {
             self.give_up(&token, Report::new(Outcome::Cancelled, "the daemon is stopping"), ctx);
         }
-        self.running.is_empty()
+        self.running_plans.is_empty()
     }
 }
 
@@ -172,10 +183,10 @@ impl PlanExecutor {
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
         let plan = PlanId::of(&engagement.conversation, &execute);
-        if self.is_known(&engagement, &plan, ctx) {
+        if self.answer_if_known(&engagement, &plan, ctx) {
             return;
         }
-        if self.running.len() >= EXECUTIONS_MAX {
+        if self.running_plans.len() >= EXECUTIONS_MAX {
             let detail = format!("{EXECUTIONS_MAX} plans are being executed");
             return ctx.refuse(&engagement, Reason::Busy, detail);
         }
@@ -193,29 +204,29 @@ impl PlanExecutor {
         ctx: &mut Context<Self>,
     ) {
         let token = engagement.exchange.clone();
-        let running = Running {
-            askers: Askers::new(engagement),
+        let running = RunningPlan {
+            subscribers: Subscribers::new(engagement),
             plan,
-            asked,
+            original_request: asked,
             execution,
-            acting: BTreeMap::new(),
-            ending: None,
-            untold: 0,
-            check: None,
-            grace: None,
-            has_borne: false,
-            asking: None,
+            running_steps: BTreeMap::new(),
+            final_report: None,
+            unconfirmed_changes: 0,
+            check_timer: None,
+            grace_timer: None,
+            grace_used: false,
+            state_query: None,
             retries: 0,
-            doubts: BTreeMap::new(),
-            hearing: None,
+            unverified_effects: BTreeMap::new(),
+            verification_timer: None,
         };
-        self.running.insert(token.clone(), running);
+        self.running_plans.insert(token.clone(), running);
         self.dispatch(&token, ctx);
     }
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let asked = |running: &Running| running.askers.has(message.exchange());
-        let token = self.running.iter().find(|(_, running)| asked(running));
+        let asked = |running: &RunningPlan| running.subscribers.has(message.exchange());
+        let token = self.running_plans.iter().find(|(_, running)| asked(running));
         if let Some(token) = token.map(|(token, _)| token.clone()) {
             self.give_up(&token, Report::new(Outcome::Cancelled, "cancelled as asked"), ctx);
         }
@@ -225,12 +236,12 @@ impl PlanExecutor {
 
     /// Sends a request for every step with all predecessors done; ends the plan if no step is left.
     fn dispatch(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
-        let Some(running) = self.running.get_mut(token) else { return };
-        if running.ending.is_some() {
-            return self.end_if_quiet(token, ctx);
+        let Some(running) = self.running_plans.get_mut(token) else { return };
+        if running.final_report.is_some() {
+            return self.finish_if_idle(token, ctx);
         }
-        if running.execution.is_complete() && !running.doubts.is_empty() {
-            return self.hear_out(token, ctx);
+        if running.execution.is_complete() && !running.unverified_effects.is_empty() {
+            return self.await_verification(token, ctx);
         }
         if running.execution.is_complete() {
             let outcome = match running.execution.unmet_goal() {
@@ -239,17 +250,17 @@ impl PlanExecutor {
                     Report::new(Outcome::Failed, format!("every step is done, yet {unmet}"))
                 }
             };
-            running.ending = Some(outcome);
-            return self.end_if_quiet(token, ctx);
+            running.final_report = Some(outcome);
+            return self.finish_if_idle(token, ctx);
         }
         for step in running.execution.ready() {
-            self.act(token, step, ctx);
+            self.request_action(token, step, ctx);
         }
     }
 
-    fn act(&mut self, token: &ReplyToken, step: usize, ctx: &mut Context<Self>) {
+    fn request_action(&mut self, token: &ReplyToken, step: usize, ctx: &mut Context<Self>) {
         let patience = ctx.settings().answer_deadline;
-        let Some(running) = self.running.get_mut(token) else { return };
+        let Some(running) = self.running_plans.get_mut(token) else { return };
         let conversation = running.plan.conversation.clone();
         let order = match running.execution.start(step) {
             Ok(order) => order,
@@ -281,8 +292,11 @@ impl PlanExecutor {
             executor.answered(&plan, step, timeout, answer, ctx);
         });
         let life = ctx.find(&order.agent).map(|resident| resident.incarnation);
-        if let Some(running) = self.running.get_mut(token) {
-            running.acting.insert(step, Acting { exchange, agent: order.agent, life, action });
+        if let Some(running) = self.running_plans.get_mut(token) {
+            running.running_steps.insert(
+                step,
+                RunningStep { exchange, agent: order.agent, agent_incarnation: life, action },
+            );
         }
     }
 
@@ -294,8 +308,9 @@ impl PlanExecutor {
         answer: Answer,
         ctx: &mut Context<Self>,
     ) {
-        let Some(running) = self.running.get_mut(token) else { return };
-        let Some(Acting { exchange, agent, .. }) = running.acting.get(&step).cloned() else {
+        let Some(running) = self.running_plans.get_mut(token) else { return };
+        let Some(RunningStep { exchange, agent, .. }) = running.running_steps.get(&step).cloned()
+        else {
             return;
         };
         let message = match answer {
@@ -329,7 +344,7 @@ impl PlanExecutor {
                     refusal.unwrap_or_else(|_| Refusal::new(Reason::Other, "without a reason"));
                 // A busy agent has not failed: it can do the same action a moment later.
                 let is_busy = matches!(refusal.reason, Reason::Busy | Reason::MailboxFull);
-                if is_busy && let Some(acting) = self.acting(token, step) {
+                if is_busy && let Some(acting) = self.running_step(token, step) {
                     acting.action.clear();
                 }
                 let problem = format!("`{agent}` declined: {}", refusal.detail);
@@ -338,8 +353,8 @@ impl PlanExecutor {
         }
     }
 
-    fn acting(&mut self, token: &ReplyToken, step: usize) -> Option<&mut Acting> {
-        self.running.get_mut(token)?.acting.get_mut(&step)
+    fn running_step(&mut self, token: &ReplyToken, step: usize) -> Option<&mut RunningStep> {
+        self.running_plans.get_mut(token)?.running_steps.get_mut(&step)
     }
 
     fn confirmed(
@@ -351,10 +366,10 @@ impl PlanExecutor {
         ctx: &mut Context<Self>,
     ) {
         match report.outcome {
-            Outcome::Done => self.done(token, step, agent, report, ctx),
+            Outcome::Done => self.step_done(token, step, agent, report, ctx),
             Outcome::Failed => {
                 if let Some(why @ (Reason::Uncertain | Reason::TimedOut)) = report.declined {
-                    return self.unsure((token, step), agent, (why, report), ctx);
+                    return self.step_uncertain((token, step), agent, (why, report), ctx);
                 }
                 self.failed(token, step, format!("`{agent}` failed: {}", report.detail), ctx);
             }
@@ -367,7 +382,7 @@ impl PlanExecutor {
 
     /// Handles a step that is done: applies its effects, sends them to the Domain Maintainer, and goes
     /// on.
-    fn done(
+    fn step_done(
         &mut self,
         token: &ReplyToken,
         step: usize,
@@ -375,16 +390,17 @@ impl PlanExecutor {
         mut report: Report,
         ctx: &mut Context<Self>,
     ) {
-        let Some(running) = self.running.get_mut(token) else { return };
-        let action = running.acting.remove(&step).map(|acting| acting.action).unwrap_or_default();
+        let Some(running) = self.running_plans.get_mut(token) else { return };
+        let action =
+            running.running_steps.remove(&step).map(|acting| acting.action).unwrap_or_default();
         match running.execution.finish(step) {
             Ok(mut change) => {
                 // Only the last heartbeat and the last action of an agent count.
-                running.doubts.remove(agent);
-                let doubt = self.words.doubt(agent, action, &change);
-                running.doubts.extend(doubt.map(|doubt| (agent.clone(), doubt)));
+                running.unverified_effects.remove(agent);
+                let doubt = self.last_heartbeats.check_effect(agent, action, &change);
+                running.unverified_effects.extend(doubt.map(|doubt| (agent.clone(), doubt)));
                 change.owner = Some(agent.clone());
-                self.tell(token, change, ctx);
+                self.send_change(token, change, ctx);
             }
             Err(problem) => return self.give_up(token, failure(problem), ctx),
         }
@@ -397,37 +413,37 @@ impl PlanExecutor {
     /// Handles a step that may or may not have been done: the facts it would have changed become
     /// unknown, and the Plan Requester plans again. The action is not blamed if its agent was
     /// restarted.
-    fn unsure(
+    fn step_uncertain(
         &mut self,
         (token, step): (&ReplyToken, usize),
         agent: &AgentId,
         (why, report): (Reason, Report),
         ctx: &mut Context<Self>,
     ) {
-        let Some(running) = self.running.get_mut(token) else { return };
+        let Some(running) = self.running_plans.get_mut(token) else { return };
         let mut change = running.execution.uncertain(step);
         if why == Reason::Uncertain
-            && let Some(acting) = running.acting.get_mut(&step)
+            && let Some(acting) = running.running_steps.get_mut(&step)
         {
             acting.action.clear();
         }
         if !change.believe.is_empty() {
             change.owner = Some(agent.clone());
-            self.tell(token, change, ctx);
+            self.send_change(token, change, ctx);
         }
         let problem = format!("`{agent}`: {}", report.detail);
         self.declined(token, step, problem, why, ctx);
     }
 
     /// Sends the effects of a confirmed action to the Domain Maintainer.
-    fn tell(
+    fn send_change(
         &mut self,
         token: &ReplyToken,
         change: acl::content::ChangeState,
         ctx: &mut Context<Self>,
     ) {
-        let Some(running) = self.running.get_mut(token) else { return };
-        running.untold += 1;
+        let Some(running) = self.running_plans.get_mut(token) else { return };
+        running.unconfirmed_changes += 1;
         let opening = Opening {
             to: Some(self.domain_maintainer.clone()),
             performative: Performative::Request,
@@ -438,8 +454,8 @@ impl PlanExecutor {
         let told = token.clone();
         let patience = ctx.settings().answer_deadline;
         ctx.open(opening, patience, move |executor: &mut Self, _, _| {
-            if let Some(running) = executor.running.get_mut(&told) {
-                running.untold = running.untold.saturating_sub(1);
+            if let Some(running) = executor.running_plans.get_mut(&told) {
+                running.unconfirmed_changes = running.unconfirmed_changes.saturating_sub(1);
             }
         });
     }
@@ -473,9 +489,9 @@ impl PlanExecutor {
         mut report: Report,
         ctx: &mut Context<Self>,
     ) {
-        let Some(running) = self.running.get_mut(token) else { return };
+        let Some(running) = self.running_plans.get_mut(token) else { return };
         report.detail = format!("{}: {}", running.execution.step_text(step), report.detail);
-        if let Some(Acting { exchange, action, .. }) = running.acting.remove(&step) {
+        if let Some(RunningStep { exchange, action, .. }) = running.running_steps.remove(&step) {
             ctx.close(&exchange);
             report.action = Some(action).filter(|action| !action.is_empty());
         }
@@ -487,11 +503,11 @@ impl PlanExecutor {
     /// Cancels the running steps; the plan ends when no agent acts any more. An absent agent gets the
     /// `cancel` if it comes back soon, and is not waited for.
     fn give_up(&mut self, token: &ReplyToken, report: Report, ctx: &mut Context<Self>) {
-        let Some(running) = self.running.get_mut(token) else { return };
-        if running.ending.is_none() {
-            running.ending = Some(report);
+        let Some(running) = self.running_plans.get_mut(token) else { return };
+        if running.final_report.is_none() {
+            running.final_report = Some(report);
             let patience = ctx.settings().answer_deadline;
-            running.acting.retain(|_, Acting { exchange, agent, .. }| {
+            running.running_steps.retain(|_, RunningStep { exchange, agent, .. }| {
                 ctx.go_on(exchange, agent, Performative::Cancel, serde_json::Value::Null);
                 let is_here = ctx.find(agent).is_some();
                 if is_here {
@@ -502,28 +518,33 @@ impl PlanExecutor {
                 is_here
             });
         }
-        self.end_if_quiet(token, ctx);
+        self.finish_if_idle(token, ctx);
     }
 
-    fn end_if_quiet(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
-        let is_quiet = |running: &Running| running.acting.is_empty() && running.ending.is_some();
-        if !self.running.get(token).is_some_and(is_quiet) {
+    fn finish_if_idle(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
+        let is_quiet = |running: &RunningPlan| {
+            running.running_steps.is_empty() && running.final_report.is_some()
+        };
+        if !self.running_plans.get(token).is_some_and(is_quiet) {
             return;
         }
-        let Some(running) = self.running.remove(token) else { return };
-        let Some(report) = running.ending else { return };
-        for timer in [running.check, running.grace, running.hearing].into_iter().flatten() {
+        let Some(running) = self.running_plans.remove(token) else { return };
+        let Some(report) = running.final_report else { return };
+        for timer in [running.check_timer, running.grace_timer, running.verification_timer]
+            .into_iter()
+            .flatten()
+        {
             ctx.forget(timer);
         }
         tracing::info!(conversation = %running.plan.conversation, outcome = %report.outcome,
             detail = report.detail, "ends");
-        running.askers.tell(&report, ctx);
-        self.ended.keep(running.plan, report);
+        running.subscribers.send_to_all(&report, ctx);
+        self.finished_plans.store_outcome(running.plan, report);
     }
 
     fn report(&mut self, token: &ReplyToken, report: &Report, ctx: &mut Context<Self>) {
-        if let Some(running) = self.running.get(token) {
-            running.askers.tell(report, ctx);
+        if let Some(running) = self.running_plans.get(token) {
+            running.subscribers.send_to_all(report, ctx);
         }
     }
 }

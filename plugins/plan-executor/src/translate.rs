@@ -10,7 +10,7 @@ use pddl::{Domain, PlanStep};
 
 /// Request to an actuator.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Order {
+pub(crate) struct ActionRequest {
     pub(crate) agent: AgentId,
     /// The ground action, under the name that its agent uses.
     pub(crate) action: String,
@@ -34,7 +34,7 @@ pub(crate) fn translate(
     step: &PlanStep,
     domain: &Domain,
     offers: &Offers,
-) -> Result<Order, String> {
+) -> Result<ActionRequest, String> {
     let agent = acting_agent(step).ok_or("no agent acts in it")?;
     let (outside, offer) = offers
         .get(&agent)
@@ -55,7 +55,7 @@ pub(crate) fn translate(
         .collect();
     let mut outside_step = step.clone();
     outside_step.action = outside.as_str().into();
-    Ok(Order {
+    Ok(ActionRequest {
         agent,
         action: outside_step.to_string(),
         method: method.method.clone(),
@@ -89,7 +89,7 @@ mod tests {
     const DOMAIN: &str = "(define (domain d) (:types robot place)
         (:action move--r :agent ?r - robot :parameters (?from ?to - place) :effect ()))";
 
-    fn order(template: &str) -> Result<Order, String> {
+    fn order(template: &str) -> Result<ActionRequest, String> {
         let method = Method {
             method: "navigate_to".into(),
             arguments: [("pose".to_owned(), template.to_owned())].into(),

@@ -12,9 +12,9 @@ use agent::{Engagement, TimerId, Work};
 use pddl::{Condition, PlanStep};
 use tokio::time::Instant;
 
-use crate::explaining::Seen;
-use crate::known::{Avoided, Held, outside};
-use crate::sharing::{Attempt, Explaining};
+use crate::explanations::GoalContext;
+use crate::planning_snapshot::{AvoidedAction, AvoidedActions, outside};
+use crate::scheduling::{ExplanationTask, PlanningMode};
 
 /// Maximum number of history entries per goal: enough to explain the goal's present phase.
 const HISTORY_LINES_MAX: usize = 64;
@@ -26,7 +26,7 @@ const AVOIDED_MAX: Duration = Duration::from_secs(300);
 
 /// Warm-up after a fail-over. During this time a missing agent does not count as gone: daemons that
 /// boot together need this long to connect and to announce their models.
-const MEETING: Duration = Duration::from_secs(10);
+const WARM_UP: Duration = Duration::from_secs(10);
 
 /// Number of failures after which a goal to be achieved stops using an action. The action is tried at
 /// once, after ten seconds and after thirty; then the user is told.
@@ -40,55 +40,55 @@ pub(crate) const FAILURES_MAX: u32 = 12;
 pub(crate) struct Goal {
     pub(crate) engagement: Engagement,
     /// Incarnation of the initiator that asked for this goal.
-    pub(crate) life: Incarnation,
+    pub(crate) initiator_incarnation: Incarnation,
     pub(crate) text: String,
     pub(crate) condition: Condition,
     pub(crate) keep: Keep,
     pub(crate) priority: i32,
     pub(crate) partition: Partition,
-    pub(crate) phase: Phase,
+    pub(crate) phase: GoalPhase,
     /// Number of plans executed so far.
     pub(crate) rounds: u32,
     /// Number of plans in a row that have failed.
     pub(crate) failures: u32,
     /// The constraints of the next round of planning.
-    pub(crate) attempt: Attempt,
+    pub(crate) planning_mode: PlanningMode,
     /// The plan that runs, or ran last, as the executor was asked for it, with the steps that are known
     /// to be done.
     pub(crate) plan: Option<Box<Execute>>,
     /// Version of the last record of this goal that was sent to the Journals.
     pub(crate) version: Version,
     /// When this replica took the goal over; `None` if it has had the goal from the start.
-    pub(crate) taken_over: Option<Instant>,
+    pub(crate) adopted_at: Option<Instant>,
     /// Steps of the running plan that are not known to be done, under the names that their agents use.
     pub(crate) steps_left: Vec<PlanStep>,
     /// Steps of the failed plan that were not done; the planner may reuse them.
-    pub(crate) given_up: Vec<PlanStep>,
+    pub(crate) failed_steps: Vec<PlanStep>,
     /// The reason for waiting that the user was last told.
     pub(crate) blocked_by: String,
     /// Set when this goal needs agents that other goals use: the agents in use then, and the time until
     /// which this is believed. While all these agents are still in use, planning again would find
     /// nothing new.
-    pub(crate) blocked_under: Option<(BTreeSet<AgentId>, Instant)>,
+    pub(crate) blocked_by_agents: Option<(BTreeSet<AgentId>, Instant)>,
     /// Why there was no plan last time, as the user was told.
     pub(crate) no_plan_because: String,
     /// Whether agents have joined or left since planning for this goal began.
-    pub(crate) is_overtaken: bool,
+    pub(crate) is_request_stale: bool,
     /// Since when there is no plan, with no agent joining or leaving in between.
-    pub(crate) unsolved_since: Option<Instant>,
+    pub(crate) no_plan_since: Option<Instant>,
     /// Since when bids use action models that the Domain Maintainer does not have yet.
     pub(crate) behind_since: Option<Instant>,
     /// Whether the user was told that the goal holds, since it last did not hold.
-    pub(crate) is_told: bool,
+    pub(crate) holds_reported: bool,
     pub(crate) timer: Option<TimerId>,
     /// Facts and offers seen by the last round of planning.
-    pub(crate) seen: Option<Seen>,
-    avoided: BTreeMap<(AgentId, String), Avoidance>,
+    pub(crate) last_context: Option<GoalContext>,
+    avoided: BTreeMap<(AgentId, String), ActionBackoff>,
     history: Vec<HistoryEntry>,
 }
 
 /// A failed action of an agent, which is avoided for a while.
-struct Avoidance {
+struct ActionBackoff {
     until: Instant,
     span: Duration,
     times: u32,
@@ -100,48 +100,48 @@ struct Avoidance {
 }
 
 /// The phase of a goal.
-pub(crate) enum Phase {
+pub(crate) enum GoalPhase {
     /// Another goal is being planned for.
     Queued,
     /// The goal needs agents or facts that the plans of other goals use.
-    Blocked(String),
+    WaitingForAgents(String),
     /// The goal waits for a capability, or for the state to change.
-    Waiting(String),
+    WaitingForChange(String),
     /// The state and the domain are being fetched.
-    Compiling(#[expect(dead_code, reason = "ends the question when it is dropped")] Work),
+    FetchingDomain(#[expect(dead_code, reason = "ends the question when it is dropped")] Work),
     /// The central planner is asked.
     Planning(ReplyToken),
     /// Proposals are called for.
-    Calling(Box<crate::calling::Call>),
+    CollectingProposals(Box<crate::contract_net::ContractNetState>),
     /// There is no plan; the reason is being computed.
-    Explaining(#[expect(dead_code, reason = "ends the work when it is dropped")] Explaining),
+    Explaining(#[expect(dead_code, reason = "ends the work when it is dropped")] ExplanationTask),
     /// A plan is being executed.
     Executing(ReplyToken),
     /// The executor was asked to cancel the plan, because the goal was cancelled.
     Cancelling(ReplyToken),
     /// The executor was asked to cancel the plan, because another goal or a better plan comes first.
-    Yielding(ReplyToken),
+    Preempted(ReplyToken),
     /// The plan was carried out; whether the goal holds is being checked.
     Verifying(Option<Work>),
     /// The goal holds and is watched.
     Holding,
 }
 
-impl Phase {
+impl GoalPhase {
     pub(crate) fn words(&self) -> String {
         match self {
-            Phase::Queued => "waiting: another goal comes first".to_owned(),
-            Phase::Blocked(why) => format!("waiting: it {why}"),
-            Phase::Waiting(why) => format!("waiting: {why}"),
-            Phase::Compiling(_) => "compiling domain and state".to_owned(),
-            Phase::Planning(_) => "planning".to_owned(),
-            Phase::Calling(_) => "calling for proposals".to_owned(),
-            Phase::Explaining(_) => "finding out why there is no plan".to_owned(),
-            Phase::Executing(_) => "executing".to_owned(),
-            Phase::Cancelling(_) => "cancelling".to_owned(),
-            Phase::Yielding(_) => "giving way".to_owned(),
-            Phase::Verifying(_) => "checking whether it holds".to_owned(),
-            Phase::Holding => "holds".to_owned(),
+            GoalPhase::Queued => "waiting: another goal comes first".to_owned(),
+            GoalPhase::WaitingForAgents(why) => format!("waiting: it {why}"),
+            GoalPhase::WaitingForChange(why) => format!("waiting: {why}"),
+            GoalPhase::FetchingDomain(_) => "compiling domain and state".to_owned(),
+            GoalPhase::Planning(_) => "planning".to_owned(),
+            GoalPhase::CollectingProposals(_) => "calling for proposals".to_owned(),
+            GoalPhase::Explaining(_) => "finding out why there is no plan".to_owned(),
+            GoalPhase::Executing(_) => "executing".to_owned(),
+            GoalPhase::Cancelling(_) => "cancelling".to_owned(),
+            GoalPhase::Preempted(_) => "giving way".to_owned(),
+            GoalPhase::Verifying(_) => "checking whether it holds".to_owned(),
+            GoalPhase::Holding => "holds".to_owned(),
         }
     }
 
@@ -149,18 +149,21 @@ impl Phase {
     pub(crate) fn is_planning(&self) -> bool {
         matches!(
             self,
-            Phase::Compiling(_) | Phase::Planning(_) | Phase::Calling(_) | Phase::Explaining(_)
+            GoalPhase::FetchingDomain(_)
+                | GoalPhase::Planning(_)
+                | GoalPhase::CollectingProposals(_)
+                | GoalPhase::Explaining(_)
         )
     }
 
     /// Whether a plan of the goal uses agents at present.
     pub(crate) fn is_running(&self) -> bool {
-        self.is_under_way() || matches!(self, Phase::Yielding(_) | Phase::Verifying(_))
+        self.is_under_way() || matches!(self, GoalPhase::Preempted(_) | GoalPhase::Verifying(_))
     }
 
     /// Whether a replica that takes the goal over must also take over a running plan.
     pub(crate) fn is_under_way(&self) -> bool {
-        matches!(self, Phase::Executing(_) | Phase::Cancelling(_))
+        matches!(self, GoalPhase::Executing(_) | GoalPhase::Cancelling(_))
     }
 }
 
@@ -174,30 +177,30 @@ impl Goal {
         let Achieve { goal, keep, priority, partition } = asked;
         Goal {
             engagement,
-            life,
+            initiator_incarnation: life,
             text: goal,
             condition,
             keep,
             priority,
             partition,
-            phase: Phase::Queued,
+            phase: GoalPhase::Queued,
             rounds: 0,
             failures: 0,
-            attempt: Attempt::default(),
+            planning_mode: PlanningMode::default(),
             plan: None,
             version: Version::default(),
-            taken_over: None,
+            adopted_at: None,
             steps_left: Vec::new(),
-            given_up: Vec::new(),
+            failed_steps: Vec::new(),
             blocked_by: String::new(),
-            blocked_under: None,
+            blocked_by_agents: None,
             no_plan_because: String::new(),
-            is_overtaken: false,
-            unsolved_since: None,
+            is_request_stale: false,
+            no_plan_since: None,
             behind_since: None,
-            is_told: false,
+            holds_reported: false,
             timer: None,
-            seen: None,
+            last_context: None,
             avoided: BTreeMap::new(),
             history: Vec::new(),
         }
@@ -214,7 +217,7 @@ impl Goal {
     }
 
     /// Adopts a plan that another replica has carried out up to the steps `done`.
-    pub(crate) fn take_up(&mut self, plan: Execute, done: Vec<u32>) {
+    pub(crate) fn adopt_plan(&mut self, plan: Execute, done: Vec<u32>) {
         let steps = pddl::parse_plan(&plan.plan).into_result().map(|plan| plan.steps);
         let is_left = |step: &usize| u32::try_from(*step).is_ok_and(|step| !done.contains(&step));
         let left = steps.unwrap_or_default().into_iter().enumerate();
@@ -248,7 +251,7 @@ impl Goal {
 
     /// Adds an entry to the history, at wall-clock time `at`. Drops the oldest entry if the history is
     /// full.
-    pub(crate) fn note(
+    pub(crate) fn add_history(
         &mut self,
         at: SystemTime,
         outcome: Option<Outcome>,
@@ -263,13 +266,13 @@ impl Goal {
     }
 
     /// Avoids a failed action for a while; the time doubles with each failure.
-    pub(crate) fn avoid(
+    pub(crate) fn penalize(
         &mut self,
         (agent, action): (AgentId, String),
         report: &Report,
         now: Instant,
     ) {
-        let avoidance = self.avoided.entry((agent, action)).or_insert_with(|| Avoidance {
+        let avoidance = self.avoided.entry((agent, action)).or_insert_with(|| ActionBackoff {
             until: now,
             span: AVOIDED_FIRST / 2,
             times: 0,
@@ -285,7 +288,7 @@ impl Goal {
     }
 
     /// Makes all actions of an agent available again, because the agent has announced itself anew.
-    pub(crate) fn forgive(&mut self, agent: &AgentId) {
+    pub(crate) fn reset_backoffs(&mut self, agent: &AgentId) {
         self.avoided.retain(|(avoided, _), _| avoided != agent);
     }
 
@@ -301,8 +304,8 @@ impl Goal {
         });
     }
 
-    pub(crate) fn avoided(&self, now: Instant) -> Avoided {
-        let held = |avoidance: &Avoidance| Held {
+    pub(crate) fn avoided(&self, now: Instant) -> AvoidedActions {
+        let held = |avoidance: &ActionBackoff| AvoidedAction {
             why: avoidance.why.clone(),
             is_for_good: self.is_done_with(avoidance),
             is_withdrawn: avoidance.is_withdrawn,
@@ -318,7 +321,7 @@ impl Goal {
 
     /// Whether an action is not tried again until its agent offers it anew. Always `false` for a kept
     /// goal: it is tried any number of times, at growing intervals.
-    fn is_done_with(&self, avoidance: &Avoidance) -> bool {
+    fn is_done_with(&self, avoidance: &ActionBackoff) -> bool {
         self.keep == Keep::Achieve && (avoidance.is_refused || avoidance.times >= TRIES_MAX)
     }
 
@@ -335,8 +338,8 @@ impl Goal {
 
     /// Whether the goal was taken over less than [`MEETING`] ago. The agents that could reach it may
     /// not be known yet: after a power cut all machines start at once, some of them slowly.
-    pub(crate) fn may_be_met_yet(&self, now: Instant) -> bool {
-        self.taken_over.is_some_and(|taken_over| now < taken_over + MEETING)
+    pub(crate) fn in_warm_up(&self, now: Instant) -> bool {
+        self.adopted_at.is_some_and(|taken_over| now < taken_over + WARM_UP)
     }
 
     /// Whether `asked` repeats this goal, because its initiator did not learn that it was received.
@@ -349,7 +352,7 @@ impl Goal {
     /// requests of the same incarnation are two goals.
     pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
-        is_same && self.engagement.initiator == *by && self.life < life
+        is_same && self.engagement.initiator == *by && self.initiator_incarnation < life
     }
 
     pub(crate) fn status(&self) -> GoalStatus {
@@ -397,18 +400,18 @@ mod tests {
         let now = Instant::now();
         let mut silent = goal(Keep::Achieve);
         for _ in 0..2 {
-            silent.avoid(lamp(), &failed(None), now);
+            silent.penalize(lamp(), &failed(None), now);
             assert!(silent.next_chance(now).is_some());
         }
-        silent.avoid(lamp(), &failed(None), now);
+        silent.penalize(lamp(), &failed(None), now);
         assert_eq!(silent.next_chance(now), None);
         let year = Duration::from_secs(365 * 24 * 3_600);
         assert!(silent.avoided(now + year).contains_key(&lamp()));
         let mut refused = goal(Keep::Achieve);
-        refused.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
+        refused.penalize(lamp(), &failed(Some(Reason::Incapable)), now);
         assert_eq!(refused.next_chance(now), None);
         let mut kept = goal(Keep::Maintain);
-        kept.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
+        kept.penalize(lamp(), &failed(Some(Reason::Incapable)), now);
         assert_eq!(kept.next_chance(now), Some(now + AVOIDED_FIRST));
     }
 
@@ -416,7 +419,7 @@ mod tests {
     fn who_withdraws_an_action_or_comes_anew_is_tried_again() {
         let now = Instant::now();
         let mut goal = goal(Keep::Achieve);
-        goal.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
+        goal.penalize(lamp(), &failed(Some(Reason::Incapable)), now);
         let (inside, guard) = ("light".to_owned(), "(offers-light lamp)".to_owned());
         let offer = Offer { inside, guard, method: None };
         let (agent, action) = lamp();
@@ -428,8 +431,8 @@ mod tests {
         assert_eq!(goal.avoided(now).len(), 1, "the reason is still known");
         goal.compare_with(&offers);
         assert!(goal.avoided(now).is_empty(), "it is offered again");
-        goal.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
-        goal.forgive(&agent);
+        goal.penalize(lamp(), &failed(Some(Reason::Incapable)), now);
+        goal.reset_backoffs(&agent);
         assert!(goal.avoided(now).is_empty());
     }
 }

@@ -11,20 +11,20 @@
 //!
 //! Start reading at `PlanRequester::consider`.
 
-mod calling;
-mod calling_off;
-mod ended;
-mod executing;
-mod explaining;
+mod contract_net;
+mod execution;
+mod explanations;
+mod failover;
+mod finished;
 mod goal;
-mod handing_over;
-mod known;
+mod handover;
+mod joint_plans;
+mod orphan_plans;
 mod planning;
-mod resuming;
+mod planning_snapshot;
+mod scheduling;
 mod selection;
-mod sharing;
-mod together;
-mod verifying;
+mod verification;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -41,9 +41,9 @@ use agent::{
 use pddl::Condition;
 use serde::Deserialize;
 
-use crate::ended::Ended;
-use crate::goal::{FAILURES_MAX, Goal, Phase};
-use crate::known::{Known, first};
+use crate::finished::FinishedGoals;
+use crate::goal::{FAILURES_MAX, Goal, GoalPhase};
+use crate::planning_snapshot::{PlanningSnapshot, first};
 
 /// Maximum number of goals pursued at a time. A building has tens. A further goal is refused, not
 /// dropped.
@@ -51,15 +51,15 @@ const GOALS_MAX: usize = 256;
 
 /// Delay between a change of the world and the next look at the goals. News of one event arrive in
 /// several messages.
-const SETTLING: Duration = Duration::from_millis(20);
+const SETTLE_DELAY: Duration = Duration::from_millis(20);
 
 /// Delay before planning again when no plan was found. By then the latest announcements of all agents
 /// have arrived here, also on a busy machine.
-const CROSSING: Duration = Duration::from_millis(100);
+const ANNOUNCEMENT_DELAY: Duration = Duration::from_millis(100);
 
 /// Interval at which waiting and holding goals are checked even if no news have come. A broadcast may
 /// be lost.
-const LOOK_AGAIN: Duration = Duration::from_secs(10);
+const RECHECK_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Delay before a question is asked again that received no answer.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
@@ -105,15 +105,16 @@ impl Default for Config {
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let config = blueprint.config_as()?;
     let mode = blueprint.host.mode;
-    let (keeper, goals, ended) = (Keeper::new(&blueprint.host), BTreeMap::new(), Ended::default());
+    let (keeper, goals, ended) =
+        (Keeper::new(&blueprint.host), BTreeMap::new(), FinishedGoals::default());
     Ok(Box::new(PlanRequester {
         config,
         mode,
         goals,
         ended,
         keeper,
-        comparing: None,
-        telling: None,
+        cheaper_plan_check: None,
+        resend_timer: None,
     }))
 }
 
@@ -121,12 +122,12 @@ struct PlanRequester {
     config: Config,
     mode: Mode,
     goals: BTreeMap<ConversationId, Goal>,
-    ended: Ended,
+    ended: FinishedGoals,
     keeper: Keeper<PlanRequester>,
     /// Work that checks whether running plans could be much cheaper.
-    comparing: Option<Work>,
+    cheaper_plan_check: Option<Work>,
     /// Timer until the next try to send outcomes that could not be sent before.
-    telling: Option<TimerId>,
+    resend_timer: Option<TimerId>,
 }
 
 impl Agent for PlanRequester {
@@ -153,11 +154,11 @@ impl Agent for PlanRequester {
             }
             Presence::Joined(resident) if self.keeper.journals().contains(&resident.agent) => {
                 if self.keeper.is_leading() {
-                    self.keep_all(ctx);
+                    self.replicate_all(ctx);
                 }
                 self.reconsider_waiting(ctx);
             }
-            Presence::Joined(resident) => self.tell_ends(resident, ctx),
+            Presence::Joined(resident) => self.send_missed_outcomes(resident, ctx),
         }
     }
 
@@ -187,7 +188,7 @@ impl PlanRequester {
                 return ctx.answer(&engagement, Performative::Confirm, &report);
             }
             Ok(Request::Keep(Keeping { records })) if message.sender == *ctx.id() => {
-                return self.handed(&message, records, ctx);
+                return self.receive_handover(&message, records, ctx);
             }
             Ok(_) => {
                 let detail = "a Plan Requester takes goals: `achieve`, and the flow: `set-mode`";
@@ -200,7 +201,7 @@ impl PlanRequester {
         {
             goal.engagement = engagement;
             let report = match goal.phase {
-                Phase::Holding => resuming::holding(),
+                GoalPhase::Holding => failover::holding(),
                 _ => Report::new(Outcome::Progress, "accepted before; it goes on"),
             };
             return ctx.answer(&goal.engagement, Performative::Confirm, &report);
@@ -212,11 +213,11 @@ impl PlanRequester {
             Ok(condition) => {
                 self.take_place(&message, &asked, ctx);
                 let mut goal = Goal::new(engagement, message.incarnation, asked, condition);
-                goal.note(ctx.switchboard().machine().wall_clock(), None, "asked for");
+                goal.add_history(ctx.switchboard().machine().wall_clock(), None, "asked for");
                 let id = goal.conversation().clone();
                 tracing::info!(conversation = %id, goal = goal.text, "a goal");
                 self.goals.insert(id.clone(), goal);
-                self.accept(&id, ctx);
+                self.replicate_new_goal(&id, ctx);
                 self.consider(&id, ctx);
             }
             Err((reason, detail)) => ctx.refuse(&engagement, reason, detail),
@@ -241,7 +242,7 @@ impl PlanRequester {
         asked: &Achieve,
         engagement: &Engagement,
     ) -> Result<Condition, (Reason, String)> {
-        let untold = self.ended.untold_count();
+        let untold = self.ended.unsent_count();
         if self.goals.len() + untold >= GOALS_MAX {
             let detail = match untold {
                 0 => {
@@ -278,7 +279,7 @@ impl PlanRequester {
             return;
         }
         // Confirmed only when it is on record: then a standby that takes over cancels the goal too.
-        self.keep_given_up(id, ctx, move |ctx| {
+        self.replicate_cancellation(id, ctx, move |ctx| {
             let report = Report::new(Outcome::Cancelled, "the goal is given up");
             other.iter().for_each(|other| ctx.answer(other, Performative::Confirm, &report));
         });
@@ -286,18 +287,18 @@ impl PlanRequester {
 
     fn cancel(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.note(ctx.switchboard().machine().wall_clock(), None, "cancelled");
+        goal.add_history(ctx.switchboard().machine().wall_clock(), None, "cancelled");
         match &goal.phase {
-            Phase::Executing(token) => {
+            GoalPhase::Executing(token) => {
                 let token = token.clone();
-                goal.phase = Phase::Cancelling(token.clone());
+                goal.phase = GoalPhase::Cancelling(token.clone());
                 let executor = self.config.plan_executor.clone();
                 ctx.go_on(&token, &executor, Performative::Cancel, serde_json::Value::Null);
                 ctx.extend(&token, ctx.settings().answer_deadline * 2);
             }
-            Phase::Yielding(token) => goal.phase = Phase::Cancelling(token.clone()),
-            Phase::Cancelling(_) => (),
-            Phase::Planning(token) => {
+            GoalPhase::Preempted(token) => goal.phase = GoalPhase::Cancelling(token.clone()),
+            GoalPhase::Cancelling(_) => (),
+            GoalPhase::Planning(token) => {
                 let (token, planner) = (token.clone(), self.config.planning_agent.clone());
                 ctx.go_on(&token, &planner, Performative::Cancel, serde_json::Value::Null);
                 ctx.close(&token);
@@ -311,21 +312,21 @@ impl PlanRequester {
 
     /// Checks whether a goal holds. If it does not, and no other goal comes first, plans for it.
     fn consider(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        if let Some(why) = self.waits_for_the_others(id, ctx) {
-            return self.wait_for_the_others(id, why, ctx);
+        if let Some(why) = self.missing_quorum(id, ctx) {
+            return self.wait_for_quorum(id, why, ctx);
         }
         if !self.is_its_turn(id) {
             return;
         }
         if self.is_still_blocked(id, ctx.now()) {
-            return self.next(ctx);
+            return self.schedule_next(ctx);
         }
         let asked = ctx.ask(Resource::Domain, &self.config.domain_maintainer);
         let considered = id.clone();
         let work = ctx.run(asked, move |requester: &mut Self, answers, ctx| {
             let snapshot = answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok());
             match snapshot {
-                Some(snapshot) => requester.compiled(&considered, snapshot, ctx),
+                Some(snapshot) => requester.domain_fetched(&considered, snapshot, ctx),
                 None => {
                     let why = "no Domain Maintainer answers".to_owned();
                     requester.wait(&considered, why, ASK_AGAIN, ctx);
@@ -336,23 +337,23 @@ impl PlanRequester {
             if let Some(timer) = goal.timer.take() {
                 ctx.forget(timer);
             }
-            goal.phase = Phase::Compiling(work);
-            goal.is_overtaken = false;
+            goal.phase = GoalPhase::FetchingDomain(work);
+            goal.is_request_stale = false;
         }
     }
 
-    fn compiled(&mut self, id: &ConversationId, snapshot: Snapshot, ctx: &mut Context<Self>) {
-        let known = match Known::read(snapshot) {
+    fn domain_fetched(&mut self, id: &ConversationId, snapshot: Snapshot, ctx: &mut Context<Self>) {
+        let known = match PlanningSnapshot::read(snapshot) {
             Ok(known) => known,
             Err(problem) => return self.end(id, Outcome::Failed, problem, ctx),
         };
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.compare_with(&known.offers);
-        let known = known.avoiding(goal.avoided(ctx.now()));
+        let known = known.without_avoided(goal.avoided(ctx.now()));
         if goal.rounds == 0
             && let Some(problem) = wrong_in(goal, &known)
         {
-            if goal.may_be_met_yet(ctx.now()) {
+            if goal.in_warm_up(ctx.now()) {
                 return self.wait(id, problem, ASK_AGAIN, ctx);
             }
             return self.end(id, Outcome::Failed, problem, ctx);
@@ -368,21 +369,21 @@ impl PlanRequester {
                 );
             }
             Ok(open) => {
-                goal.is_told = false;
+                goal.holds_reported = false;
                 if goal.rounds > 0
                     && let Some(lost) = lost_to(goal, &known)
                 {
-                    goal.attempt = sharing::Attempt::default();
-                    self.tell_news(id, &known, &open, ctx);
+                    goal.planning_mode = scheduling::PlanningMode::default();
+                    self.report_changes(id, &known, &open, ctx);
                     return self.no_plan(id, lost, ctx);
                 }
-                let known = known.sparing(&self.reserved(id));
-                if self.waits_for_everyone(id, &known, ctx) {
+                let known = known.without_agents(&self.agents_in_use(id));
+                if self.wait_if_all_in_use(id, &known, ctx) {
                     return;
                 }
                 match self.mode {
                     Mode::Centralized => self.ask_planner(id, known, open, ctx),
-                    Mode::Decentralized => self.call(id, known, open, ctx),
+                    Mode::Decentralized => self.call_for_proposals(id, known, open, ctx),
                 }
             }
             Err(problem) => self.end(id, Outcome::Failed, problem, ctx),
@@ -392,26 +393,26 @@ impl PlanRequester {
     fn satisfied(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.failures = 0;
-        goal.attempt = sharing::Attempt::default();
+        goal.planning_mode = scheduling::PlanningMode::default();
         match goal.keep {
             Keep::Achieve => {
                 let detail = if goal.rounds == 0 { "it holds already" } else { "the goal holds" };
                 self.end(id, Outcome::Done, detail, ctx);
             }
             Keep::Maintain => {
-                goal.phase = Phase::Holding;
+                goal.phase = GoalPhase::Holding;
                 goal.no_plan_because.clear();
                 let was_planned_for = goal.plan.take().is_some();
-                let news = !std::mem::replace(&mut goal.is_told, true);
+                let news = !std::mem::replace(&mut goal.holds_reported, true);
                 if news {
-                    self.tell(id, resuming::holding(), ctx);
+                    self.send_report(id, failover::holding(), ctx);
                 }
                 if was_planned_for {
                     // A replica that takes over does not need this plan.
                     self.forget_plan(id, ctx);
                 }
-                self.settle_within(id, LOOK_AGAIN, ctx);
-                self.next(ctx);
+                self.recheck_within(id, RECHECK_INTERVAL, ctx);
+                self.schedule_next(ctx);
             }
         }
     }
@@ -431,7 +432,7 @@ impl PlanRequester {
         // the machine.
         let backoff = Duration::from_millis(100 << goal.failures.min(6)) * goal.failures.min(1);
         let wait = if goal.failures <= 3 { wait } else { wait.max(backoff) };
-        self.tell(id, Report::new(Outcome::Progress, format!("planning anew: {why}")), ctx);
+        self.send_report(id, Report::new(Outcome::Progress, format!("planning anew: {why}")), ctx);
         self.wait(id, why, wait, ctx);
     }
 
@@ -448,9 +449,9 @@ impl PlanRequester {
             if let Some(earlier) = goal.timer.replace(timer) {
                 ctx.forget(earlier);
             }
-            goal.phase = Phase::Waiting(why);
+            goal.phase = GoalPhase::WaitingForChange(why);
         }
-        self.next(ctx);
+        self.schedule_next(ctx);
     }
 
     /// Handles that there is no plan. While news may still be on their way, plans once more. After that
@@ -458,18 +459,18 @@ impl PlanRequester {
     /// action may be tried again.
     fn no_plan(&mut self, id: &ConversationId, why: String, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
-        if std::mem::take(&mut goal.is_overtaken) {
+        if std::mem::take(&mut goal.is_request_stale) {
             // The search used a state of the world that is out of date.
-            return self.wait(id, why, SETTLING, ctx);
+            return self.wait(id, why, SETTLE_DELAY, ctx);
         }
         let now = ctx.now();
         let chance = goal.next_chance(now);
         if chance.is_none() && self.config.replanning {
             // An agent may know facts about itself that have not arrived here yet. An agent that could
             // reach the goal may be absent for a moment.
-            let patience = CROSSING.max(ctx.settings().grace);
-            let rest = patience.saturating_sub(now - *goal.unsolved_since.get_or_insert(now));
-            if !rest.is_zero() || goal.may_be_met_yet(now) {
+            let patience = ANNOUNCEMENT_DELAY.max(ctx.settings().grace);
+            let rest = patience.saturating_sub(now - *goal.no_plan_since.get_or_insert(now));
+            if !rest.is_zero() || goal.in_warm_up(now) {
                 return self.wait(id, why, rest.max(ASK_AGAIN), ctx);
             }
         }
@@ -484,9 +485,10 @@ impl PlanRequester {
                 if goal.no_plan_because != why {
                     goal.no_plan_because.clone_from(&why);
                     let detail = format!("no plan now: {why}; waiting for the ecosystem to change");
-                    self.tell(id, Report::new(Outcome::Progress, detail), ctx);
+                    self.send_report(id, Report::new(Outcome::Progress, detail), ctx);
                 }
-                let wait = chance.map_or(LOOK_AGAIN, |chance| LOOK_AGAIN.min(chance - now));
+                let wait =
+                    chance.map_or(RECHECK_INTERVAL, |chance| RECHECK_INTERVAL.min(chance - now));
                 self.wait(id, why, wait, ctx);
             }
         }
@@ -494,48 +496,48 @@ impl PlanRequester {
 
     // === reports ===
 
-    fn tell(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
+    fn send_report(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         tracing::info!(conversation = %id, outcome = %report.outcome, detail = report.detail, "goal");
         let now = ctx.switchboard().machine().wall_clock();
-        goal.note(now, Some(report.outcome), report.detail.as_str());
+        goal.add_history(now, Some(report.outcome), report.detail.as_str());
         let told = ctx.try_answer(&goal.engagement, Performative::Confirm, &report);
         if !report.outcome.is_final() {
             if let Err(why) = told {
                 tracing::debug!(conversation = %id, %why, "a progress report could not be sent");
             }
-            return self.keep(id, ctx);
+            return self.replicate_goal(id, ctx);
         }
         if let Err(why) = told {
             tracing::info!(conversation = %id, %why, "the final report is sent later");
-            self.ended.not_told(goal.engagement.clone(), report);
-            self.tell_untold_soon(ctx);
+            self.ended.queue_unsent(goal.engagement.clone(), report);
+            self.schedule_resend(ctx);
         }
     }
 
     /// Sends the outcome of a goal to its initiator: now, or when there is room in the outbox.
-    fn tell_or_later(&mut self, to: &Engagement, report: Report, ctx: &mut Context<Self>) {
+    fn send_or_queue(&mut self, to: &Engagement, report: Report, ctx: &mut Context<Self>) {
         if ctx.try_answer(to, Performative::Confirm, &report).is_err() {
-            self.ended.not_told(to.clone(), report);
-            self.tell_untold_soon(ctx);
+            self.ended.queue_unsent(to.clone(), report);
+            self.schedule_resend(ctx);
         }
     }
 
     /// Starts the timer after which pending outcomes are sent.
-    fn tell_untold_soon(&mut self, ctx: &mut Context<Self>) {
-        if self.telling.is_none() {
-            self.telling = Some(ctx.after(TELL_AGAIN, |requester: &mut Self, ctx| {
-                requester.telling = None;
-                requester.tell_untold(ctx);
+    fn schedule_resend(&mut self, ctx: &mut Context<Self>) {
+        if self.resend_timer.is_none() {
+            self.resend_timer = Some(ctx.after(TELL_AGAIN, |requester: &mut Self, ctx| {
+                requester.resend_timer = None;
+                requester.resend_unsent(ctx);
             }));
         }
     }
 
-    fn tell_untold(&mut self, ctx: &mut Context<Self>) {
-        while let Some((engagement, report)) = self.ended.take_untold() {
+    fn resend_unsent(&mut self, ctx: &mut Context<Self>) {
+        while let Some((engagement, report)) = self.ended.pop_unsent() {
             if ctx.try_answer(&engagement, Performative::Confirm, &report).is_err() {
-                self.ended.not_told(engagement, report);
-                return self.tell_untold_soon(ctx);
+                self.ended.queue_unsent(engagement, report);
+                return self.schedule_resend(ctx);
             }
         }
     }
@@ -548,22 +550,22 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         let report = Report::new(outcome, detail);
-        self.tell(id, report.clone(), ctx);
+        self.send_report(id, report.clone(), ctx);
         if let Some(goal) = self.goals.remove(id) {
-            if matches!(goal.phase, Phase::Verifying(_)) {
-                self.release(id);
+            if matches!(goal.phase, GoalPhase::Verifying(_)) {
+                self.release_agents(id);
             }
             let history = goal.history().to_vec();
-            self.ended.told(goal.engagement.clone(), Report { history, ..report.clone() });
-            self.keep_end(&goal, report, ctx);
+            self.ended.store_sent(goal.engagement.clone(), Report { history, ..report.clone() });
+            self.replicate_outcome(&goal, report, ctx);
             if let Some(timer) = goal.timer {
                 ctx.forget(timer);
             }
-            if let Phase::Calling(call) = goal.phase {
+            if let GoalPhase::CollectingProposals(call) = goal.phase {
                 call.reject_all("the goal has ended", ctx);
             }
         }
-        self.next(ctx);
+        self.schedule_next(ctx);
     }
 
     // === changes of the world ===
@@ -580,17 +582,17 @@ impl PlanRequester {
         // When planning for one goal ends, the next goal is taken up from there.
         let is_busy = self.goals.values().any(|goal| goal.phase.is_planning());
         for (id, goal) in &mut self.goals {
-            change.joined.iter().for_each(|agent| goal.forgive(agent));
+            change.joined.iter().for_each(|agent| goal.reset_backoffs(agent));
             if agents_changed {
-                goal.blocked_under = None;
-                goal.is_overtaken = goal.phase.is_planning();
-                goal.unsolved_since = None;
+                goal.blocked_by_agents = None;
+                goal.is_request_stale = goal.phase.is_planning();
+                goal.no_plan_since = None;
             }
             let is_concerned = match goal.phase {
-                Phase::Queued => !is_busy,
-                Phase::Waiting(_) | Phase::Holding => true,
+                GoalPhase::Queued => !is_busy,
+                GoalPhase::WaitingForChange(_) | GoalPhase::Holding => true,
                 // A change of state does not free the agents that other goals use.
-                Phase::Blocked(_) => agents_changed,
+                GoalPhase::WaitingForAgents(_) => agents_changed,
                 _ => false,
             };
             if is_concerned {
@@ -598,16 +600,16 @@ impl PlanRequester {
             }
         }
         for id in concerned {
-            self.settle(&id, ctx);
+            self.recheck_soon(&id, ctx);
         }
-        self.look_for_better(&change.joined, ctx);
+        self.check_for_cheaper_plans(&change.joined, ctx);
     }
 
-    fn settle(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        self.settle_within(id, SETTLING, ctx);
+    fn recheck_soon(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        self.recheck_within(id, SETTLE_DELAY, ctx);
     }
 
-    fn settle_within(&mut self, id: &ConversationId, wait: Duration, ctx: &mut Context<Self>) {
+    fn recheck_within(&mut self, id: &ConversationId, wait: Duration, ctx: &mut Context<Self>) {
         let considered = id.clone();
         let timer = ctx.after(wait, move |requester: &mut Self, ctx| {
             if let Some(goal) = requester.goals.get_mut(&considered) {
@@ -624,14 +626,14 @@ impl PlanRequester {
 }
 
 /// Returns the errors in a goal, checked against the composite domain.
-fn errors_in(goal: &Goal, known: &Known) -> Vec<pddl::Diagnostic> {
+fn errors_in(goal: &Goal, known: &PlanningSnapshot) -> Vec<pddl::Diagnostic> {
     let diagnostics = pddl::check::check_condition(&known.domain, &known.problem, &goal.condition);
     diagnostics.into_iter().filter(pddl::Diagnostic::is_error).collect()
 }
 
 /// Returns the parts of a goal that were valid before and are not now, because the agent that brought
 /// them has left; as text for a person. `None` if there are none.
-fn lost_to(goal: &Goal, known: &Known) -> Option<String> {
+fn lost_to(goal: &Goal, known: &PlanningSnapshot) -> Option<String> {
     let errors = errors_in(goal, known);
     let lost: Vec<_> = errors.iter().map(|error| error.message.as_str()).collect();
     (!lost.is_empty()).then(|| format!("{}: its agent is not here", lost.join(", ")))
@@ -639,7 +641,7 @@ fn lost_to(goal: &Goal, known: &Known) -> Option<String> {
 
 /// Returns what is wrong in a goal, checked against the composite domain, as text for a person. `None`
 /// if nothing is.
-fn wrong_in(goal: &Goal, known: &Known) -> Option<String> {
+fn wrong_in(goal: &Goal, known: &PlanningSnapshot) -> Option<String> {
     let errors = errors_in(goal, known);
     if errors.is_empty() {
         let both = known.contradiction(&goal.condition)?;

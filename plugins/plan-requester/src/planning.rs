@@ -11,28 +11,28 @@ use planner::Cancel;
 use planner::explain::Explanation;
 
 use crate::PlanRequester;
-use crate::explaining::{self, Seen};
-use crate::goal::Phase;
-use crate::known::Known;
-use crate::sharing::Verdict;
+use crate::explanations::{self, GoalContext};
+use crate::goal::GoalPhase;
+use crate::planning_snapshot::PlanningSnapshot;
+use crate::scheduling::PlanDecision;
 
 impl PlanRequester {
     /// Asks the Planning Agent for a plan.
     pub(crate) fn ask_planner(
         &mut self,
         id: &ConversationId,
-        known: Known,
+        known: PlanningSnapshot,
         open: Vec<Condition>,
         ctx: &mut Context<Self>,
     ) {
-        self.tell_news(id, &known, &open, ctx);
-        let Some(wanted) = self.wanted(id, &known) else { return };
+        self.report_changes(id, &known, &open, ctx);
+        let Some(wanted) = self.combined_goal(id, &known) else { return };
         let Some(goal) = self.goals.get_mut(id) else { return };
         let request = PlanRequest {
             domain: known.domain_text.clone(),
             problem: known.problem_of(&wanted).to_string(),
             epoch: known.epoch,
-            rest: known.nameable(&goal.given_up).map(|rest| rest.to_string()),
+            rest: known.nameable(&goal.failed_steps).map(|rest| rest.to_string()),
         };
         let opening = Opening {
             to: Some(self.config.planning_agent.clone()),
@@ -46,35 +46,36 @@ impl PlanRequester {
         let token = ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
             requester.planner_answered(&asked, &known, &open, answer, ctx);
         });
-        goal.phase = Phase::Planning(token);
+        goal.phase = GoalPhase::Planning(token);
     }
 
     /// Reports what changed since the last round of planning.
-    pub(crate) fn tell_news(
+    pub(crate) fn report_changes(
         &mut self,
         id: &ConversationId,
-        known: &Known,
+        known: &PlanningSnapshot,
         open: &[Condition],
         ctx: &mut Context<Self>,
     ) {
         let Some(goal) = self.goals.get_mut(id) else { return };
-        let now = Seen::of(known, &known.sure(&goal.condition));
-        let news = goal.seen.as_ref().and_then(|seen| seen.news(&now, known, open));
-        goal.seen = Some(now);
+        let now = GoalContext::of(known, &known.sure(&goal.condition));
+        let news =
+            goal.last_context.as_ref().and_then(|seen| seen.describe_changes(&now, known, open));
+        goal.last_context = Some(now);
         if let Some(news) = news {
-            self.tell(id, Report::new(Outcome::Progress, news), ctx);
+            self.send_report(id, Report::new(Outcome::Progress, news), ctx);
         }
     }
 
     fn planner_answered(
         &mut self,
         id: &ConversationId,
-        known: &Known,
+        known: &PlanningSnapshot,
         open: &[Condition],
         answer: Answer,
         ctx: &mut Context<Self>,
     ) {
-        let Some(Phase::Planning(token)) = self.goals.get(id).map(|goal| &goal.phase) else {
+        let Some(GoalPhase::Planning(token)) = self.goals.get(id).map(|goal| &goal.phase) else {
             return;
         };
         let token = token.clone();
@@ -95,11 +96,13 @@ impl PlanRequester {
             return self.retry(id, format!("the Planning Agent declined: {why}"), crate::BUSY, ctx);
         };
         let judged = self.judge(id, known, &proposal).map(|(plan, cost)| {
-            let verdict = self.verdict(id, known, &plan);
+            let verdict = self.decide(id, known, &plan);
             (plan, cost, verdict)
         });
         let (performative, detail) = match &judged {
-            Ok((_, _, Verdict::Go)) => (Performative::AcceptProposal, "it is valid".to_owned()),
+            Ok((_, _, PlanDecision::Run)) => {
+                (Performative::AcceptProposal, "it is valid".to_owned())
+            }
             Ok(_) => (Performative::RejectProposal, "other goals come first".to_owned()),
             Err(detail) => (Performative::RejectProposal, detail.clone()),
         };
@@ -107,16 +110,18 @@ impl PlanRequester {
         ctx.go_on(&token, &message.sender, performative, choice);
         ctx.close(&token);
         match judged {
-            Ok((plan, cost, verdict)) => self.follow(id, known, (&plan, cost), verdict, ctx),
+            Ok((plan, cost, verdict)) => {
+                self.apply_decision(id, known, (&plan, cost), verdict, ctx)
+            }
             Err(why) if proposal.status == PlanStatus::Unsolvable => {
                 let open = open.to_vec();
-                let explained = move |known: &Known, cancel: &Cancel| {
+                let explained = move |known: &PlanningSnapshot, cancel: &Cancel| {
                     let interfere = |explanation: &Explanation| format!("{why}; {explanation}");
                     explain(known, &open, cancel, interfere).unwrap_or(why)
                 };
-                self.unplanned(id, known.clone(), explained, ctx);
+                self.explain_missing_plan(id, known.clone(), explained, ctx);
             }
-            Err(why) => self.unplanned(id, known.clone(), |_, _| why, ctx),
+            Err(why) => self.explain_missing_plan(id, known.clone(), |_, _| why, ctx),
         }
     }
 
@@ -124,14 +129,14 @@ impl PlanRequester {
     fn judge(
         &self,
         id: &ConversationId,
-        known: &Known,
+        known: &PlanningSnapshot,
         proposal: &PlanProposal,
     ) -> Result<(pddl::Plan, f64), String> {
         let Some(text) = &proposal.plan else {
             let detail = proposal.detail.clone().unwrap_or_default();
             return Err(format!("the planner: {}; {detail}", proposal.status));
         };
-        let wanted = self.wanted(id, known).ok_or("the goal has ended")?;
+        let wanted = self.combined_goal(id, known).ok_or("the goal has ended")?;
         let plan = pddl::parse_plan(text).into_result().map_err(crate::first)?;
         let cost = known
             .validate(&plan, &wanted)
@@ -143,7 +148,7 @@ impl PlanRequester {
 /// Explains which conjuncts cannot be reached and what is missing, if known facts or the relaxation
 /// show it; otherwise returns the text of `otherwise`. `None` if the domain cannot be analysed.
 pub(crate) fn explain(
-    known: &Known,
+    known: &PlanningSnapshot,
     open: &[Condition],
     cancel: &Cancel,
     otherwise: impl FnOnce(&Explanation) -> String,
@@ -153,15 +158,15 @@ pub(crate) fn explain(
     let others = open.iter().zip(&reasons).filter(|(_, reason)| reason.is_none());
     let others: Vec<Condition> = others.map(|(part, _)| part.clone()).collect();
     let explanation = known.explain(&others, cancel)?;
-    let obstacles = explaining::obstacles(&explanation, &known.avoided);
+    let obstacles = explanations::obstacles(&explanation, &known.avoided);
     match (plain.is_empty(), obstacles) {
         (true, Some(obstacles)) => Some(obstacles),
         // The avoided action may be all that is missing, so `otherwise`, which blames interference,
         // would mislead.
         (true, None) if !known.avoided.is_empty() => {
-            Some(format!("there is no other way{}", explaining::held(&known.avoided)))
+            Some(format!("there is no other way{}", explanations::describe_avoided(&known.avoided)))
         }
         (true, None) => Some(otherwise(&explanation)),
-        (false, obstacles) => Some(explaining::listed_all(plain.into_iter().chain(obstacles))),
+        (false, obstacles) => Some(explanations::listed_all(plain.into_iter().chain(obstacles))),
     }
 }

@@ -32,24 +32,24 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 };
 
 fn build(_: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
-    Ok(Box::new(PlanningAgent { searches: BTreeMap::new(), memory: Arc::default() }))
+    Ok(Box::new(PlanningAgent { searches: BTreeMap::new(), cache: Arc::default() }))
 }
 
 struct PlanningAgent {
-    searches: BTreeMap<ReplyToken, Search>,
+    searches: BTreeMap<ReplyToken, RunningSearch>,
     /// Used by one search at a time. A search beside it starts with an empty memory instead of waiting.
-    memory: Arc<Mutex<Memory>>,
+    cache: Arc<Mutex<PlannerCache>>,
 }
 
 /// Data kept from one request to the next.
 #[derive(Default)]
-struct Memory {
+struct PlannerCache {
     /// The last domain: its text and the parsed form.
     domain: Option<(String, Arc<Domain>)>,
     replanner: Replanner,
 }
 
-struct Search {
+struct RunningSearch {
     cancel: Cancel,
     _work: Work,
 }
@@ -59,8 +59,8 @@ impl Agent for PlanningAgent {
         Callbacks::new()
             .on(Performative::Request, Self::requested)
             .on(Performative::Cancel, Self::cancelled)
-            .on(Performative::AcceptProposal, Self::chosen)
-            .on(Performative::RejectProposal, Self::chosen)
+            .on(Performative::AcceptProposal, Self::proposal_judged)
+            .on(Performative::RejectProposal, Self::proposal_judged)
     }
 
     fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
@@ -101,18 +101,18 @@ impl PlanningAgent {
         ctx.after(patience.mul_f32(0.9), move |_, _| deadline.set());
         let token = engagement.exchange.clone();
         let finished = token.clone();
-        let memory = Arc::clone(&self.memory);
+        let memory = Arc::clone(&self.cache);
         let work = ctx.compute(
             move || match memory.try_lock() {
                 Ok(mut memory) => propose(&request, &mut memory, &flag),
-                Err(_) => propose(&request, &mut Memory::default(), &flag),
+                Err(_) => propose(&request, &mut PlannerCache::default(), &flag),
             },
             move |agent, proposal, ctx| {
                 agent.searches.remove(&finished);
                 ctx.answer(&engagement, Performative::Propose, &proposal);
             },
         );
-        self.searches.insert(token, Search { cancel, _work: work });
+        self.searches.insert(token, RunningSearch { cancel, _work: work });
     }
 
     fn cancelled(&mut self, message: Message, _ctx: &mut Context<Self>) {
@@ -121,13 +121,13 @@ impl PlanningAgent {
         }
     }
 
-    fn chosen(&mut self, message: Message, _ctx: &mut Context<Self>) {
+    fn proposal_judged(&mut self, message: Message, _ctx: &mut Context<Self>) {
         tracing::debug!(conversation = %message.conversation_id, verdict = %message.performative,
             "the proposal was accepted or rejected");
     }
 }
 
-impl Memory {
+impl PlannerCache {
     /// Returns the parsed domain of a text; parses it only if it is not the last one.
     fn domain(&mut self, text: &str) -> Result<Arc<Domain>, Vec<pddl::Diagnostic>> {
         if let Some((_, known)) = self.domain.as_ref().filter(|(known, _)| known == text) {
@@ -140,7 +140,7 @@ impl Memory {
 }
 
 /// Plans, and returns the plan or the reason why there is none.
-fn propose(request: &PlanRequest, memory: &mut Memory, cancel: &Cancel) -> PlanProposal {
+fn propose(request: &PlanRequest, memory: &mut PlannerCache, cancel: &Cancel) -> PlanProposal {
     let nothing = |status, detail: String| PlanProposal {
         status,
         plan: None,
@@ -149,12 +149,12 @@ fn propose(request: &PlanRequest, memory: &mut Memory, cancel: &Cancel) -> PlanP
     };
     let parsed = memory.domain(&request.domain).and_then(|domain| {
         let problem = pddl::parse_problem(&request.problem).into_result()?;
-        Ok((domain, problem, rest(request)?))
+        Ok((domain, problem, remaining_steps(request)?))
     });
     let (domain, problem, rest) = match parsed {
         Ok(texts) => texts,
         Err(diagnostics) => {
-            return nothing(PlanStatus::Unsupported, lines(&diagnostics));
+            return nothing(PlanStatus::Unsupported, join_diagnostics(&diagnostics));
         }
     };
     let memory_max_bytes = agent::computation_bytes_max();
@@ -173,19 +173,19 @@ fn propose(request: &PlanRequest, memory: &mut Memory, cancel: &Cancel) -> PlanP
             None => nothing(status(outcome.stop_reason), outcome.stop_reason.to_string()),
         },
         Err(PlanError::BadInput(diagnostics)) => {
-            nothing(PlanStatus::Unsupported, lines(&diagnostics))
+            nothing(PlanStatus::Unsupported, join_diagnostics(&diagnostics))
         }
         Err(error) => nothing(PlanStatus::Unsupported, error.to_string()),
     }
 }
 
 /// Returns the remaining steps of the plan that was running.
-fn rest(request: &PlanRequest) -> Result<Vec<PlanStep>, Vec<pddl::Diagnostic>> {
+fn remaining_steps(request: &PlanRequest) -> Result<Vec<PlanStep>, Vec<pddl::Diagnostic>> {
     let Some(text) = &request.rest else { return Ok(Vec::new()) };
     Ok(pddl::parse_plan(text).into_result()?.steps)
 }
 
-fn lines(diagnostics: &[pddl::Diagnostic]) -> String {
+fn join_diagnostics(diagnostics: &[pddl::Diagnostic]) -> String {
     diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 

@@ -25,7 +25,7 @@ impl Album {
     /// # Errors
     ///
     /// Returns an error if the folder or the file cannot be written, or an old file cannot be removed.
-    pub(crate) fn keep(&self, place: &str, kind: &str, content: &[u8]) -> io::Result<PathBuf> {
+    pub(crate) fn store(&self, place: &str, kind: &str, content: &[u8]) -> io::Result<PathBuf> {
         fs::create_dir_all(&self.folder)?;
         let time = humantime::format_rfc3339_micros(SystemTime::now()).to_string();
         let time = time.replace(['-', ':'], "");
@@ -80,7 +80,7 @@ mod tests {
         std::fs::write(&stranger, "sea").expect("written");
         let album = Album::new(folder.path().to_owned(), "camera-1".to_owned(), 2);
         let kept: Vec<_> = (0..4_u8)
-            .map(|number| album.keep("corridor", "ppm", &[number]).expect("written"))
+            .map(|number| album.store("corridor", "ppm", &[number]).expect("written"))
             .collect();
         assert_eq!(
             kept.iter().map(|path| path.exists()).collect::<Vec<_>>(),

@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use acl::content::{Achieve, Keep};
-use actuator::{Place, StateFolder};
+use actuator::{PlaceName, StateFolder};
 use agent::{Blueprint, BuildError, Rehearsal};
 use serde::Deserialize;
 
 use crate::album::Album;
-use crate::{Aim, PTZ};
+use crate::{PTZ, PtzPosition};
 
 /// The longest recording, in seconds: some 10 MB of plain video.
 const RECORD_MAX: f64 = 60.0;
@@ -20,7 +20,7 @@ const RECORD_MAX: f64 = 60.0;
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
     /// The place where it hangs.
-    location: Place,
+    location: PlaceName,
     /// Named directions.
     presets: BTreeMap<String, RawPreset>,
     /// The folder of pictures and videos; without it, a folder `pictures` in the daemon's state folder.
@@ -46,14 +46,14 @@ pub(crate) struct Config {
     sensitivity: f64,
     /// The goal to request when something moves.
     #[serde(default)]
-    on_motion: Option<RawGoal>,
+    on_motion: Option<RawMotionGoal>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct RawPreset {
     /// The place of the map that is seen in this direction.
-    shows: Place,
+    shows: PlaceName,
     #[serde(default)]
     pan: f64,
     #[serde(default)]
@@ -65,7 +65,7 @@ struct RawPreset {
 /// A goal; `?l` in it is replaced by the place of the motion.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct RawGoal {
+struct RawMotionGoal {
     goal: String,
     #[serde(default)]
     priority: i32,
@@ -100,11 +100,11 @@ fn default_zoom() -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Preset {
     pub(crate) shows: String,
-    pub(crate) aim: Aim,
+    pub(crate) aim: PtzPosition,
 }
 
 /// The settings of a camera.
-pub(crate) struct Settings {
+pub(crate) struct CameraSettings {
     pub(crate) presets: BTreeMap<String, Preset>,
     pub(crate) album: Album,
     pub(crate) recording: Duration,
@@ -131,7 +131,7 @@ impl Motion {
 
 impl Config {
     /// Returns the settings. Returns an error if the config is invalid.
-    pub(crate) fn understand(self, blueprint: &Blueprint) -> Result<Settings, BuildError> {
+    pub(crate) fn understand(self, blueprint: &Blueprint) -> Result<CameraSettings, BuildError> {
         let Config { location: _, presets, folder, keep, record_seconds, .. } = &self;
         let problem = |text: String| blueprint.problem(text);
         if presets.is_empty() {
@@ -147,7 +147,7 @@ impl Config {
         let nowhere = || resources.get::<Rehearsal>().map(|_| PathBuf::new());
         let folder = folder.clone().or_else(beside_state).or_else(nowhere);
         let folder = folder.ok_or_else(|| problem("pictures need a `folder`".to_owned()))?;
-        Ok(Settings {
+        Ok(CameraSettings {
             album: Album::new(folder, blueprint.id.to_string(), *keep),
             recording: Duration::from_secs_f64(*record_seconds),
             valid_for: self.valid_for.as_deref().map(duration).transpose().map_err(problem)?,
@@ -175,8 +175,8 @@ impl Config {
 
     fn presets(&self) -> Result<BTreeMap<String, Preset>, String> {
         let understand = |(name, raw): (&String, &RawPreset)| {
-            let name = Place::try_from(name.clone()).map_err(|error| error.to_string())?;
-            let aim = Aim { pan: raw.pan, tilt: raw.tilt, zoom: raw.zoom };
+            let name = PlaceName::try_from(name.clone()).map_err(|error| error.to_string())?;
+            let aim = PtzPosition { pan: raw.pan, tilt: raw.tilt, zoom: raw.zoom };
             if !PTZ.allows(aim) {
                 return Err(format!("the preset `{name}` is out of reach: {PTZ}"));
             }

@@ -5,7 +5,7 @@
 
 use std::io::Write as _;
 
-use crate::Aim;
+use crate::PtzPosition;
 
 /// How much brighter or darker a pixel must be to count as changed; the noise of a sensor is less.
 const CHANGED: i32 = 24;
@@ -20,7 +20,7 @@ pub struct Frame {
     /// Red, green and blue of each pixel, row by row from the top.
     pub rgb: Vec<u8>,
     /// The direction of the camera.
-    pub aim: Aim,
+    pub aim: PtzPosition,
     /// The content of the picture, for a person; one line.
     pub caption: String,
 }
@@ -96,11 +96,11 @@ fn byte(number: i32) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::{Frame, y4m};
-    use crate::Aim;
+    use crate::PtzPosition;
 
     fn gray(brightness: u8) -> Frame {
         let rgb = vec![brightness; 4 * 2 * 3];
-        let aim = Aim { pan: 0.0, tilt: 0.0, zoom: 1.0 };
+        let aim = PtzPosition { pan: 0.0, tilt: 0.0, zoom: 1.0 };
         Frame { width: 4, height: 2, rgb, aim, caption: "corridor\nempty".to_owned() }
     }
 

@@ -10,9 +10,9 @@
 mod album;
 mod config;
 mod frame;
+mod motion_watch;
 mod simulated;
 mod tasks;
-mod watching;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -22,21 +22,21 @@ use std::time::Duration;
 use acl::Deadline;
 use acl::content::{Method, Methods};
 use actuator::{
-    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Stir, facts_of,
-    model_of,
+    Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
+    OwnFact, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use tokio::time::Instant;
 
-use config::{Config, Settings};
+use config::{CameraSettings, Config};
 pub use frame::Frame;
-use tasks::Done;
+use tasks::CameraResult;
 
 /// How long a camera offers no actions after a failure.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
 /// Time limit of turning, and of taking one picture.
-const ACTING: Duration = Duration::from_secs(15);
+const ACTING_TIME_MAX: Duration = Duration::from_secs(15);
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -48,14 +48,14 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 };
 
 /// The limits of turning and zooming.
-struct Reach {
+struct PtzLimits {
     pan: f64,
     tilt: f64,
     zoom: f64,
 }
 
 /// Limits of common dome cameras.
-const PTZ: Reach = Reach { pan: 170.0, tilt: 90.0, zoom: 10.0 };
+const PTZ: PtzLimits = PtzLimits { pan: 170.0, tilt: 90.0, zoom: 10.0 };
 
 /// The steps by which a person turns the camera: the action, the degrees of pan and of tilt, and the factor
 /// of zoom.
@@ -70,7 +70,7 @@ const STEPS: [(&str, f64, f64, f64); 6] = [
 
 /// The direction and the zoom of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Aim {
+pub struct PtzPosition {
     /// Degrees to the right; negative to the left.
     pub pan: f64,
     /// Degrees up; negative down.
@@ -82,30 +82,30 @@ pub struct Aim {
 /// The driver of a camera.
 pub trait Camera: Send + Sync + 'static {
     /// Turns and zooms. Error texts complete “failed to …”. Dropping the future stops the camera.
-    fn aim(&self, aim: Aim) -> BoxFuture<Result<(), String>>;
+    fn aim(&self, aim: PtzPosition) -> BoxFuture<Result<(), String>>;
 
     /// Returns the picture that the camera sees now.
     fn frame(&self) -> BoxFuture<Result<Frame, String>>;
 }
 
-impl Reach {
-    fn allows(&self, aim: Aim) -> bool {
+impl PtzLimits {
+    fn allows(&self, aim: PtzPosition) -> bool {
         (-self.pan..=self.pan).contains(&aim.pan)
             && (-self.tilt..=self.tilt).contains(&aim.tilt)
             && (1.0..=self.zoom).contains(&aim.zoom)
     }
 }
 
-impl std::fmt::Display for Reach {
+impl std::fmt::Display for PtzLimits {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Reach { pan, tilt, zoom } = self;
+        let PtzLimits { pan, tilt, zoom } = self;
         write!(f, "pan -{pan} to {pan}, tilt -{tilt} to {tilt} degrees, zoom 1 to {zoom}")
     }
 }
 
-impl Aim {
+impl PtzPosition {
     /// Whether the other direction is the same, within the precision of the motors.
-    fn is(&self, other: &Aim) -> bool {
+    fn is(&self, other: &PtzPosition) -> bool {
         (self.pan - other.pan).abs() < 0.5
             && (self.tilt - other.tilt).abs() < 0.5
             && (self.zoom - other.zoom).abs() < 0.05
@@ -120,11 +120,11 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         camera: simulated::camera(&blueprint)?,
         settings,
         aim: None,
-        seen: None,
+        last_frame: None,
         pictures: BTreeMap::new(),
         recorded: BTreeSet::new(),
         motion: BTreeMap::new(),
-        rests_until: None,
+        paused_until: None,
     };
     Ok(Box::new(Actuator::new(&blueprint, camera)?))
 }
@@ -132,23 +132,23 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 struct PtzCamera {
     id: String,
     ontology: String,
-    settings: Settings,
+    settings: CameraSettings,
     camera: Arc<dyn Camera>,
     /// The direction of the camera; `None` if it is not known.
-    aim: Option<Aim>,
+    aim: Option<PtzPosition>,
     /// The last picture, to compare the next one with.
-    seen: Option<Frame>,
+    last_frame: Option<Frame>,
     /// The time of the last picture of each place.
     pictures: BTreeMap<String, Instant>,
     recorded: BTreeSet<String>,
     /// The time of the last motion in each place.
     motion: BTreeMap<String, Instant>,
-    rests_until: Option<Instant>,
+    paused_until: Option<Instant>,
 }
 
 impl PtzCamera {
-    fn works(&self) -> bool {
-        self.rests_until.is_none_or(|until| until <= Instant::now())
+    fn is_available(&self) -> bool {
+        self.paused_until.is_none_or(|until| until <= Instant::now())
     }
 
     /// Returns the name of the preset that the camera looks at, and the preset's place; `None` if it looks
@@ -221,30 +221,30 @@ impl PtzCamera {
         };
         let preset = ("preset", "?p".to_owned());
         let at = [preset.clone(), ("place", "?l".to_owned())];
-        let recording = ACTING + self.settings.recording * 2;
+        let recording = ACTING_TIME_MAX + self.settings.recording * 2;
         let mut methods: Methods = [
-            ("look-at".to_owned(), method("go_to_preset", &[preset], ACTING)),
-            ("take-snapshot".to_owned(), method("take_picture", &at, ACTING)),
+            ("look-at".to_owned(), method("go_to_preset", &[preset], ACTING_TIME_MAX)),
+            ("take-snapshot".to_owned(), method("take_picture", &at, ACTING_TIME_MAX)),
             ("record".to_owned(), method("record_video", &at, recording)),
         ]
         .into();
         for (name, pan, tilt, zoom) in STEPS {
             let by = [("pan", pan), ("tilt", tilt), ("zoom", zoom)];
             let by = by.map(|(key, value)| (key, value.to_string()));
-            methods.insert(name.to_owned(), method("move_by", &by, ACTING));
+            methods.insert(name.to_owned(), method("move_by", &by, ACTING_TIME_MAX));
         }
         methods
     }
 }
 
 impl Device for PtzCamera {
-    type Yield = Done;
+    type Yield = CameraResult;
 
     fn describe(&self) -> Description {
         let PtzCamera { id, ontology, settings, .. } = self;
         let presets: Vec<_> = settings.presets.keys().map(String::as_str).collect();
         let (presets, lasting) = (presets.join(" "), self.lasting());
-        let offered = if self.works() { Self::actions() } else { String::new() };
+        let offered = if self.is_available() { Self::actions() } else { String::new() };
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types ptz-camera - camera)
@@ -274,47 +274,47 @@ impl Device for PtzCamera {
         facts
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<CameraResult, MethodFailure>> {
         match tasks::task(call, self) {
             Ok(task) => Box::pin(task),
             Err(failure) => Box::pin(std::future::ready(Err(failure))),
         }
     }
 
-    fn performed(&mut self, _call: &Call, done: Done) -> Performed {
+    fn on_success(&mut self, _call: &MethodCall, done: CameraResult) -> MethodResult {
         let (detail, observed) = match done {
-            Done::Aimed(aim) => {
+            CameraResult::Aimed(aim) => {
                 self.aim = Some(aim);
-                let Aim { pan, tilt, zoom } = aim;
+                let PtzPosition { pan, tilt, zoom } = aim;
                 let detail = format!("looks {pan:.0}° right, {tilt:.0}° up, zoom {zoom:.1}");
                 let preset = self.preset();
                 let looks = preset.map(|(name, _)| format!("(looks-at {} {name})", self.id));
                 (detail, looks.unwrap_or_default())
             }
-            Done::Picture { place, file, caption } => {
+            CameraResult::Picture { place, file, caption } => {
                 self.pictures.insert(place.clone(), Instant::now());
                 let detail = format!("picture {}: {caption}", file.display());
                 (detail, format!("(known-picture {place})"))
             }
-            Done::Video { place, file, frames } => {
+            CameraResult::Video { place, file, frames } => {
                 self.recorded.insert(place.clone());
                 let detail = format!("video {} of {frames} frames", file.display());
                 (detail, format!("(recorded {place})"))
             }
         };
         let observations = facts_of(&observed).into_iter().map(|fact| fact.fact).collect();
-        Performed { detail, observations }
+        MethodResult { detail, observations }
     }
 
-    fn failed(&mut self, _call: &Call, failure: &Failure) {
+    fn on_failure(&mut self, _call: &MethodCall, failure: &MethodFailure) {
         // Where the camera stopped is found by its next look.
         self.aim = None;
-        if *failure != Failure::GivenUp {
-            self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);
+        if *failure != MethodFailure::GivenUp {
+            self.paused_until = Some(Instant::now() + REST_AFTER_FAILURE);
         }
     }
 
-    fn watch(&mut self) -> Option<BoxFuture<Stir<PtzCamera>>> {
-        Some(Box::pin(watching::watch(self)))
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<PtzCamera>>> {
+        Some(Box::pin(motion_watch::watch(self)))
     }
 }

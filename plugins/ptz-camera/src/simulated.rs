@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use building::{BuildingHandle, SeenPlace, Sight};
+use building::{BuildingHandle, CameraView, SeenPlace};
 
 use crate::frame::Frame;
-use crate::{Aim, Camera};
+use crate::{Camera, PtzPosition};
 
 /// The size of a picture. It is small, so that drawing five a second costs little.
 const WIDTH: usize = 160;
@@ -35,10 +35,10 @@ pub(crate) fn camera(blueprint: &Blueprint) -> Result<Arc<dyn Camera>, BuildErro
 }
 
 impl Camera for Simulated {
-    fn aim(&self, aim: Aim) -> BoxFuture<Result<(), String>> {
+    fn aim(&self, aim: PtzPosition) -> BoxFuture<Result<(), String>> {
         let Simulated { building, camera } = self.clone();
-        let Aim { pan, tilt, zoom } = aim;
-        let aim = building::Aim { pan, tilt, zoom };
+        let PtzPosition { pan, tilt, zoom } = aim;
+        let aim = building::CameraAim { pan, tilt, zoom };
         Box::pin(async move { building.aim(&camera, aim).await.map_err(|error| error.to_string()) })
     }
 
@@ -74,15 +74,15 @@ impl Canvas {
     }
 }
 
-fn draw(sight: &Sight) -> Frame {
-    let building::Aim { pan, tilt, zoom } = sight.aim;
+fn draw(sight: &CameraView) -> Frame {
+    let building::CameraAim { pan, tilt, zoom } = sight.aim;
     let mut canvas = Canvas { rgb: WALL.repeat(WIDTH * HEIGHT) };
     for place in &sight.places {
         draw_place(&mut canvas, place, zoom, sight.at.as_millis());
     }
     let places: Vec<_> = sight.places.iter().map(caption).collect();
     let caption = if places.is_empty() { "nothing known".to_owned() } else { places.join("; ") };
-    let aim = Aim { pan, tilt, zoom };
+    let aim = PtzPosition { pan, tilt, zoom };
     Frame { width: WIDTH, height: HEIGHT, rgb: canvas.rgb, aim, caption }
 }
 
@@ -127,11 +127,11 @@ fn color_of(name: &str) -> [u8; 3] {
 mod tests {
     use std::time::Duration;
 
-    use building::{Aim, SeenPlace, Sight};
+    use building::{CameraAim, CameraView, SeenPlace};
 
     use super::draw;
 
-    fn sight(people: &[&str], stirs: bool, at: u64) -> Sight {
+    fn sight(people: &[&str], stirs: bool, at: u64) -> CameraView {
         let place = SeenPlace {
             location: "corridor".to_owned(),
             right: 0.0,
@@ -140,7 +140,7 @@ mod tests {
             robots: vec!["turtlebot-1".to_owned()],
             stirs,
         };
-        Sight { aim: Aim::default(), places: vec![place], at: Duration::from_millis(at) }
+        CameraView { aim: CameraAim::default(), places: vec![place], at: Duration::from_millis(at) }
     }
 
     #[test]

@@ -16,21 +16,21 @@ use std::time::Duration;
 use acl::Deadline;
 use acl::content::{Achieve, Keep, Method, Methods};
 use actuator::{
-    Actuator, BoxFuture, Call, Description, Device, Failure, Initiative, OwnFact, Performed, Place,
-    Stir, facts_of, model_of,
+    Actuator, BoxFuture, Description, Device, DeviceEvent, Initiative, MethodCall, MethodFailure,
+    MethodResult, OwnFact, PlaceName, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use serde::Deserialize;
 
 /// Pause between two checks of the screen. It bounds the time until a meeting can go on at another screen
 /// to a few seconds.
-const LOOKING: Duration = Duration::from_secs(1);
+const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Time limit of a check; a longer one counts as a failure.
-const LOOKING_MAX: Duration = Duration::from_secs(3);
+const CHECK_TIME_MAX: Duration = Duration::from_secs(3);
 
 /// Time limit of lighting up: as long as a projector's lamp needs.
-const SHOWING: Duration = Duration::from_secs(30);
+const SHOWING_TIME_MAX: Duration = Duration::from_secs(30);
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -46,7 +46,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Config {
     /// The room of the screen.
-    location: Place,
+    location: PlaceName,
     /// The media that it can show: a name for plans, and the text of each.
     media: BTreeMap<String, String>,
 }
@@ -61,12 +61,12 @@ pub trait Display: Send + Sync + 'static {
     fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>>;
 
     /// Returns the state of the screen.
-    fn panel(&self) -> BoxFuture<Result<Panel, String>>;
+    fn panel(&self) -> BoxFuture<Result<DisplayState, String>>;
 }
 
 /// The state of a screen that works.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Panel {
+pub struct DisplayState {
     /// Its channel; `None` if it has none yet.
     pub channel: Option<u32>,
     /// The text that it shows; `None` if it is dark.
@@ -76,7 +76,7 @@ pub struct Panel {
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let Config { location, media } = blueprint.config_as()?;
     for name in media.keys() {
-        Place::try_from(name.clone()).map_err(|_| {
+        PlaceName::try_from(name.clone()).map_err(|_| {
             blueprint.problem(format!("`{name}` cannot name a medium: it has to be a PDDL name"))
         })?;
     }
@@ -89,7 +89,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         location,
         media,
         display: simulated::display(&blueprint)?,
-        state: State::Unknown,
+        state: ScreenStatus::Unknown,
     };
     Ok(Box::new(Actuator::new(&blueprint, screen)?))
 }
@@ -97,25 +97,25 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 struct Screen {
     id: String,
     ontology: String,
-    location: Place,
+    location: PlaceName,
     media: BTreeMap<String, String>,
     display: Arc<dyn Display>,
-    state: State,
+    state: ScreenStatus,
 }
 
 /// The state of the screen, as far as it is known.
 #[derive(Clone, Debug, PartialEq)]
-enum State {
+enum ScreenStatus {
     /// The screen was not checked yet.
     Unknown,
     /// The screen does not work.
     Broken,
     /// The screen works.
-    Works(Panel),
+    Works(DisplayState),
 }
 
 /// The result of a method.
-enum Done {
+enum ScreenResult {
     Allocated(u32),
     Shows(Option<String>),
 }
@@ -123,29 +123,31 @@ enum Done {
 impl Screen {
     fn channel(&self) -> Option<u32> {
         match &self.state {
-            State::Works(panel) => panel.channel,
-            State::Unknown | State::Broken => None,
+            ScreenStatus::Works(panel) => panel.channel,
+            ScreenStatus::Unknown | ScreenStatus::Broken => None,
         }
     }
 
     /// Returns the name of the medium that is shown; `None` if the screen shows none of its media.
     fn shown(&self) -> Option<&str> {
-        let State::Works(Panel { text: Some(text), .. }) = &self.state else { return None };
+        let ScreenStatus::Works(DisplayState { text: Some(text), .. }) = &self.state else {
+            return None;
+        };
         let medium = self.media.iter().find(|(_, shown)| *shown == text);
         medium.map(|(name, _)| name.as_str())
     }
 
     fn actions(&self) -> &'static str {
         match &self.state {
-            State::Unknown | State::Broken => "",
-            State::Works(Panel { channel: None, .. }) => {
+            ScreenStatus::Unknown | ScreenStatus::Broken => "",
+            ScreenStatus::Works(DisplayState { channel: None, .. }) => {
                 "(:action set-up
                     :agent ?s - screen
                     :parameters (?r - room)
                     :precondition (screen-in ?s ?r)
                     :effect (and (allocated ?s) (can-present ?r) (increase (total-cost) 1)))"
             }
-            State::Works(_) => {
+            ScreenStatus::Works(_) => {
                 "(:action present
                     :agent ?s - screen
                     :parameters (?m - media ?r - room)
@@ -164,19 +166,19 @@ impl Screen {
 
     /// Handles the result of a check. If the screen works but has no channel, returns the request to be set
     /// up.
-    fn looked(&mut self, state: State) -> Vec<Initiative> {
+    fn handle_check(&mut self, state: ScreenStatus) -> Vec<Initiative> {
         self.state = state;
-        if !matches!(self.state, State::Works(Panel { channel: None, .. })) {
+        if !matches!(self.state, ScreenStatus::Works(DisplayState { channel: None, .. })) {
             return Vec::new();
         }
         let goal = format!("(allocated {})", self.id);
         let goal = Achieve::new(goal, Keep::Achieve, 0);
-        vec![Initiative::Want { name: "set-up".to_owned(), goal, insists: true }]
+        vec![Initiative::RequestGoal { name: "set-up".to_owned(), goal, insists: true }]
     }
 }
 
 impl Device for Screen {
-    type Yield = Done;
+    type Yield = ScreenResult;
 
     fn describe(&self) -> Description {
         let Screen { id, ontology, location, media, .. } = self;
@@ -191,7 +193,7 @@ impl Device for Screen {
         let method = |name: &str, arguments: &[(&str, &str)]| Method {
             method: name.to_owned(),
             arguments: arguments.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect(),
-            timeout: Deadline(SHOWING),
+            timeout: Deadline(SHOWING_TIME_MAX),
         };
         let methods: Methods = [
             ("set-up".to_owned(), method("allocate", &[])),
@@ -214,76 +216,84 @@ impl Device for Screen {
         facts_of(&text)
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<ScreenResult, MethodFailure>> {
         let display = Arc::clone(&self.display);
         let text = match (call.method.as_str(), call.argument("media")) {
             ("allocate", _) => {
                 return Box::pin(async move {
-                    display.allocate().await.map(Done::Allocated).map_err(Failure::Driver)
+                    display
+                        .allocate()
+                        .await
+                        .map(ScreenResult::Allocated)
+                        .map_err(MethodFailure::Driver)
                 });
             }
             ("hide", _) => None,
             ("show", Ok(medium)) => match self.media.get(medium) {
                 Some(text) => Some(text.clone()),
-                None => return fails(Failure::Driver(format!("find the medium `{medium}`"))),
+                None => {
+                    return failed_method(MethodFailure::Driver(format!(
+                        "find the medium `{medium}`"
+                    )));
+                }
             },
-            ("show", Err(failure)) => return fails(failure),
-            _ => return fails(Failure::UnknownMethod(call.method.clone())),
+            ("show", Err(failure)) => return failed_method(failure),
+            _ => return failed_method(MethodFailure::UnknownMethod(call.method.clone())),
         };
         Box::pin(async move {
-            display.show(text.as_deref()).await.map_err(Failure::Driver)?;
-            Ok(Done::Shows(text))
+            display.show(text.as_deref()).await.map_err(MethodFailure::Driver)?;
+            Ok(ScreenResult::Shows(text))
         })
     }
 
-    fn performed(&mut self, _call: &Call, done: Done) -> Performed {
+    fn on_success(&mut self, _call: &MethodCall, done: ScreenResult) -> MethodResult {
         let (id, location, channel) = (&self.id, &self.location, self.channel());
         let (panel, detail, observed) = match done {
-            Done::Allocated(channel) => (
-                Panel { channel: Some(channel), text: None },
+            ScreenResult::Allocated(channel) => (
+                DisplayState { channel: Some(channel), text: None },
                 format!("set up on channel {channel}"),
                 format!("(allocated {id}) (can-present {location})"),
             ),
-            Done::Shows(text) => {
+            ScreenResult::Shows(text) => {
                 let detail = if text.is_some() { "shows it" } else { "is dark" };
-                (Panel { channel, text }, detail.to_owned(), String::new())
+                (DisplayState { channel, text }, detail.to_owned(), String::new())
             }
         };
-        self.state = State::Works(panel);
+        self.state = ScreenStatus::Works(panel);
         let observed = match self.shown() {
             Some(medium) => format!("{observed}(presented {medium} {})", self.location),
             None => observed,
         };
         let observations = facts_of(&observed).into_iter().map(|fact| fact.fact).collect();
-        Performed { detail, observations }
+        MethodResult { detail, observations }
     }
 
-    fn failed(&mut self, _call: &Call, failure: &Failure) {
-        if *failure != Failure::GivenUp {
+    fn on_failure(&mut self, _call: &MethodCall, failure: &MethodFailure) {
+        if *failure != MethodFailure::GivenUp {
             // Until the next check finds otherwise.
-            self.state = State::Broken;
+            self.state = ScreenStatus::Broken;
         }
     }
 
-    fn watch(&mut self) -> Option<BoxFuture<Stir<Screen>>> {
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Screen>>> {
         let (display, known) = (Arc::clone(&self.display), self.state.clone());
         Some(Box::pin(async move {
             loop {
-                let panel = tokio::time::timeout(LOOKING_MAX, display.panel()).await;
+                let panel = tokio::time::timeout(CHECK_TIME_MAX, display.panel()).await;
                 let state = match panel {
-                    Ok(Ok(panel)) => State::Works(panel),
-                    Ok(Err(_)) | Err(_) => State::Broken,
+                    Ok(Ok(panel)) => ScreenStatus::Works(panel),
+                    Ok(Err(_)) | Err(_) => ScreenStatus::Broken,
                 };
                 if state != known {
-                    let stir: Stir<Screen> = Box::new(|screen| screen.looked(state));
+                    let stir: DeviceEvent<Screen> = Box::new(|screen| screen.handle_check(state));
                     return stir;
                 }
-                tokio::time::sleep(LOOKING).await;
+                tokio::time::sleep(CHECK_INTERVAL).await;
             }
         }))
     }
 }
 
-fn fails(failure: Failure) -> BoxFuture<Result<Done, Failure>> {
+fn failed_method(failure: MethodFailure) -> BoxFuture<Result<ScreenResult, MethodFailure>> {
     Box::pin(std::future::ready(Err(failure)))
 }

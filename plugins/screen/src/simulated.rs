@@ -6,7 +6,7 @@ use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
 use building::BuildingHandle;
 
-use crate::{Display, Panel};
+use crate::{Display, DisplayState};
 
 #[derive(Clone)]
 struct Simulated {
@@ -34,12 +34,12 @@ impl Display for Simulated {
         })
     }
 
-    fn panel(&self) -> BoxFuture<Result<Panel, String>> {
+    fn panel(&self) -> BoxFuture<Result<DisplayState, String>> {
         let Simulated { building, screen } = self.clone();
         Box::pin(async move {
             let panel = building.panel(&screen).await.map_err(|error| error.to_string())?;
-            let building::Panel { channel, text } = panel;
-            Ok(Panel { channel, text })
+            let building::ScreenState { channel, text } = panel;
+            Ok(DisplayState { channel, text })
         })
     }
 }

@@ -15,11 +15,11 @@ use agent::{
     Agent, Blueprint, Bringing, Brings, BuildError, Callbacks, Context, Launch, PluginEntry, Work,
     bringing,
 };
-use linux_sensors::{Bundle, Sysfs};
+use linux_sensors::{SensorBundle, Sysfs};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use crate::quantity::Quantity;
+use crate::quantity::SensorQuantity;
 use crate::{LINUX, sensor, temperature_sensor};
 
 /// The line in the daemon's table of plugins.
@@ -32,7 +32,7 @@ pub const BOARD: PluginEntry = PluginEntry {
 };
 
 /// Pause between two checks of what is plugged in: about the time in which a person lets go of the plug.
-const LOOK_AGAIN: Duration = Duration::from_secs(1);
+const SCAN_INTERVAL: Duration = Duration::from_secs(1);
 
 /// The longest part of a device's name in the name of its agent, which may have 64 letters.
 const NAME_MAX: usize = 56;
@@ -42,7 +42,7 @@ const AGENTS_MAX: usize = 256;
 
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct Config {
+struct BoardConfig {
     /// The room of the board.
     location: Option<String>,
     /// Rooms of single devices, by their names such as `"bme280@i2c-1/1-0076"`.
@@ -61,7 +61,7 @@ struct Config {
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
-    let config: Config = blueprint.config_as()?;
+    let config: BoardConfig = blueprint.config_as()?;
     for room in config.location.iter().chain(config.rooms.values()) {
         blueprint.host.has_place(room).map_err(|problem| blueprint.problem(problem))?;
     }
@@ -70,32 +70,32 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let sysfs = config.sysfs.clone().map_or_else(Sysfs::default, Sysfs::new);
     let bringing = Bringing::new(&blueprint.host, AGENTS_MAX);
     let (bundles, looking) = (Vec::new(), None);
-    Ok(Box::new(Board { blueprint, config, sysfs, bringing, bundles, looking }))
+    Ok(Box::new(SensorBoard { blueprint, config, sysfs, bringing, bundles, scan_task: looking }))
 }
 
-struct Board {
+struct SensorBoard {
     blueprint: Blueprint,
-    config: Config,
+    config: BoardConfig,
     sysfs: Sysfs,
     /// Its agents, with their configs.
     bringing: Bringing<Value>,
     /// The sensors found by the last check.
-    bundles: Vec<Bundle>,
-    looking: Option<Work>,
+    bundles: Vec<SensorBundle>,
+    scan_task: Option<Work>,
 }
 
-impl Agent for Board {
+impl Agent for SensorBoard {
     fn callbacks(&self) -> Callbacks<Self> {
         Callbacks::new()
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
         bringing::begin(self, ctx);
-        self.look(ctx);
+        self.start_scanning(ctx);
     }
 }
 
-impl Brings for Board {
+impl Brings for SensorBoard {
     type Part = Value;
 
     fn bringing(&mut self) -> &mut Bringing<Value> {
@@ -121,23 +121,23 @@ impl Brings for Board {
     }
 }
 
-impl Board {
-    fn look(&mut self, ctx: &mut Context<Self>) {
+impl SensorBoard {
+    fn start_scanning(&mut self, ctx: &mut Context<Self>) {
         let sysfs = self.sysfs.clone();
-        let looking = tokio::task::spawn_blocking(move || Bundle::all(&sysfs.channels()));
+        let looking = tokio::task::spawn_blocking(move || SensorBundle::all(&sysfs.channels()));
         let work = ctx.run(looking, |board: &mut Self, found, ctx| {
             if let Ok(bundles) = found {
                 board.bundles = bundles;
                 bringing::settle_soon(board, ctx);
             }
-            ctx.after(LOOK_AGAIN, |board: &mut Self, ctx| board.look(ctx));
+            ctx.after(SCAN_INTERVAL, |board: &mut Self, ctx| board.start_scanning(ctx));
         });
-        self.looking = Some(work);
+        self.scan_task = Some(work);
     }
 
     /// Returns the agent of a bundle; `None` if its quantity is unknown here, or the config ignores it.
-    fn finding(&self, bundle: &Bundle) -> Option<Finding<Value>> {
-        Quantity::named(bundle.quantity.name()).ok()?;
+    fn finding(&self, bundle: &SensorBundle) -> Option<Finding<Value>> {
+        SensorQuantity::named(bundle.quantity.name()).ok()?;
         if self.is_in(&self.config.ignore, bundle) {
             return None;
         }
@@ -152,18 +152,18 @@ impl Board {
         })
     }
 
-    fn is_in(&self, list: &[String], bundle: &Bundle) -> bool {
+    fn is_in(&self, list: &[String], bundle: &SensorBundle) -> bool {
         let device = bundle.device.to_string();
         list.iter().any(|named| *named == device || *named == name_of(bundle))
     }
 
-    fn room<'b>(&'b self, bundle: &Bundle) -> Option<&'b str> {
+    fn room<'b>(&'b self, bundle: &SensorBundle) -> Option<&'b str> {
         let own = self.config.rooms.get(&bundle.device.to_string());
         own.or(self.config.location.as_ref()).map(String::as_str)
     }
 
     /// Returns the config that an entry in the ecosystem file would have.
-    fn config_of(&self, bundle: &Bundle, room: &str) -> Value {
+    fn config_of(&self, bundle: &SensorBundle, room: &str) -> Value {
         let mut config = json!({ "location": room, "device": bundle.device.to_string() });
         let says = [
             ("channel", bundle.channel.as_ref().map(|channel| json!(channel))),
@@ -179,7 +179,7 @@ impl Board {
     }
 
     /// Returns the lines of configuration that would let the sensor take part.
-    fn lines(&self, bundle: &Bundle) -> String {
+    fn lines(&self, bundle: &SensorBundle) -> String {
         let (board, device) = (&self.blueprint.id, &bundle.device);
         let room = self.room(bundle).unwrap_or_default();
         format!(
@@ -189,13 +189,13 @@ impl Board {
     }
 }
 
-fn is_thermometer(bundle: &Bundle) -> bool {
-    bundle.quantity == linux_sensors::Quantity::Temperature
+fn is_thermometer(bundle: &SensorBundle) -> bool {
+    bundle.quantity == linux_sensors::SysfsQuantity::Temperature
 }
 
 /// Returns the name of the agent: that of the device, with what distinguishes it from the device's other
 /// sensors.
-fn name_of(bundle: &Bundle) -> String {
+fn name_of(bundle: &SensorBundle) -> String {
     let mut name = bundle.device.to_string();
     if !is_thermometer(bundle) {
         name += &format!("-{}", bundle.quantity);
@@ -216,7 +216,7 @@ fn name_of(bundle: &Bundle) -> String {
 
 #[cfg(test)]
 mod tests {
-    use linux_sensors::{Identity, Quantity};
+    use linux_sensors::{DeviceIdentity, SysfsQuantity};
 
     use super::*;
 
@@ -225,14 +225,19 @@ mod tests {
         let long = "platform/soc/".repeat(9);
         let long = long.as_str();
         for (device, quantity, channel, expected) in [
-            (("tmp117", "i2c-1/1-0048"), Quantity::Temperature, None, "tmp117-i2c-1-1-0048"),
-            (("BME280", "i2c-1/1-0076"), Quantity::Humidity, None, "bme280-i2c-1-1-0076-humidity"),
-            (("28-0316", "w1"), Quantity::Temperature, Some("temp"), "sensor-28-0316-w1-temp"),
-            (("x", long), Quantity::Temperature, None, "-soc-platform-soc-"),
+            (("tmp117", "i2c-1/1-0048"), SysfsQuantity::Temperature, None, "tmp117-i2c-1-1-0048"),
+            (
+                ("BME280", "i2c-1/1-0076"),
+                SysfsQuantity::Humidity,
+                None,
+                "bme280-i2c-1-1-0076-humidity",
+            ),
+            (("28-0316", "w1"), SysfsQuantity::Temperature, Some("temp"), "sensor-28-0316-w1-temp"),
+            (("x", long), SysfsQuantity::Temperature, None, "-soc-platform-soc-"),
         ] {
-            let device = Identity { name: device.0.to_owned(), place: device.1.to_owned() };
+            let device = DeviceIdentity { name: device.0.to_owned(), place: device.1.to_owned() };
             let channel = channel.map(str::to_owned);
-            let name = name_of(&Bundle { device, quantity, channel, has_humidity: false });
+            let name = name_of(&SensorBundle { device, quantity, channel, has_humidity: false });
             assert!(AgentId::new(&name).is_ok(), "{name}");
             assert!(name.ends_with(expected) || name == expected, "{name}");
         }

@@ -11,7 +11,7 @@ use agent::{Blueprint, BuildError};
 use programs::Program;
 use tokio::time::Instant;
 
-use crate::config::Hardware;
+use crate::config::HardwareConfig;
 use crate::quantity::is_yes;
 use crate::text;
 use crate::{MEASURING, Measurement, Probe};
@@ -24,7 +24,7 @@ const RUNNING: Duration = Duration::from_millis(1_900);
 const _: () = assert!(RUNNING.as_millis() < MEASURING.as_millis());
 
 #[derive(Clone)]
-struct Command {
+struct CommandProbe {
     program: Program,
     /// The place of the value in a JSON text.
     pointer: Option<String>,
@@ -34,7 +34,7 @@ struct Command {
 
 pub(crate) fn probe(
     blueprint: &Blueprint,
-    hardware: Hardware,
+    hardware: HardwareConfig,
 ) -> Result<Arc<dyn Probe>, BuildError> {
     let missing = || {
         blueprint.problem(
@@ -42,7 +42,7 @@ pub(crate) fn probe(
              command = [\"cat\", \"/run/temperature\"]",
         )
     };
-    let Hardware { command, json, factor, every, .. } = hardware;
+    let HardwareConfig { command, json, factor, every, .. } = hardware;
     let program = Program::of(command.into_iter().flatten()).ok_or_else(missing)?;
     let factor = factor.unwrap_or(1.0);
     if !factor.is_finite() || factor == 0.0 {
@@ -53,10 +53,10 @@ pub(crate) fn probe(
     let every = every.as_deref().map(humantime::parse_duration).transpose();
     let every = every.map_err(|error| blueprint.problem(format!("every: {error}")))?;
     let every = every.unwrap_or(LOOK_AGAIN);
-    Ok(Arc::new(Command { program, pointer: json, factor, every }))
+    Ok(Arc::new(CommandProbe { program, pointer: json, factor, every }))
 }
 
-impl Command {
+impl CommandProbe {
     async fn measure_once(&self, quantity: &str) -> Result<f64, String> {
         let name = self.program.name();
         let printed = self.program.run(RUNNING).await.map_err(|error| error.to_string())?;
@@ -64,17 +64,17 @@ impl Command {
         let said = match &self.pointer {
             None => printed.to_owned(),
             Some(pointer) => text::at(printed, pointer).ok_or_else(|| {
-                format!("find {pointer} in what `{name}` prints: {}", text::told(printed))
+                format!("find {pointer} in what `{name}` prints: {}", text::excerpt(printed))
             })?,
         };
         let value = text::value(&said, quantity).ok_or_else(|| {
-            format!("read a number from what `{name}` prints: {}", text::told(&said))
+            format!("read a number from what `{name}` prints: {}", text::excerpt(&said))
         })?;
         Ok(value * self.factor)
     }
 }
 
-impl Probe for Command {
+impl Probe for CommandProbe {
     fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
         let command = self.clone();
         Box::pin(async move {
@@ -173,7 +173,7 @@ mod tests {
         let more = json!({ "quantity": "motion", "every": "20ms" });
         let blueprint = blueprint_with("command", config(&["cat", &path], more));
         let mut sensor = sensor(&blueprint).expect("a sensor");
-        let watched = actuator::Device::watch(&mut sensor).expect("it notices");
+        let watched = actuator::Device::next_event(&mut sensor).expect("it notices");
         std::fs::write(&file, "on\n").expect("a file");
         let stir = tokio::time::timeout(Duration::from_secs(20), watched).await.expect("in time");
         stir(&mut sensor);

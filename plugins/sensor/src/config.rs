@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use actuator::Place;
+use actuator::PlaceName;
 use agent::{Blueprint, BuildError};
 use gpio_lines::{Bias, LineName};
 use serde::Deserialize;
@@ -14,7 +14,7 @@ use crate::{COMMAND, GPIO, LINUX, MQTT, PHIDGET};
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
     /// The room of the sensor.
-    pub(crate) location: Place,
+    pub(crate) location: PlaceName,
     /// The quantity that a `sensor` measures, such as `"co2"`.
     pub(crate) quantity: Option<String>,
     /// Whether a `temperature-sensor` also measures the humidity.
@@ -75,7 +75,7 @@ pub(crate) struct Config {
 
 /// The part of the config that is for the driver.
 #[derive(Debug, Default)]
-pub(crate) struct Hardware {
+pub(crate) struct HardwareConfig {
     pub(crate) device: Option<String>,
     pub(crate) channel: Option<String>,
     pub(crate) sysfs: Option<PathBuf>,
@@ -83,7 +83,7 @@ pub(crate) struct Hardware {
     pub(crate) json: Option<String>,
     pub(crate) factor: Option<f64>,
     pub(crate) every: Option<String>,
-    pub(crate) wiring: Wiring,
+    pub(crate) wiring: PhidgetWiring,
     pub(crate) broker: Option<String>,
     pub(crate) user: Option<String>,
     pub(crate) password_file: Option<PathBuf>,
@@ -99,7 +99,7 @@ pub(crate) struct Hardware {
 
 /// The connection of a Phidget, and its part number.
 #[derive(Debug, Default)]
-pub(crate) struct Wiring {
+pub(crate) struct PhidgetWiring {
     pub(crate) library: Option<PathBuf>,
     pub(crate) serial: Option<u32>,
     pub(crate) hub_port: Option<u8>,
@@ -114,7 +114,7 @@ impl Config {
     /// # Errors
     ///
     /// Returns an error if a key belongs to another driver than this entry's, or `json` is no JSON pointer.
-    pub(crate) fn hardware(&mut self, blueprint: &Blueprint) -> Result<Hardware, BuildError> {
+    pub(crate) fn hardware(&mut self, blueprint: &Blueprint) -> Result<HardwareConfig, BuildError> {
         let said = [
             ("device", &[LINUX][..], self.device.is_some()),
             ("channel", &[LINUX], self.channel.is_some()),
@@ -155,7 +155,7 @@ impl Config {
                 format!("json = \"{pointer}\": write a JSON pointer, such as \"/main/temp\"");
             return Err(blueprint.problem(problem));
         }
-        Ok(Hardware {
+        Ok(HardwareConfig {
             device: self.device.take(),
             channel: self.channel.take(),
             sysfs: self.sysfs.take(),
@@ -177,8 +177,8 @@ impl Config {
             chips: self.chips.take(),
         })
     }
-    fn wiring(&mut self) -> Wiring {
-        Wiring {
+    fn wiring(&mut self) -> PhidgetWiring {
+        PhidgetWiring {
             library: self.library.take(),
             serial: self.serial.take(),
             hub_port: self.hub_port.take(),

@@ -10,37 +10,37 @@ use std::time::Duration;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use gpio_lines::{Board, Chips, Followed, Input, State, follow};
+use gpio_lines::{GpioBoard, GpioChips, InputSettings, LineState, LineWatch, watch_line};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-use crate::config::Hardware;
-use crate::quantity::{Quantity, is_yes};
+use crate::config::HardwareConfig;
+use crate::quantity::{SensorQuantity, is_yes};
 use crate::{MEASURING, Measurement, Probe};
 
 /// Time limit of waiting for the line's first value.
-const FIRST_LOOK: Duration = Duration::from_millis(1_500);
-const _: () = assert!(FIRST_LOOK.as_millis() < MEASURING.as_millis());
+const FIRST_STATE_TIME_MAX: Duration = Duration::from_millis(1_500);
+const _: () = assert!(FIRST_STATE_TIME_MAX.as_millis() < MEASURING.as_millis());
 
 /// The longest debounce time; with a longer one, hardly any change would be noticed.
 const DEBOUNCE_MAX: Duration = Duration::from_secs(10);
 
 #[derive(Clone)]
-struct Gpio {
-    board: Arc<dyn Board>,
-    input: Input,
+struct GpioProbe {
+    board: Arc<dyn GpioBoard>,
+    input: InputSettings,
     /// Created at the first use: nothing is opened before the agent is active.
-    followed: Arc<Mutex<Option<Followed>>>,
+    line_watch: Arc<Mutex<Option<LineWatch>>>,
     /// The last state of the line that was reported.
-    told: Arc<Mutex<State>>,
+    last_reported: Arc<Mutex<LineState>>,
 }
 
 pub(crate) fn probe(
     blueprint: &Blueprint,
-    hardware: Hardware,
-    quantities: &[&'static Quantity],
+    hardware: HardwareConfig,
+    quantities: &[&'static SensorQuantity],
 ) -> Result<Arc<dyn Probe>, BuildError> {
-    let Hardware { line, active_low, bias, debounce, chips, .. } = hardware;
+    let HardwareConfig { line, active_low, bias, debounce, chips, .. } = hardware;
     if let Some(number) = quantities.iter().find(|quantity| !quantity.is_noticed()) {
         let problem =
             "driver `gpio` measures what is yes or no: motion, reflection, contact; and no";
@@ -59,49 +59,52 @@ pub(crate) fn probe(
         return Err(blueprint.problem(format!("{problem} is hardly ever noticed")));
     }
     let is_active_low = active_low.unwrap_or(false);
-    let chips = chips.map_or_else(Chips::default, Chips::new);
-    Ok(Arc::new(Gpio::new(Arc::new(chips), Input { line, is_active_low, bias, debounce })))
+    let chips = chips.map_or_else(GpioChips::default, GpioChips::new);
+    Ok(Arc::new(GpioProbe::new(
+        Arc::new(chips),
+        InputSettings { line, is_active_low, bias, debounce },
+    )))
 }
 
-impl Gpio {
-    fn new(board: Arc<dyn Board>, input: Input) -> Gpio {
-        let told = Arc::new(Mutex::new(State::Unknown));
-        Gpio { board, input, followed: Arc::default(), told }
+impl GpioProbe {
+    fn new(board: Arc<dyn GpioBoard>, input: InputSettings) -> GpioProbe {
+        let told = Arc::new(Mutex::new(LineState::Unknown));
+        GpioProbe { board, input, line_watch: Arc::default(), last_reported: told }
     }
 
-    fn state(&self) -> watch::Receiver<State> {
-        let mut followed = lock(&self.followed);
-        let make = || follow(Arc::clone(&self.board), self.input.clone());
+    fn state(&self) -> watch::Receiver<LineState> {
+        let mut followed = lock(&self.line_watch);
+        let make = || watch_line(Arc::clone(&self.board), self.input.clone());
         followed.get_or_insert_with(make).state()
     }
 
     /// Waits for the first check of the line, and returns its state; `Unknown` after `FIRST_LOOK`.
-    async fn looked(&self) -> State {
+    async fn first_state(&self) -> LineState {
         let mut state = self.state();
-        let known = state.wait_for(|state| *state != State::Unknown);
-        let known = tokio::time::timeout(FIRST_LOOK, known).await;
-        known.ok().and_then(Result::ok).map_or(State::Unknown, |state| state.clone())
+        let known = state.wait_for(|state| *state != LineState::Unknown);
+        let known = tokio::time::timeout(FIRST_STATE_TIME_MAX, known).await;
+        known.ok().and_then(Result::ok).map_or(LineState::Unknown, |state| state.clone())
     }
 }
 
 /// Returns the value of a state; `None` if the line is unknown or away.
-fn measured(state: &State) -> Option<Measurement> {
+fn measured(state: &LineState) -> Option<Measurement> {
     match state {
-        State::Here(is_active) => {
+        LineState::Present(is_active) => {
             Some(Measurement { value: f64::from(*is_active), at: Instant::now() })
         }
-        State::Unknown | State::Away(_) => None,
+        LineState::Unknown | LineState::Unavailable(_) => None,
     }
 }
 
-impl Probe for Gpio {
+impl Probe for GpioProbe {
     fn measure(&self, _quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
         let gpio = self.clone();
         Box::pin(async move {
-            let state = gpio.looked().await;
+            let state = gpio.first_state().await;
             measured(&state).ok_or_else(|| match state {
-                State::Away(problem) => problem,
-                _ => format!("read the line `{}` within {FIRST_LOOK:?}", gpio.input.line),
+                LineState::Unavailable(problem) => problem,
+                _ => format!("read the line `{}` within {FIRST_STATE_TIME_MAX:?}", gpio.input.line),
             })
         })
     }
@@ -124,33 +127,33 @@ impl Probe for Gpio {
         })
     }
 
-    fn is_here(&self) -> bool {
+    fn is_present(&self) -> bool {
         // Before the line is watched, the sensor counts as present: its full action model is needed then.
-        let state = lock(&self.followed).as_ref().map(Followed::state);
-        state.is_none_or(|state| matches!(*state.borrow(), State::Here(_)))
+        let state = lock(&self.line_watch).as_ref().map(LineWatch::state);
+        state.is_none_or(|state| matches!(*state.borrow(), LineState::Present(_)))
     }
 
-    fn look(&self) -> Option<BoxFuture<()>> {
+    fn check_presence(&self) -> Option<BoxFuture<()>> {
         let gpio = self.clone();
-        Some(Box::pin(async move { drop(gpio.looked().await) }))
+        Some(Box::pin(async move { drop(gpio.first_state().await) }))
     }
 
-    fn until_news(&self) -> Option<BoxFuture<()>> {
+    fn wait_for_news(&self) -> Option<BoxFuture<()>> {
         let gpio = self.clone();
         Some(Box::pin(async move {
-            let (told, mut state) = (lock(&gpio.told).clone(), gpio.state());
+            let (told, mut state) = (lock(&gpio.last_reported).clone(), gpio.state());
             if let Ok(now) = state.wait_for(|state| *state != told).await
-                && let State::Away(problem) = &*now
+                && let LineState::Unavailable(problem) = &*now
             {
                 tracing::warn!("failed to {problem}");
             }
         }))
     }
 
-    fn last_word(&self, _quantity: &'static str) -> Option<Result<Measurement, String>> {
+    fn last_report(&self, _quantity: &'static str) -> Option<Result<Measurement, String>> {
         let state = self.state().borrow().clone();
         let measured = measured(&state);
-        *lock(&self.told) = state;
+        *lock(&self.last_reported) = state;
         measured.map(Ok)
     }
 }
@@ -162,7 +165,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[cfg(test)]
 mod tests {
     use actuator::Device as _;
-    use gpio_lines::Bench;
+    use gpio_lines::MemoryBoard;
     use serde_json::{Value, json};
 
     use super::*;
@@ -172,7 +175,7 @@ mod tests {
     const PATIENCE: Duration = Duration::from_secs(20);
 
     /// Returns a sensor with this config, on a simulated board.
-    async fn on(bench: &Bench, quantity: &str, more: Value) -> Sensor {
+    async fn on(bench: &MemoryBoard, quantity: &str, more: Value) -> Sensor {
         let mut config = json!({ "location": "lab", "quantity": quantity, "line": "GPIO17" });
         if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {
             config.extend(more);
@@ -180,9 +183,9 @@ mod tests {
         let is_active_low = config["active-low"].as_bool().unwrap_or(false);
         let mut sensor = sensor(&blueprint_with("gpio", config)).expect("a sensor");
         let line = "GPIO17".to_owned().try_into().expect("a name");
-        let input = Input { line, is_active_low, bias: None, debounce: None };
-        sensor.probe = Arc::new(Gpio::new(Arc::new(bench.clone()), input));
-        sensor.look().expect("it may be away").await;
+        let input = InputSettings { line, is_active_low, bias: None, debounce: None };
+        sensor.probe = Arc::new(GpioProbe::new(Arc::new(bench.clone()), input));
+        sensor.read_state().expect("it may be away").await;
         sensor
     }
 
@@ -194,7 +197,7 @@ mod tests {
     async fn until(sensor: &mut Sensor, expected: &str) {
         let waiting = async {
             while facts(sensor) != expected {
-                let stir = sensor.watch().expect("it notices").await;
+                let stir = sensor.next_event().expect("it notices").await;
                 stir(sensor);
             }
         };
@@ -204,7 +207,7 @@ mod tests {
 
     #[tokio::test]
     async fn what_a_line_is_is_told_at_once_and_its_edges_are_noticed() {
-        let bench = Bench::default();
+        let bench = MemoryBoard::default();
         bench.plug("GPIO17", true);
         let more = json!({ "active-low": true, "bias": "pull-up", "debounce": "10ms" });
         let mut sensor = on(&bench, "contact", more).await;
@@ -221,7 +224,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_chip_that_is_gone_is_not_here_and_back_it_is() {
-        let bench = Bench::default();
+        let bench = MemoryBoard::default();
         let mut sensor = on(&bench, "motion", json!({})).await;
         assert_eq!(offers(&sensor), 0, "it was never here");
         let failure = measure(&mut sensor, "motion").await.expect_err("it is away");

@@ -36,15 +36,15 @@ use std::time::Duration;
 use acl::Deadline;
 use acl::content::Method;
 use actuator::{
-    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Place, Stir,
-    facts_of, model_of,
+    Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
+    OwnFact, PlaceName, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use pddl::Domain;
 use tokio::time::Instant;
 
 use crate::config::Config;
-use crate::quantity::{QUANTITIES, Quantity};
+use crate::quantity::{QUANTITIES, SensorQuantity};
 
 /// How long a sensor offers no actions after a failure. A loose wire has contact again within seconds.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
@@ -90,23 +90,23 @@ pub trait Probe: Send + Sync + 'static {
     fn notice(&self, quantity: &'static str, known: f64) -> BoxFuture<Result<Measurement, String>>;
 
     /// Whether the sensor is plugged in, by the last check.
-    fn is_here(&self) -> bool {
+    fn is_present(&self) -> bool {
         true
     }
 
     /// Checks whether the sensor is plugged in; `None` if it cannot be unplugged.
-    fn look(&self) -> Option<BoxFuture<()>> {
+    fn check_presence(&self) -> Option<BoxFuture<()>> {
         None
     }
 
     /// Waits until the sensor is unplugged, is plugged in, or reports a value by itself; `None` if none of
     /// these can happen.
-    fn until_news(&self) -> Option<BoxFuture<()>> {
+    fn wait_for_news(&self) -> Option<BoxFuture<()>> {
         None
     }
 
     /// Returns the last value of a quantity that the sensor reported by itself; `None` if there is none.
-    fn last_word(&self, _quantity: &'static str) -> Option<Result<Measurement, String>> {
+    fn last_report(&self, _quantity: &'static str) -> Option<Result<Measurement, String>> {
         None
     }
 }
@@ -155,14 +155,14 @@ fn temperature_sensor(blueprint: &Blueprint) -> Result<Sensor, BuildError> {
 struct Sensor {
     id: String,
     ontology: Arc<Domain>,
-    location: Place,
+    location: PlaceName,
     /// The measured quantities. The first gives the type of the sensor.
-    quantities: Vec<&'static Quantity>,
+    quantities: Vec<&'static SensorQuantity>,
     valid_for: Option<Duration>,
     probe: Arc<dyn Probe>,
     /// The last measurement of each quantity, by its name.
     measured: BTreeMap<&'static str, Measurement>,
-    rests_until: Option<Instant>,
+    paused_until: Option<Instant>,
 }
 
 impl Sensor {
@@ -172,7 +172,7 @@ impl Sensor {
         mut config: Config,
     ) -> Result<Sensor, BuildError> {
         let named =
-            |name: &&str| Quantity::named(name).map_err(|problem| blueprint.problem(problem));
+            |name: &&str| SensorQuantity::named(name).map_err(|problem| blueprint.problem(problem));
         let duration = |text| {
             humantime::parse_duration(text)
                 .map_err(|error| blueprint.problem(format!("valid-for `{text}`: {error}")))
@@ -196,25 +196,25 @@ impl Sensor {
             valid_for: valid_for.as_deref().map(duration).transpose()?,
             probe,
             measured: BTreeMap::new(),
-            rests_until: None,
+            paused_until: None,
         })
     }
 
-    fn works(&self) -> bool {
-        self.probe.is_here() && self.rests_until.is_none_or(|until| until <= Instant::now())
+    fn is_available(&self) -> bool {
+        self.probe.is_present() && self.paused_until.is_none_or(|until| until <= Instant::now())
     }
 
     /// Returns the quantity that a method reads.
-    fn read_by(&self, method: &str) -> Option<&'static Quantity> {
+    fn read_by(&self, method: &str) -> Option<&'static SensorQuantity> {
         self.quantities.iter().copied().find(|quantity| quantity.method() == method)
     }
 
     /// Returns the facts of the last measurement of a quantity while it counts as known; otherwise the
     /// facts for an unknown value.
-    fn known(&self, quantity: &Quantity) -> Vec<OwnFact> {
+    fn known(&self, quantity: &SensorQuantity) -> Vec<OwnFact> {
         let room = self.location.as_str();
         let term = quantity.term(&self.id, room, &self.ontology);
-        let measured = self.measured.get(quantity.name).filter(|_| self.probe.is_here());
+        let measured = self.measured.get(quantity.name).filter(|_| self.probe.is_present());
         let known = measured.and_then(|Measurement { value, at }| {
             let left = self.valid_for.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
             left.is_none_or(|left| !left.is_zero()).then_some((*value, left))
@@ -229,14 +229,14 @@ impl Sensor {
     /// Starts the pause after a failure, in which no actions are offered. Quantities that are noticed
     /// become unknown, because a change may have been missed. An unplugged sensor has not failed and needs
     /// no pause once it is back.
-    fn rest(&mut self) {
-        self.rests_until = self.probe.is_here().then(|| Instant::now() + REST_AFTER_FAILURE);
+    fn pause_actions(&mut self) {
+        self.paused_until = self.probe.is_present().then(|| Instant::now() + REST_AFTER_FAILURE);
         for quantity in self.quantities.iter().filter(|quantity| quantity.is_noticed()) {
             self.measured.remove(quantity.name);
         }
     }
 
-    fn action(&self, quantity: &Quantity) -> String {
+    fn action(&self, quantity: &SensorQuantity) -> String {
         format!(
             "(:action {}
                 :agent ?s - {}
@@ -270,7 +270,7 @@ impl Device for Sensor {
 
     fn describe(&self) -> Description {
         let Sensor { id, ontology, .. } = self;
-        let offered = self.quantities.iter().filter(|_| self.works());
+        let offered = self.quantities.iter().filter(|_| self.is_available());
         let actions: String = offered.map(|quantity| self.action(quantity)).collect();
         let text = format!(
             "(define (agent {id}) (:domain {})
@@ -281,7 +281,7 @@ impl Device for Sensor {
             self.sensor_type(),
             self.place()
         );
-        let method = |quantity: &&Quantity| {
+        let method = |quantity: &&SensorQuantity| {
             let method = Method {
                 method: quantity.method(),
                 arguments: BTreeMap::new(),
@@ -299,40 +299,40 @@ impl Device for Sensor {
         facts_of(&located).into_iter().chain(known).collect()
     }
 
-    fn look(&self) -> Option<BoxFuture<()>> {
-        self.probe.look()
+    fn read_state(&self) -> Option<BoxFuture<()>> {
+        self.probe.check_presence()
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Measurement, Failure>> {
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<Measurement, MethodFailure>> {
         let Some(quantity) = self.read_by(&call.method) else {
-            let unknown = Failure::UnknownMethod(call.method.clone());
+            let unknown = MethodFailure::UnknownMethod(call.method.clone());
             return Box::pin(std::future::ready(Err(unknown)));
         };
         let measured = self.probe.measure(quantity.name);
-        Box::pin(async move { believable(measured.await).map_err(Failure::Driver) })
+        Box::pin(async move { believable(measured.await).map_err(MethodFailure::Driver) })
     }
 
-    fn performed(&mut self, call: &Call, measured: Measurement) -> Performed {
-        let Some(quantity) = self.read_by(&call.method) else { return Performed::default() };
+    fn on_success(&mut self, call: &MethodCall, measured: Measurement) -> MethodResult {
+        let Some(quantity) = self.read_by(&call.method) else { return MethodResult::default() };
         self.measured.insert(quantity.name, measured);
         let detail = format!("{} at {}", quantity.words(measured.value), self.location);
         let observations = self.known(quantity).into_iter().map(|fact| fact.fact).collect();
-        Performed { detail, observations }
+        MethodResult { detail, observations }
     }
 
-    fn failed(&mut self, _call: &Call, failure: &Failure) {
-        if *failure != Failure::GivenUp {
-            self.rest();
+    fn on_failure(&mut self, _call: &MethodCall, failure: &MethodFailure) {
+        if *failure != MethodFailure::GivenUp {
+            self.pause_actions();
         }
     }
 
-    fn watch(&mut self) -> Option<BoxFuture<Stir<Sensor>>> {
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Sensor>>> {
         let noticed = self.quantities.iter().copied().find(|quantity| quantity.is_noticed());
         let Some(quantity) = noticed else { return self.watch_for_news() };
         // A quantity that was never measured is unknown, but is watched as if it were no: only a yes is
         // reported.
         let known = self.measured.get(quantity.name).map_or(0.0, |measured| measured.value);
-        let (probe, rests_until) = (Arc::clone(&self.probe), self.rests_until);
+        let (probe, rests_until) = (Arc::clone(&self.probe), self.paused_until);
         let news = self.watch_for_news();
         Some(Box::pin(async move {
             let noticing = async {
@@ -350,7 +350,7 @@ impl Device for Sensor {
             tokio::select! {
                 biased;
                 noticed = noticing => {
-                    let stir: Stir<Sensor> = Box::new(move |sensor| {
+                    let stir: DeviceEvent<Sensor> = Box::new(move |sensor| {
                         sensor.noticed(quantity, noticed);
                         Vec::new()
                     });
@@ -365,14 +365,14 @@ impl Device for Sensor {
 impl Sensor {
     /// Waits for news. A sensor that was plugged in again or reports a value ends its pause; the
     /// measurements of an unplugged sensor are dropped.
-    fn watch_for_news(&self) -> Option<BoxFuture<Stir<Sensor>>> {
-        let until_news = self.probe.until_news()?;
+    fn watch_for_news(&self) -> Option<BoxFuture<DeviceEvent<Sensor>>> {
+        let until_news = self.probe.wait_for_news()?;
         Some(Box::pin(async move {
             until_news.await;
-            let stir: Stir<Sensor> = Box::new(|sensor| {
-                sensor.rests_until = None;
+            let stir: DeviceEvent<Sensor> = Box::new(|sensor| {
+                sensor.paused_until = None;
                 sensor.take_news();
-                if !sensor.probe.is_here() {
+                if !sensor.probe.is_present() {
                     // As for an agent that is gone: its values are no longer known.
                     sensor.measured.clear();
                 }
@@ -384,7 +384,7 @@ impl Sensor {
 
     fn take_news(&mut self) {
         for quantity in &self.quantities {
-            let said = self.probe.last_word(quantity.name);
+            let said = self.probe.last_report(quantity.name);
             match said.map(believable) {
                 Some(Ok(measured)) => drop(self.measured.insert(quantity.name, measured)),
                 // The latest report has no value, so the earlier one is no longer valid.
@@ -397,7 +397,7 @@ impl Sensor {
         }
     }
 
-    fn noticed(&mut self, quantity: &'static Quantity, noticed: Result<Measurement, String>) {
+    fn noticed(&mut self, quantity: &'static SensorQuantity, noticed: Result<Measurement, String>) {
         match noticed {
             Ok(measured) => {
                 tracing::info!(at = %self.location, "{}", quantity.words(measured.value));
@@ -405,7 +405,7 @@ impl Sensor {
             }
             Err(problem) => {
                 tracing::warn!("failed to {problem}");
-                self.rest();
+                self.pause_actions();
             }
         }
     }

@@ -14,11 +14,11 @@ use std::time::Duration;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use linux_sensors::{Channel, FindError, Sysfs};
+use linux_sensors::{FindError, SensorChannel, Sysfs};
 use tokio::time::Instant;
 
-use crate::config::Hardware;
-use crate::quantity::Quantity;
+use crate::config::HardwareConfig;
+use crate::quantity::SensorQuantity;
 use crate::{MEASURING, Measurement, Probe};
 
 /// Time limit for beginning a reading: one that begins within it ends before the method times out.
@@ -36,30 +36,30 @@ const PAUSE: Duration = Duration::from_millis(100);
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
 #[derive(Clone)]
-struct Linux {
+struct LinuxProbe {
     sysfs: Sysfs,
     device: String,
     channel: Option<String>,
-    measures: Vec<linux_sensors::Quantity>,
-    is_here: Arc<AtomicBool>,
+    measures: Vec<linux_sensors::SysfsQuantity>,
+    is_present: Arc<AtomicBool>,
     /// The channels that were found last. Checking that they still exist does not need a search of all
     /// devices of the machine.
-    found: Arc<Mutex<Vec<Channel>>>,
+    found: Arc<Mutex<Vec<SensorChannel>>>,
 }
 
 pub(crate) fn probe(
     blueprint: &Blueprint,
-    hardware: Hardware,
-    quantities: &[&'static Quantity],
+    hardware: HardwareConfig,
+    quantities: &[&'static SensorQuantity],
 ) -> Result<Arc<dyn Probe>, BuildError> {
-    let Hardware { device, channel, sysfs, .. } = hardware;
+    let HardwareConfig { device, channel, sysfs, .. } = hardware;
     let device = device.ok_or_else(|| {
         let problem = "driver `linux` needs a `device`; `althing sensors` lists those of a machine";
         blueprint.problem(problem)
     })?;
     let measures = quantities.iter().map(|quantity| {
-        linux_sensors::Quantity::named(quantity.name).ok_or_else(|| {
-            let known = linux_sensors::Quantity::ALL.map(|known| known.name()).join(", ");
+        linux_sensors::SysfsQuantity::named(quantity.name).ok_or_else(|| {
+            let known = linux_sensors::SysfsQuantity::ALL.map(|known| known.name()).join(", ");
             let name = quantity.name;
             blueprint.problem(format!("driver `linux` measures {known}, and no {name}"))
         })
@@ -67,12 +67,12 @@ pub(crate) fn probe(
     let measures = measures.collect::<Result<_, _>>()?;
     let sysfs = sysfs.map_or_else(Sysfs::default, Sysfs::new);
     let (is_here, found) = (Arc::new(AtomicBool::new(true)), Arc::default());
-    Ok(Arc::new(Linux { sysfs, device, channel, measures, is_here, found }))
+    Ok(Arc::new(LinuxProbe { sysfs, device, channel, measures, is_present: is_here, found }))
 }
 
-impl Linux {
+impl LinuxProbe {
     /// Measures once. Blocks the thread.
-    fn measure_once(&self, quantity: linux_sensors::Quantity) -> Result<f64, String> {
+    fn measure_once(&self, quantity: linux_sensors::SysfsQuantity) -> Result<f64, String> {
         let channel = self.sysfs.find(&self.device, quantity, self.channel.as_deref());
         let channel = channel.map_err(|error| error.to_string())?;
         channel.read().map_err(|error| error.to_string())
@@ -81,7 +81,7 @@ impl Linux {
     /// Checks whether the device is plugged in. Blocks the thread.
     fn is_found(&self) -> bool {
         let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
-        if !found.is_empty() && found.iter().all(Channel::is_there) {
+        if !found.is_empty() && found.iter().all(SensorChannel::is_present) {
             return true;
         }
         found.clear();
@@ -97,16 +97,16 @@ impl Linux {
     }
 }
 
-impl Probe for Linux {
+impl Probe for LinuxProbe {
     fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
         let linux = self.clone();
         Box::pin(async move {
-            let known = linux_sensors::Quantity::named(quantity);
+            let known = linux_sensors::SysfsQuantity::named(quantity);
             let known = known.ok_or_else(|| format!("measure {quantity} with this driver"))?;
             let began = Instant::now();
             loop {
                 let trying = linux.clone();
-                let value = aside(move || trying.measure_once(known)).await?;
+                let value = run_blocking(move || trying.measure_once(known)).await?;
                 match value {
                     Ok(value) => return Ok(Measurement { value, at: Instant::now() }),
                     Err(_) if began.elapsed() + PAUSE < TRYING => tokio::time::sleep(PAUSE).await,
@@ -126,27 +126,27 @@ impl Probe for Linux {
         Box::pin(std::future::ready(Err(problem)))
     }
 
-    fn is_here(&self) -> bool {
-        self.is_here.load(Ordering::Relaxed)
+    fn is_present(&self) -> bool {
+        self.is_present.load(Ordering::Relaxed)
     }
 
-    fn look(&self) -> Option<BoxFuture<()>> {
+    fn check_presence(&self) -> Option<BoxFuture<()>> {
         let linux = self.clone();
         Some(Box::pin(async move {
             let looking = linux.clone();
-            if let Ok(is_here) = aside(move || looking.is_found()).await {
-                linux.is_here.store(is_here, Ordering::Relaxed);
+            if let Ok(is_here) = run_blocking(move || looking.is_found()).await {
+                linux.is_present.store(is_here, Ordering::Relaxed);
             }
         }))
     }
 
-    fn until_news(&self) -> Option<BoxFuture<()>> {
+    fn wait_for_news(&self) -> Option<BoxFuture<()>> {
         let linux = self.clone();
         Some(Box::pin(async move {
-            let before = linux.is_here();
-            while linux.is_here() == before {
+            let before = linux.is_present();
+            while linux.is_present() == before {
                 tokio::time::sleep(LOOK_AGAIN).await;
-                if let Some(look) = linux.look() {
+                if let Some(look) = linux.check_presence() {
                     look.await;
                 }
             }
@@ -157,7 +157,9 @@ impl Probe for Linux {
 }
 
 /// Runs blocking work on a thread for such work.
-async fn aside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, String> {
+async fn run_blocking<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, String> {
     tokio::task::spawn_blocking(work).await.map_err(|error| error.to_string())
 }
 
@@ -226,7 +228,7 @@ mod tests {
     }
 
     async fn look(sensor: &Sensor) {
-        actuator::Device::look(sensor).expect("it can be unplugged").await;
+        actuator::Device::read_state(sensor).expect("it can be unplugged").await;
     }
 
     fn offers(sensor: &Sensor) -> usize {
@@ -234,7 +236,7 @@ mod tests {
     }
 
     async fn stir(sensor: &mut Sensor) {
-        let stir = actuator::Device::watch(sensor).expect("it can be unplugged").await;
+        let stir = actuator::Device::next_event(sensor).expect("it can be unplugged").await;
         stir(sensor);
     }
 

@@ -13,46 +13,47 @@ use std::time::Duration;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use mqtt_link::{Broker, Connection, Said};
+use mqtt_link::{Broker, BrokerConnection, TopicState};
 use tokio::sync::watch;
 
-use crate::config::Hardware;
+use crate::config::HardwareConfig;
 use crate::quantity::is_yes;
 use crate::text;
 use crate::{MEASURING, Measurement, Probe};
 
 /// Time limit of waiting for the broker at the start, and for the first message of the device in a
 /// measurement.
-const FIRST_WORD: Duration = Duration::from_millis(1_500);
-const _: () = assert!(FIRST_WORD.as_millis() < MEASURING.as_millis());
+const FIRST_TEXT_TIME_MAX: Duration = Duration::from_millis(1_500);
+const _: () = assert!(FIRST_TEXT_TIME_MAX.as_millis() < MEASURING.as_millis());
 
 #[derive(Clone)]
-struct Mqtt {
+struct MqttProbe {
     broker: Broker,
     topic: String,
     availability: Option<String>,
     /// The place of the value in a JSON text.
     pointer: Option<String>,
     /// Created at the first use: nothing is opened before the agent is active.
-    link: Arc<Mutex<Option<Link>>>,
+    subscriptions: Arc<Mutex<Option<TopicSubscriptions>>>,
     /// The number of messages that were handled.
-    told: Arc<AtomicU64>,
+    handled_count: Arc<AtomicU64>,
 }
 
 /// The subscriptions of one device.
 #[derive(Clone)]
-struct Link {
+struct TopicSubscriptions {
     trouble: watch::Receiver<Option<String>>,
-    said: watch::Receiver<Said>,
-    availability: Option<watch::Receiver<Said>>,
-    _connection: Arc<Connection>,
+    texts: watch::Receiver<TopicState>,
+    availability: Option<watch::Receiver<TopicState>>,
+    _connection: Arc<BrokerConnection>,
 }
 
 pub(crate) fn probe(
     blueprint: &Blueprint,
-    hardware: Hardware,
+    hardware: HardwareConfig,
 ) -> Result<Arc<dyn Probe>, BuildError> {
-    let Hardware { broker, user, password_file, ca, topic, availability, json, .. } = hardware;
+    let HardwareConfig { broker, user, password_file, ca, topic, availability, json, .. } =
+        hardware;
     let topic = topic.ok_or_else(|| {
         let problem = "driver `mqtt` needs a `topic`, such as \"zigbee2mqtt/thermometer\"";
         blueprint.problem(problem)
@@ -66,18 +67,25 @@ pub(crate) fn probe(
     let broker = Broker::new(broker.as_deref(), user, password_file, ca);
     let broker = broker.map_err(|problem| blueprint.problem(problem))?;
     let (link, told) = (Arc::default(), Arc::default());
-    Ok(Arc::new(Mqtt { broker, topic, availability, pointer: json, link, told }))
+    Ok(Arc::new(MqttProbe {
+        broker,
+        topic,
+        availability,
+        pointer: json,
+        subscriptions: link,
+        handled_count: told,
+    }))
 }
 
-impl Mqtt {
-    fn link(&self) -> Link {
-        let mut link = lock(&self.link);
+impl MqttProbe {
+    fn link(&self) -> TopicSubscriptions {
+        let mut link = lock(&self.subscriptions);
         let make = || {
-            let connection = Connection::to(&self.broker, "sensor");
+            let connection = BrokerConnection::shared(&self.broker, "sensor");
             let listen = |topic: &String| connection.listen(topic);
-            Link {
-                trouble: connection.trouble(),
-                said: connection.listen(&self.topic),
+            TopicSubscriptions {
+                trouble: connection.problem(),
+                texts: connection.listen(&self.topic),
                 availability: self.availability.as_ref().map(listen),
                 _connection: Arc::clone(&connection),
             }
@@ -87,32 +95,32 @@ impl Mqtt {
 
     /// Returns the last value of a quantity, or the reason why there is none; `None` if no message was
     /// received yet.
-    fn read(&self, quantity: &str, said: &Said) -> Option<Result<Measurement, String>> {
-        let newest = said.words.front()?;
+    fn read(&self, quantity: &str, said: &TopicState) -> Option<Result<Measurement, String>> {
+        let newest = said.texts.front()?;
         // A text without this quantity does not invalidate an earlier value; a text that reports no value
         // does.
-        let measured = said.words.iter().find_map(|word| {
-            let value = text::said(&word.text, quantity, self.pointer.as_deref())?;
+        let measured = said.texts.iter().find_map(|word| {
+            let value = text::extract_value(&word.text, quantity, self.pointer.as_deref())?;
             Some(value.map(|value| Measurement { value, at: word.at }))
         });
         let problem =
             |told| format!("find the {quantity} in the message on `{}`: {told}", self.topic);
         Some(match measured {
             Some(measured) => measured.map_err(problem),
-            None => Err(problem(text::told(&newest.text))),
+            None => Err(problem(text::excerpt(&newest.text))),
         })
     }
 }
 
-impl Probe for Mqtt {
+impl Probe for MqttProbe {
     fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
         let mqtt = self.clone();
         Box::pin(async move {
             let mut link = mqtt.link();
-            let heard = link.said.wait_for(|said| said.count > 0);
+            let heard = link.texts.wait_for(|said| said.count > 0);
             // After this time, the messages received so far have to do.
-            let _ = tokio::time::timeout(FIRST_WORD, heard).await;
-            let measured = mqtt.read(quantity, &link.said.borrow());
+            let _ = tokio::time::timeout(FIRST_TEXT_TIME_MAX, heard).await;
+            let measured = mqtt.read(quantity, &link.texts.borrow());
             let trouble = link.trouble.borrow().clone();
             match (measured, trouble) {
                 (Some(measured), _) => measured,
@@ -131,50 +139,50 @@ impl Probe for Mqtt {
         Box::pin(async move {
             let mut link = mqtt.link();
             loop {
-                let measured = mqtt.read(quantity, &link.said.borrow_and_update());
+                let measured = mqtt.read(quantity, &link.texts.borrow_and_update());
                 // A text without a value changes nothing.
                 if let Some(Ok(measured)) = measured
                     && is_yes(measured.value) != is_yes(known)
                 {
                     return Ok(measured);
                 }
-                let changed = link.said.changed().await;
+                let changed = link.texts.changed().await;
                 changed.map_err(|_| "receive messages from its broker".to_owned())?;
             }
         })
     }
 
-    fn is_here(&self) -> bool {
+    fn is_present(&self) -> bool {
         // Before the connection is made, the sensor counts as present: its full action model is needed
         // then.
-        let Some(link) = lock(&self.link).clone() else { return true };
+        let Some(link) = lock(&self.subscriptions).clone() else { return true };
         let is_offline = link.availability.as_ref().is_some_and(|said| {
-            said.borrow().words.front().is_some_and(|word| text::is_offline(&word.text))
+            said.borrow().texts.front().is_some_and(|word| text::is_offline(&word.text))
         });
         link.trouble.borrow().is_none() && !is_offline
     }
 
     /// Waits a moment for the broker, so that already the first announcement of the agent is true.
-    fn look(&self) -> Option<BoxFuture<()>> {
+    fn check_presence(&self) -> Option<BoxFuture<()>> {
         let mut link = self.link();
         Some(Box::pin(async move {
             let connected = link.trouble.wait_for(Option::is_none);
-            let _ = tokio::time::timeout(FIRST_WORD, connected).await;
+            let _ = tokio::time::timeout(FIRST_TEXT_TIME_MAX, connected).await;
         }))
     }
 
-    fn until_news(&self) -> Option<BoxFuture<()>> {
+    fn wait_for_news(&self) -> Option<BoxFuture<()>> {
         let (mqtt, mut link) = (self.clone(), self.link());
-        let before = self.is_here();
+        let before = self.is_present();
         Some(Box::pin(async move {
             loop {
-                let told = mqtt.told.load(Ordering::Relaxed);
-                let count = link.said.borrow_and_update().count;
+                let told = mqtt.handled_count.load(Ordering::Relaxed);
+                let count = link.texts.borrow_and_update().count;
                 link.trouble.mark_unchanged();
                 if let Some(said) = &mut link.availability {
                     said.mark_unchanged();
                 }
-                if count > told || mqtt.is_here() != before {
+                if count > told || mqtt.is_present() != before {
                     return;
                 }
                 let available = async {
@@ -185,7 +193,7 @@ impl Probe for Mqtt {
                 };
                 // None of these fails: `link` keeps the connection, and with it the senders.
                 let _ = tokio::select! {
-                    changed = link.said.changed() => changed,
+                    changed = link.texts.changed() => changed,
                     changed = link.trouble.changed() => changed,
                     changed = available => changed,
                 };
@@ -193,10 +201,10 @@ impl Probe for Mqtt {
         }))
     }
 
-    fn last_word(&self, quantity: &'static str) -> Option<Result<Measurement, String>> {
+    fn last_report(&self, quantity: &'static str) -> Option<Result<Measurement, String>> {
         let link = self.link();
-        let said = link.said.borrow();
-        self.told.store(said.count, Ordering::Relaxed);
+        let said = link.texts.borrow();
+        self.handled_count.store(said.count, Ordering::Relaxed);
         self.read(quantity, &said)
     }
 }
@@ -231,7 +239,7 @@ mod tests {
         let more = json!({ "humidity": true, "availability": "zigbee2mqtt/thermo/availability" });
         let blueprint = blueprint_with("mqtt", config(broker, more));
         let sensor = temperature_sensor(&blueprint).expect("a sensor");
-        sensor.look().expect("it may be away").await;
+        sensor.read_state().expect("it may be away").await;
         sensor
     }
 
@@ -243,7 +251,7 @@ mod tests {
     async fn until(sensor: &mut Sensor, is_so: impl Fn(&Sensor) -> bool) {
         let waiting = async {
             while !is_so(sensor) {
-                let stir = sensor.watch().expect("it says things by itself").await;
+                let stir = sensor.next_event().expect("it says things by itself").await;
                 stir(sensor);
             }
         };
@@ -328,7 +336,7 @@ mod tests {
         }
         let nowhere = json!({ "location": "lab", "topic": "x", "broker": "127.0.0.1:9" });
         let mut sensor = temperature_sensor(&blueprint_with("mqtt", nowhere)).expect("a sensor");
-        sensor.look().expect("it may be away").await;
+        sensor.read_state().expect("it may be away").await;
         assert_eq!(offers(&sensor), 0);
         let problem = measure(&mut sensor, "temperature").await.expect_err("nobody is there");
         assert!(problem.to_string().starts_with("reach the broker 127.0.0.1:9: "), "{problem}");
@@ -340,7 +348,7 @@ mod tests {
         let availability = "zigbee2mqtt/thermo/availability";
         let more = json!({ "quantity": "motion", "availability": availability });
         let mut sensor = sensor(&blueprint_with("mqtt", config(&broker, more))).expect("a sensor");
-        sensor.look().expect("it may be away").await;
+        sensor.read_state().expect("it may be away").await;
         broker.say("zigbee2mqtt/thermo", r#"{"battery":97}"#);
         broker.retain("zigbee2mqtt/thermo", r#"{"occupancy":true}"#);
         until(&mut sensor, |sensor| facts(sensor).ends_with(" (motion lab)")).await;

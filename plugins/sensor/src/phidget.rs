@@ -14,11 +14,11 @@ use std::time::Duration;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use phidget_link::{Address, Channel, Library, Part};
+use phidget_link::{Library, PartAddress, PhidgetChannel, PhidgetPart};
 use tokio::time::Instant;
 
-use crate::config::{Hardware, Wiring};
-use crate::quantity::{Quantity, is_yes};
+use crate::config::{HardwareConfig, PhidgetWiring};
+use crate::quantity::{SensorQuantity, is_yes};
 use crate::{MEASURING, Measurement, Probe};
 
 /// Time limit of waiting for a device when a channel is opened: the library allows no less.
@@ -46,56 +46,56 @@ const LOOK_AGAIN: Duration = Duration::from_secs(1);
 const MOVING: Duration = Duration::from_secs(3);
 
 #[derive(Clone)]
-struct Phidget {
+struct PhidgetProbe {
     library: Option<PathBuf>,
     /// One line per quantity.
-    lines: Vec<Arc<Line>>,
-    is_here: Arc<AtomicBool>,
+    lines: Vec<Arc<PhidgetLine>>,
+    is_present: Arc<AtomicBool>,
     /// The last reason for being away that was logged: each is logged once.
     trouble: Arc<Mutex<Option<String>>>,
 }
 
 /// The part that measures one quantity.
-struct Line {
+struct PhidgetLine {
     quantity: &'static str,
-    part: &'static Part,
-    address: Address,
+    part: &'static PhidgetPart,
+    address: PartAddress,
     factor: f64,
     /// Opened at the first use: nothing is opened before the agent is active.
-    channel: Arc<tokio::sync::Mutex<Option<Channel>>>,
+    channel: Arc<tokio::sync::Mutex<Option<PhidgetChannel>>>,
     /// The time of the last swing, for a part that swings.
     swung: Mutex<Option<Instant>>,
 }
 
 pub(crate) fn probe(
     blueprint: &Blueprint,
-    hardware: Hardware,
-    quantities: &[&'static Quantity],
+    hardware: HardwareConfig,
+    quantities: &[&'static SensorQuantity],
 ) -> Result<Arc<dyn Probe>, BuildError> {
-    let Hardware { wiring, factor, .. } = hardware;
+    let HardwareConfig { wiring, factor, .. } = hardware;
     let names: Vec<_> = quantities.iter().map(|quantity| quantity.name).collect();
     let lines = lines(&wiring, factor, &names).map_err(|problem| blueprint.problem(problem))?;
     let (is_here, trouble) = (Arc::new(AtomicBool::new(true)), Arc::default());
-    Ok(Arc::new(Phidget { library: wiring.library, lines, is_here, trouble }))
+    Ok(Arc::new(PhidgetProbe { library: wiring.library, lines, is_present: is_here, trouble }))
 }
 
 /// Returns the part that measures each quantity, with its address.
 fn lines(
-    wiring: &Wiring,
+    wiring: &PhidgetWiring,
     factor: Option<f64>,
     quantities: &[&'static str],
-) -> Result<Vec<Arc<Line>>, String> {
+) -> Result<Vec<Arc<PhidgetLine>>, String> {
     let mut lines = Vec::new();
     for quantity in quantities.iter().copied() {
-        let known = phidget_link::Quantity::named(quantity).ok_or_else(|| {
-            let known = phidget_link::Quantity::ALL.map(|known| known.name()).join(", ");
+        let known = phidget_link::PhidgetQuantity::named(quantity).ok_or_else(|| {
+            let known = phidget_link::PhidgetQuantity::ALL.map(|known| known.name()).join(", ");
             format!("driver `phidget` measures {known}, and no {quantity}")
         })?;
-        let part = Part::find(wiring.sensor.as_deref(), known)?;
+        let part = PhidgetPart::find(wiring.sensor.as_deref(), known)?;
         let address = address(wiring, part, quantity, quantities.len() > 1)?;
         let factor = scale(part, factor)?;
         let (channel, swung) = (Arc::default(), Mutex::default());
-        lines.push(Arc::new(Line { quantity, part, address, factor, channel, swung }));
+        lines.push(Arc::new(PhidgetLine { quantity, part, address, factor, channel, swung }));
     }
     let is_of_two_cables = lines.len() > 1 && lines.iter().any(|line| line.part.has_cables());
     if wiring.humidity_port.is_some() && !is_of_two_cables {
@@ -108,12 +108,12 @@ fn lines(
 
 /// Returns the address of the part that measures a quantity.
 fn address(
-    wiring: &Wiring,
-    part: &Part,
+    wiring: &PhidgetWiring,
+    part: &PhidgetPart,
     quantity: &str,
     is_one_of_two: bool,
-) -> Result<Address, String> {
-    let Wiring { serial, mut hub_port, mut port, humidity_port, .. } = *wiring;
+) -> Result<PartAddress, String> {
+    let PhidgetWiring { serial, mut hub_port, mut port, humidity_port, .. } = *wiring;
     if part.needs_input() && hub_port.is_none() && port.is_none() {
         return Err(format!(
             "{part} needs an input: write the `port` of the interface kit, or the `hub-port`"
@@ -137,11 +137,11 @@ fn address(
     let serial = serial.map(|serial| {
         i32::try_from(serial).map_err(|_| format!("serial = {serial}: no Phidget has that number"))
     });
-    Ok(Address { serial: serial.transpose()?, hub_port, port })
+    Ok(PartAddress { serial: serial.transpose()?, hub_port, port })
 }
 
 /// Returns the factor that converts the part's value to the quantity's unit.
-fn scale(part: &Part, factor: Option<f64>) -> Result<f64, String> {
+fn scale(part: &PhidgetPart, factor: Option<f64>) -> Result<f64, String> {
     match factor {
         Some(_) if !part.is_unscaled() => Err(format!("{part} has a unit: leave the `factor` out")),
         Some(factor) if factor.is_finite() && factor > 0.0 => Ok(factor),
@@ -153,14 +153,14 @@ fn scale(part: &Part, factor: Option<f64>) -> Result<f64, String> {
     }
 }
 
-impl Line {
+impl PhidgetLine {
     /// Runs `work` with the channel on a thread for blocking work, and waits for it until `until`. Opens
     /// the channel first if it is not open.
     async fn with<T: Send + 'static>(
         &self,
         library: Option<PathBuf>,
         until: Instant,
-        work: impl FnOnce(&mut Channel) -> Result<T, phidget_link::CallError> + Send + 'static,
+        work: impl FnOnce(&mut PhidgetChannel) -> Result<T, phidget_link::CallError> + Send + 'static,
     ) -> Result<T, String> {
         let (part, address) = (self.part, self.address);
         let channel = Arc::clone(&self.channel);
@@ -197,24 +197,24 @@ impl Line {
 
 fn open(
     library: Option<PathBuf>,
-    part: &'static Part,
-    address: Address,
-) -> Result<Channel, String> {
+    part: &'static PhidgetPart,
+    address: PartAddress,
+) -> Result<PhidgetChannel, String> {
     let library = Library::load(library.as_deref()).map_err(|error| error.to_string())?;
-    Channel::open(library, part, address, OPENING).map_err(|error| error.to_string())
+    PhidgetChannel::open(library, part, address, OPENING).map_err(|error| error.to_string())
 }
 
-impl Phidget {
-    fn line(&self, quantity: &str) -> Result<Arc<Line>, String> {
+impl PhidgetProbe {
+    fn line(&self, quantity: &str) -> Result<Arc<PhidgetLine>, String> {
         let line = self.lines.iter().find(|line| line.quantity == quantity);
         line.cloned().ok_or_else(|| format!("measure {quantity} with this driver"))
     }
 
     /// Measures, with repetitions until the time limit.
-    async fn try_to_measure(&self, line: &Line) -> Result<Measurement, String> {
+    async fn try_to_measure(&self, line: &PhidgetLine) -> Result<Measurement, String> {
         let (began, until) = (Instant::now(), Instant::now() + ANSWERING);
         loop {
-            match line.with(self.library.clone(), until, Channel::read).await {
+            match line.with(self.library.clone(), until, PhidgetChannel::read).await {
                 Ok(value) => {
                     return Ok(Measurement { value: line.settled(value), at: Instant::now() });
                 }
@@ -225,15 +225,16 @@ impl Phidget {
     }
 
     /// Checks whether the device is plugged in.
-    async fn look_once(&self) -> bool {
+    async fn check_attached(&self) -> bool {
         let (mut found, until) = (Ok(()), Instant::now() + ANSWERING);
         for line in &self.lines {
             if found.is_ok() {
-                found = line.with(self.library.clone(), until, Channel::seek).await;
+                found =
+                    line.with(self.library.clone(), until, PhidgetChannel::check_attached).await;
             }
         }
         let is_here = found.is_ok();
-        self.is_here.store(is_here, Ordering::Relaxed);
+        self.is_present.store(is_here, Ordering::Relaxed);
         let mut trouble = lock(&self.trouble);
         if let Err(problem) = &found
             && trouble.as_ref() != Some(problem)
@@ -248,13 +249,13 @@ impl Phidget {
     }
 
     async fn until_here(&self) {
-        while !self.look_once().await {
+        while !self.check_attached().await {
             tokio::time::sleep(LOOK_AGAIN).await;
         }
     }
 }
 
-impl Probe for Phidget {
+impl Probe for PhidgetProbe {
     fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
         let phidget = self.clone();
         Box::pin(async move { phidget.try_to_measure(&*phidget.line(quantity)?).await })
@@ -265,7 +266,7 @@ impl Probe for Phidget {
         Box::pin(async move {
             let line = phidget.line(quantity)?;
             // If the sensor was away, its value is not known: any value is news.
-            let mut is_news = !phidget.is_here();
+            let mut is_news = !phidget.is_present();
             if is_news {
                 phidget.until_here().await;
             }
@@ -276,7 +277,7 @@ impl Probe for Phidget {
                         // The caller logs the problem. It is noted here, so that `look_once` does not log
                         // it again.
                         *lock(&phidget.trouble) = Some(problem.clone());
-                        phidget.look_once().await;
+                        phidget.check_attached().await;
                         return Err(problem);
                     }
                 };
@@ -289,24 +290,24 @@ impl Probe for Phidget {
         })
     }
 
-    fn is_here(&self) -> bool {
-        self.is_here.load(Ordering::Relaxed)
+    fn is_present(&self) -> bool {
+        self.is_present.load(Ordering::Relaxed)
     }
 
-    fn look(&self) -> Option<BoxFuture<()>> {
+    fn check_presence(&self) -> Option<BoxFuture<()>> {
         let phidget = self.clone();
         Some(Box::pin(async move {
-            phidget.look_once().await;
+            phidget.check_attached().await;
         }))
     }
 
-    fn until_news(&self) -> Option<BoxFuture<()>> {
+    fn wait_for_news(&self) -> Option<BoxFuture<()>> {
         let phidget = self.clone();
         Some(Box::pin(async move {
-            let before = phidget.is_here();
-            while phidget.is_here() == before {
+            let before = phidget.is_present();
+            while phidget.is_present() == before {
                 tokio::time::sleep(LOOK_AGAIN).await;
-                phidget.look_once().await;
+                phidget.check_attached().await;
             }
         }))
     }
@@ -345,7 +346,7 @@ mod tests {
         more["library"] = json!(kit.library());
         more["serial"] = json!(12345);
         let sensor = sensor_of(more).expect("a sensor");
-        actuator::Device::look(&sensor).expect("it can be unplugged").await;
+        actuator::Device::read_state(&sensor).expect("it can be unplugged").await;
         sensor
     }
 
@@ -372,7 +373,7 @@ mod tests {
     }
 
     async fn stir(sensor: &mut Sensor) {
-        let watched = actuator::Device::watch(sensor).expect("it can be unplugged");
+        let watched = actuator::Device::next_event(sensor).expect("it can be unplugged");
         let stir = tokio::time::timeout(Duration::from_secs(60), watched).await;
         stir.expect("something happens")(sensor);
     }
@@ -480,7 +481,7 @@ mod tests {
         stir(&mut sensor).await;
         assert_eq!(facts(&sensor), BLIND);
         assert_eq!(offers(&sensor), 0);
-        let watched = actuator::Device::watch(&mut sensor).expect("it waits for it");
+        let watched = actuator::Device::next_event(&mut sensor).expect("it waits for it");
         kit.set("plugged", 2.0);
         let back = Instant::now();
         watched.await(&mut sensor);
@@ -513,7 +514,7 @@ mod tests {
         let failure = failure.to_string();
         assert!(failure.contains("load libphidget22: there is no /"), "{failure}");
         assert!(failure.contains("`pip install phidget22`"), "{failure}");
-        actuator::Device::look(&sensor).expect("it can be unplugged").await;
+        actuator::Device::read_state(&sensor).expect("it can be unplugged").await;
         tokio::time::advance(REST_AFTER_FAILURE).await;
         assert_eq!(offers(&sensor), 0);
     }

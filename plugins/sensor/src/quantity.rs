@@ -9,14 +9,14 @@ use pddl::Domain;
 /// The PDDL names follow from its name: `co2` is measured by a `co2-sensor`. The sensor's action
 /// `report-co2` runs the method `read_co2` and makes `(known-co2 ROOM)` true.
 #[derive(Debug)]
-pub(crate) struct Quantity {
+pub(crate) struct SensorQuantity {
     pub(crate) name: &'static str,
-    pub(crate) value: Value,
+    pub(crate) value: ValueForm,
 }
 
 /// The form of a quantity's value, in the ontology and for people.
 #[derive(Debug)]
-pub(crate) enum Value {
+pub(crate) enum ValueForm {
     /// A number: `(= (FUNCTION ROOM) 21.5)`; for people with a unit.
     Number { function: &'static str, unit: &'static str, decimals: usize },
     /// Yes or no: `(PREDICATE ROOM)` or its negation. The sensor reports changes by itself.
@@ -31,7 +31,7 @@ pub(crate) enum Value {
 }
 
 /// All quantities.
-pub(crate) const QUANTITIES: &[Quantity] = &[
+pub(crate) const QUANTITIES: &[SensorQuantity] = &[
     number("temperature", "temperature", "°C", 1),
     number("humidity", "humidity", "% humidity", 0),
     number("co2", "co2", "ppm of CO2", 0),
@@ -39,9 +39,9 @@ pub(crate) const QUANTITIES: &[Quantity] = &[
     number("distance", "free-distance", "m of free distance", 2),
     yes_or_no("motion", "motion", "motion", "no motion"),
     yes_or_no("reflection", "reflection", "something close by", "nothing close by"),
-    Quantity {
+    SensorQuantity {
         name: "contact",
-        value: Value::YesOrNo {
+        value: ValueForm::YesOrNo {
             predicate: "closed",
             own: Some(("shut", "contact-at")),
             yes: "closed",
@@ -55,8 +55,8 @@ const fn number(
     function: &'static str,
     unit: &'static str,
     decimals: usize,
-) -> Quantity {
-    Quantity { name, value: Value::Number { function, unit, decimals } }
+) -> SensorQuantity {
+    SensorQuantity { name, value: ValueForm::Number { function, unit, decimals } }
 }
 
 const fn yes_or_no(
@@ -64,14 +64,14 @@ const fn yes_or_no(
     predicate: &'static str,
     yes: &'static str,
     no: &'static str,
-) -> Quantity {
-    Quantity { name, value: Value::YesOrNo { predicate, own: None, yes, no } }
+) -> SensorQuantity {
+    SensorQuantity { name, value: ValueForm::YesOrNo { predicate, own: None, yes, no } }
 }
 
-impl Quantity {
+impl SensorQuantity {
     /// Returns the quantity of this name. Returns an error with the known or the most similar names if
     /// there is none.
-    pub(crate) fn named(name: &str) -> Result<&'static Quantity, String> {
+    pub(crate) fn named(name: &str) -> Result<&'static SensorQuantity, String> {
         let names = || QUANTITIES.iter().map(|quantity| quantity.name);
         QUANTITIES.iter().find(|quantity| quantity.name == name).ok_or_else(|| match pddl::nearest(
             name,
@@ -107,19 +107,19 @@ impl Quantity {
 
     /// Whether a sensor reports changes by itself.
     pub(crate) fn is_noticed(&self) -> bool {
-        matches!(self.value, Value::YesOrNo { .. })
+        matches!(self.value, ValueForm::YesOrNo { .. })
     }
 
     /// Returns the PDDL term of the quantity, for a sensor in a room: a function or a predicate.
     pub(crate) fn term(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
         match self.value {
-            Value::Number { function, .. } => format!("({function} {room})"),
-            Value::YesOrNo { predicate, own: Some((own, _)), .. }
+            ValueForm::Number { function, .. } => format!("({function} {room})"),
+            ValueForm::YesOrNo { predicate, own: Some((own, _)), .. }
                 if is_derived(ontology, predicate) =>
             {
                 format!("({own} {sensor})")
             }
-            Value::YesOrNo { predicate, .. } => format!("({predicate} {room})"),
+            ValueForm::YesOrNo { predicate, .. } => format!("({predicate} {room})"),
         }
     }
 
@@ -127,7 +127,7 @@ impl Quantity {
     /// quantities.
     pub(crate) fn place(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
         match self.value {
-            Value::YesOrNo { predicate, own: Some((_, at)), .. }
+            ValueForm::YesOrNo { predicate, own: Some((_, at)), .. }
                 if is_derived(ontology, predicate) =>
             {
                 format!("({at} {sensor} {room})")
@@ -140,9 +140,9 @@ impl Quantity {
     pub(crate) fn facts(&self, term: &str, room: &str, value: f64) -> String {
         let known = self.known();
         match self.value {
-            Value::Number { .. } => format!("({known} {room}) (= {term} {value})"),
-            Value::YesOrNo { .. } if is_yes(value) => format!("({known} {room}) {term}"),
-            Value::YesOrNo { .. } => format!("({known} {room}) (not {term})"),
+            ValueForm::Number { .. } => format!("({known} {room}) (= {term} {value})"),
+            ValueForm::YesOrNo { .. } if is_yes(value) => format!("({known} {room}) {term}"),
+            ValueForm::YesOrNo { .. } => format!("({known} {room}) (not {term})"),
         }
     }
 
@@ -150,17 +150,17 @@ impl Quantity {
     pub(crate) fn unknown(&self, term: &str, room: &str) -> String {
         let known = self.known();
         match self.value {
-            Value::Number { .. } => format!("(not ({known} {room}))"),
-            Value::YesOrNo { .. } => format!("(not ({known} {room})) (unknown {term})"),
+            ValueForm::Number { .. } => format!("(not ({known} {room}))"),
+            ValueForm::YesOrNo { .. } => format!("(not ({known} {room})) (unknown {term})"),
         }
     }
 
     /// Returns a value as a text for people.
     pub(crate) fn words(&self, value: f64) -> String {
         match self.value {
-            Value::Number { unit, decimals, .. } => format!("{value:.decimals$} {unit}"),
-            Value::YesOrNo { yes, .. } if is_yes(value) => yes.to_owned(),
-            Value::YesOrNo { no, .. } => no.to_owned(),
+            ValueForm::Number { unit, decimals, .. } => format!("{value:.decimals$} {unit}"),
+            ValueForm::YesOrNo { yes, .. } if is_yes(value) => yes.to_owned(),
+            ValueForm::YesOrNo { no, .. } => no.to_owned(),
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use agent::{Host, Resources};
-use building::{Building, Fault, Layout};
+use building::{Building, DeviceFault, Layout};
 
 use super::*;
 use crate::quantity::QUANTITIES;
@@ -57,17 +57,20 @@ fn sensor_in(lab: &Building, quantity: &str) -> Sensor {
     sensor(&blueprint(lab, config)).expect("a sensor")
 }
 
-fn call(quantity: &str) -> Call {
+fn call(quantity: &str) -> MethodCall {
     let (action, method) = (format!("(report-{quantity} s lab)"), format!("read_{quantity}"));
-    Call { action, method, arguments: BTreeMap::new() }
+    MethodCall { action, method, arguments: BTreeMap::new() }
 }
 
-pub(crate) async fn measure(sensor: &mut Sensor, quantity: &str) -> Result<Performed, Failure> {
+pub(crate) async fn measure(
+    sensor: &mut Sensor,
+    quantity: &str,
+) -> Result<MethodResult, MethodFailure> {
     let call = call(quantity);
     match sensor.perform(&call).await {
-        Ok(measured) => Ok(sensor.performed(&call, measured)),
+        Ok(measured) => Ok(sensor.on_success(&call, measured)),
         Err(failure) => {
-            sensor.failed(&call, &failure);
+            sensor.on_failure(&call, &failure);
             Err(failure)
         }
     }
@@ -84,7 +87,7 @@ pub(crate) fn facts(sensor: &Sensor) -> String {
 
 /// Waits for the next event of the sensor, and handles it.
 async fn stir(sensor: &mut Sensor) {
-    let stir = sensor.watch().expect("it notices").await;
+    let stir = sensor.next_event().expect("it notices").await;
     assert!(stir(sensor).is_empty());
 }
 
@@ -95,8 +98,8 @@ fn every_word_of_the_table_is_in_the_ontology_and_every_quantity_in_the_building
     let function = |name: &str| ontology.functions.iter().any(|known| known.name == name);
     for quantity in QUANTITIES {
         let value_is_there = match quantity.value {
-            quantity::Value::Number { function: name, .. } => function(name),
-            quantity::Value::YesOrNo { predicate: name, .. } => predicate(name),
+            quantity::ValueForm::Number { function: name, .. } => function(name),
+            quantity::ValueForm::YesOrNo { predicate: name, .. } => predicate(name),
         };
         assert!(value_is_there && predicate(&quantity.known()), "{quantity:?}");
         let sensor_type = quantity.sensor_type();
@@ -173,7 +176,7 @@ async fn a_thermometer_measures_the_humidity_where_it_is_asked_to() {
         assert_eq!((model.actions.len(), methods.len()), (actions, actions));
         assert!(measure(&mut sensor, "temperature").await.is_ok());
         let detail = measure(&mut sensor, "humidity").await.map(|performed| performed.detail);
-        let unknown = Failure::UnknownMethod("read_humidity".to_owned());
+        let unknown = MethodFailure::UnknownMethod("read_humidity".to_owned());
         let expected = if humidity { Ok("61 % humidity at lab".to_owned()) } else { Err(unknown) };
         assert_eq!(detail, expected);
     }
@@ -185,7 +188,7 @@ async fn a_sensor_that_failed_offers_nothing_for_a_while() {
         let lab = lab(quantity.name, 1.0);
         let mut sensor = sensor_in(&lab, quantity.name);
         assert!(measure(&mut sensor, quantity.name).await.is_ok());
-        lab.break_device("s", Fault::Fails).expect("a device");
+        lab.break_device("s", DeviceFault::Fails).expect("a device");
         assert!(measure(&mut sensor, quantity.name).await.is_err());
         assert!(sensor.describe().model.actions.is_empty(), "{quantity:?}");
         let knows = facts(&sensor).contains("lab) (known-");
@@ -208,7 +211,7 @@ async fn motion_is_noticed_and_blindness_too() {
     stir(&mut sensor).await;
     assert_eq!(facts(&sensor), STILL);
 
-    lab.break_device("s", Fault::Fails).expect("a device");
+    lab.break_device("s", DeviceFault::Fails).expect("a device");
     let broken = Instant::now();
     stir(&mut sensor).await;
     assert_eq!(facts(&sensor), BLIND);
@@ -218,8 +221,8 @@ async fn motion_is_noticed_and_blindness_too() {
     stir(&mut sensor).await;
     assert_eq!(broken.elapsed(), REST_AFTER_FAILURE);
     assert_eq!(facts(&sensor), "(located s lab) (known-motion lab) (motion lab)");
-    assert!(sensor_in(&lab, "motion").watch().is_some());
-    assert!(sensor_in(&lab, "co2").watch().is_none(), "numbers are reported when asked for");
+    assert!(sensor_in(&lab, "motion").next_event().is_some());
+    assert!(sensor_in(&lab, "co2").next_event().is_none(), "numbers are reported when asked for");
 }
 
 #[test]

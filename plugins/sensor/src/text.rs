@@ -1,7 +1,7 @@
 //! Finds values in the texts of programs and devices.
 
 /// The most characters of a text that are quoted if it is no measurement.
-const TOLD_CHARS: usize = 60;
+const QUOTED_CHARS: usize = 60;
 
 /// Texts for yes and no.
 const YES: [&str; 5] = ["true", "yes", "on", "open", "detected"];
@@ -27,7 +27,7 @@ pub(crate) fn at(text: &str, pointer: &str) -> Option<String> {
 
 /// Returns the value of a quantity in a text, or the reason why the quantity has none; `None` if the text
 /// is about other things, such as a battery.
-pub(crate) fn said(
+pub(crate) fn extract_value(
     text: &str,
     quantity: &str,
     pointer: Option<&str>,
@@ -40,7 +40,7 @@ pub(crate) fn said(
         None => text.to_owned(),
     };
     let said = value(&word, quantity).filter(|value| is_possible(*value, quantity));
-    Some(said.ok_or_else(|| told(&word)))
+    Some(said.ok_or_else(|| excerpt(&word)))
 }
 
 /// Returns the value under one of the names of a quantity in a JSON object; also one level down, as in
@@ -106,9 +106,9 @@ pub(crate) fn is_offline(text: &str) -> bool {
 }
 
 /// Returns the beginning of a text, for people.
-pub(crate) fn told(text: &str) -> String {
+pub(crate) fn excerpt(text: &str) -> String {
     let line = text.lines().next().unwrap_or_default();
-    let mut told: String = line.chars().take(TOLD_CHARS).collect();
+    let mut told: String = line.chars().take(QUOTED_CHARS).collect();
     if told.len() < text.len() {
         told.push('…');
     }
@@ -180,11 +180,11 @@ mod tests {
             ("unavailable", "motion", Some(Err("unavailable"))),
         ] {
             let expected = expected.map(|said| said.map_err(str::to_owned));
-            assert_eq!(said(text, quantity, None), expected, "{text}");
+            assert_eq!(extract_value(text, quantity, None), expected, "{text}");
         }
-        assert_eq!(said(r#"{"a":{"b":7}}"#, "co2", Some("/a/b")), Some(Ok(7.0)));
-        assert_eq!(said(r#"{"battery":7}"#, "co2", Some("/a/b")), None);
-        assert_eq!(said(r#"{"a":null}"#, "co2", Some("/a")), Some(Err("null".to_owned())));
+        assert_eq!(extract_value(r#"{"a":{"b":7}}"#, "co2", Some("/a/b")), Some(Ok(7.0)));
+        assert_eq!(extract_value(r#"{"battery":7}"#, "co2", Some("/a/b")), None);
+        assert_eq!(extract_value(r#"{"a":null}"#, "co2", Some("/a")), Some(Err("null".to_owned())));
     }
 
     #[test]

@@ -11,53 +11,53 @@ use actuator::BoxFuture;
 use programs::Program;
 use tokio::time::Instant;
 
-use crate::config::Commanded;
+use crate::config::CommandConfig;
 use crate::{Driver, words};
 
 /// Pause between two checks of the state after switching: motors take their time.
-const LOOK_AGAIN: Duration = Duration::from_millis(200);
+const CHECK_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Texts for on and off.
 const ON: [&str; 6] = ["on", "1", "true", "yes", "locked", "active"];
 const OFF: [&str; 6] = ["off", "0", "false", "no", "unlocked", "inactive"];
 
 /// The most characters of a program's output that are quoted.
-const TOLD_CHARS: usize = 60;
+const QUOTED_CHARS: usize = 60;
 
 #[derive(Clone)]
-struct Command(Arc<Commanded>);
+struct CommandDriver(Arc<CommandConfig>);
 
-pub(crate) fn driver(commanded: Commanded) -> Arc<dyn Driver> {
-    Arc::new(Command(Arc::new(commanded)))
+pub(crate) fn driver(commanded: CommandConfig) -> Arc<dyn Driver> {
+    Arc::new(CommandDriver(Arc::new(commanded)))
 }
 
-impl Command {
+impl CommandDriver {
     /// Runs the program that prints the state, and returns whether the device is on.
-    async fn told(&self, state: &Program) -> Result<bool, String> {
+    async fn read_program(&self, state: &Program) -> Result<bool, String> {
         let printed = state.run(self.0.time_out).await.map_err(|error| error.to_string())?;
         let word = printed.trim();
         is_on(word).ok_or_else(|| {
-            let told: String = word.chars().take(TOLD_CHARS).collect();
+            let told: String = word.chars().take(QUOTED_CHARS).collect();
             format!("read on or off from what `{}` prints: {told}", state.name())
         })
     }
 
-    async fn switched(&self, wanted: bool) -> Result<bool, String> {
-        let Commanded { on, off, state, time_out, .. } = &*self.0;
+    async fn switch_to(&self, wanted: bool) -> Result<bool, String> {
+        let CommandConfig { on, off, state, time_out, .. } = &*self.0;
         let program = if wanted { on } else { off };
         program.run(*time_out).await.map_err(|error| error.to_string())?;
         let Some(state) = state else { return Ok(wanted) };
         let began = Instant::now();
         loop {
-            let told = self.told(state).await?;
+            let told = self.read_program(state).await?;
             if told == wanted {
                 return Ok(told);
             }
-            if began.elapsed() + LOOK_AGAIN > *time_out {
+            if began.elapsed() + CHECK_INTERVAL > *time_out {
                 let (name, told) = (state.name(), words(told));
                 return Err(format!("switch it {}: `{name}` says {told}", words(wanted)));
             }
-            tokio::time::sleep(LOOK_AGAIN).await;
+            tokio::time::sleep(CHECK_INTERVAL).await;
         }
     }
 }
@@ -68,17 +68,17 @@ fn is_on(word: &str) -> Option<bool> {
     if is_in(ON) { Some(true) } else { is_in(OFF).then_some(false) }
 }
 
-impl Driver for Command {
+impl Driver for CommandDriver {
     fn switch(&self, is_on: bool) -> BoxFuture<Result<bool, String>> {
         let command = self.clone();
-        Box::pin(async move { command.switched(is_on).await })
+        Box::pin(async move { command.switch_to(is_on).await })
     }
 
-    fn look(&self) -> BoxFuture<Result<Option<bool>, String>> {
+    fn read_state(&self) -> BoxFuture<Result<Option<bool>, String>> {
         let command = self.clone();
         Box::pin(async move {
             match &command.0.state {
-                Some(state) => command.told(state).await.map(Some),
+                Some(state) => command.read_program(state).await.map(Some),
                 None => Ok(None),
             }
         })
@@ -116,7 +116,7 @@ mod tests {
             config.extend(more);
         }
         let lamp = crate::switch(&blueprint("command", config)).expect("a switch");
-        if let Some(look) = lamp.look() {
+        if let Some(look) = lamp.read_state() {
             look.await;
         }
         lamp
@@ -143,7 +143,7 @@ mod tests {
     async fn without_a_word_of_its_state_what_succeeded_is_believed() {
         let mut lamp = lamp("true", json!({})).await;
         assert_eq!((offers(&lamp), facts(&lamp).as_str()), (2, lamp_is(None).as_str()));
-        assert!(lamp.watch().is_none(), "nothing happens by itself");
+        assert!(lamp.next_event().is_none(), "nothing happens by itself");
         assert_eq!(switch(&mut lamp, "on").await.as_deref(), Ok("on at lab"));
         assert_eq!(facts(&lamp), lamp_is(Some(true)));
         assert_eq!(switch(&mut lamp, "off").await.as_deref(), Ok("off at lab"));
@@ -198,10 +198,10 @@ mod tests {
         let mut lamp = lamp("exit 1", json!({})).await;
         assert!(switch(&mut lamp, "on").await.is_err());
         assert_eq!(offers(&lamp), 0);
-        let until = lamp.rests_until.expect("it rests");
+        let until = lamp.paused_until.expect("it rests");
         let rests = until.saturating_duration_since(Instant::now());
         assert!(rests <= REST_AFTER_FAILURE && rests > REST_AFTER_FAILURE / 2, "{rests:?}");
-        lamp.rests_until = Some(Instant::now());
+        lamp.paused_until = Some(Instant::now());
         assert_eq!(offers(&lamp), 2);
     }
 
@@ -209,14 +209,14 @@ mod tests {
     async fn a_look_that_began_before_it_was_switched_is_not_believed() {
         let state = script("sleep 0.5; echo off");
         let mut lamp = lamp("true", json!({ "state": state, "every": "100ms" })).await;
-        let looking = tokio::spawn(lamp.hand.clone().look());
+        let looking = tokio::spawn(lamp.driver_handle.clone().refresh());
         tokio::time::sleep(Duration::from_millis(100)).await;
-        let switching = tokio::spawn(lamp.hand.clone().switch(true));
+        let switching = tokio::spawn(lamp.driver_handle.clone().switch(true));
         looking.await.expect("it looks");
-        assert_eq!(lamp.hand.state(), Ok(Some(false)), "as it was at first");
+        assert_eq!(lamp.driver_handle.state(), Ok(Some(false)), "as it was at first");
         assert!(switching.await.expect("it switches").is_err(), "it says off for ever");
-        lamp.failed(&crate::tests::call("on"), &actuator::Failure::GivenUp);
-        assert_eq!(lamp.hand.state(), Ok(None));
+        lamp.on_failure(&crate::tests::call("on"), &actuator::MethodFailure::GivenUp);
+        assert_eq!(lamp.driver_handle.state(), Ok(None));
         assert_eq!(offers(&lamp), 2, "who was given up has not failed");
     }
 

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use actuator::Place;
+use actuator::PlaceName;
 use agent::{Blueprint, BuildError};
-use gpio_lines::{LineName, Output};
+use gpio_lines::{LineName, OutputSettings};
 use programs::Program;
 use serde::Deserialize;
 
-use crate::kind::Kind;
+use crate::kind::SwitchKind;
 use crate::{COMMAND, GPIO};
 
 /// Default and largest time limit of a program: a garage door takes half a minute.
@@ -25,9 +25,9 @@ const EVERY_MIN: Duration = Duration::from_millis(100);
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
     /// The room of the switch.
-    pub(crate) location: Place,
+    pub(crate) location: PlaceName,
     /// The kind of device: `"lamp"`, `"relay"` or `"lock"`.
-    pub(crate) kind: Kind,
+    pub(crate) kind: SwitchKind,
     /// Driver `gpio`: the line, such as `"gpiochip0/17"` or `"GPIO17"`.
     line: Option<LineName>,
     /// Driver `gpio`: whether a low level means on.
@@ -47,15 +47,15 @@ pub(crate) struct Config {
 }
 
 /// The config of the driver `gpio`.
-pub(crate) struct Wired {
-    pub(crate) output: Output,
+pub(crate) struct GpioConfig {
+    pub(crate) output: OutputSettings,
     /// The folder of the chips, if not the default.
     pub(crate) chips: Option<PathBuf>,
 }
 
 /// The config of the driver `command`.
 #[derive(Debug)]
-pub(crate) struct Commanded {
+pub(crate) struct CommandConfig {
     pub(crate) on: Program,
     pub(crate) off: Program,
     pub(crate) state: Option<Program>,
@@ -84,18 +84,18 @@ impl Config {
         })
     }
 
-    pub(crate) fn wired(&mut self, blueprint: &Blueprint) -> Result<Wired, BuildError> {
+    pub(crate) fn wired(&mut self, blueprint: &Blueprint) -> Result<GpioConfig, BuildError> {
         let line = self.line.take().ok_or_else(|| {
             blueprint.problem(
                 "driver `gpio` needs a `line`: its chip and number, such as \"gpiochip0/17\", or \
                  its own name, such as \"GPIO17\"; gpioinfo(1) lists those of a machine",
             )
         })?;
-        let output = Output { line, is_active_low: self.active_low.unwrap_or(false) };
-        Ok(Wired { output, chips: self.chips.take() })
+        let output = OutputSettings { line, is_active_low: self.active_low.unwrap_or(false) };
+        Ok(GpioConfig { output, chips: self.chips.take() })
     }
 
-    pub(crate) fn commanded(&mut self, blueprint: &Blueprint) -> Result<Commanded, BuildError> {
+    pub(crate) fn commanded(&mut self, blueprint: &Blueprint) -> Result<CommandConfig, BuildError> {
         let program = |key: &str, list: Option<Vec<String>>| {
             Program::of(list.into_iter().flatten()).ok_or_else(|| {
                 let example = format!("{key} = [\"/usr/local/bin/lamp\", \"{key}\"]");
@@ -123,6 +123,6 @@ impl Config {
             let problem = format!("time-out: write more than 0s and at most {TIME_OUT_MAX:?}");
             return Err(blueprint.problem(problem));
         }
-        Ok(Commanded { on, off, state, every, time_out })
+        Ok(CommandConfig { on, off, state, every, time_out })
     }
 }

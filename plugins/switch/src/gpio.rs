@@ -4,37 +4,37 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use actuator::BoxFuture;
-use gpio_lines::{Board, Chips, Driven};
+use gpio_lines::{DrivenOutput, GpioBoard, GpioChips};
 
-use crate::config::Wired;
+use crate::config::GpioConfig;
 use crate::{Driver, words};
 
 /// Pause between two checks whether the chip is there: about the time in which a person lets go of the
 /// plug.
-const LOOK_AGAIN: Duration = Duration::from_secs(1);
+const PRESENCE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Time limit for a line on a slow bus.
-const SETTING: Duration = Duration::from_secs(2);
+const SWITCHING_TIME_MAX: Duration = Duration::from_secs(2);
 
-struct Line {
-    driven: Driven,
+struct GpioRelay {
+    output: DrivenOutput,
     name: String,
 }
 
-pub(crate) fn driver(Wired { output, chips }: Wired) -> Arc<dyn Driver> {
-    let chips = chips.map_or_else(Chips::default, Chips::new);
+pub(crate) fn driver(GpioConfig { output, chips }: GpioConfig) -> Arc<dyn Driver> {
+    let chips = chips.map_or_else(GpioChips::default, GpioChips::new);
     on(Arc::new(chips), output)
 }
 
 /// Returns the driver of a line of this board.
-fn on(board: Arc<dyn Board>, output: gpio_lines::Output) -> Arc<dyn Driver> {
+fn on(board: Arc<dyn GpioBoard>, output: gpio_lines::OutputSettings) -> Arc<dyn Driver> {
     let name = output.line.to_string();
-    Arc::new(Line { driven: Driven::new(board, output), name })
+    Arc::new(GpioRelay { output: DrivenOutput::new(board, output), name })
 }
 
-impl Driver for Line {
+impl Driver for GpioRelay {
     fn switch(&self, is_on: bool) -> BoxFuture<Result<bool, String>> {
-        let (driven, name) = (self.driven.clone(), self.name.clone());
+        let (driven, name) = (self.output.clone(), self.name.clone());
         Box::pin(async move {
             let found = driven.set(is_on).await?;
             if found == is_on {
@@ -45,37 +45,38 @@ impl Driver for Line {
         })
     }
 
-    fn look(&self) -> BoxFuture<Result<Option<bool>, String>> {
-        let driven = self.driven.clone();
+    fn read_state(&self) -> BoxFuture<Result<Option<bool>, String>> {
+        let driven = self.output.clone();
         Box::pin(async move { driven.value().await.map(Some) })
     }
 
     fn every(&self) -> Option<Duration> {
-        Some(LOOK_AGAIN)
+        Some(PRESENCE_CHECK_INTERVAL)
     }
 
     fn time_out(&self) -> Duration {
-        SETTING
+        SWITCHING_TIME_MAX
     }
 }
 
 #[cfg(test)]
 mod tests {
     use actuator::Device as _;
-    use gpio_lines::{Bench, Output};
+    use gpio_lines::{MemoryBoard, OutputSettings};
     use serde_json::json;
 
     use super::*;
     use crate::tests::{blueprint, facts, offers, switch, told, until};
-    use crate::{Hand, Switch};
+    use crate::{DriverHandle, Switch};
 
     /// Returns a relay on a simulated board.
-    async fn relay(bench: &Bench, is_active_low: bool) -> Switch {
+    async fn relay(bench: &MemoryBoard, is_active_low: bool) -> Switch {
         let config = json!({ "location": "lab", "kind": "relay", "line": "GPIO4" });
         let mut relay = crate::switch(&blueprint("gpio", config)).expect("a switch");
         let line = "GPIO4".to_owned().try_into().expect("a name");
-        relay.hand = Hand::of(on(Arc::new(bench.clone()), Output { line, is_active_low }));
-        relay.look().expect("it may be away").await;
+        relay.driver_handle =
+            DriverHandle::of(on(Arc::new(bench.clone()), OutputSettings { line, is_active_low }));
+        relay.read_state().expect("it may be away").await;
         relay
     }
 
@@ -86,7 +87,7 @@ mod tests {
     #[tokio::test]
     async fn a_relay_is_as_it_was_and_then_as_it_is_told() {
         for is_active_low in [false, true] {
-            let bench = Bench::default();
+            let bench = MemoryBoard::default();
             bench.plug("GPIO4", true);
             let mut relay = relay(&bench, is_active_low).await;
             let powered = relay_is(Some(true));
@@ -104,7 +105,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_chip_that_is_gone_is_not_here_and_back_it_is() {
-        let bench = Bench::default();
+        let bench = MemoryBoard::default();
         let mut relay = relay(&bench, false).await;
         assert_eq!((offers(&relay), facts(&relay).as_str()), (0, relay_is(None).as_str()));
         bench.plug("GPIO4", true);
@@ -122,9 +123,9 @@ mod tests {
 
     #[tokio::test]
     async fn what_something_stronger_holds_has_not_been_switched() {
-        let bench = Bench::default();
+        let bench = MemoryBoard::default();
         bench.plug("GPIO4", false);
-        bench.hold("GPIO4");
+        bench.fix_level("GPIO4");
         let mut relay = relay(&bench, false).await;
         let problem = switch(&mut relay, "on").await.expect_err("it is held");
         assert_eq!(problem, "switch the line `GPIO4` on: it stays off");

@@ -1,53 +1,59 @@
 //! The kinds of switches, and the PDDL names of their action models. The names are those that the MQTT
 //! gateway uses for its lamps, relays and locks, so that one ecosystem can have both.
 
-use actuator::OnOff;
+use actuator::OnOffPredicates;
 use pddl::Domain;
 use serde::Deserialize;
 
 /// The kind of a switch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Kind {
+pub(crate) enum SwitchKind {
     Lamp,
     Relay,
     Lock,
 }
 
-impl Kind {
+impl SwitchKind {
     /// Returns the predicates of its state: of the device itself, and of its room.
-    pub(crate) fn words(self) -> OnOff<'static> {
-        let words = |agent, state, own, all| OnOff { agent, state, own, all };
+    pub(crate) fn words(self) -> OnOffPredicates<'static> {
+        let words = |agent, state, own, all| OnOffPredicates { agent, state, own, all };
         match self {
-            Kind::Lamp => words("lamp", "lit", "lamp-on", false),
-            Kind::Relay => words("relay", "powered", "relay-on", false),
-            Kind::Lock => words("door-lock", "locked", "bolted", true),
+            SwitchKind::Lamp => words("lamp", "lit", "lamp-on", false),
+            SwitchKind::Relay => words("relay", "powered", "relay-on", false),
+            SwitchKind::Lock => words("door-lock", "locked", "bolted", true),
         }
     }
 
     /// The actions that switch it on and off.
     pub(crate) fn actions(self) -> (&'static str, &'static str) {
         match self {
-            Kind::Lamp => ("turn-on-lamp", "turn-off-lamp"),
-            Kind::Relay => ("turn-on-relay", "turn-off-relay"),
-            Kind::Lock => ("lock-door", "unlock-door"),
+            SwitchKind::Lamp => ("turn-on-lamp", "turn-off-lamp"),
+            SwitchKind::Relay => ("turn-on-relay", "turn-off-relay"),
+            SwitchKind::Lock => ("lock-door", "unlock-door"),
         }
     }
 
     /// Returns its state as a text for people.
-    pub(crate) fn told(self, is_on: bool) -> &'static str {
+    pub(crate) fn state_text(self, is_on: bool) -> &'static str {
         match (self, is_on) {
-            (Kind::Lock, true) => "locked",
-            (Kind::Lock, false) => "unlocked",
-            (Kind::Lamp | Kind::Relay, true) => "on",
-            (Kind::Lamp | Kind::Relay, false) => "off",
+            (SwitchKind::Lock, true) => "locked",
+            (SwitchKind::Lock, false) => "unlocked",
+            (SwitchKind::Lamp | SwitchKind::Relay, true) => "on",
+            (SwitchKind::Lamp | SwitchKind::Relay, false) => "off",
         }
     }
 }
 
 /// Returns the action model of a switch, with the types and predicates that the shared ontology lacks. The
 /// model has actions only if `offers` is `true`.
-pub(crate) fn model(id: &str, room: &str, kind: Kind, ontology: &Domain, offers: bool) -> String {
+pub(crate) fn model(
+    id: &str,
+    room: &str,
+    kind: SwitchKind,
+    ontology: &Domain,
+    offers: bool,
+) -> String {
     let (words, (on, off)) = (kind.words(), kind.actions());
     let agent = words.agent;
     let action = |name: &str, effect: &str| {
@@ -98,7 +104,8 @@ mod tests {
     #[test]
     fn the_words_are_those_of_the_gateway_to_mqtt() {
         let classes: BTreeMap<String, Class> = toml::from_str(CLASSES).expect("its table");
-        for (kind, class) in [(Kind::Lamp, "light"), (Kind::Relay, "switch"), (Kind::Lock, "lock")]
+        for (kind, class) in
+            [(SwitchKind::Lamp, "light"), (SwitchKind::Relay, "switch"), (SwitchKind::Lock, "lock")]
         {
             let Class { agent, state, own, all, on, off } = &classes[class];
             let (words, (turn_on, turn_off)) = (kind.words(), kind.actions());

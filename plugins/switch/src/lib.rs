@@ -22,21 +22,21 @@ use std::time::Duration;
 use acl::Deadline;
 use acl::content::Method;
 use actuator::{
-    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Place, Stir,
-    facts_of, model_of,
+    Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
+    OwnFact, PlaceName, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use pddl::Domain;
 use tokio::time::Instant;
 
 use config::Config;
-use kind::Kind;
+use kind::SwitchKind;
 
 /// How long a switch offers no actions after a failure. A loose wire has contact again within seconds.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
 /// Time limit of waiting for the state before the first announcement.
-const FIRST_LOOK: Duration = Duration::from_secs(2);
+const FIRST_STATE_TIME_MAX: Duration = Duration::from_secs(2);
 
 /// Time that a method has beyond the driver's time limit, so that the driver's error is reported.
 const MARGIN: Duration = Duration::from_secs(1);
@@ -63,7 +63,7 @@ trait Driver: Send + Sync + 'static {
     fn switch(&self, is_on: bool) -> BoxFuture<Result<bool, String>>;
 
     /// Checks whether the device is on; `None` if it has no readable state.
-    fn look(&self) -> BoxFuture<Result<Option<bool>, String>>;
+    fn read_state(&self) -> BoxFuture<Result<Option<bool>, String>>;
 
     /// Returns the pause between two checks of the state; `None` if the device has no readable state.
     fn every(&self) -> Option<Duration>;
@@ -93,56 +93,59 @@ fn switch(blueprint: &Blueprint) -> Result<Switch, BuildError> {
         ontology: Arc::clone(&blueprint.host.ontology),
         location: config.location,
         kind: config.kind,
-        hand: Hand::of(driver),
-        rests_until: None,
+        driver_handle: DriverHandle::of(driver),
+        paused_until: None,
     })
 }
 
 struct Switch {
     id: String,
     ontology: Arc<Domain>,
-    location: Place,
-    kind: Kind,
-    hand: Hand,
-    rests_until: Option<Instant>,
+    location: PlaceName,
+    kind: SwitchKind,
+    driver_handle: DriverHandle,
+    paused_until: Option<Instant>,
 }
 
 /// A driver, and the state known from it. Clones share both.
 #[derive(Clone)]
-struct Hand {
+struct DriverHandle {
     driver: Arc<dyn Driver>,
-    known: Arc<Mutex<Known>>,
+    known: Arc<Mutex<KnownState>>,
 }
 
 /// Whether the device is on, `None` if that is not known; or the reason why it cannot be used.
-type State = Result<Option<bool>, String>;
+type SwitchState = Result<Option<bool>, String>;
 
-struct Known {
-    state: State,
+struct KnownState {
+    state: SwitchState,
     /// Counts the begin and the end of each switching, so that the result of a check that began earlier is
     /// discarded.
-    turn: u64,
+    switch_count: u64,
 }
 
-impl Hand {
-    fn of(driver: Arc<dyn Driver>) -> Hand {
-        Hand { driver, known: Arc::new(Mutex::new(Known { state: Ok(None), turn: 0 })) }
+impl DriverHandle {
+    fn of(driver: Arc<dyn Driver>) -> DriverHandle {
+        DriverHandle {
+            driver,
+            known: Arc::new(Mutex::new(KnownState { state: Ok(None), switch_count: 0 })),
+        }
     }
 
-    fn known(&self) -> MutexGuard<'_, Known> {
+    fn known(&self) -> MutexGuard<'_, KnownState> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn state(&self) -> State {
+    fn state(&self) -> SwitchState {
         self.known().state.clone()
     }
 
     /// Checks the state. Discards the result if the device was switched meanwhile.
-    async fn look(self) {
-        let turn = self.known().turn;
-        let looked = self.driver.look().await;
+    async fn refresh(self) {
+        let turn = self.known().switch_count;
+        let looked = self.driver.read_state().await;
         let mut known = self.known();
-        if known.turn != turn {
+        if known.switch_count != turn {
             return;
         }
         if let Err(problem) = &looked
@@ -155,18 +158,18 @@ impl Hand {
 
     /// Switches the device on or off. Returns its state afterwards.
     async fn switch(self, is_on: bool) -> Result<bool, String> {
-        self.known().turn += 1;
+        self.known().switch_count += 1;
         let found = self.driver.switch(is_on).await?;
         let mut known = self.known();
-        known.turn += 1;
+        known.switch_count += 1;
         known.state = Ok(Some(found));
         Ok(found)
     }
 
     /// Sets the state to unknown after a switching that did not succeed; a reason for being away is kept.
-    fn forget(&self) {
+    fn set_unknown(&self) {
         let mut known = self.known();
-        known.turn += 1;
+        known.switch_count += 1;
         if known.state.is_ok() {
             known.state = Ok(None);
         }
@@ -174,15 +177,15 @@ impl Hand {
 }
 
 impl Switch {
-    fn works(&self) -> bool {
-        let rests = self.rests_until.is_some_and(|until| until > Instant::now());
-        !rests && self.hand.state().is_ok()
+    fn is_available(&self) -> bool {
+        let rests = self.paused_until.is_some_and(|until| until > Instant::now());
+        !rests && self.driver_handle.state().is_ok()
     }
 
     /// Returns the state as a fact: on, off, or unknown.
     fn fact(&self) -> String {
         let term = self.kind.words().term(&self.id, self.location.as_str(), &self.ontology);
-        match self.hand.state() {
+        match self.driver_handle.state() {
             Ok(Some(true)) => term,
             Ok(Some(false)) => format!("(not {term})"),
             Ok(None) | Err(_) => format!("(unknown {term})"),
@@ -195,8 +198,8 @@ impl Device for Switch {
 
     fn describe(&self) -> Description {
         let Switch { id, ontology, location, kind, .. } = self;
-        let text = kind::model(id, location.as_str(), *kind, ontology, self.works());
-        let timeout = Deadline(self.hand.driver.time_out() + MARGIN);
+        let text = kind::model(id, location.as_str(), *kind, ontology, self.is_available());
+        let timeout = Deadline(self.driver_handle.driver.time_out() + MARGIN);
         let method = |action: &str, method: &str| {
             let (method, arguments) = (method.to_owned(), BTreeMap::new());
             (action.to_owned(), Method { method, arguments, timeout })
@@ -210,54 +213,54 @@ impl Device for Switch {
         facts_of(&format!("(installed {} {}) {}", self.id, self.location, self.fact()))
     }
 
-    fn look(&self) -> Option<BoxFuture<()>> {
-        self.hand.driver.every()?;
-        let hand = self.hand.clone();
+    fn read_state(&self) -> Option<BoxFuture<()>> {
+        self.driver_handle.driver.every()?;
+        let hand = self.driver_handle.clone();
         Some(Box::pin(async move {
             // A state that is not known by then is announced later.
-            let _ = tokio::time::timeout(FIRST_LOOK, hand.look()).await;
+            let _ = tokio::time::timeout(FIRST_STATE_TIME_MAX, hand.refresh()).await;
         }))
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<bool, Failure>> {
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<bool, MethodFailure>> {
         let is_on = match call.method.as_str() {
             ON => true,
             OFF => false,
             _ => {
-                let unknown = Failure::UnknownMethod(call.method.clone());
+                let unknown = MethodFailure::UnknownMethod(call.method.clone());
                 return Box::pin(std::future::ready(Err(unknown)));
             }
         };
-        let hand = self.hand.clone();
-        Box::pin(async move { hand.switch(is_on).await.map_err(Failure::Driver) })
+        let hand = self.driver_handle.clone();
+        Box::pin(async move { hand.switch(is_on).await.map_err(MethodFailure::Driver) })
     }
 
-    fn performed(&mut self, _call: &Call, is_on: bool) -> Performed {
-        let detail = format!("{} at {}", self.kind.told(is_on), self.location);
+    fn on_success(&mut self, _call: &MethodCall, is_on: bool) -> MethodResult {
+        let detail = format!("{} at {}", self.kind.state_text(is_on), self.location);
         let observations = facts_of(&self.fact()).into_iter().map(|fact| fact.fact).collect();
-        Performed { detail, observations }
+        MethodResult { detail, observations }
     }
 
-    fn failed(&mut self, _call: &Call, failure: &Failure) {
-        self.hand.forget();
-        if *failure != Failure::GivenUp {
-            self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);
+    fn on_failure(&mut self, _call: &MethodCall, failure: &MethodFailure) {
+        self.driver_handle.set_unknown();
+        if *failure != MethodFailure::GivenUp {
+            self.paused_until = Some(Instant::now() + REST_AFTER_FAILURE);
         }
     }
 
-    fn watch(&mut self) -> Option<BoxFuture<Stir<Switch>>> {
-        let every = self.hand.driver.every()?;
-        let (hand, before) = (self.hand.clone(), self.hand.state());
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Switch>>> {
+        let every = self.driver_handle.driver.every()?;
+        let (hand, before) = (self.driver_handle.clone(), self.driver_handle.state());
         Some(Box::pin(async move {
             while hand.state() == before {
                 tokio::time::sleep(every).await;
-                hand.clone().look().await;
+                hand.clone().refresh().await;
             }
             let is_back = before.is_err() && hand.state().is_ok();
-            let stir: Stir<Switch> = Box::new(move |switch| {
+            let stir: DeviceEvent<Switch> = Box::new(move |switch| {
                 // A device that was plugged in again has not failed.
                 if is_back {
-                    switch.rests_until = None;
+                    switch.paused_until = None;
                 }
                 Vec::new()
             });

@@ -17,8 +17,8 @@ pub(crate) fn blueprint(driver: &str, config: Value) -> Blueprint {
     Blueprint { id, driver: driver.to_owned(), config: config.into(), host: Arc::new(host) }
 }
 
-pub(crate) fn call(method: &str) -> Call {
-    Call {
+pub(crate) fn call(method: &str) -> MethodCall {
+    MethodCall {
         action: format!("({method} s lab)"),
         method: method.to_owned(),
         arguments: BTreeMap::new(),
@@ -29,9 +29,9 @@ pub(crate) fn call(method: &str) -> Call {
 pub(crate) async fn switch(switch: &mut Switch, method: &str) -> Result<String, String> {
     let call = call(method);
     match switch.perform(&call).await {
-        Ok(is_on) => Ok(switch.performed(&call, is_on).detail),
+        Ok(is_on) => Ok(switch.on_success(&call, is_on).detail),
         Err(failure) => {
-            switch.failed(&call, &failure);
+            switch.on_failure(&call, &failure);
             Err(failure.to_string())
         }
     }
@@ -60,7 +60,7 @@ pub(crate) fn offers(switch: &Switch) -> usize {
 pub(crate) async fn until(switch: &mut Switch, is_so: impl Fn(&Switch) -> bool) {
     let waiting = async {
         while !is_so(switch) {
-            let stir = switch.watch().expect("it is looked at").await;
+            let stir = switch.next_event().expect("it is looked at").await;
             assert!(stir(switch).is_empty());
         }
     };

@@ -17,8 +17,9 @@ use std::time::Duration;
 use acl::Deadline;
 use acl::content::Method;
 use actuator::{
-    Actuator, BaseConfig, BoxFuture, Call, Description, Device, Failure, Initiative, MobileBase,
-    Moved, News, OwnFact, Performed, Stir, facts_of, model_of,
+    Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, Initiative,
+    InitiativeUpdate, MethodCall, MethodFailure, MethodResult, MobileBase, OwnFact, facts_of,
+    model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use serde::Deserialize;
@@ -81,8 +82,8 @@ struct TurtleBot {
 }
 
 /// The result of a method.
-enum Done {
-    Moved(Moved),
+enum TurtleBotResult {
+    Moved(BaseOutcome),
     Validated(String),
     Patrolled(String),
 }
@@ -90,12 +91,12 @@ enum Done {
 impl TurtleBot {
     /// Returns the place that a call is about. Returns an error if the base does not stand there: it may
     /// have been carried away since the plan was made.
-    fn here(&self, call: &Call) -> Result<String, Failure> {
+    fn called_place(&self, call: &MethodCall) -> Result<String, MethodFailure> {
         let (place, here) = (call.argument("place")?, self.base.place());
         if place == here {
             return Ok(here);
         }
-        Err(Failure::Driver(format!("act at `{place}`: the base stands at `{here}`")))
+        Err(MethodFailure::Driver(format!("act at `{place}`: the base stands at `{here}`")))
     }
 
     fn validated(&self) -> Vec<OwnFact> {
@@ -112,7 +113,7 @@ impl TurtleBot {
 }
 
 impl Device for TurtleBot {
-    type Yield = Done;
+    type Yield = TurtleBotResult;
 
     fn describe(&self) -> Description {
         let TurtleBot { id, ontology, base, login, patrol, .. } = self;
@@ -135,7 +136,7 @@ impl Device for TurtleBot {
             actions += patrol::ACTION;
             methods.insert("patrol".to_owned(), patrol.method());
         }
-        let (objects, lasting) = (base.objects(), base.lasting());
+        let (objects, lasting) = (base.objects(), base.constant_facts());
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types turtlebot - mobile-base)
@@ -151,55 +152,55 @@ impl Device for TurtleBot {
         facts_of(&self.base.facts()).into_iter().chain(self.validated()).chain(patrolled).collect()
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<TurtleBotResult, MethodFailure>> {
         if call.method == patrol::METHOD {
-            let here = self.here(call).map(Done::Patrolled);
+            let here = self.called_place(call).map(TurtleBotResult::Patrolled);
             return Box::pin(std::future::ready(here));
         }
         if call.method != login::METHOD {
             let moved = self.base.perform(call);
-            return Box::pin(async move { moved.await.map(Done::Moved) });
+            return Box::pin(async move { moved.await.map(TurtleBotResult::Moved) });
         }
-        let here = self.here(call);
+        let here = self.called_place(call);
         match (here, &mut self.login) {
             (Ok(place), Some(login)) => {
                 let validated = login.log_in(place);
-                Box::pin(async move { validated.await.map(Done::Validated) })
+                Box::pin(async move { validated.await.map(TurtleBotResult::Validated) })
             }
             (Err(failure), _) => Box::pin(std::future::ready(Err(failure))),
             (Ok(_), None) => {
-                let unknown = Failure::UnknownMethod(call.method.clone());
+                let unknown = MethodFailure::UnknownMethod(call.method.clone());
                 Box::pin(std::future::ready(Err(unknown)))
             }
         }
     }
 
-    fn performed(&mut self, _call: &Call, done: Done) -> Performed {
+    fn on_success(&mut self, _call: &MethodCall, done: TurtleBotResult) -> MethodResult {
         match done {
-            Done::Moved(moved) => self.base.performed(&moved),
-            Done::Validated(place) => {
+            TurtleBotResult::Moved(moved) => self.base.performed(&moved),
+            TurtleBotResult::Validated(place) => {
                 let observed = facts_of(&format!("(validated {place})"));
                 let detail = format!("a person logged in at {place}");
                 self.validated.insert(place, Instant::now());
                 let observations = observed.into_iter().map(|fact| fact.fact).collect();
-                Performed { detail, observations }
+                MethodResult { detail, observations }
             }
-            Done::Patrolled(place) => match &mut self.patrol {
+            TurtleBotResult::Patrolled(place) => match &mut self.patrol {
                 Some(patrol) => patrol.performed(place),
-                None => Performed { detail: "is here".to_owned(), observations: Vec::new() },
+                None => MethodResult { detail: "is here".to_owned(), observations: Vec::new() },
             },
         }
     }
 
-    fn look(&self) -> Option<BoxFuture<()>> {
-        Some(self.base.look())
+    fn read_state(&self) -> Option<BoxFuture<()>> {
+        Some(self.base.locate())
     }
 
-    fn watch(&mut self) -> Option<BoxFuture<Stir<TurtleBot>>> {
-        if let Some(wish) = self.patrol.as_mut().and_then(Patrol::first_wish) {
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<TurtleBot>>> {
+        if let Some(wish) = self.patrol.as_mut().and_then(Patrol::initial_goal) {
             return Some(Box::pin(std::future::ready(wish)));
         }
-        let wish = self.base.next_wish();
+        let wish = self.base.next_initiative();
         let question = self.login.as_ref().map(Login::next_question);
         Some(Box::pin(async move {
             let question = async {
@@ -210,20 +211,20 @@ impl Device for TurtleBot {
             };
             tokio::select! {
                 () = wish => {
-                    let stir: Stir<TurtleBot> = Box::new(|robot| robot.base.wishes());
+                    let stir: DeviceEvent<TurtleBot> = Box::new(|robot| robot.base.take_initiatives());
                     stir
                 }
                 initiatives = question => {
-                    let stir: Stir<TurtleBot> = Box::new(move |_| initiatives);
+                    let stir: DeviceEvent<TurtleBot> = Box::new(move |_| initiatives);
                     stir
                 }
             }
         }))
     }
 
-    fn heard(&mut self, name: &str, news: &News) -> Vec<Initiative> {
+    fn receive_news(&mut self, name: &str, news: &InitiativeUpdate) -> Vec<Initiative> {
         if let Some(login) = self.login.as_mut().filter(|_| name == LOGIN) {
-            login.heard(news);
+            login.receive_answer(news);
         }
         Vec::new()
     }

@@ -18,7 +18,7 @@ use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use acl::content::Question;
-use actuator::{BoxFuture, Failure, Initiative, News};
+use actuator::{BoxFuture, Initiative, InitiativeUpdate, MethodFailure};
 use agent::{Blueprint, BuildError, Rehearsal};
 use serde::Deserialize;
 use tokio::sync::{Mutex, mpsc};
@@ -32,10 +32,10 @@ pub(crate) const METHOD: &str = "log_in";
 
 /// How long the screen is locked after too many wrong answers: with three attempts each, trying all PINs of
 /// four digits takes eleven days.
-const LOCKED_FOR: Duration = Duration::from_secs(5 * 60);
+const LOCK_TIME: Duration = Duration::from_secs(5 * 60);
 
 /// A request to the actuator about the question.
-enum Asking {
+enum QuestionRequest {
     This(String),
     /// Withdraw the question: its answer is no longer needed.
     Nothing,
@@ -112,7 +112,7 @@ fn read_pin(path: &Path) -> Result<String, String> {
 }
 
 /// The time until which the screen is locked, shared with the attempt that may lock it.
-type Lock = Arc<std::sync::Mutex<Option<Instant>>>;
+type LoginLock = Arc<std::sync::Mutex<Option<Instant>>>;
 
 /// The on-board screen.
 pub(crate) struct Login {
@@ -120,11 +120,11 @@ pub(crate) struct Login {
     patience: Duration,
     attempts: u32,
     pub(crate) valid_for: Duration,
-    lock: Lock,
-    ask: mpsc::Sender<Asking>,
-    asked: Arc<Mutex<mpsc::Receiver<Asking>>>,
+    lock: LoginLock,
+    requests: mpsc::Sender<QuestionRequest>,
+    pending_requests: Arc<Mutex<mpsc::Receiver<QuestionRequest>>>,
     /// The queue of answers of the current attempt; `None` if there is none.
-    answers: Option<mpsc::Sender<News>>,
+    answers: Option<mpsc::Sender<InitiativeUpdate>>,
 }
 
 impl Login {
@@ -158,9 +158,9 @@ impl Login {
             patience: duration(&patience)?,
             attempts,
             valid_for: duration(&valid_for)?,
-            lock: Lock::default(),
-            ask,
-            asked: Arc::new(Mutex::new(asked)),
+            lock: LoginLock::default(),
+            requests: ask,
+            pending_requests: Arc::new(Mutex::new(asked)),
             answers: None,
         })
     }
@@ -177,14 +177,14 @@ impl Login {
     }
 
     /// Lets a person log in at `place`.
-    pub(crate) fn log_in(&mut self, place: String) -> BoxFuture<Result<String, Failure>> {
+    pub(crate) fn log_in(&mut self, place: String) -> BoxFuture<Result<String, MethodFailure>> {
         let (answer, answers) = mpsc::channel(WAITING_MAX);
         self.answers = Some(answer);
-        let attempt = Attempt {
+        let attempt = LoginAttempt {
             secret: self.secret.clone(),
             lock: Arc::clone(&self.lock),
             rest: self.patience,
-            ask: self.ask.clone(),
+            requests: self.requests.clone(),
             answers,
             is_open: false,
             attempts: self.attempts,
@@ -195,13 +195,15 @@ impl Login {
 
     /// Waits until a question is to be asked or withdrawn, and returns the robot's initiatives for that.
     pub(crate) fn next_question(&self) -> BoxFuture<Vec<Initiative>> {
-        let (asked, patience) = (Arc::clone(&self.asked), self.patience);
+        let (asked, patience) = (Arc::clone(&self.pending_requests), self.patience);
         Box::pin(async move {
             match asked.lock().await.recv().await {
-                Some(Asking::Nothing) => vec![Initiative::Withdraw { name: LOGIN.to_owned() }],
-                Some(Asking::This(text)) => {
+                Some(QuestionRequest::Nothing) => {
+                    vec![Initiative::Withdraw { name: LOGIN.to_owned() }]
+                }
+                Some(QuestionRequest::This(text)) => {
                     let (name, question) = (LOGIN.to_owned(), Question::new(text));
-                    vec![Initiative::Ask { name, question, patience }]
+                    vec![Initiative::AskPeople { name, question, patience }]
                 }
                 // The robot has ended, and this future will be dropped.
                 None => std::future::pending().await,
@@ -210,9 +212,10 @@ impl Login {
     }
 
     /// Passes a person's answer to the current attempt.
-    pub(crate) fn heard(&mut self, news: &News) {
+    pub(crate) fn receive_answer(&mut self, news: &InitiativeUpdate) {
         // The attempt has ended, or its queue is full.
-        let is_lost = |answers: &mpsc::Sender<News>| answers.try_send(news.clone()).is_err();
+        let is_lost =
+            |answers: &mpsc::Sender<InitiativeUpdate>| answers.try_send(news.clone()).is_err();
         if self.answers.as_ref().is_some_and(is_lost) {
             self.answers = None;
         }
@@ -220,47 +223,49 @@ impl Login {
 }
 
 /// The attempt of one person to log in.
-struct Attempt {
+struct LoginAttempt {
     secret: Secret,
-    lock: Lock,
+    lock: LoginLock,
     /// How long the screen is closed if there was no answer.
     rest: Duration,
-    ask: mpsc::Sender<Asking>,
-    answers: mpsc::Receiver<News>,
+    requests: mpsc::Sender<QuestionRequest>,
+    answers: mpsc::Receiver<InitiativeUpdate>,
     /// Whether an answer is being waited for.
     is_open: bool,
     attempts: u32,
     place: String,
 }
 
-impl Attempt {
-    async fn run(mut self) -> Result<String, Failure> {
-        let failed = |why: &str| Failure::Driver(why.to_owned());
+impl LoginAttempt {
+    async fn run(mut self) -> Result<String, MethodFailure> {
+        let failed = |why: &str| MethodFailure::Driver(why.to_owned());
         for attempt in 1..=self.attempts {
             let again = if attempt == 1 { "" } else { "That was wrong. " };
             let text = format!("{again}Who is at {}? Log in with your PIN.", self.place);
-            let asked = self.ask.send(Asking::This(text)).await;
+            let asked = self.requests.send(QuestionRequest::This(text)).await;
             asked.map_err(|_| failed("ask for a PIN: the screen is off"))?;
             self.is_open = true;
             let answer = self.answers.recv().await;
             self.is_open = false;
             match answer {
-                Some(News::Answer(answer)) if self.secret.is(&answer) => {
+                Some(InitiativeUpdate::Answer(answer)) if self.secret.is(&answer) => {
                     return Ok(self.place.clone());
                 }
-                Some(News::Answer(_)) => (),
-                Some(News::Refused(refusal)) => {
+                Some(InitiativeUpdate::Answer(_)) => (),
+                Some(InitiativeUpdate::Refused(refusal)) => {
                     self.close_for(self.rest);
                     return Err(failed(&format!("validate a person: {}", refusal.detail)));
                 }
-                Some(News::Unanswered(why)) => {
+                Some(InitiativeUpdate::Unanswered(why)) => {
                     self.close_for(self.rest);
                     return Err(failed(&format!("validate a person: {why}")));
                 }
-                Some(News::Report(_)) | None => return Err(failed("receive an answer")),
+                Some(InitiativeUpdate::Report(_)) | None => {
+                    return Err(failed("receive an answer"));
+                }
             }
         }
-        self.close_for(LOCKED_FOR);
+        self.close_for(LOCK_TIME);
         Err(failed(&format!("validate a person: {} answers were wrong", self.attempts)))
     }
 
@@ -270,12 +275,12 @@ impl Attempt {
     }
 }
 
-impl Drop for Attempt {
+impl Drop for LoginAttempt {
     fn drop(&mut self) {
         // The attempt was cancelled: withdraw the question, so that no person goes to a keyboard for it. If
         // the queue is full, the question ends at its deadline.
         if self.is_open {
-            let _ = self.ask.try_send(Asking::Nothing);
+            let _ = self.requests.try_send(QuestionRequest::Nothing);
         }
     }
 }

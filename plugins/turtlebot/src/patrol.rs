@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use acl::Deadline;
 use acl::content::{Achieve, Keep, Method};
-use actuator::{Initiative, OwnFact, Performed, Place, Stir, facts_of};
+use actuator::{DeviceEvent, Initiative, MethodResult, OwnFact, PlaceName, facts_of};
 use agent::{Blueprint, BuildError};
 use serde::Deserialize;
 use tokio::time::Instant;
@@ -27,14 +27,14 @@ pub(crate) const ACTION: &str = "(:action patrol
         :effect (and (patrolled ?l) (increase (total-cost) 1)))";
 
 /// Time limit of looking around.
-const LOOKING: Duration = Duration::from_secs(5);
+const LOOKING_TIME_MAX: Duration = Duration::from_secs(5);
 
 /// The key `patrol` in the `config` of an entry.
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct PatrolConfig {
     /// The places to visit.
-    places: Vec<Place>,
+    places: Vec<PlaceName>,
     /// How long a place counts as patrolled, such as `"10m"`.
     every: String,
     /// The priority of the goal. The default is below 0, the priority of the goals of users.
@@ -48,7 +48,7 @@ fn default_priority() -> i32 {
 
 /// One robot's patrol.
 pub(crate) struct Patrol {
-    places: Vec<Place>,
+    places: Vec<PlaceName>,
     every: Duration,
     priority: i32,
     /// The time of the last visit to each place.
@@ -66,8 +66,9 @@ impl Patrol {
             return Err(blueprint.problem(problem.to_owned()));
         }
         let map = &blueprint.host.map.objects;
-        let is_on_map =
-            |place: &Place| map.iter().any(|declaration| declaration.object.name == place.as_str());
+        let is_on_map = |place: &PlaceName| {
+            map.iter().any(|declaration| declaration.object.name == place.as_str())
+        };
         if let Some(place) = places.iter().find(|place| !is_on_map(place)) {
             return Err(blueprint.problem(format!("patrol: `{place}` is not on the map")));
         }
@@ -76,7 +77,7 @@ impl Patrol {
 
     /// Returns the request for the patrol's goal at the first call, then `None`: the goal is kept from then
     /// on.
-    pub(crate) fn first_wish(&mut self) -> Option<Stir<TurtleBot>> {
+    pub(crate) fn initial_goal(&mut self) -> Option<DeviceEvent<TurtleBot>> {
         if std::mem::replace(&mut self.has_asked, true) {
             return None;
         }
@@ -87,7 +88,7 @@ impl Patrol {
             places => format!("(and {})", places.join(" ")),
         };
         let goal = Achieve::new(goal, Keep::Maintain, self.priority);
-        let want = Initiative::Want { name: "patrol".to_owned(), goal, insists: true };
+        let want = Initiative::RequestGoal { name: "patrol".to_owned(), goal, insists: true };
         Some(Box::new(move |_| vec![want]))
     }
 
@@ -95,7 +96,7 @@ impl Patrol {
         Method {
             method: METHOD.to_owned(),
             arguments: [("place".to_owned(), "?l".to_owned())].into(),
-            timeout: Deadline(LOOKING),
+            timeout: Deadline(LOOKING_TIME_MAX),
         }
     }
 
@@ -111,10 +112,10 @@ impl Patrol {
             .collect()
     }
 
-    pub(crate) fn performed(&mut self, place: String) -> Performed {
+    pub(crate) fn performed(&mut self, place: String) -> MethodResult {
         let detail = format!("all is quiet at {place}");
         let observed = facts_of(&format!("(patrolled {place})"));
         self.last.insert(place, Instant::now());
-        Performed { detail, observations: observed.into_iter().map(|fact| fact.fact).collect() }
+        MethodResult { detail, observations: observed.into_iter().map(|fact| fact.fact).collect() }
     }
 }

@@ -14,14 +14,14 @@ use std::time::Duration;
 use acl::Deadline;
 use acl::content::Method;
 use actuator::{
-    Actuator, BaseConfig, BoxFuture, Call, Description, Device, Failure, MobileBase, Moved,
-    OwnFact, Performed, Place, Stir, facts_of, model_of,
+    Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, MethodCall,
+    MethodFailure, MethodResult, MobileBase, OwnFact, PlaceName, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use serde::Deserialize;
 
 /// Time limit of lighting up its screen.
-const SHOWING: Duration = Duration::from_secs(30);
+const SHOWING_TIME_MAX: Duration = Duration::from_secs(30);
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -46,7 +46,7 @@ struct Config {
 }
 
 /// The driver of its screen. Error texts complete “failed to …”.
-pub trait Screen: Send + Sync + 'static {
+pub trait ScreenDriver: Send + Sync + 'static {
     /// Shows a text; `None` turns the screen dark.
     fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>>;
 }
@@ -57,7 +57,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         return Err(blueprint.problem(format!("a video-robot's config has no key `{key}`")));
     }
     for name in media.keys() {
-        Place::try_from(name.clone()).map_err(|_| {
+        PlaceName::try_from(name.clone()).map_err(|_| {
             blueprint.problem(format!("`{name}` cannot name a medium: it has to be a PDDL name"))
         })?;
     }
@@ -78,14 +78,14 @@ struct VideoRobot {
     ontology: String,
     base: MobileBase,
     media: BTreeMap<String, String>,
-    screen: Arc<dyn Screen>,
+    screen: Arc<dyn ScreenDriver>,
     /// The name of the medium that it shows; `None` if the screen is dark.
     shown: Option<String>,
 }
 
 /// The result of a method.
-enum Done {
-    Moved(Moved),
+enum PresentationResult {
+    Moved(BaseOutcome),
     Shows(Option<String>),
 }
 
@@ -103,13 +103,13 @@ const PRESENTING: &str = "(:action present
             (increase (total-cost) 1)))";
 
 impl Device for VideoRobot {
-    type Yield = Done;
+    type Yield = PresentationResult;
 
     fn describe(&self) -> Description {
         let VideoRobot { id, ontology, base, media, .. } = self;
         let media: Vec<_> = media.keys().map(|name| format!("{name} - media")).collect();
         let (objects, media) = (base.objects(), media.join(" "));
-        let (lasting, moving) = (base.lasting(), base.actions("(not (presenting ?b))"));
+        let (lasting, moving) = (base.constant_facts(), base.actions("(not (presenting ?b))"));
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types video-robot - mobile-base)
@@ -127,7 +127,7 @@ impl Device for VideoRobot {
             let method = Method {
                 method: method.to_owned(),
                 arguments: arguments.collect(),
-                timeout: Deadline(SHOWING),
+                timeout: Deadline(SHOWING_TIME_MAX),
             };
             methods.insert(action.to_owned(), method);
         }
@@ -143,7 +143,10 @@ impl Device for VideoRobot {
         facts_of(&text)
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
+    fn perform(
+        &mut self,
+        call: &MethodCall,
+    ) -> BoxFuture<Result<PresentationResult, MethodFailure>> {
         let screen = Arc::clone(&self.screen);
         let shown = match call.method.as_str() {
             "show" => match self.presentation(call) {
@@ -153,40 +156,40 @@ impl Device for VideoRobot {
             "hide" => None,
             _ => {
                 let moved = self.base.perform(call);
-                return Box::pin(async move { moved.await.map(Done::Moved) });
+                return Box::pin(async move { moved.await.map(PresentationResult::Moved) });
             }
         };
         Box::pin(async move {
             let (medium, text) = shown.unzip();
-            screen.show(text.as_deref()).await.map_err(Failure::Driver)?;
-            Ok(Done::Shows(medium))
+            screen.show(text.as_deref()).await.map_err(MethodFailure::Driver)?;
+            Ok(PresentationResult::Shows(medium))
         })
     }
 
-    fn performed(&mut self, _call: &Call, done: Done) -> Performed {
+    fn on_success(&mut self, _call: &MethodCall, done: PresentationResult) -> MethodResult {
         let medium = match done {
-            Done::Moved(moved) => return self.base.performed(&moved),
-            Done::Shows(medium) => medium,
+            PresentationResult::Moved(moved) => return self.base.performed(&moved),
+            PresentationResult::Shows(medium) => medium,
         };
         self.shown = medium;
         let Some(medium) = &self.shown else {
-            return Performed { detail: "is dark".to_owned(), observations: Vec::new() };
+            return MethodResult { detail: "is dark".to_owned(), observations: Vec::new() };
         };
         let place = self.base.place();
         let observed = facts_of(&format!("(presented {medium} {place})"));
         let observations = observed.into_iter().map(|fact| fact.fact).collect();
-        Performed { detail: format!("shows {medium} at {place}"), observations }
+        MethodResult { detail: format!("shows {medium} at {place}"), observations }
     }
 
-    fn look(&self) -> Option<BoxFuture<()>> {
-        Some(self.base.look())
+    fn read_state(&self) -> Option<BoxFuture<()>> {
+        Some(self.base.locate())
     }
 
-    fn watch(&mut self) -> Option<BoxFuture<Stir<VideoRobot>>> {
-        let wish = self.base.next_wish();
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<VideoRobot>>> {
+        let wish = self.base.next_initiative();
         Some(Box::pin(async move {
             wish.await;
-            let stir: Stir<VideoRobot> = Box::new(|robot| robot.base.wishes());
+            let stir: DeviceEvent<VideoRobot> = Box::new(|robot| robot.base.take_initiatives());
             stir
         }))
     }
@@ -195,14 +198,17 @@ impl Device for VideoRobot {
 impl VideoRobot {
     /// Returns the medium that a call is to show, and its text. Returns an error if the robot is not in the
     /// room, or has no such medium.
-    fn presentation(&self, call: &Call) -> Result<(String, String), Failure> {
+    fn presentation(&self, call: &MethodCall) -> Result<(String, String), MethodFailure> {
         let (medium, room) = (call.argument("media")?, call.argument("room")?);
         let place = self.base.place();
         if room != place {
-            return Err(Failure::Driver(format!("present in `{room}`: it stands at `{place}`")));
+            return Err(MethodFailure::Driver(format!(
+                "present in `{room}`: it stands at `{place}`"
+            )));
         }
         let text = self.media.get(medium).cloned();
-        let text = text.ok_or_else(|| Failure::Driver(format!("find the medium `{medium}`")))?;
+        let text =
+            text.ok_or_else(|| MethodFailure::Driver(format!("find the medium `{medium}`")))?;
         Ok((medium.to_owned(), text))
     }
 }

@@ -7,7 +7,7 @@ use actuator::{BaseDriver, BoxFuture};
 use agent::{Blueprint, BuildError};
 use building::BuildingHandle;
 
-use crate::Screen;
+use crate::ScreenDriver;
 
 #[derive(Clone)]
 struct Simulated {
@@ -16,10 +16,10 @@ struct Simulated {
 }
 
 /// The drivers of the base and of its screen.
-type Drivers = (Arc<dyn BaseDriver>, Arc<dyn Screen>);
+type VideoDrivers = (Arc<dyn BaseDriver>, Arc<dyn ScreenDriver>);
 
 /// Returns the drivers of a robot.
-pub(crate) fn robot(blueprint: &Blueprint) -> Result<Drivers, BuildError> {
+pub(crate) fn robot(blueprint: &Blueprint) -> Result<VideoDrivers, BuildError> {
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")
     })?;
@@ -51,7 +51,7 @@ impl BaseDriver for Simulated {
     }
 }
 
-impl Screen for Simulated {
+impl ScreenDriver for Simulated {
     fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>> {
         let (Simulated { building, robot }, text) = (self.clone(), text.map(str::to_owned));
         // In the building, the screen is a device of its own, mounted on the robot.

@@ -6,37 +6,42 @@ use std::sync::PoisonError;
 
 use acl::content::{GoalStatus, Keep, Mailboxes, Record};
 
-use crate::city::City;
+use crate::annex_nodes::InterfaceNode;
+use crate::cluster::Cluster;
 use crate::commands;
-use crate::gates::Gate;
-use crate::machine::Post;
-use crate::people::Story;
+use crate::machine::SimulatedMachine;
+use crate::people::GoalTrace;
 use crate::script::BLINKS_UNTIL;
 
 /// Maximum number of messages in a mailbox at rest: heartbeats of this instant.
 const UNREAD_MAX: u64 = 16;
 
 /// Returns all promises that were broken.
-pub fn all(
-    city: &City,
+pub fn all_violations(
+    city: &Cluster,
     goals: &[GoalStatus],
     mailboxes: &[Mailboxes],
     has_settled: bool,
 ) -> Vec<String> {
     let mut broken = city.world.broken.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    broken.extend(commands::broken(&city.given, &city.begun, &city.truth()));
-    broken.extend(waiting(city));
+    broken.extend(commands::violations(&city.command_log, &city.begun, &city.truth()));
+    broken.extend(surplus_exchanges(city));
     let kept = kept(city);
     broken.extend(unread(mailboxes));
     broken.extend(outlived(&kept));
-    for story in city.people.iter().flat_map(|person| person.stories.values()) {
-        broken.extend(torn(story));
-        broken.extend(unheard(story));
+    for story in city.people.iter().flat_map(|person| person.traces.values()) {
+        broken.extend(ended_by_blink(story));
+        broken.extend(missing_outcome(story));
         broken.extend(unexplained(story));
         broken.extend(repeated(city, story));
-        broken.extend(vanished(story, &kept, goals));
+        broken.extend(lost_goal(story, &kept, goals));
     }
-    broken.extend(city.posts.iter().filter_map(Post::gate).flat_map(Gate::broken));
+    broken.extend(
+        city.machines
+            .iter()
+            .filter_map(SimulatedMachine::annex_node)
+            .flat_map(InterfaceNode::node_violations),
+    );
     if !has_settled {
         let open = goals.iter().filter(|goal| !rests(goal));
         broken.extend(open.map(|goal| format!("{} never ends: {}", goal.goal, goal.phase)));
@@ -55,12 +60,12 @@ fn rests(goal: &GoalStatus) -> bool {
 
 /// Returns exchanges that are open beyond the expected ones. At rest only a person with a kept goal
 /// waits: for the report that the goal no longer holds.
-pub fn waiting(city: &City) -> Vec<String> {
+pub fn surplus_exchanges(city: &Cluster) -> Vec<String> {
     let mut waiting = Vec::new();
-    for (agent, open) in city.posts.iter().flat_map(|post| post.waits().open()) {
+    for (agent, open) in city.machines.iter().flat_map(|post| post.agent_exchanges().open()) {
         let person = city.people.iter().find(|person| person.name == agent.as_str());
         let kept = person.map_or(0, |person| {
-            let stories = person.stories.values();
+            let stories = person.traces.values();
             stories.filter(|story| story.is_listening && story.wish.keep == Keep::Maintain).count()
         });
         if open > kept {
@@ -72,8 +77,8 @@ pub fn waiting(city: &City) -> Vec<String> {
 
 /// A blink must not end a plan. A declined action is allowed: two replicas may have taken one goal in
 /// that instant, and then the actuator decides.
-fn torn(story: &Story) -> Option<String> {
-    let torn = story.heard.iter().find(|(at, line)| {
+fn ended_by_blink(story: &GoalTrace) -> Option<String> {
+    let torn = story.received.iter().find(|(at, line)| {
         let is_torn = line.contains("planning anew") || line.contains("failed");
         *at < BLINKS_UNTIL
             && is_torn
@@ -83,28 +88,28 @@ fn torn(story: &Story) -> Option<String> {
 }
 
 /// A person with a terminal that still runs must receive the outcome of each goal.
-fn unheard(story: &Story) -> Option<String> {
+fn missing_outcome(story: &GoalTrace) -> Option<String> {
     let is_unheard = story.is_listening && !story.is_settled();
-    let last = story.heard.last().map_or("nothing", |(_, line)| line.as_str());
+    let last = story.received.last().map_or("nothing", |(_, line)| line.as_str());
     is_unheard.then(|| format!("{}: its end was never received; last: {last}", story.wish.goal))
 }
 
 /// Every failure must have a reason.
-fn unexplained(story: &Story) -> Option<String> {
+fn unexplained(story: &GoalTrace) -> Option<String> {
     let goal = &story.wish.goal;
     story.has_no_reason.then(|| format!("{goal}: it failed, and no reason was given"))
 }
 
 /// Exactly-once: people see no duplicate confirmations, even if messages are delivered twice.
-fn repeated(city: &City, story: &Story) -> Option<String> {
-    let said = city.said.count(story.conversation.as_ref()?);
+fn repeated(city: &Cluster, story: &GoalTrace) -> Option<String> {
+    let said = city.confirmations.count(story.conversation.as_ref()?);
     let (heard, goal) = (story.reports, &story.wish.goal);
     (heard > said).then(|| format!("{goal}: {said} confirmations were sent, {heard} received"))
 }
 
 /// An accepted goal must end or still be pursued, also if its terminal is gone.
-fn vanished(
-    story: &Story,
+fn lost_goal(
+    story: &GoalTrace,
     kept: &BTreeMap<String, Record>,
     goals: &[GoalStatus],
 ) -> Option<String> {
@@ -112,7 +117,7 @@ fn vanished(
     let is_there = goals.iter().any(|goal| goal.conversation == *conversation);
     let record = kept.get(&format!("goal/{conversation}"));
     let has_ended = record.is_some_and(|record| !record.body["ended"].is_null());
-    let was_heard = story.end.is_some_and(|end| end.is_final());
+    let was_heard = story.final_outcome.is_some_and(|end| end.is_final());
     let is_lost = !is_there && !has_ended && !was_heard;
     is_lost.then(|| {
         let record = record.map(|record| record.body.to_string());
@@ -141,9 +146,9 @@ fn outlived(kept: &BTreeMap<String, Record>) -> Vec<String> {
 }
 
 /// Returns the newest version of each record on the Journals' disks.
-fn kept(city: &City) -> BTreeMap<String, Record> {
+fn kept(city: &Cluster) -> BTreeMap<String, Record> {
     let mut newest: BTreeMap<String, Record> = BTreeMap::new();
-    for record in city.posts.iter().flat_map(|post| post.kept()) {
+    for record in city.machines.iter().flat_map(|post| post.journal_records()) {
         let known = newest.get(&record.key).map(|known| known.version);
         if known.is_none_or(|known| known < record.version) {
             newest.insert(record.key.clone(), record);

@@ -6,21 +6,21 @@ use std::sync::{Mutex, PoisonError};
 
 use acl::content::{ActionToken, Request};
 use acl::{ConversationId, Performative};
-use building::{Event, Truth};
+use building::{BuildingEvent, Truth};
 use substrate::{Addressed, Subject};
 
 /// The action of each token, by agent and token.
 #[derive(Default)]
-pub struct Given(Mutex<BTreeMap<(String, ActionToken), String>>);
+pub struct CommandLog(Mutex<BTreeMap<(String, ActionToken), String>>);
 
 /// The commands that each agent has begun, in order, with repetitions.
 pub type Begun = BTreeMap<String, Vec<ActionToken>>;
 
 // === impl Given ===
 
-impl Given {
+impl CommandLog {
     /// Records a message that passes over the network.
-    pub fn note(&self, addressed: &Addressed, payload: &[u8]) {
+    pub fn record_command(&self, addressed: &Addressed, payload: &[u8]) {
         let Addressed::To(to, Subject::Message(Performative::Request)) = addressed else { return };
         let Ok(message) = acl::decode(payload) else { return };
         if let Ok(Request::Act(act)) = message.content_as() {
@@ -30,7 +30,7 @@ impl Given {
     }
 
     /// Returns start and destination of a command that moves; `None` for other commands.
-    fn way(&self, agent: &str, token: &ActionToken) -> Option<[String; 2]> {
+    fn movement(&self, agent: &str, token: &ActionToken) -> Option<[String; 2]> {
         let given = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let action = given.get(&(agent.to_owned(), token.clone()))?;
         let words: Vec<_> = action.trim_matches(['(', ')']).split_whitespace().collect();
@@ -49,7 +49,7 @@ impl Given {
 // === checks ===
 
 /// Returns everything that is wrong about the commands begun and the actions done.
-pub fn broken(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
+pub fn violations(given: &CommandLog, begun: &Begun, truth: &Truth) -> Vec<String> {
     let mut broken = Vec::new();
     for (agent, tokens) in begun {
         broken.extend(twice(agent, tokens));
@@ -89,17 +89,17 @@ fn overtaken(agent: &str, tokens: &[ActionToken]) -> Option<String> {
 
 /// Every departure of a robot matches a begun command, in order, one departure per command. A begun
 /// command may have no departure: its process may die before the robot moves.
-fn strayed(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
+fn strayed(given: &CommandLog, begun: &Begun, truth: &Truth) -> Vec<String> {
     let mut ways: BTreeMap<&str, Vec<[String; 2]>> = BTreeMap::new();
     for occurrence in truth.occurrences() {
-        if let Event::Departed { robot, from, to } = &occurrence.event {
+        if let BuildingEvent::Departed { robot, from, to } = &occurrence.event {
             ways.entry(robot).or_default().push([from.clone(), to.clone()]);
         }
     }
     let mut strayed = Vec::new();
     for (robot, ways) in ways {
         let tokens = begun.get(robot).into_iter().flatten();
-        let mut commanded = tokens.filter_map(|token| given.way(robot, token));
+        let mut commanded = tokens.filter_map(|token| given.movement(robot, token));
         if let Some([from, to]) = ways.iter().find(|way| !commanded.any(|other| other == **way)) {
             strayed.push(format!(
                 "`{robot}` set off from {from} to {to}, without a command for it, or twice for one \
@@ -114,7 +114,8 @@ fn strayed(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
 fn unrecorded(begun: &Begun, truth: &Truth) -> Vec<String> {
     let mut done: BTreeMap<&str, usize> = BTreeMap::new();
     for occurrence in truth.occurrences() {
-        if let Event::Departed { robot: who, .. } | Event::Asked { sensor: who } = &occurrence.event
+        if let BuildingEvent::Departed { robot: who, .. } | BuildingEvent::Asked { sensor: who } =
+            &occurrence.event
         {
             *done.entry(who).or_default() += 1;
         }

@@ -6,8 +6,8 @@ use std::time::Duration;
 use acl::content::{Keep, Partition};
 use serde_json::json;
 
-use crate::city::City;
-use crate::script::{Script, Wish};
+use crate::cluster::Cluster;
+use crate::script::{ScriptedGoal, TrialScript};
 use crate::trial::{self, TrialError};
 
 /// How long a measured value counts as known: the next goal about that room needs a plan again.
@@ -34,16 +34,16 @@ pub fn endure(
     let folder = trial::folder()?;
     let runtime = trial::runtime()?;
     runtime.block_on(async {
-        let mut script = Script::draw(seed)?;
-        (script.wishes, script.faults, script.errands) = Default::default();
+        let mut script = TrialScript::draw(seed)?;
+        (script.scripted_goals, script.faults, script.annex_requests_at) = Default::default();
         for entry in script.agents.iter_mut().filter(|entry| entry.name.starts_with("wall")) {
             entry.config["valid-for"] = json!(VALID_FOR);
         }
         let walls = script.agents.iter().filter(|entry| entry.name.starts_with("wall"));
         let rooms = walls.filter_map(|entry| entry.config["location"].as_str());
         let rooms: Vec<_> = rooms.map(str::to_owned).collect();
-        let mut city = City::enduring(script, heard_messages_max, folder.path())?;
-        for number in 0..city.posts.len() {
+        let mut city = Cluster::enduring(script, heard_messages_max, folder.path())?;
+        for number in 0..city.machines.len() {
             city.start(number);
         }
         tokio::time::sleep(REST * 3).await;
@@ -58,8 +58,8 @@ pub fn endure(
 }
 
 /// Requests one goal and waits for its end. Returns an error text if it does not end in time.
-async fn reach(city: &mut City, number: usize, room: &str) -> Option<String> {
-    let wish = Wish {
+async fn reach(city: &mut Cluster, number: usize, room: &str) -> Option<String> {
+    let wish = ScriptedGoal {
         at: city.now(),
         by: 0,
         goal: format!("(known-temperature {room})"),
@@ -67,18 +67,18 @@ async fn reach(city: &mut City, number: usize, room: &str) -> Option<String> {
         keep: Keep::Achieve,
         partition: Partition::Pursue,
     };
-    city.people[0].wish(number, &wish);
+    city.people[0].request_goal(number, &wish);
     let until = city.now() + PATIENCE;
-    let is_over = |city: &mut City| {
-        city.people[0].hear();
-        city.people[0].stories.values().all(|story| story.is_settled())
+    let is_over = |city: &mut Cluster| {
+        city.people[0].read_reports();
+        city.people[0].traces.values().all(|story| story.is_settled())
     };
     while !is_over(city) && city.now() < until {
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
     let is_late = !is_over(city);
     // The stories of the people are not part of the measurement.
-    let story = city.people[0].stories.remove(&number);
+    let story = city.people[0].traces.remove(&number);
     tokio::time::sleep(REST).await;
     is_late.then(|| format!("goal {number} about `{room}` never ends: {story:?}"))
 }

@@ -18,17 +18,17 @@
 //! - [`effects`]: counters of the faults that took effect.
 //! - [`trial`]: plays a seed.
 
+pub mod annex_nodes;
 pub mod checks;
-pub mod city;
+pub mod cluster;
 pub mod commands;
-pub mod effects;
 pub mod endurance;
-pub mod gates;
+pub mod fault_effects;
 pub mod machine;
+pub mod open_exchanges;
 pub mod people;
 pub mod script;
 pub mod trial;
-pub mod waits;
 
-pub use script::Guard;
-pub use trial::{Verdict, play};
+pub use script::Safeguard;
+pub use trial::{TrialResult, play};

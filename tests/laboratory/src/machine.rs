@@ -13,7 +13,7 @@ use agent::{
 };
 use building::BuildingHandle;
 use fastrand::Rng;
-use journal::Shelf;
+use journal::MemoryStore;
 use keyboard::{Keyboard, Terminal};
 use pddl::{Domain, Problem};
 use serde::Deserialize as _;
@@ -24,9 +24,9 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
-use crate::gates::{Gate, LABORATORY};
-use crate::script::{Entry, Guard, Script};
-use crate::waits::Waits;
+use crate::annex_nodes::{InterfaceNode, LABORATORY};
+use crate::open_exchanges::OpenExchanges;
+use crate::script::{AgentPlacement, Safeguard, TrialScript};
 
 /// The plugins that run here.
 const PLUGINS: [&PluginEntry; 9] = [
@@ -45,16 +45,16 @@ const PLUGINS: [&PluginEntry; 9] = [
 const RESTART: Duration = Duration::from_millis(500);
 
 /// Start of all machines' clocks: an arbitrary time that is the same for every run of a seed.
-const DAWN: Duration = Duration::from_secs(1_700_000_000);
+const CLOCK_START: Duration = Duration::from_secs(1_700_000_000);
 
 /// State that all machines of a trial share.
-pub struct World {
+pub struct TrialContext {
     /// The ontology.
     pub ontology: Arc<Domain>,
     /// The map.
     pub map: Arc<Problem>,
     /// The trial.
-    pub script: Script,
+    pub script: TrialScript,
     /// Times and bounds.
     pub settings: Settings,
     /// The network between the machines.
@@ -64,27 +64,27 @@ pub struct World {
     /// The building.
     pub building: BuildingHandle,
     /// The guard that is taken out, if any.
-    pub without: Option<Guard>,
+    pub without: Option<Safeguard>,
     /// Agents that panicked or failed; there must be none.
     pub broken: Mutex<Vec<String>>,
 }
 
 /// A machine, with its daemon if it is switched on.
-pub struct Post {
+pub struct SimulatedMachine {
     /// The daemon's name.
     pub daemon: DaemonId,
     number: usize,
     state: PathBuf,
-    shelf: Arc<Shelf>,
-    clock: Arc<Clock>,
-    waits: Arc<Waits>,
-    world: Arc<World>,
-    process: Option<Process>,
-    gate: Option<Gate>,
+    journal_store: Arc<MemoryStore>,
+    clock: Arc<MachineClock>,
+    open_exchanges: Arc<OpenExchanges>,
+    world: Arc<TrialContext>,
+    process: Option<DaemonProcess>,
+    interface_node: Option<InterfaceNode>,
 }
 
 /// A running daemon.
-struct Process {
+struct DaemonProcess {
     switchboard: Arc<Switchboard>,
     host: Arc<Host>,
     agents: Vec<JoinHandle<()>>,
@@ -92,13 +92,13 @@ struct Process {
 
 /// Clock of the machine and open exchanges of one process. A killed process may be woken once more; its
 /// late entries then go to a value that is no longer used.
-struct Given {
-    clock: Arc<Clock>,
-    waits: Arc<Waits>,
+struct MachineServices {
+    clock: Arc<MachineClock>,
+    waits: Arc<OpenExchanges>,
 }
 
 /// A machine's wall clock, and the random delays of its disk.
-struct Clock {
+struct MachineClock {
     began: Instant,
     /// Offset that keeps any two machines from starting in the same microsecond.
     apart: Duration,
@@ -107,10 +107,10 @@ struct Clock {
     disk: Mutex<Rng>,
 }
 
-impl Simulated for Given {
+impl Simulated for MachineServices {
     fn wall_clock(&self) -> SystemTime {
-        let Clock { began, apart, jumped, .. } = &*self.clock;
-        let now = UNIX_EPOCH + DAWN + *apart + began.elapsed();
+        let MachineClock { began, apart, jumped, .. } = &*self.clock;
+        let now = UNIX_EPOCH + CLOCK_START + *apart + began.elapsed();
         let jumped = jumped.load(Ordering::Relaxed);
         let by = Duration::from_secs(jumped.unsigned_abs());
         if jumped < 0 { now - by } else { now + by }
@@ -122,39 +122,47 @@ impl Simulated for Given {
     }
 
     fn waits(&self, agent: &AgentId, life: Incarnation, exchanges: Exchanges) {
-        self.waits.note(agent, life, exchanges);
+        self.waits.record_exchanges(agent, life, exchanges);
     }
 }
 
 // === impl Post ===
 
-impl Post {
+impl SimulatedMachine {
     /// Creates a machine that is switched off, with its disk in the folder `state`.
     ///
     /// # Errors
     ///
     /// Returns an error if the folder cannot be created.
-    pub fn new(world: &Arc<World>, number: usize, state: PathBuf) -> std::io::Result<Post> {
+    pub fn new(
+        world: &Arc<TrialContext>,
+        number: usize,
+        state: PathBuf,
+    ) -> std::io::Result<SimulatedMachine> {
         let name = &world.script.daemons[number];
         let seed = world.script.seed ^ (number as u64 + 1).rotate_left(32);
-        let clock = Clock {
+        let clock = MachineClock {
             began: Instant::now(),
             apart: Duration::from_micros(number as u64 * 997),
             jumped: AtomicI64::new(0),
             disk: Mutex::new(Rng::with_seed(seed)),
         };
         std::fs::create_dir_all(&state)?;
-        let gate = world.script.way(number).map(|way| Gate::new(way, &state)).transpose()?;
-        Ok(Post {
+        let gate = world
+            .script
+            .export_direction(number)
+            .map(|way| InterfaceNode::new(way, &state))
+            .transpose()?;
+        Ok(SimulatedMachine {
             daemon: DaemonId::new(name).expect("invariant: the script gives names"),
             number,
             state,
-            shelf: Arc::default(),
+            journal_store: Arc::default(),
             clock: Arc::new(clock),
-            waits: Arc::default(),
+            open_exchanges: Arc::default(),
             world: Arc::clone(world),
             process: None,
-            gate,
+            interface_node: gate,
         })
     }
 
@@ -170,8 +178,11 @@ impl Post {
         }
         let world = Arc::clone(&self.world);
         let ecosystem = EcosystemId::new(LABORATORY).expect("invariant: a name");
-        self.waits = Arc::default();
-        let given = Arc::new(Given { clock: self.clock.clone(), waits: self.waits.clone() });
+        self.open_exchanges = Arc::default();
+        let given = Arc::new(MachineServices {
+            clock: self.clock.clone(),
+            waits: self.open_exchanges.clone(),
+        });
         let machine = move |state| Machine::simulated(given.clone(), Some(state));
         let switchboard = Switchboard::on(
             machine(self.state.clone()),
@@ -182,12 +193,12 @@ impl Post {
         let inbound = Arc::<Switchboard>::clone(&switchboard);
         switchboard.connect(world.network.open(self.daemon.clone(), inbound));
         let host = self.host();
-        let mut process = Process { switchboard, host, agents: Vec::new() };
+        let mut process = DaemonProcess { switchboard, host, agents: Vec::new() };
         for entry in world.script.agents.iter().filter(|entry| entry.daemons.contains(&self.number))
         {
             process.begin(entry, &world);
         }
-        if let Some(gate) = &mut self.gate {
+        if let Some(gate) = &mut self.interface_node {
             gate.open(&world, machine, (&process.switchboard, &process.host));
         }
         self.process = Some(process);
@@ -197,13 +208,13 @@ impl Post {
     pub fn kill(&mut self) {
         let Some(process) = self.process.take() else { return };
         self.world.network.kill(&self.daemon);
-        if let Some(gate) = &mut self.gate {
+        if let Some(gate) = &mut self.interface_node {
             gate.kill(&self.world, &self.daemon);
         }
         process.agents.iter().for_each(JoinHandle::abort);
-        self.waits = Arc::default();
-        if self.world.without == Some(Guard::Journal) {
-            self.shelf = Arc::default();
+        self.open_exchanges = Arc::default();
+        if self.world.without == Some(Safeguard::Journal) {
+            self.journal_store = Arc::default();
         }
     }
 
@@ -213,12 +224,12 @@ impl Post {
     }
 
     /// Starts a keyboard for a person; `None` if the daemon does not run.
-    pub fn seat(&mut self, name: &str) -> Option<Terminal> {
+    pub fn start_keyboard(&mut self, name: &str) -> Option<Terminal> {
         let process = self.process.as_mut()?;
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(name).expect("invariant: a name");
-        let berth = process.berth(&id, false);
-        let life = Aborted(Launch::launch(Box::new(keyboard), berth));
+        let berth = process.launch_context(&id, false);
+        let life = AbortOnDrop(Launch::launch(Box::new(keyboard), berth));
         process.agents.push(tokio::spawn(async move { drop(life.ended().await) }));
         Some(terminal)
     }
@@ -230,18 +241,18 @@ impl Post {
     }
 
     /// Returns its interfacing part; `None` if it is no interfacing node.
-    pub fn gate(&self) -> Option<&Gate> {
-        self.gate.as_ref()
+    pub fn annex_node(&self) -> Option<&InterfaceNode> {
+        self.interface_node.as_ref()
     }
 
     /// Returns the open exchanges of its agents.
-    pub fn waits(&self) -> &Waits {
-        &self.waits
+    pub fn agent_exchanges(&self) -> &OpenExchanges {
+        &self.open_exchanges
     }
 
     /// Returns the records that its Journal has on disk.
-    pub fn kept(&self) -> Vec<Record> {
-        self.shelf.records()
+    pub fn journal_records(&self) -> Vec<Record> {
+        self.journal_store.records()
     }
 
     /// Returns the commands that an agent has begun here, according to its disk, in order and with
@@ -260,13 +271,13 @@ impl Post {
     }
 
     fn host(&self) -> Arc<Host> {
-        let World { ontology, map, script, settings, building, .. } = &*self.world;
+        let TrialContext { ontology, map, script, settings, building, .. } = &*self.world;
         let mut resources = Resources::default();
         resources.insert(building.clone());
         resources.insert(StateFolder(self.state.clone()));
-        resources.share(Arc::clone(&self.shelf));
+        resources.share(Arc::clone(&self.journal_store));
         let journals = script.agents.iter().filter(|entry| entry.plugin == "journal");
-        let name = |entry: &Entry| AgentId::new(&entry.name).expect("invariant: a name");
+        let name = |entry: &AgentPlacement| AgentId::new(&entry.name).expect("invariant: a name");
         Arc::new(Host {
             ontology: Arc::clone(ontology),
             map: Arc::clone(map),
@@ -280,9 +291,9 @@ impl Post {
 
 // === impl Process ===
 
-impl Process {
+impl DaemonProcess {
     /// Runs an agent and launches it again when it fails, as a daemon's supervisor does.
-    fn begin(&mut self, entry: &Entry, world: &Arc<World>) {
+    fn begin(&mut self, entry: &AgentPlacement, world: &Arc<TrialContext>) {
         let plugin = PLUGINS.into_iter().find(|plugin| plugin.name == entry.plugin);
         let plugin = plugin.expect("invariant: the script names plugins that live here");
         let id = AgentId::new(&entry.name).expect("invariant: a name");
@@ -293,14 +304,14 @@ impl Process {
             host: Arc::clone(&self.host),
         };
         let stands_by = entry.daemons.len() > 1;
-        let (berth, world) = (self.berth(&id, stands_by), Arc::clone(world));
+        let (berth, world) = (self.launch_context(&id, stands_by), Arc::clone(world));
         let span = tracing::info_span!("on", daemon = %self.switchboard.daemon());
         let lives = async move {
             loop {
                 let incarnation = berth.switchboard.machine().next_life();
                 let berth = Berth { incarnation, ..berth.clone() };
                 let ended = match (plugin.build)(blueprint.clone()) {
-                    Ok(agent) => Aborted(agent.launch(berth)).ended().await,
+                    Ok(agent) => AbortOnDrop(agent.launch(berth)).ended().await,
                     Err(error) => Err(error.to_string()),
                 };
                 match ended {
@@ -314,7 +325,7 @@ impl Process {
         self.agents.push(tokio::spawn(lives.instrument(span)));
     }
 
-    fn berth(&self, id: &AgentId, stands_by: bool) -> Berth {
+    fn launch_context(&self, id: &AgentId, stands_by: bool) -> Berth {
         Berth {
             id: id.clone(),
             incarnation: self.switchboard.machine().next_life(),
@@ -328,9 +339,9 @@ impl Process {
 }
 
 /// A running agent that is aborted when this is dropped.
-struct Aborted(JoinHandle<Result<(), LaunchError>>);
+struct AbortOnDrop(JoinHandle<Result<(), LaunchError>>);
 
-impl Aborted {
+impl AbortOnDrop {
     /// Waits for the end of the agent and returns how it ended.
     async fn ended(mut self) -> Result<(), String> {
         match (&mut self.0).await {
@@ -341,7 +352,7 @@ impl Aborted {
     }
 }
 
-impl Drop for Aborted {
+impl Drop for AbortOnDrop {
     fn drop(&mut self) {
         self.0.abort();
     }
@@ -349,7 +360,7 @@ impl Drop for Aborted {
 
 // === impl World ===
 
-impl World {
+impl TrialContext {
     fn note_broken(&self, line: String) {
         self.broken.lock().unwrap_or_else(PoisonError::into_inner).push(line);
     }

@@ -6,7 +6,7 @@ use std::sync::{OnceLock, mpsc};
 use std::time::Instant;
 
 use clap::Parser;
-use laboratory::{Guard, Verdict, play};
+use laboratory::{Safeguard, TrialResult, play};
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::FormatTime;
 
@@ -25,7 +25,7 @@ struct Arguments {
     replay: Option<u64>,
     /// Disable one guarantee: some seed should fail.
     #[arg(long, value_name = "GUARD")]
-    without: Option<Guard>,
+    without: Option<Safeguard>,
     /// Go on after the first seed that fails.
     #[arg(long)]
     all: bool,
@@ -52,7 +52,7 @@ fn main() -> ExitCode {
 }
 
 /// Plays one seed and prints its whole history.
-fn replay(seed: u64, without: Option<Guard>) -> ExitCode {
+fn replay(seed: u64, without: Option<Safeguard>) -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(tracing_subscriber::EnvFilter::from_default_env())
         .with_writer(std::io::stderr)
@@ -60,13 +60,13 @@ fn replay(seed: u64, without: Option<Guard>) -> ExitCode {
         .init();
     match play(seed, without) {
         Ok(verdict) => {
-            verdict.story.iter().for_each(|line| println!("{line}"));
-            tell(&verdict);
-            let Verdict { effects, goals, digest, lasted, .. } = verdict;
+            verdict.transcript.iter().for_each(|line| println!("{line}"));
+            print_result(&verdict);
+            let TrialResult { effects, goals, digest, lasted, .. } = verdict;
             let kinds = effects.kinds().map(|(kind, count)| format!("{count} {kind}")).join(", ");
             println!(
                 "{} faults took effect; of {} messages: {kinds}",
-                effects.struck, effects.told.sent
+                effects.struck, effects.message_faults.sent
             );
             println!("{goals:?}; {lasted:.1?} of simulated time; digest {digest:016x}");
             if verdict.broken.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
@@ -117,7 +117,7 @@ fn play_all(arguments: &Arguments) -> (u64, Vec<u64>) {
             match verdict {
                 Ok(verdict) if verdict.broken.is_empty() => (),
                 Ok(verdict) => {
-                    tell(&verdict);
+                    print_result(&verdict);
                     failed.push(seed);
                 }
                 Err(error) => {
@@ -138,8 +138,8 @@ fn play_all(arguments: &Arguments) -> (u64, Vec<u64>) {
     })
 }
 
-fn tell(verdict: &Verdict) {
-    let Verdict { seed, broken, size: [daemons, agents, goals, faults], .. } = verdict;
+fn print_result(verdict: &TrialResult) {
+    let TrialResult { seed, broken, size: [daemons, agents, goals, faults], .. } = verdict;
     let what = format!("{daemons} daemons, {agents} agents, {goals} goals, {faults} faults");
     if broken.is_empty() {
         println!("seed {seed} ({what}): all is well");

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use acl::ConversationId;
 use acl::content::{Keep, Outcome};
-use keyboard::{Heard, Said, Terminal};
+use keyboard::{Terminal, UserEvent, UserRequest};
 use tokio::time::Instant;
 
-use crate::script::Wish;
+use crate::script::ScriptedGoal;
 
 /// A person at a terminal, with a record of all reports.
 pub struct Person {
@@ -16,21 +16,21 @@ pub struct Person {
     pub name: String,
     terminal: Option<Terminal>,
     /// Goals requested at this terminal that have no conversation yet.
-    unnamed: Vec<(usize, Wish)>,
+    without_conversation: Vec<(usize, ScriptedGoal)>,
     /// History of each goal, by its number.
-    pub stories: BTreeMap<usize, Story>,
+    pub traces: BTreeMap<usize, GoalTrace>,
     since: Instant,
 }
 
 /// History of a goal, as its person knows it.
 #[derive(Clone, Debug)]
-pub struct Story {
+pub struct GoalTrace {
     /// The request.
-    pub wish: Wish,
+    pub wish: ScriptedGoal,
     /// Conversation of the goal, once it is known.
     pub conversation: Option<ConversationId>,
     /// Reports received, with their times.
-    pub heard: Vec<(Duration, String)>,
+    pub received: Vec<(Duration, String)>,
     /// Number of reports received.
     pub reports: usize,
     /// Whether a report said that Journals have the goal.
@@ -38,7 +38,7 @@ pub struct Story {
     /// Whether a report of a failure had no reason.
     pub has_no_reason: bool,
     /// The outcome, if it has ended. A kept goal has ended when it holds.
-    pub end: Option<Outcome>,
+    pub final_outcome: Option<Outcome>,
     /// Whether the terminal that requested the goal still runs.
     pub is_listening: bool,
 }
@@ -50,68 +50,68 @@ impl Person {
     pub fn new(name: &str, since: Instant) -> Person {
         let name = name.to_owned();
         let (unnamed, stories) = (Vec::new(), BTreeMap::new());
-        Person { name, terminal: None, unnamed, stories, since }
+        Person { name, terminal: None, without_conversation: unnamed, traces: stories, since }
     }
 
     /// Gives the person a terminal.
-    pub fn sit(&mut self, terminal: Terminal) {
+    pub fn give_terminal(&mut self, terminal: Terminal) {
         self.terminal = Some(terminal);
     }
 
     /// Takes the terminal away, because its process died.
-    pub fn lose(&mut self) {
-        self.hear();
+    pub fn remove_terminal(&mut self) {
+        self.read_reports();
         self.terminal = None;
-        self.unnamed.clear();
-        self.stories.values_mut().for_each(|story| story.is_listening = false);
+        self.without_conversation.clear();
+        self.traces.values_mut().for_each(|story| story.is_listening = false);
     }
 
     /// Requests a goal; returns whether there was a keyboard to take it.
-    pub fn wish(&mut self, number: usize, wish: &Wish) -> bool {
+    pub fn request_goal(&mut self, number: usize, wish: &ScriptedGoal) -> bool {
         let Some(terminal) = &self.terminal else { return false };
-        let said = keyboard::Wish {
+        let said = keyboard::GoalRequest {
             goal: wish.goal.clone(),
             keep: wish.keep,
             priority: 0,
             partition: wish.partition,
         };
-        if terminal.say.try_send(Said::Wish(said)).is_err() {
+        if terminal.requests.try_send(UserRequest::RequestGoal(said)).is_err() {
             return false;
         }
-        let story = Story {
+        let story = GoalTrace {
             wish: wish.clone(),
             conversation: None,
-            heard: Vec::new(),
+            received: Vec::new(),
             reports: 0,
             is_accepted: false,
             has_no_reason: false,
-            end: None,
+            final_outcome: None,
             is_listening: true,
         };
-        self.unnamed.push((number, wish.clone()));
-        self.stories.insert(number, story);
+        self.without_conversation.push((number, wish.clone()));
+        self.traces.insert(number, story);
         true
     }
 
     /// Reads the reports that have arrived.
-    pub fn hear(&mut self) {
+    pub fn read_reports(&mut self) {
         let at = self.since.elapsed();
         let Some(terminal) = &mut self.terminal else { return };
-        while let Ok(heard) = terminal.hear.try_recv() {
-            if let Heard::Asked(conversation) = &heard {
+        while let Ok(heard) = terminal.events.try_recv() {
+            if let UserEvent::Sent(conversation) = &heard {
                 // A keyboard handles requests in order.
-                if !self.unnamed.is_empty() {
-                    let (number, _) = self.unnamed.remove(0);
-                    if let Some(story) = self.stories.get_mut(&number) {
+                if !self.without_conversation.is_empty() {
+                    let (number, _) = self.without_conversation.remove(0);
+                    if let Some(story) = self.traces.get_mut(&number) {
                         story.conversation = Some(conversation.clone());
                     }
                 }
                 continue;
             }
             let about = heard.conversation().cloned();
-            let is_it = |story: &&mut Story| story.conversation == about;
-            if let Some(story) = self.stories.values_mut().find(is_it) {
-                story.hear(at, &heard);
+            let is_it = |story: &&mut GoalTrace| story.conversation == about;
+            if let Some(story) = self.traces.values_mut().find(is_it) {
+                story.add_report(at, &heard);
             }
         }
     }
@@ -119,31 +119,33 @@ impl Person {
 
 // === impl Story ===
 
-impl Story {
-    fn hear(&mut self, at: Duration, heard: &Heard) {
+impl GoalTrace {
+    fn add_report(&mut self, at: Duration, heard: &UserEvent) {
         let line = match heard {
-            Heard::Report(_, report) => format!("{}: {}", report.outcome, report.detail),
-            Heard::Refused(_, refusal) => format!("refused: {}", refusal.detail),
-            Heard::Unanswered(_, why) => format!("unanswered: {why}"),
+            UserEvent::Report(_, report) => format!("{}: {}", report.outcome, report.detail),
+            UserEvent::Refused(_, refusal) => format!("refused: {}", refusal.detail),
+            UserEvent::Unanswered(_, why) => format!("unanswered: {why}"),
             other => format!("{other:?}"),
         };
         self.is_accepted |= line.contains("accepted; kept by");
         let why = match heard {
-            Heard::Report(_, report) if report.outcome.is_final() => Some(&report.detail),
-            Heard::Refused(_, refusal) => Some(&refusal.detail),
-            Heard::Unanswered(_, why) => Some(why),
+            UserEvent::Report(_, report) if report.outcome.is_final() => Some(&report.detail),
+            UserEvent::Refused(_, refusal) => Some(&refusal.detail),
+            UserEvent::Unanswered(_, why) => Some(why),
             _ => None,
         };
         self.has_no_reason |= why.is_some_and(|why| why.trim().is_empty());
-        self.heard.push((at, line));
+        self.received.push((at, line));
         match heard {
-            Heard::Report(_, report) => {
+            UserEvent::Report(_, report) => {
                 self.reports += 1;
                 if report.outcome.is_final() || report.outcome == Outcome::Holds {
-                    self.end = Some(report.outcome);
+                    self.final_outcome = Some(report.outcome);
                 }
             }
-            Heard::Refused(..) | Heard::Unanswered(..) => self.end = Some(Outcome::Failed),
+            UserEvent::Refused(..) | UserEvent::Unanswered(..) => {
+                self.final_outcome = Some(Outcome::Failed)
+            }
             _ => (),
         }
     }
@@ -151,8 +153,8 @@ impl Story {
     /// Whether the person waits for no further report.
     pub fn is_settled(&self) -> bool {
         match self.wish.keep {
-            Keep::Achieve => self.end.is_some_and(Outcome::is_final),
-            Keep::Maintain => self.end.is_some(),
+            Keep::Achieve => self.final_outcome.is_some_and(Outcome::is_final),
+            Keep::Maintain => self.final_outcome.is_some(),
         }
     }
 }

@@ -8,7 +8,7 @@ use building::{Layout, LayoutError};
 use fastrand::Rng;
 use serde_json::{Value, json};
 
-use crate::gates::Way;
+use crate::annex_nodes::ExportDirection;
 
 /// End of the first phase, in which the only faults are blinks, which must have no effect.
 pub const BLINKS_UNTIL: Duration = Duration::from_secs(20);
@@ -37,7 +37,7 @@ const BLINK_MS: std::ops::Range<u64> = 20..350;
 /// A mechanism that keeps a promise. It can be taken out, to test that the laboratory detects its
 /// absence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Guard {
+pub enum Safeguard {
     /// Actuators remember which commands they have begun.
     Fencing,
     /// Agents remember which messages they have received.
@@ -52,7 +52,7 @@ pub enum Guard {
 
 /// A trial, drawn from a seed.
 #[derive(Clone, Debug)]
-pub struct Script {
+pub struct TrialScript {
     /// The seed.
     pub seed: u64,
     /// The flow by which plans are made.
@@ -60,21 +60,21 @@ pub struct Script {
     /// Names of the daemons. Of the first, only the links ever fail: people have their terminals there.
     pub daemons: Vec<String>,
     /// The agents.
-    pub agents: Vec<Entry>,
+    pub agents: Vec<AgentPlacement>,
     /// Rooms and corridors, and the devices in them.
     pub layout: Layout,
     /// Goals to request.
-    pub wishes: Vec<Wish>,
+    pub scripted_goals: Vec<ScriptedGoal>,
     /// Faults, in order of time.
-    pub faults: Vec<(Duration, Fault)>,
+    pub faults: Vec<(Duration, InjectedFault)>,
     /// Times at which goals are requested from a second ecosystem; empty if there is none. If there is
     /// one, the last two daemons are interfacing nodes.
-    pub errands: Vec<Duration>,
+    pub annex_requests_at: Vec<Duration>,
 }
 
 /// One agent.
 #[derive(Clone, Debug)]
-pub struct Entry {
+pub struct AgentPlacement {
     /// Its name.
     pub name: String,
     /// Its plugin.
@@ -87,7 +87,7 @@ pub struct Entry {
 
 /// A goal.
 #[derive(Clone, Debug)]
-pub struct Wish {
+pub struct ScriptedGoal {
     /// Time of the request.
     pub at: Duration,
     /// Number of the person that requests it.
@@ -104,7 +104,7 @@ pub struct Wish {
 
 /// A fault.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Fault {
+pub enum InjectedFault {
     /// A process dies, and is started again after this time.
     Crash(usize, Duration),
     /// All processes but that of the people die at once, and are started again after this time.
@@ -133,36 +133,45 @@ pub enum Fault {
 
 // === impl Script ===
 
-impl Script {
+impl TrialScript {
     /// Draws the trial of a seed.
     ///
     /// # Errors
     ///
     /// Returns an error if the drawn plan is no valid building, which is a mistake of this file.
-    pub fn draw(seed: u64) -> Result<Script, LayoutError> {
+    pub fn draw(seed: u64) -> Result<TrialScript, LayoutError> {
         let rng = &mut Rng::with_seed(seed);
         let mode = if rng.bool() { Mode::Centralized } else { Mode::Decentralized };
         let daemons: Vec<_> = (0..rng.usize(DAEMONS_MIN..8)).map(|n| format!("d{n}")).collect();
         let rooms: Vec<_> = (1..=rng.usize(6..9)).map(|n| format!("room-{n}")).collect();
-        let mut layout = places(&rooms, rng)?;
+        let mut layout = draw_layout(&rooms, rng)?;
         let mut agents = reasoning(daemons.len(), rng);
         agents.extend(devices(&rooms, daemons.len(), &mut layout, rng)?);
-        let wishes = wishes(&rooms, rng);
+        let wishes = draw_goals(&rooms, rng);
         let robots = agents.iter().filter(|entry| entry.plugin == "turtlebot");
         let robots: Vec<_> = robots.flat_map(|entry| entry.daemons.clone()).collect();
         let faults = faults(daemons.len(), &robots, rng);
         let errands = Vec::new();
-        let mut script = Script { seed, mode, daemons, agents, layout, wishes, faults, errands };
-        script.crowd(&rooms)?;
+        let mut script = TrialScript {
+            seed,
+            mode,
+            daemons,
+            agents,
+            layout,
+            scripted_goals: wishes,
+            faults,
+            annex_requests_at: errands,
+        };
+        script.add_sensors(&rooms)?;
         if seed % JOINED_EVERY == JOINED_EVERY - 1 {
-            script.join(rng);
+            script.join_annex(rng);
         }
         Ok(script)
     }
 
     /// Adds wall thermometers until there are enough agents. Uses its own random generator, so that
     /// everything else is drawn as before this step existed.
-    fn crowd(&mut self, rooms: &[String]) -> Result<(), LayoutError> {
+    fn add_sensors(&mut self, rooms: &[String]) -> Result<(), LayoutError> {
         let rng = &mut Rng::with_seed(!self.seed);
         for n in 1.. {
             if self.agents.len() >= AGENTS_MIN {
@@ -175,7 +184,7 @@ impl Script {
     }
 
     /// Joins a second ecosystem by two interfacing nodes, which die and are cut off like other daemons.
-    fn join(&mut self, rng: &mut Rng) {
+    fn join_annex(&mut self, rng: &mut Rng) {
         let (from, until) = (BLINKS_UNTIL.as_millis() as u64, FAULTS_UNTIL.as_millis() as u64);
         let millis = |rng: &mut Rng, range| Duration::from_millis(rng.u64(range));
         for gate in GATES {
@@ -184,29 +193,29 @@ impl Script {
             for _ in 0..rng.usize(1..4) {
                 let (lease, lasts) = (millis(rng, 0..2_000), millis(rng, 100..9_000));
                 let fault = match rng.bool() {
-                    true => Fault::Crash(number, lasts),
-                    false => Fault::Cut([number].into(), lease, lasts),
+                    true => InjectedFault::Crash(number, lasts),
+                    false => InjectedFault::Cut([number].into(), lease, lasts),
                 };
                 self.faults.push((millis(rng, from..until), fault));
             }
         }
         self.faults.sort_by_key(|(at, _)| *at);
-        self.errands = (0..3).map(|_| millis(rng, 3_000..60_000)).collect();
-        self.errands.sort();
+        self.annex_requests_at = (0..3).map(|_| millis(rng, 3_000..60_000)).collect();
+        self.annex_requests_at.sort();
     }
 
     /// Returns the direction in which this daemon exports; `None` if it is no interfacing node.
-    pub fn way(&self, number: usize) -> Option<Way> {
+    pub fn export_direction(&self, number: usize) -> Option<ExportDirection> {
         let first = self.daemons.len() - GATES.len();
-        match number.checked_sub(first).filter(|_| !self.errands.is_empty())? {
-            0 => Some(Way::There),
-            _ => Some(Way::Back),
+        match number.checked_sub(first).filter(|_| !self.annex_requests_at.is_empty())? {
+            0 => Some(ExportDirection::ToAnnex),
+            _ => Some(ExportDirection::FromAnnex),
         }
     }
 }
 
 /// Draws rooms along a circular corridor.
-fn places(rooms: &[String], rng: &mut Rng) -> Result<Layout, LayoutError> {
+fn draw_layout(rooms: &[String], rng: &mut Rng) -> Result<Layout, LayoutError> {
     let mut layout = Layout::new();
     let corridors: Vec<_> = (1..=3).map(|n| format!("corridor-{n}")).collect();
     for corridor in &corridors {
@@ -225,17 +234,17 @@ fn places(rooms: &[String], rng: &mut Rng) -> Result<Layout, LayoutError> {
 }
 
 /// Draws the reasoning agents, on two or three daemons each, and three Journals.
-fn reasoning(daemons: usize, rng: &mut Rng) -> Vec<Entry> {
+fn reasoning(daemons: usize, rng: &mut Rng) -> Vec<AgentPlacement> {
     let mut entries = Vec::new();
     for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
         let hosts = some_of(1..daemons, rng.usize(2..4), rng);
         let (name, config) = (plugin.to_owned(), Value::Null);
-        entries.push(Entry { name, plugin, daemons: hosts, config });
+        entries.push(AgentPlacement { name, plugin, daemons: hosts, config });
     }
     for host in some_of(0..daemons, 3, rng) {
         let name = format!("journal-d{host}");
         let (daemons, config) = (vec![host], Value::Null);
-        entries.push(Entry { name, plugin: "journal", daemons, config });
+        entries.push(AgentPlacement { name, plugin: "journal", daemons, config });
     }
     entries
 }
@@ -246,7 +255,7 @@ fn devices(
     daemons: usize,
     layout: &mut Layout,
     rng: &mut Rng,
-) -> Result<Vec<Entry>, LayoutError> {
+) -> Result<Vec<AgentPlacement>, LayoutError> {
     let mut entries = Vec::new();
     for n in 1..=rng.usize(2..4) {
         let (robot, thermometer) = (format!("robot-{n}"), format!("ir-{n}"));
@@ -257,9 +266,9 @@ fn devices(
         let host = vec![rng.usize(1..daemons)];
         let config = json!({ "start": start, "speed": speed });
         let daemons = host.clone();
-        entries.push(Entry { name: robot.clone(), plugin: "turtlebot", daemons, config });
+        entries.push(AgentPlacement { name: robot.clone(), plugin: "turtlebot", daemons, config });
         let config = json!({ "mounted-on": robot });
-        entries.push(Entry {
+        entries.push(AgentPlacement {
             name: thermometer,
             plugin: "ir-temperature-sensor",
             daemons: host,
@@ -279,22 +288,22 @@ fn wall(
     daemons: usize,
     layout: &mut Layout,
     rng: &mut Rng,
-) -> Result<Entry, LayoutError> {
+) -> Result<AgentPlacement, LayoutError> {
     let room = &rooms[rng.usize(1..rooms.len())];
     layout.add_fixed_sensor(&name, room)?;
     let config = json!({ "location": room });
     let daemons = vec![rng.usize(1..daemons)];
-    Ok(Entry { name, plugin: "temperature-sensor", daemons, config })
+    Ok(AgentPlacement { name, plugin: "temperature-sensor", daemons, config })
 }
 
-fn wishes(rooms: &[String], rng: &mut Rng) -> Vec<Wish> {
+fn draw_goals(rooms: &[String], rng: &mut Rng) -> Vec<ScriptedGoal> {
     let count = rng.usize(GOALS_MIN..6);
-    let mut wishes: Vec<_> = (0..count).map(|n| wish(n, rooms, rng)).collect();
+    let mut wishes: Vec<_> = (0..count).map(|n| draw_goal(n, rooms, rng)).collect();
     wishes.sort_by_key(|wish| wish.at);
     wishes
 }
 
-fn wish(n: usize, rooms: &[String], rng: &mut Rng) -> Wish {
+fn draw_goal(n: usize, rooms: &[String], rng: &mut Rng) -> ScriptedGoal {
     let about = some_of(0..rooms.len(), rng.usize(1..4), rng);
     let mut about: Vec<_> = about.into_iter().map(|index| rooms[index].clone()).collect();
     if n == 0 {
@@ -305,7 +314,7 @@ fn wish(n: usize, rooms: &[String], rng: &mut Rng) -> Wish {
         if known.len() == 1 { known[0].clone() } else { format!("(and {})", known.join(" ")) };
     // Two goals in the first phase: the effect of a blink on their plans must be seen.
     let until = if n < 2 { 8_000 } else { 50_000 };
-    Wish {
+    ScriptedGoal {
         at: Duration::from_millis(rng.u64(4_000..until)),
         by: rng.usize(..2),
         goal,
@@ -315,7 +324,7 @@ fn wish(n: usize, rooms: &[String], rng: &mut Rng) -> Wish {
     }
 }
 
-fn faults(daemons: usize, robots: &[usize], rng: &mut Rng) -> Vec<(Duration, Fault)> {
+fn faults(daemons: usize, robots: &[usize], rng: &mut Rng) -> Vec<(Duration, InjectedFault)> {
     let mut faults = Vec::new();
     let millis = |rng: &mut Rng, range| Duration::from_millis(rng.u64(range));
     for _ in 0..rng.usize(8..12) {
@@ -323,7 +332,7 @@ fn faults(daemons: usize, robots: &[usize], rng: &mut Rng) -> Vec<(Duration, Fau
         let anyone = rng.usize(..daemons);
         let robot = robots[rng.usize(..robots.len())];
         let island = [if rng.u8(..3) == 0 { anyone } else { robot }].into();
-        let blink = Fault::Cut(island, Duration::ZERO, millis(rng, BLINK_MS));
+        let blink = InjectedFault::Cut(island, Duration::ZERO, millis(rng, BLINK_MS));
         faults.push((millis(rng, 5_000..19_000), blink));
     }
     let (from, until) = (BLINKS_UNTIL.as_millis() as u64, FAULTS_UNTIL.as_millis() as u64);
@@ -335,7 +344,7 @@ fn faults(daemons: usize, robots: &[usize], rng: &mut Rng) -> Vec<(Duration, Fau
     let mut clear = Duration::ZERO;
     for (at, fault) in &mut faults {
         if *at < BLINKS_UNTIL
-            && let Fault::Cut(_, _, lasts) = fault
+            && let InjectedFault::Cut(_, _, lasts) = fault
         {
             *at = (*at).max(clear);
             clear = *at + *lasts + Duration::from_millis(700);
@@ -345,29 +354,29 @@ fn faults(daemons: usize, robots: &[usize], rng: &mut Rng) -> Vec<(Duration, Fau
     faults
 }
 
-fn fault(daemons: usize, rng: &mut Rng) -> Fault {
+fn fault(daemons: usize, rng: &mut Rng) -> InjectedFault {
     let seconds = |rng: &mut Rng, range| Duration::from_millis(rng.u64(range));
     let anyone = rng.usize(1..daemons);
     match rng.u8(..20) {
-        0..5 => Fault::Crash(anyone, seconds(rng, 100..9_000)),
+        0..5 => InjectedFault::Crash(anyone, seconds(rng, 100..9_000)),
         5..9 => {
             let size = rng.usize(1..daemons);
             let island = some_of(0..daemons, size, rng).into_iter().collect();
-            Fault::Cut(island, seconds(rng, 0..2_000), seconds(rng, 100..12_000))
+            InjectedFault::Cut(island, seconds(rng, 0..2_000), seconds(rng, 100..12_000))
         }
-        9..12 => Fault::Storm {
+        9..12 => InjectedFault::Storm {
             lost: rng.u32(..30),
             doubled: rng.u32(..30),
             overtaken: rng.u32(..30),
             lasts: seconds(rng, 500..6_000),
         },
-        12..14 => Fault::Delay(seconds(rng, 10..800), seconds(rng, 500..5_000)),
-        14..16 => Fault::Slow(anyone, seconds(rng, 100..2_500), seconds(rng, 500..6_000)),
-        16..18 => Fault::Clock(anyone, rng.i64(-90_000..90_000)),
-        18 => Fault::CrashAll(seconds(rng, 100..4_000)),
+        12..14 => InjectedFault::Delay(seconds(rng, 10..800), seconds(rng, 500..5_000)),
+        14..16 => InjectedFault::Slow(anyone, seconds(rng, 100..2_500), seconds(rng, 500..6_000)),
+        16..18 => InjectedFault::Clock(anyone, rng.i64(-90_000..90_000)),
+        18 => InjectedFault::CrashAll(seconds(rng, 100..4_000)),
         _ => {
             let island = [rng.usize(..daemons)].into();
-            Fault::Cut(island, Duration::ZERO, seconds(rng, BLINK_MS))
+            InjectedFault::Cut(island, Duration::ZERO, seconds(rng, BLINK_MS))
         }
     }
 }

@@ -8,9 +8,9 @@ use acl::content::Outcome;
 use tokio::time::{Instant, sleep_until};
 
 use crate::checks;
-use crate::city::City;
-use crate::effects::Effects;
-use crate::script::{FAULTS_UNTIL, Guard, Script};
+use crate::cluster::Cluster;
+use crate::fault_effects::FaultEffects;
+use crate::script::{FAULTS_UNTIL, Safeguard, TrialScript};
 
 /// Time limit for everything to end after the last fault.
 const SETTLES_WITHIN: Duration = Duration::from_secs(400);
@@ -23,15 +23,15 @@ const QUIET: Duration = Duration::from_secs(3);
 
 /// Result of a trial.
 #[derive(Debug)]
-pub struct Verdict {
+pub struct TrialResult {
     /// The seed.
     pub seed: u64,
     /// The promises that were broken; empty if all is well.
     pub broken: Vec<String>,
     /// Counters of the faults that took effect.
-    pub effects: Effects,
+    pub effects: FaultEffects,
     /// Counts of the goals and their outcomes.
-    pub goals: Goals,
+    pub goals: GoalCounts,
     /// Hash of all messages ever sent, with their times.
     pub digest: u64,
     /// Numbers of daemons, of agents with different names, of goals and of faults.
@@ -39,12 +39,12 @@ pub struct Verdict {
     /// Duration in simulated time.
     pub lasted: Duration,
     /// All reports that people received, for diagnosis.
-    pub story: Vec<String>,
+    pub transcript: Vec<String>,
 }
 
 /// Counts of the goals with a terminal that ran to the end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Goals {
+pub struct GoalCounts {
     /// Goals requested.
     pub asked: usize,
     /// Goals that Journals kept, according to the reports.
@@ -63,11 +63,11 @@ pub struct TrialError(String);
 ///
 /// Returns an error if the trial cannot be set up: its files cannot be created, or the drawn plan is no
 /// valid building.
-pub fn play(seed: u64, without: Option<Guard>) -> Result<Verdict, TrialError> {
+pub fn play(seed: u64, without: Option<Safeguard>) -> Result<TrialResult, TrialError> {
     let (runtime, folder) = (runtime()?, folder()?);
     runtime.block_on(async {
-        let script = Script::draw(seed)?;
-        let city = City::new(script, without, folder.path())?;
+        let script = TrialScript::draw(seed)?;
+        let city = Cluster::new(script, without, folder.path())?;
         Ok(Trial::new(city).play().await)
     })
 }
@@ -83,14 +83,14 @@ pub(crate) fn folder() -> std::io::Result<tempfile::TempDir> {
 }
 
 struct Trial {
-    city: City,
+    city: Cluster,
     digest: Arc<Mutex<DefaultHasher>>,
     broken: Vec<String>,
     since: Instant,
 }
 
 impl Trial {
-    fn new(city: City) -> Trial {
+    fn new(city: Cluster) -> Trial {
         let digest = Arc::new(Mutex::new(DefaultHasher::new()));
         let (heard, since) = (Arc::clone(&digest), Instant::now());
         if let Some(annex) = &city.world.annex {
@@ -101,13 +101,13 @@ impl Trial {
                 payload.hash(&mut *digest);
             });
         }
-        let (said, given) = (Arc::clone(&city.said), Arc::clone(&city.given));
+        let (said, given) = (Arc::clone(&city.confirmations), Arc::clone(&city.command_log));
         city.world.network.tap(move |from, addressed, payload| {
             let mut digest = heard.lock().unwrap_or_else(PoisonError::into_inner);
             (since.elapsed(), from.as_str(), format!("{addressed:?}")).hash(&mut *digest);
             payload.hash(&mut *digest);
-            said.note(addressed, payload);
-            given.note(addressed, payload);
+            said.record_confirmation(addressed, payload);
+            given.record_command(addressed, payload);
             tracing::trace!(
                 from = from.as_str(),
                 ?addressed,
@@ -118,26 +118,27 @@ impl Trial {
         Trial { city, digest, broken: Vec::new(), since }
     }
 
-    async fn play(mut self) -> Verdict {
-        for number in 0..self.city.posts.len() {
+    async fn play(mut self) -> TrialResult {
+        for number in 0..self.city.machines.len() {
             self.city.start(number);
         }
-        self.suffer().await;
+        self.run_faults().await;
         self.city.recover_all();
         let settled = self.settle().await;
-        for number in 0..self.city.posts.len() {
+        for number in 0..self.city.machines.len() {
             self.city.read_begun(number);
         }
         let (goals, mailboxes) = (self.city.goals().await, self.city.mailboxes().await);
-        self.broken.extend(checks::all(&self.city, &goals, &mailboxes, settled));
-        self.verdict()
+        self.broken.extend(checks::all_violations(&self.city, &goals, &mailboxes, settled));
+        self.into_trial_result()
     }
 
     /// Requests goals and injects faults until the phase of faults is over.
-    async fn suffer(&mut self) {
-        let mut wishes = self.city.world.script.wishes.clone().into_iter().enumerate().peekable();
+    async fn run_faults(&mut self) {
+        let mut wishes =
+            self.city.world.script.scripted_goals.clone().into_iter().enumerate().peekable();
         let mut faults = self.city.world.script.faults.clone().into_iter().peekable();
-        let mut errands = self.city.world.script.errands.clone().into_iter().peekable();
+        let mut errands = self.city.world.script.annex_requests_at.clone().into_iter().peekable();
         while self.city.now() < FAULTS_UNTIL {
             let next_wish = wishes.peek().map(|(_, wish)| wish.at);
             let next_fault = faults.peek().map(|(at, _)| *at);
@@ -150,7 +151,7 @@ impl Trial {
             self.city.recover();
             while let Some((_, fault)) = faults.next_if(|(at, _)| *at <= now) {
                 tracing::info!(?fault, "fault");
-                self.city.suffer(&fault);
+                self.city.inject(&fault);
             }
             while errands.next_if(|at| *at <= now).is_some() {
                 self.city.ask_annex();
@@ -158,8 +159,8 @@ impl Trial {
             while let Some((number, wish)) = wishes.next_if(|(_, wish)| wish.at <= now) {
                 let by = wish.by;
                 tracing::info!(goal = wish.goal, by, "goal requested");
-                if !self.city.people[by].wish(number, &wish) {
-                    self.city.people[0].wish(number, &wish);
+                if !self.city.people[by].request_goal(number, &wish) {
+                    self.city.people[0].request_goal(number, &wish);
                 }
             }
         }
@@ -170,12 +171,12 @@ impl Trial {
         let until = self.city.now() + SETTLES_WITHIN;
         while self.city.now() < until {
             self.wait_until(self.city.now() + Duration::from_millis(500)).await;
-            let mut stories = self.city.people.iter().flat_map(|person| person.stories.values());
+            let mut stories = self.city.people.iter().flat_map(|person| person.traces.values());
             if stories.all(|story| story.is_settled() || !story.is_listening)
                 && checks::is_at_rest(&self.city.goals().await)
             {
                 self.wait_until(self.city.now() + QUIET).await;
-                self.let_finish(until).await;
+                self.await_leftover_plans(until).await;
                 return true;
             }
         }
@@ -184,8 +185,8 @@ impl Trial {
 
     /// Waits for plans that were given up while their executor was cut off: they may run to their end
     /// unobserved.
-    async fn let_finish(&mut self, until: Duration) {
-        while self.city.now() < until && !checks::waiting(&self.city).is_empty() {
+    async fn await_leftover_plans(&mut self, until: Duration) {
+        while self.city.now() < until && !checks::surplus_exchanges(&self.city).is_empty() {
             self.wait_until(self.city.now() + QUIET).await;
         }
     }
@@ -194,24 +195,24 @@ impl Trial {
         while self.city.now() < at {
             let look = (self.city.now() + LOOKS_EVERY).min(at);
             sleep_until(self.since + look).await;
-            self.look();
+            self.read_terminals();
         }
     }
 
     /// Reads all terminals. A goal that is reported as done must be true in the building.
-    fn look(&mut self) {
+    fn read_terminals(&mut self) {
         let truth = self.city.truth();
-        for line in self.city.came_back().into_iter().chain(self.city.overdue()) {
+        for line in self.city.find_looped_proxy().into_iter().chain(self.city.overdue()) {
             if !self.broken.contains(&line) {
                 self.broken.push(line);
             }
         }
         for person in &mut self.city.people {
-            let before: Vec<_> = person.stories.values().map(|story| story.end).collect();
-            person.hear();
-            for (story, before) in person.stories.values().zip(before) {
-                let is_told = before != story.end
-                    && matches!(story.end, Some(Outcome::Done | Outcome::Holds));
+            let before: Vec<_> = person.traces.values().map(|story| story.final_outcome).collect();
+            person.read_reports();
+            for (story, before) in person.traces.values().zip(before) {
+                let is_told = before != story.final_outcome
+                    && matches!(story.final_outcome, Some(Outcome::Done | Outcome::Holds));
                 let unread = story.wish.rooms.iter().find(|room| !truth.was_read(room));
                 if is_told && let Some(room) = unread {
                     let goal = &story.wish.goal;
@@ -221,58 +222,60 @@ impl Trial {
         }
     }
 
-    fn verdict(self) -> Verdict {
+    fn into_trial_result(self) -> TrialResult {
         let Trial { city, digest, broken, .. } = self;
         let mut story = Vec::new();
         for person in &city.people {
-            for known in person.stories.values() {
+            for known in person.traces.values() {
                 let (wish, who) = (&known.wish, &person.name);
                 let listens = if known.is_listening { "" } else { ", terminal killed" };
                 story.push(format!(
                     "{who}{listens}: {} ({:?}, {:?}), {:?}",
                     wish.goal, wish.keep, wish.partition, known.conversation
                 ));
-                story.extend(known.heard.iter().map(|(at, line)| format!("  {at:>10.3?} {line}")));
+                story.extend(
+                    known.received.iter().map(|(at, line)| format!("  {at:>10.3?} {line}")),
+                );
             }
         }
         let script = &city.world.script;
-        Verdict {
+        TrialResult {
             seed: script.seed,
             broken,
             effects: city.effects(),
-            goals: Goals::of(&city),
+            goals: GoalCounts::of(&city),
             digest: digest.lock().unwrap_or_else(PoisonError::into_inner).finish(),
             size: [
                 script.daemons.len(),
                 script.agents.len() + city.people.len(),
-                script.wishes.len(),
+                script.scripted_goals.len(),
                 script.faults.len(),
             ],
             lasted: city.now(),
-            story,
+            transcript: story,
         }
     }
 }
 
 // === impl Goals ===
 
-impl Goals {
-    fn of(city: &City) -> Goals {
-        let stories = city.people.iter().flat_map(|person| person.stories.values());
-        let mut goals = Goals::default();
+impl GoalCounts {
+    fn of(city: &Cluster) -> GoalCounts {
+        let stories = city.people.iter().flat_map(|person| person.traces.values());
+        let mut goals = GoalCounts::default();
         for story in stories.filter(|story| story.is_listening) {
             goals.asked += 1;
             goals.accepted += usize::from(story.is_accepted);
-            let is_achieved = matches!(story.end, Some(Outcome::Done | Outcome::Holds));
+            let is_achieved = matches!(story.final_outcome, Some(Outcome::Done | Outcome::Holds));
             goals.achieved += usize::from(is_achieved);
         }
         goals
     }
 }
 
-impl std::ops::AddAssign for Goals {
-    fn add_assign(&mut self, other: Goals) {
-        let Goals { asked, accepted, achieved } = other;
+impl std::ops::AddAssign for GoalCounts {
+    fn add_assign(&mut self, other: GoalCounts) {
+        let GoalCounts { asked, accepted, achieved } = other;
         self.asked += asked;
         self.accepted += accepted;
         self.achieved += achieved;
@@ -283,7 +286,7 @@ impl std::ops::AddAssign for Goals {
 
 impl TrialError {
     /// Error for an ontology or a map that cannot be parsed.
-    pub(crate) fn words(mistakes: Vec<pddl::Diagnostic>) -> TrialError {
+    pub(crate) fn parse_error(mistakes: Vec<pddl::Diagnostic>) -> TrialError {
         let mistakes: Vec<_> = mistakes.iter().map(ToString::to_string).collect();
         TrialError(format!("read the domain or map of the trial: {}", mistakes.join("; ")))
     }

@@ -4,10 +4,10 @@
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
 
-use laboratory::effects::Effects;
-use laboratory::script::{AGENTS_MIN, DAEMONS_MIN, FAULTS_MIN, GOALS_MIN, Script};
-use laboratory::trial::Goals;
-use laboratory::{Guard, Verdict, play};
+use laboratory::fault_effects::FaultEffects;
+use laboratory::script::{AGENTS_MIN, DAEMONS_MIN, FAULTS_MIN, GOALS_MIN, TrialScript};
+use laboratory::trial::GoalCounts;
+use laboratory::{Safeguard, TrialResult, play};
 
 /// Number of seeds played in each test run. `cargo run --release -p laboratory -- --seeds N` plays
 /// more.
@@ -24,16 +24,17 @@ const MENDED: [u64; 27] = [
 /// Number of seeds within which a missing guard must make one fail.
 const MISSED_WITHIN: u64 = 1_000;
 
-fn played(seed: u64, without: Option<Guard>) -> Verdict {
+fn played(seed: u64, without: Option<Safeguard>) -> TrialResult {
     play(seed, without).unwrap_or_else(|error| panic!("failed to {error}"))
 }
 
 #[test]
 fn a_seed_is_as_big_as_promised() {
     for seed in 0..1_000 {
-        let script = Script::draw(seed).unwrap_or_else(|error| panic!("{seed}: {error}"));
+        let script = TrialScript::draw(seed).unwrap_or_else(|error| panic!("{seed}: {error}"));
         let agents: BTreeSet<_> = script.agents.iter().map(|agent| &agent.name).collect();
-        let size = [script.daemons.len(), agents.len(), script.wishes.len(), script.faults.len()];
+        let size =
+            [script.daemons.len(), agents.len(), script.scripted_goals.len(), script.faults.len()];
         let least = [DAEMONS_MIN, AGENTS_MIN, GOALS_MIN, FAULTS_MIN];
         for (size, least) in size.into_iter().zip(least) {
             assert!(size >= least, "{seed}: {size} of at least {least}");
@@ -46,14 +47,14 @@ fn the_same_seed_is_the_same_trial_to_the_byte() {
     for seed in [0, 7, 23] {
         let (once, again) = (played(seed, None), played(seed, None));
         assert_eq!((once.digest, once.effects), (again.digest, again.effects), "{seed}");
-        assert_eq!(once.story, again.story, "{seed}");
+        assert_eq!(once.transcript, again.transcript, "{seed}");
     }
     assert_ne!(played(0, None).digest, played(1, None).digest);
 }
 
 /// Results of all seeds, played once for all tests.
-fn batch() -> &'static [Verdict] {
-    static BATCH: OnceLock<Vec<Verdict>> = OnceLock::new();
+fn batch() -> &'static [TrialResult] {
+    static BATCH: OnceLock<Vec<TrialResult>> = OnceLock::new();
     BATCH.get_or_init(|| (0..SEEDS).chain(MENDED).map(|seed| played(seed, None)).collect())
 }
 
@@ -72,10 +73,10 @@ fn no_seed_breaks_a_promise() {
 /// An ecosystem that accepts no goal would break no promise.
 #[test]
 fn most_goals_are_kept_and_reached() {
-    let mut goals = Goals::default();
+    let mut goals = GoalCounts::default();
     batch().iter().for_each(|verdict| goals += verdict.goals);
     println!("{goals:?}");
-    let Goals { asked, accepted, achieved } = goals;
+    let GoalCounts { asked, accepted, achieved } = goals;
     assert!(asked >= batch().len(), "{goals:?}");
     assert!(achieved * 3 >= asked * 2, "{goals:?}");
     // A goal that holds already when it is requested leaves no record.
@@ -85,7 +86,7 @@ fn most_goals_are_kept_and_reached() {
 #[test]
 fn every_kind_of_fault_takes_effect() {
     let seeds = batch();
-    for (index, (kind, _)) in Effects::default().kinds().into_iter().enumerate() {
+    for (index, (kind, _)) in FaultEffects::default().kinds().into_iter().enumerate() {
         let hit = seeds.iter().filter(|verdict| verdict.effects.kinds()[index].1 > 0).count();
         let all: u64 = seeds.iter().map(|verdict| verdict.effects.kinds()[index].1).sum();
         println!("{kind}: {all} in {hit} of {} seeds", seeds.len());
@@ -100,7 +101,7 @@ fn every_kind_of_fault_takes_effect() {
 }
 
 /// Checks that some seed fails without this guard, and for the reason that the guard prevents.
-fn missed_for(guard: Guard, why: &str) {
+fn missed_for(guard: Safeguard, why: &str) {
     let is_missed = |seed: &u64| {
         let broken = played(*seed, Some(guard)).broken;
         broken.iter().any(|line| line.contains(why))
@@ -116,26 +117,26 @@ fn missed_for(guard: Guard, why: &str) {
 fn fencing_is_missed() {
     // Without fencing a command is begun twice, and a command of a replaced plan is begun. The ledger
     // prevents both, and each has its own check.
-    missed_for(Guard::Fencing, " times");
-    missed_for(Guard::Fencing, "of an older plan");
+    missed_for(Safeguard::Fencing, " times");
+    missed_for(Safeguard::Fencing, "of an older plan");
 }
 
 #[test]
 fn remembering_what_was_heard_is_missed() {
-    missed_for(Guard::Duplicates, "confirmations were sent");
+    missed_for(Safeguard::Duplicates, "confirmations were sent");
 }
 
 #[test]
 fn the_journal_is_missed() {
-    missed_for(Guard::Journal, "was accepted and is gone");
+    missed_for(Safeguard::Journal, "was accepted and is gone");
 }
 
 #[test]
 fn the_grace_is_missed() {
-    missed_for(Guard::Grace, "broken by a blink");
+    missed_for(Safeguard::Grace, "broken by a blink");
 }
 
 #[test]
 fn the_loop_guard_is_missed() {
-    missed_for(Guard::Loops, "came back as");
+    missed_for(Safeguard::Loops, "came back as");
 }

@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 
 use acl::content::{Method, Methods};
 use acl::{AgentId, Deadline};
-use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed};
+use actuator::{
+    Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
+};
 use agent::{Blueprint, Host, LaunchError, Mode, Switchboard};
 use pddl::InitElement;
 use tokio::process::Child;
@@ -150,11 +152,11 @@ impl Device for Worker {
         vec![fact.into()]
     }
 
-    fn perform(&mut self, _call: &Call) -> BoxFuture<Result<(), Failure>> {
+    fn perform(&mut self, _call: &MethodCall) -> BoxFuture<Result<(), MethodFailure>> {
         Box::pin(std::future::ready(Ok(())))
     }
 
-    fn performed(&mut self, _call: &Call, (): ()) -> Performed {
-        Performed { detail: "looked".to_owned(), observations: Vec::new() }
+    fn on_success(&mut self, _call: &MethodCall, (): ()) -> MethodResult {
+        MethodResult { detail: "looked".to_owned(), observations: Vec::new() }
     }
 }

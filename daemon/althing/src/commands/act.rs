@@ -2,10 +2,10 @@
 
 use std::process::ExitCode;
 
-use keyboard::Said;
+use keyboard::UserRequest;
 
 use crate::cli::{ActArgs, ActionArgs};
-use crate::commands::speaking::{self, Interrupt, Manner};
+use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 use crate::commands::{client, wrong};
 
 /// Requests the action.
@@ -16,15 +16,16 @@ pub(super) fn run(args: &ActArgs) -> ExitCode {
         Err(problem) => return wrong(&problem, json),
     };
     client::with_link(&args.reach, json, async |link| {
-        let manner = Manner { to: Some("plan-executor"), json, interrupt: Interrupt::GiveUp };
-        let code = speaking::say(&link, said, manner).await;
+        let manner =
+            ExchangeOptions { to: Some("plan-executor"), json, interrupt: InterruptAction::GiveUp };
+        let code = user_request::send_and_follow(&link, said, manner).await;
         (link, code)
     })
 }
 
 /// Returns the request for an action, after checking that the action can be parsed.
-pub(crate) fn said(args: &ActionArgs) -> Result<Said, String> {
+pub(crate) fn said(args: &ActionArgs) -> Result<UserRequest, String> {
     let action = &args.action;
     pddl::parse_step(action).into_result().map_err(|found| super::located(&found, action))?;
-    Ok(Said::Act(action.clone()))
+    Ok(UserRequest::Act(action.clone()))
 }

@@ -11,7 +11,7 @@ use serde_json::json;
 use terminal::{exit, output, visible};
 
 use crate::cli::AgentsArgs;
-use crate::commands::client::{self, View};
+use crate::commands::client::{self, EcosystemView};
 
 /// Prints a line per agent.
 pub(super) fn run(args: &AgentsArgs) -> ExitCode {
@@ -22,7 +22,7 @@ pub(super) fn run(args: &AgentsArgs) -> ExitCode {
 }
 
 /// Prints the discovered agents, each with the lines that would name it in the file.
-async fn discovered(view: &View, json: bool) -> ExitCode {
+async fn discovered(view: &EcosystemView, json: bool) -> ExitCode {
     view.directory(None).await;
     let answers = view.ask(Resource::Discovered, None).await;
     let read = |answer: &bytes::Bytes| serde_json::from_slice(answer).ok();
@@ -49,7 +49,7 @@ async fn discovered(view: &View, json: bool) -> ExitCode {
     output::print(text, exit::DONE)
 }
 
-pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
+pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     view.directory(None).await;
     let residents = residents(view).await;
     let models = models(view).await;
@@ -89,7 +89,7 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
 }
 
 /// Queries all agents from their daemons: the link may not have reported all of them yet.
-async fn residents(view: &View) -> Vec<Resident> {
+async fn residents(view: &EcosystemView) -> Vec<Resident> {
     let mut residents: Vec<Resident> = view
         .ask(Resource::Directory, None)
         .await
@@ -103,7 +103,7 @@ async fn residents(view: &View) -> Vec<Resident> {
 }
 
 /// Queries the parts of each agent's action model that the Domain Maintainer had to leave out.
-async fn conflicts(view: &View) -> BTreeMap<AgentId, Vec<String>> {
+async fn conflicts(view: &EcosystemView) -> BTreeMap<AgentId, Vec<String>> {
     let maintainer = AgentId::new("domain-maintainer").ok();
     let answers = view.ask(Resource::Domain, maintainer).await;
     let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
@@ -111,7 +111,7 @@ async fn conflicts(view: &View) -> BTreeMap<AgentId, Vec<String>> {
 }
 
 /// Queries the actions in each agent's action model.
-async fn models(view: &View) -> BTreeMap<AgentId, Vec<String>> {
+async fn models(view: &EcosystemView) -> BTreeMap<AgentId, Vec<String>> {
     let mut models = BTreeMap::new();
     for answer in view.ask(Resource::Model, None).await {
         let Ok(message) = acl::decode(&answer) else { continue };

@@ -7,13 +7,13 @@ use std::process::ExitCode;
 
 use acl::content::OpenQuestion;
 use agent::Resource;
-use keyboard::Said;
+use keyboard::UserRequest;
 use serde_json::json;
 use terminal::{exit, output, visible};
 
 use crate::cli::AnswerArgs;
-use crate::commands::client::{self, Link, View};
-use crate::commands::speaking::{self, Interrupt, Manner};
+use crate::commands::client::{self, ClientLink, EcosystemView};
+use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 
 /// Longest answer from standard input, in bytes.
 const ANSWER_BYTES_MAX: u64 = 4 << 10;
@@ -30,7 +30,7 @@ pub(super) fn run(args: &AnswerArgs) -> ExitCode {
 }
 
 /// Prints the open questions of all keyboards.
-pub(crate) async fn list(view: &View, json: bool) -> ExitCode {
+pub(crate) async fn list(view: &EcosystemView, json: bool) -> ExitCode {
     let open = questions(view).await;
     if json {
         return output::print_json(&json!({ "questions": open }), exit::DONE);
@@ -47,7 +47,7 @@ pub(crate) async fn list(view: &View, json: bool) -> ExitCode {
     output::print(text, exit::DONE)
 }
 
-async fn answer(link: &Link, id: &str, args: &AnswerArgs) -> ExitCode {
+async fn answer(link: &ClientLink, id: &str, args: &AnswerArgs) -> ExitCode {
     let json = args.print.json;
     let said = match meant(&link.view, id).await {
         Ok(question) => text(&question, &args.reply.text).map(|text| reply(question, text)),
@@ -57,8 +57,9 @@ async fn answer(link: &Link, id: &str, args: &AnswerArgs) -> ExitCode {
         Ok(said) => said,
         Err(problem) => return super::wrong(&problem, json),
     };
-    let interrupt = Interrupt::Leave("the answer may have been given all the same".to_owned());
-    speaking::say(link, said, Manner { to: None, json, interrupt }).await
+    let interrupt =
+        InterruptAction::Leave("the answer may have been given all the same".to_owned());
+    user_request::send_and_follow(link, said, ExchangeOptions { to: None, json, interrupt }).await
 }
 
 /// Returns the answer of the user: from the command line, typed at the terminal (hidden if it is
@@ -66,7 +67,7 @@ async fn answer(link: &Link, id: &str, args: &AnswerArgs) -> ExitCode {
 fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
     if !words.is_empty() {
         if question.seal_to.is_some() {
-            output::note(
+            output::print_note(
                 "a command line can be read by every user of this machine, and the shell keeps it; \
                  for a secret, leave the answer out, and type it when asked",
             );
@@ -87,11 +88,11 @@ fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
         let line = String::from_utf8(line).map_err(|_| "the answer is not UTF-8".to_owned())?;
         return Ok(line.trim_end_matches(['\r', '\n']).to_owned());
     }
-    output::note(&visible::line(&question.text));
+    output::print_note(&visible::line(&question.text));
     match &question.seal_to {
         Some(_) => rpassword::prompt_password("answer (not shown): ").map_err(failed),
         None => {
-            output::note("answer:");
+            output::print_note("answer:");
             let mut line = String::new();
             io::stdin().read_line(&mut line).map_err(failed)?;
             Ok(line.trim_end_matches(['\r', '\n']).to_owned())
@@ -100,15 +101,22 @@ fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
 }
 
 /// Returns the answer to the question `id`: its number, or its keyboard and its number.
-pub(crate) async fn said(view: &View, id: &str, text: String) -> Result<Said, String> {
+pub(crate) async fn said(
+    view: &EcosystemView,
+    id: &str,
+    text: String,
+) -> Result<UserRequest, String> {
     meant(view, id).await.map(|question| reply(question, text))
 }
 
-fn reply(OpenQuestion { keyboard, question, seal_to, .. }: OpenQuestion, text: String) -> Said {
-    Said::Answer { keyboard, question, text, seal_to }
+fn reply(
+    OpenQuestion { keyboard, question, seal_to, .. }: OpenQuestion,
+    text: String,
+) -> UserRequest {
+    UserRequest::Answer { keyboard, question, text, seal_to }
 }
 
-async fn meant(view: &View, id: &str) -> Result<OpenQuestion, String> {
+async fn meant(view: &EcosystemView, id: &str) -> Result<OpenQuestion, String> {
     let open = questions(view).await;
     let is_meant = |open: &&OpenQuestion| match id.split_once('/') {
         Some((keyboard, number)) => {
@@ -133,7 +141,7 @@ async fn meant(view: &View, id: &str) -> Result<OpenQuestion, String> {
     }
 }
 
-pub(crate) async fn questions(view: &View) -> Vec<OpenQuestion> {
+pub(crate) async fn questions(view: &EcosystemView) -> Vec<OpenQuestion> {
     view.directory(None).await;
     let answers = view.ask(Resource::Questions, None).await;
     let read = answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok());

@@ -25,7 +25,7 @@ const DAY_SECONDS: u64 = 24 * 3_600;
 const WARN_DAYS: u64 = 30;
 
 /// The ecosystem and the folder of its certificates.
-struct Place {
+struct CertificateFolder {
     name: EcosystemId,
     /// The ecosystem as its file defines it; `None` if there is no file.
     ecosystem: Option<Ecosystem>,
@@ -44,7 +44,7 @@ pub(super) fn run(args: &CertArgs) -> ExitCode {
 
 fn authority(args: &CertAuthorityArgs) -> ExitCode {
     let json = args.print.json;
-    let place = match Place::find(args.ecosystem.as_deref(), args.folder.as_ref()) {
+    let place = match CertificateFolder::find(args.ecosystem.as_deref(), args.folder.as_ref()) {
         Ok(place) => place,
         Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
     };
@@ -69,7 +69,7 @@ fn authority(args: &CertAuthorityArgs) -> ExitCode {
 
 fn daemon(args: &CertDaemonArgs) -> ExitCode {
     let json = args.print.json;
-    let place = match Place::of(&args.place) {
+    let place = match CertificateFolder::of(&args.place) {
         Ok(place) => place,
         Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
     };
@@ -106,7 +106,7 @@ fn daemon(args: &CertDaemonArgs) -> ExitCode {
 
 fn show(args: &CertShowArgs) -> ExitCode {
     let json = args.print.json;
-    let place = match Place::of(&args.place) {
+    let place = match CertificateFolder::of(&args.place) {
         Ok(place) => place,
         Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
     };
@@ -146,7 +146,7 @@ fn show(args: &CertShowArgs) -> ExitCode {
 
 fn revoke(args: &CertRevokeArgs) -> ExitCode {
     let json = args.print.json;
-    let place = match Place::of(&args.place) {
+    let place = match CertificateFolder::of(&args.place) {
         Ok(place) => place,
         Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
     };
@@ -180,20 +180,20 @@ fn revoke(args: &CertRevokeArgs) -> ExitCode {
 
 // === impl Place ===
 
-impl Place {
-    fn of(args: &CertPlaceArgs) -> Result<Place, String> {
-        Place::find(args.ecosystem.as_deref(), args.folder.as_ref())
+impl CertificateFolder {
+    fn of(args: &CertPlaceArgs) -> Result<CertificateFolder, String> {
+        CertificateFolder::find(args.ecosystem.as_deref(), args.folder.as_ref())
     }
 
     /// Finds the ecosystem and the folder of its certificates. The error completes “failed to …”.
-    fn find(asked: Option<&str>, folder: Option<&PathBuf>) -> Result<Place, String> {
+    fn find(asked: Option<&str>, folder: Option<&PathBuf>) -> Result<CertificateFolder, String> {
         let file = match asked {
             None => config::find_ecosystem_file(),
             Some(asked) => match config::resolve_ecosystem(asked) {
                 Ok(file) => Some(file),
                 Err(problem) => match EcosystemId::new(asked) {
                     // A name is enough: the file may be on another machine.
-                    Ok(name) => return Ok(Place::named(name, None, folder)),
+                    Ok(name) => return Ok(CertificateFolder::named(name, None, folder)),
                     Err(_) => return Err(problem),
                 },
             },
@@ -202,16 +202,16 @@ impl Place {
             Some(file) => {
                 let loaded = Ecosystem::load(&file, &Overrides::default(), &plugins::known());
                 let ecosystem = loaded.map_err(|error| {
-                    output::show_people(&error.into_report());
+                    output::show_to_person(&error.into_report());
                     format!("read {}", file.display())
                 })?;
-                Ok(Place::named(ecosystem.name.clone(), Some(ecosystem), folder))
+                Ok(CertificateFolder::named(ecosystem.name.clone(), Some(ecosystem), folder))
             }
             None => match folder {
                 // If the folder is given, the name of the ecosystem does not matter.
                 Some(_) => {
                     let name = EcosystemId::new("ecosystem").map_err(|error| error.to_string())?;
-                    Ok(Place::named(name, None, folder))
+                    Ok(CertificateFolder::named(name, None, folder))
                 }
                 None => {
                     Err("choose an ecosystem: there is no althing.toml here; name its file"
@@ -221,11 +221,15 @@ impl Place {
         }
     }
 
-    fn named(name: EcosystemId, ecosystem: Option<Ecosystem>, folder: Option<&PathBuf>) -> Place {
+    fn named(
+        name: EcosystemId,
+        ecosystem: Option<Ecosystem>,
+        folder: Option<&PathBuf>,
+    ) -> CertificateFolder {
         let said = ecosystem.as_ref().and_then(|ecosystem| ecosystem.security.as_ref());
         let said = said.map(|security| security.folder.clone());
         let folder = folder.cloned().or(said).unwrap_or_else(|| credentials_folder(&name));
-        Place { name, ecosystem, folder: Folder::new(folder) }
+        CertificateFolder { name, ecosystem, folder: Folder::new(folder) }
     }
 
     fn warn_days(&self) -> u64 {
@@ -242,7 +246,7 @@ impl Place {
         let known = ecosystem.daemons.iter().map(DaemonId::as_str);
         let near = pddl::nearest(name.as_str(), known);
         let near = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
-        output::note(&format!(
+        output::print_note(&format!(
             "warning: with this certificate people can take part, but no agents of the file: the \
              ecosystem has no daemon called `{name}`{near}"
         ));

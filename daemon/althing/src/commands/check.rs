@@ -16,20 +16,20 @@ use agent::Mode;
 use pddl::{Diagnostic, Document, Domain, Name};
 use planner::Cancel;
 use serde_json::{Value, json};
-use terminal::beside;
-use terminal::deadline::{Deadline, Limits};
+use terminal::domain_search;
+use terminal::limits::{LimitWatch, RunLimits};
 use terminal::pddl_files::{self, DomainText};
 use terminal::render::plural;
-use terminal::report::{Report, Source};
+use terminal::report::{DiagnosticReport, SourceText};
 use terminal::{exit, output, visible};
 
 use crate::cli::CheckArgs;
 use crate::config::{Ecosystem, KnownPlugin, Overrides};
 use crate::interfacing;
-use crate::review::{self, Scope};
+use crate::review::{self, ReviewScope};
 
 /// The result for one file.
-struct Checked {
+struct CheckedFile {
     file: String,
     kind: &'static str,
     /// A short description of the contents, besides mistakes.
@@ -38,21 +38,22 @@ struct Checked {
 }
 
 /// The domains given, and the results so far.
-struct Desk {
+struct FileCheck {
     domains: Vec<DomainText>,
-    report: Report,
-    checked: Vec<Checked>,
+    report: DiagnosticReport,
+    checked: Vec<CheckedFile>,
 }
 
 /// Checks every file, and prints the mistakes.
 pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
-    let limits = Limits::of_time(args.time_limit);
-    let give = terminal::deadline::refusal(args.print.json);
-    let deadline = Deadline::start(limits, Instant::now(), Cancel::new(), give);
+    let limits = RunLimits::of_time(args.time_limit);
+    let give = terminal::limits::refusal(args.print.json);
+    let deadline = LimitWatch::start(limits, Instant::now(), Cancel::new(), give);
     if let Some(folder) = &args.tree {
         return tree::run(args, folder, &deadline);
     }
-    let mut desk = Desk { domains: Vec::new(), report: Report::default(), checked: Vec::new() };
+    let mut desk =
+        FileCheck { domains: Vec::new(), report: DiagnosticReport::default(), checked: Vec::new() };
     let (ecosystems, texts): (Vec<&PathBuf>, Vec<&PathBuf>) =
         args.files.iter().partition(|path| is_ecosystem(path));
     desk.check_texts(&texts);
@@ -68,7 +69,7 @@ pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
 fn is_ecosystem(path: &Path) -> bool {
     let has_ending = path.extension().is_some_and(|ending| ending == "toml");
     let has_table = || {
-        let source = Source::read(path).ok();
+        let source = SourceText::read(path).ok();
         source.is_some_and(|source| source.text.lines().any(|line| line.trim() == "[ecosystem]"))
     };
     has_ending || has_table()
@@ -76,7 +77,7 @@ fn is_ecosystem(path: &Path) -> bool {
 
 // === impl Desk ===
 
-impl Desk {
+impl FileCheck {
     /// Checks domains first, so that the other files find them regardless of their order.
     fn check_texts(&mut self, paths: &[&PathBuf]) {
         let mut others = Vec::new();
@@ -104,8 +105,8 @@ impl Desk {
         }
     }
 
-    fn check_domain(&mut self, path: &Path, source: Arc<Source>) {
-        let mut report = Report::default();
+    fn check_domain(&mut self, path: &Path, source: Arc<SourceText>) {
+        let mut report = DiagnosticReport::default();
         let text = pddl_files::domain_of(source, &mut report);
         let about = text.domain.as_ref().map(about_domain).unwrap_or_default();
         self.note(path, "domain", about, report.has_errors());
@@ -114,10 +115,10 @@ impl Desk {
     }
 
     /// Checks a problem or an action model.
-    fn check_dependent(&mut self, path: &Path, source: &Arc<Source>, domain: &Name) {
-        let mut report = Report::default();
-        let given = beside::domain_given(path, domain, &self.domains);
-        let found = if given.is_none() { beside::domain_beside(path, domain) } else { None };
+    fn check_dependent(&mut self, path: &Path, source: &Arc<SourceText>, domain: &Name) {
+        let mut report = DiagnosticReport::default();
+        let given = domain_search::domain_given(path, domain, &self.domains);
+        let found = if given.is_none() { domain_search::nearby_domain(path, domain) } else { None };
         let text = given.or(found.as_ref());
         if text.is_none() {
             report.add(source, [unknown_domain(domain)]);
@@ -142,14 +143,14 @@ impl Desk {
         self.report.extend(report);
     }
 
-    fn check_unknown(&mut self, path: &Path, source: &Arc<Source>) {
+    fn check_unknown(&mut self, path: &Path, source: &Arc<SourceText>) {
         self.report.add(source, pddl::parse_document(&source.text).diagnostics);
         self.note(path, "unknown file", String::new(), true);
     }
 
     fn check_ecosystem(&mut self, path: &Path, known_plugins: &[KnownPlugin]) {
         let reading = Ecosystem::read(path, &Overrides::default(), known_plugins);
-        let mut report = review::review(&reading, Scope::Everything);
+        let mut report = review::review(&reading, ReviewScope::Everything);
         let ecosystem = reading.ecosystem.as_ref();
         if let Some(ecosystem) = ecosystem.filter(|_| !reading.report.has_errors()) {
             report.extend(interfacing::check(ecosystem, known_plugins));
@@ -161,7 +162,7 @@ impl Desk {
 
     fn note(&mut self, path: &Path, kind: &'static str, about: String, has_errors: bool) {
         let file = visible::line(&path.display().to_string()).into_owned();
-        self.checked.push(Checked { file, kind, about, has_errors });
+        self.checked.push(CheckedFile { file, kind, about, has_errors });
     }
 
     fn show(&self, json: bool) -> ExitCode {
@@ -171,7 +172,7 @@ impl Desk {
             false => ("ok", exit::DONE),
         };
         if json {
-            let files: Vec<Value> = self.checked.iter().map(Checked::json).collect();
+            let files: Vec<Value> = self.checked.iter().map(CheckedFile::json).collect();
             let value = json!({
                 "status": status,
                 "files": files,
@@ -179,17 +180,17 @@ impl Desk {
             });
             return output::print_json(&value, code);
         }
-        output::show_people(&self.report);
-        let lines: String = self.checked.iter().map(Checked::line).collect();
+        output::show_to_person(&self.report);
+        let lines: String = self.checked.iter().map(CheckedFile::line).collect();
         output::print(lines, code)
     }
 }
 
 // === impl Checked ===
 
-impl Checked {
+impl CheckedFile {
     fn line(&self) -> String {
-        let Checked { file, kind, about, has_errors } = self;
+        let CheckedFile { file, kind, about, has_errors } = self;
         let verdict = if *has_errors { "has errors" } else { "ok" };
         match about.as_str() {
             "" => format!("{file}: {kind}: {verdict}\n"),
@@ -198,7 +199,7 @@ impl Checked {
     }
 
     fn json(&self) -> Value {
-        let Checked { file, kind, about, has_errors } = self;
+        let CheckedFile { file, kind, about, has_errors } = self;
         json!({ "file": file, "kind": kind, "about": about, "ok": !has_errors })
     }
 }

@@ -12,10 +12,10 @@ use bytes::Bytes;
 use terminal::{exit, output};
 
 use crate::cli::{AskArgs, ReachArgs};
-use crate::commands::doors;
-use crate::commands::turn::{self, Turn};
+use crate::commands::daemon_sockets;
+use crate::commands::join_slots::{self, JoinSlot};
 use crate::config::{self, Ecosystem, Overrides};
-use crate::hosting::{self, GuestKeys, Node, Wire};
+use crate::hosting::{self, DaemonNode, GuestKeys, MessageTransport};
 use crate::plugins;
 
 /// How long to wait for answers.
@@ -28,14 +28,14 @@ const SEEN_WITHIN: Duration = Duration::from_secs(5);
 const HOST_CHARS_MAX: usize = 12;
 
 /// A link to a running ecosystem.
-pub(crate) struct Link {
-    pub(crate) node: Node,
-    pub(crate) view: View,
+pub(crate) struct ClientLink {
+    pub(crate) node: DaemonNode,
+    pub(crate) view: EcosystemView,
 }
 
 /// Access to an ecosystem: through a link, or from a daemon of it.
 #[derive(Clone)]
-pub(crate) struct View {
+pub(crate) struct EcosystemView {
     pub(crate) switchboard: Arc<Switchboard>,
     pub(crate) name: EcosystemId,
     /// The ecosystem as its file defines it; `None` if the file is not known here.
@@ -47,23 +47,23 @@ pub(crate) struct View {
 }
 
 /// The ecosystem that a command addresses, and the endpoints of its daemons.
-pub(crate) struct Target {
+pub(crate) struct ClientTarget {
     pub(super) name: EcosystemId,
     pub(super) ecosystem: Option<Ecosystem>,
     pub(super) endpoints: Vec<String>,
     pub(super) keys: Option<GuestKeys>,
 }
 
-impl Target {
+impl ClientTarget {
     /// Finds the ecosystem: that of `--ecosystem`, or of the file in the current folder, or the
     /// only one that runs on this machine. The error completes “failed to …”.
-    pub(super) fn find(reach: &ReachArgs) -> Result<Target, String> {
+    pub(super) fn find(reach: &ReachArgs) -> Result<ClientTarget, String> {
         let file = match &reach.ecosystem {
             Some(asked) => match config::resolve_ecosystem(asked) {
                 Ok(file) => Some(file),
                 // A name without a file is enough: its daemons may run here.
                 Err(problem) => match EcosystemId::new(asked) {
-                    Ok(name) => return Target::named(name, None, reach),
+                    Ok(name) => return ClientTarget::named(name, None, reach),
                     Err(_) => return Err(problem),
                 },
             },
@@ -73,12 +73,12 @@ impl Target {
             Some(file) => {
                 let ecosystem = Ecosystem::load(&file, &Overrides::default(), &plugins::known())
                     .map_err(|error| {
-                        output::show_people(&error.into_report());
+                        output::show_to_person(&error.into_report());
                         format!("read {}", file.display())
                     })?;
-                Target::named(ecosystem.name.clone(), Some(ecosystem), reach)
+                ClientTarget::named(ecosystem.name.clone(), Some(ecosystem), reach)
             }
-            None => Target::named(only_running()?, None, reach),
+            None => ClientTarget::named(only_running()?, None, reach),
         }
     }
 
@@ -86,12 +86,12 @@ impl Target {
         name: EcosystemId,
         ecosystem: Option<Ecosystem>,
         reach: &ReachArgs,
-    ) -> Result<Target, String> {
+    ) -> Result<ClientTarget, String> {
         let mut endpoints = reach.connect.clone();
         let mut alive = Vec::new();
         if endpoints.is_empty() {
             let folder = hosting::runtime_folder(&name).map_err(|error| error.to_string())?;
-            let is_alive = |path: &PathBuf| doors::is_listening(path);
+            let is_alive = |path: &PathBuf| daemon_sockets::is_listening(path);
             alive.extend(super::up::sockets(&folder).into_iter().filter(is_alive));
             let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
             endpoints.extend(alive.iter().map(endpoint));
@@ -113,7 +113,7 @@ impl Target {
                 GuestKeys::find(&name, settings, &alive, chosen, host.as_ref())?
             }
         };
-        Ok(Target { name, ecosystem, endpoints, keys })
+        Ok(ClientTarget { name, ecosystem, endpoints, keys })
     }
 
     /// Returns the configuration of a client session.
@@ -122,31 +122,35 @@ impl Target {
     }
 
     /// Waits for the command's turn to join, if daemons are on this machine.
-    fn turn(&self) -> Result<Option<Turn>, String> {
+    fn turn(&self) -> Result<Option<JoinSlot>, String> {
         let is_here = |endpoint: &String| endpoint.starts_with("unixsock-stream/");
         if !self.endpoints.iter().any(is_here) {
             return Ok(None);
         }
         let folder = hosting::runtime_folder(&self.name).map_err(|error| error.to_string())?;
-        turn::wait(&folder).map(Some)
+        join_slots::acquire_slot(&folder).map(Some)
     }
 
     /// Opens the link.
-    pub(super) async fn link(self) -> Result<Link, String> {
+    pub(super) async fn link(self) -> Result<ClientLink, String> {
         let config = self.config()?;
         let daemon = config.daemon.clone();
-        let Target { name, ecosystem, endpoints, keys } = self;
+        let ClientTarget { name, ecosystem, endpoints, keys } = self;
         let ecosystem = ecosystem.map(Arc::new);
         let settings =
             ecosystem.as_ref().map(|ecosystem| ecosystem.settings.clone()).unwrap_or_default();
         let rights = ecosystem.as_ref().filter(|_| keys.is_some());
         let rights = rights.map(|ecosystem| ecosystem.rights.clone());
-        let wire = Wire::Zenoh(Box::new(config));
-        let node = Node::join(Machine::default(), name.clone(), daemon, settings, rights, wire)
-            .await
-            .map_err(|error| error.to_string())?;
+        let wire = MessageTransport::Zenoh(Box::new(config));
+        let node =
+            DaemonNode::join(Machine::default(), name.clone(), daemon, settings, rights, wire)
+                .await
+                .map_err(|error| error.to_string())?;
         let switchboard = Arc::clone(node.switchboard());
-        Ok(Link { node, view: View { switchboard, name, ecosystem, endpoints, keys } })
+        Ok(ClientLink {
+            node,
+            view: EcosystemView { switchboard, name, ecosystem, endpoints, keys },
+        })
     }
 }
 
@@ -166,7 +170,7 @@ pub(crate) fn guest_config(
     };
     let mut config = substrate_zenoh::Config::new(ecosystem.clone(), daemon);
     config.mode = substrate_zenoh::Mode::Client;
-    config.connect = doors::awake_first(endpoints);
+    config.connect = daemon_sockets::running_first(endpoints);
     config.security = security;
     Ok(config)
 }
@@ -197,7 +201,7 @@ pub(crate) fn guest_name(role: &str) -> String {
     format!("{role}-{host}-{}", std::process::id())
 }
 
-impl View {
+impl EcosystemView {
     /// Returns the name of the shared ontology, or `unknown` if it is not known here.
     pub(crate) fn ontology(&self) -> &str {
         self.ecosystem.as_ref().map_or("unknown", |ecosystem| ecosystem.domain.name.as_str())
@@ -245,7 +249,7 @@ fn only_running() -> Result<EcosystemId, String> {
         .filter(|name| {
             let folder = hosting::runtime_folder(name);
             let sockets = folder.map(|folder| super::up::sockets(&folder)).unwrap_or_default();
-            sockets.iter().any(|path| doors::is_listening(path))
+            sockets.iter().any(|path| daemon_sockets::is_listening(path))
         })
         .collect();
     match (running.pop(), running.is_empty()) {
@@ -264,12 +268,12 @@ fn only_running() -> Result<EcosystemId, String> {
 }
 
 /// Opens a link, runs `act`, and leaves in good order.
-pub(super) fn with_link<F: Future<Output = (Link, ExitCode)>>(
+pub(super) fn with_link<F: Future<Output = (ClientLink, ExitCode)>>(
     reach: &ReachArgs,
     json: bool,
-    act: impl FnOnce(Link) -> F,
+    act: impl FnOnce(ClientLink) -> F,
 ) -> ExitCode {
-    let target = match Target::find(reach) {
+    let target = match ClientTarget::find(reach) {
         Ok(target) => target,
         Err(problem) => return unavailable(&problem, json),
     };
@@ -294,7 +298,7 @@ pub(super) fn with_link<F: Future<Output = (Link, ExitCode)>>(
 /// Opens a link, prints a view of the ecosystem as JSON or for people, and leaves.
 pub(super) fn with_view(
     args: &AskArgs,
-    print: impl AsyncFnOnce(&View, bool) -> ExitCode,
+    print: impl AsyncFnOnce(&EcosystemView, bool) -> ExitCode,
 ) -> ExitCode {
     let json = args.print.json;
     with_link(&args.reach, json, async |link| {
@@ -310,6 +314,6 @@ pub(crate) fn unavailable(problem: &str, json: bool) -> ExitCode {
         let value = serde_json::json!({ "status": "unavailable", "problem": problem });
         return output::print_json(&value, exit::UNAVAILABLE);
     }
-    output::note(&format!("error: failed to {problem}"));
+    output::print_note(&format!("error: failed to {problem}"));
     exit::with(exit::UNAVAILABLE)
 }

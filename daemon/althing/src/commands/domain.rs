@@ -9,14 +9,14 @@ use serde_json::json;
 use terminal::{exit, output};
 
 use crate::cli::AskArgs;
-use crate::commands::client::{self, View};
+use crate::commands::client::{self, EcosystemView};
 
 /// Prints the composite domain.
 pub(super) fn run(args: &AskArgs) -> ExitCode {
     client::with_view(args, print)
 }
 
-pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
+pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     let maintainer = AgentId::new("domain-maintainer").ok();
     view.directory(maintainer.as_ref()).await;
     let answers = view.ask(Resource::Domain, maintainer).await;

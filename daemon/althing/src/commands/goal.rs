@@ -4,12 +4,12 @@ use std::process::ExitCode;
 
 use acl::ConversationId;
 use acl::content::Keep;
-use keyboard::{Said, Wish};
+use keyboard::{GoalRequest, UserRequest};
 
 use crate::cli::{GoalArgs, WishArgs};
 use crate::commands::client;
-use crate::commands::speaking::{self, Interrupt, Manner};
-use crate::config::{Ecosystem, is_pddl, wish_for};
+use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
+use crate::config::{Ecosystem, is_pddl, plain_goal};
 
 /// Requests a goal or cancels one.
 pub(super) fn run(args: &GoalArgs) -> ExitCode {
@@ -20,24 +20,24 @@ pub(super) fn run(args: &GoalArgs) -> ExitCode {
             Err(problem) => return (link, super::wrong(&problem, json)),
         };
         let interrupt = match args.wish.cancel {
-            Some(_) => Interrupt::Leave("cancelling it was requested".to_owned()),
-            None => Interrupt::LeaveGoal(client::reach_words(&args.reach)),
+            Some(_) => InterruptAction::Leave("cancelling it was requested".to_owned()),
+            None => InterruptAction::LeaveGoal(client::reach_words(&args.reach)),
         };
-        let manner = Manner { to: Some("plan-requester"), json, interrupt };
-        let code = speaking::say(&link, said, manner).await;
+        let manner = ExchangeOptions { to: Some("plan-requester"), json, interrupt };
+        let code = user_request::send_and_follow(&link, said, manner).await;
         (link, code)
     })
 }
 
 /// Returns the request, after finding the goal and checking that it can be parsed.
-pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Said, String> {
+pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<UserRequest, String> {
     if let Some(id) = &args.cancel {
-        return Ok(Said::Cancel(ConversationId::new(id)));
+        return Ok(UserRequest::Cancel(ConversationId::new(id)));
     }
     let asked = args.goal.as_deref().unwrap_or_default();
     let wish = match ecosystem {
-        Some(ecosystem) => ecosystem.wish(asked)?,
-        None if is_pddl(asked) => wish_for(asked),
+        Some(ecosystem) => ecosystem.find_goal(asked)?,
+        None if is_pddl(asked) => plain_goal(asked),
         None => {
             return Err(format!(
                 "`{asked}` may be a goal of the ecosystem file, which is not known here; write \
@@ -50,12 +50,12 @@ pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Sai
     let keep = if args.maintain { Keep::Maintain } else { wish.keep };
     let priority = args.priority.unwrap_or(wish.priority);
     let partition = args.partition.map_or(wish.partition, Into::into);
-    Ok(Said::Wish(Wish { keep, priority, partition, ..wish }))
+    Ok(UserRequest::RequestGoal(GoalRequest { keep, priority, partition, ..wish }))
 }
 
 /// Returns the wish if its goal can be parsed; otherwise the mistakes and, if possible, the goal
 /// that was probably meant.
-pub(super) fn readable(wish: Wish) -> Result<Wish, String> {
+pub(super) fn readable(wish: GoalRequest) -> Result<GoalRequest, String> {
     let goal = wish.goal.trim();
     let Err(found) = pddl::parse_condition(goal).into_result() else { return Ok(wish) };
     let meant = format!("({goal})");
@@ -74,7 +74,7 @@ mod tests {
 
     #[track_caller]
     fn check(goal: &str, expected: Expect) {
-        expected.assert_eq(&readable(wish_for(goal)).expect_err("it cannot be read"));
+        expected.assert_eq(&readable(plain_goal(goal)).expect_err("it cannot be read"));
     }
 
     #[test]
@@ -106,6 +106,6 @@ mod tests {
         );
         check("(known hall", expect!["1:1: error: unclosed `(`; add `)` at the end"]);
         check(" ", expect!["1:1: error: the text holds no condition"]);
-        assert!(readable(wish_for(" (known hall)")).is_ok());
+        assert!(readable(plain_goal(" (known hall)")).is_ok());
     }
 }

@@ -11,7 +11,7 @@ use serde_json::json;
 use terminal::{exit, output, visible};
 
 use crate::cli::AskArgs;
-use crate::commands::client::{self, View};
+use crate::commands::client::{self, EcosystemView};
 
 /// Lines of a goal's history that are shown; `--json` shows all of them.
 const HISTORY_LINES: usize = 6;
@@ -21,7 +21,7 @@ pub(super) fn run(args: &AskArgs) -> ExitCode {
     client::with_view(args, print)
 }
 
-pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
+pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     match ask(view).await {
         Some(goals) if json => output::print_json(&json!({ "goals": goals }), exit::DONE),
         Some(goals) if goals.is_empty() => output::print("no goals\n", exit::DONE),
@@ -31,7 +31,7 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
 }
 
 /// Queries the goals from the leading Plan Requester; `None` if it does not answer.
-pub(super) async fn ask(view: &View) -> Option<Vec<GoalStatus>> {
+pub(super) async fn ask(view: &EcosystemView) -> Option<Vec<GoalStatus>> {
     let requester = AgentId::new("plan-requester").ok();
     view.directory(requester.as_ref()).await;
     let answers = view.ask(Resource::Goals, requester).await;

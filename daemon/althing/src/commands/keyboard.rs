@@ -7,9 +7,9 @@ use keyboard::Keyboard;
 use terminal::{exit, output};
 
 use crate::cli::KeyboardArgs;
-use crate::commands::client::{self, Link};
+use crate::commands::client::{self, ClientLink};
 use crate::interruption;
-use crate::prompt::{self, Guest};
+use crate::prompt::{self, PromptSession};
 
 /// Opens the prompt.
 pub(super) fn run(args: &KeyboardArgs) -> ExitCode {
@@ -26,7 +26,7 @@ pub(super) fn run(args: &KeyboardArgs) -> ExitCode {
     })
 }
 
-async fn open(link: &Link, id: AgentId, is_chosen: bool, json: bool) -> ExitCode {
+async fn open(link: &ClientLink, id: AgentId, is_chosen: bool, json: bool) -> ExitCode {
     // A generated name is unique, so it is not checked.
     if is_chosen && let Some(daemon) = link.view.holder(&id).await {
         let problem = format!(
@@ -37,10 +37,10 @@ async fn open(link: &Link, id: AgentId, is_chosen: bool, json: bool) -> ExitCode
     link.view.directory(None).await;
     let (keyboard, terminal) = Keyboard::with_terminal();
     link.node.launch(id.clone(), keyboard, link.view.ontology());
-    let guest = Guest { view: link.view.clone(), id, terminal, json };
+    let guest = PromptSession { view: link.view.clone(), id, terminal, json };
     if prompt::run(guest, interruption::interrupted()).await {
         return exit::with(exit::DONE);
     }
-    output::note("some requests failed");
-    exit::with(super::speaking::FAILED)
+    output::print_note("some requests failed");
+    exit::with(super::user_request::FAILED)
 }

@@ -10,7 +10,7 @@ use serde_json::json;
 use terminal::{exit, output};
 
 use crate::cli::{MailboxArgs, WhoseArgs};
-use crate::commands::client::{self, View};
+use crate::commands::client::{self, EcosystemView};
 
 /// Prints a line per mailbox.
 pub(super) fn run(args: &MailboxArgs) -> ExitCode {
@@ -21,7 +21,7 @@ pub(super) fn run(args: &MailboxArgs) -> ExitCode {
     })
 }
 
-pub(crate) async fn print(view: &View, whose: &WhoseArgs, json: bool) -> ExitCode {
+pub(crate) async fn print(view: &EcosystemView, whose: &WhoseArgs, json: bool) -> ExitCode {
     let agent = match whose.agent.as_deref().map(AgentId::new).transpose() {
         Ok(agent) => agent,
         Err(error) => return super::wrong(&error.to_string(), json),

@@ -9,31 +9,31 @@ pub(crate) mod answer;
 mod cert;
 mod check;
 mod completions;
+mod connection_watch;
+mod daemon_sockets;
 pub(crate) mod domain;
-mod doors;
 pub(crate) mod goal;
 pub(crate) mod goals;
 mod keyboard;
 pub(crate) mod mailbox;
 mod mode;
 mod plugin;
+mod printed_reports;
 mod replay;
 mod scenario;
 mod send;
 mod sensors;
 pub(crate) mod set;
 pub(crate) mod state;
-mod told;
 mod up;
 mod validate;
-mod vigil;
 pub(crate) mod watch;
 
 // Modules that several commands share.
 pub(crate) mod client;
-pub(crate) mod hearing;
-mod speaking;
-mod turn;
+pub(crate) mod event_output;
+mod join_slots;
+mod user_request;
 
 use std::future::Future;
 use std::process::ExitCode;
@@ -41,7 +41,7 @@ use std::time::Duration;
 
 use terminal::{exit, output};
 
-use crate::cli::Command;
+use crate::cli::CliCommand;
 use crate::plugins;
 
 /// The words in the line that `althing up` prints when its agents are present; a process that
@@ -49,31 +49,31 @@ use crate::plugins;
 pub(crate) const READY: &str = "is ready";
 
 /// Runs a command.
-pub(crate) fn run(command: Command) -> ExitCode {
+pub(crate) fn run(command: CliCommand) -> ExitCode {
     match command {
-        Command::Plan(args) => althing_plan::run(&args),
-        Command::Plugin(args) => plugin::run(&args),
-        Command::Validate(args) => validate::run(&args),
-        Command::Check(args) => check::run(&args, &plugins::known()),
-        Command::Up(args) => up::run(&args),
-        Command::Scenario(args) => scenario::run(&args),
-        Command::Keyboard(args) => keyboard::run(&args),
-        Command::Goal(args) => goal::run(&args),
-        Command::Act(args) => act::run(&args),
-        Command::Set(args) => set::run(&args),
-        Command::Mode(args) => mode::run(&args),
-        Command::Answer(args) => answer::run(&args),
-        Command::Agents(args) => agents::run(&args),
-        Command::Domain(args) => domain::run(&args),
-        Command::State(args) => state::run(&args),
-        Command::Goals(args) => goals::run(&args),
-        Command::Watch(args) => watch::run(&args),
-        Command::Replay(args) => replay::run(&args),
-        Command::Mailbox(args) => mailbox::run(&args),
-        Command::Cert(args) => cert::run(&args),
-        Command::Sensors(args) => sensors::run(&args),
-        Command::Send(args) => send::run(&args),
-        Command::Completions(args) => completions::run(&args),
+        CliCommand::Plan(args) => althing_plan::run(&args),
+        CliCommand::Plugin(args) => plugin::run(&args),
+        CliCommand::Validate(args) => validate::run(&args),
+        CliCommand::Check(args) => check::run(&args, &plugins::known()),
+        CliCommand::Up(args) => up::run(&args),
+        CliCommand::Scenario(args) => scenario::run(&args),
+        CliCommand::Keyboard(args) => keyboard::run(&args),
+        CliCommand::Goal(args) => goal::run(&args),
+        CliCommand::Act(args) => act::run(&args),
+        CliCommand::Set(args) => set::run(&args),
+        CliCommand::Mode(args) => mode::run(&args),
+        CliCommand::Answer(args) => answer::run(&args),
+        CliCommand::Agents(args) => agents::run(&args),
+        CliCommand::Domain(args) => domain::run(&args),
+        CliCommand::State(args) => state::run(&args),
+        CliCommand::Goals(args) => goals::run(&args),
+        CliCommand::Watch(args) => watch::run(&args),
+        CliCommand::Replay(args) => replay::run(&args),
+        CliCommand::Mailbox(args) => mailbox::run(&args),
+        CliCommand::Cert(args) => cert::run(&args),
+        CliCommand::Sensors(args) => sensors::run(&args),
+        CliCommand::Send(args) => send::run(&args),
+        CliCommand::Completions(args) => completions::run(&args),
     }
 }
 
@@ -83,7 +83,7 @@ fn wrong(problem: &str, json: bool) -> ExitCode {
         let value = serde_json::json!({ "status": "bad-input", "problem": problem });
         return output::print_json(&value, exit::BAD_INPUT);
     }
-    output::note(&format!("error: {problem}"));
+    output::print_note(&format!("error: {problem}"));
     exit::with(exit::BAD_INPUT)
 }
 
@@ -118,7 +118,7 @@ fn in_runtime(work: impl Future<Output = ExitCode>) -> ExitCode {
             code
         }
         Err(error) => {
-            output::note(&format!("error: failed to start: {error}"));
+            output::print_note(&format!("error: failed to start: {error}"));
             exit::with(exit::UNAVAILABLE)
         }
     }

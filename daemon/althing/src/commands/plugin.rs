@@ -8,16 +8,18 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use agent::Resource;
-use plugin_host::{Confined, Package, Plugins, Shelf, ShelfError, Status};
+use plugin_host::{
+    ConfinementStatus, Package, PackageStore, PackageStoreError, PluginList, PluginStatus,
+};
 use serde_json::json;
-use terminal::report::Report;
+use terminal::report::DiagnosticReport;
 use terminal::{exit, output, visible};
 
 use crate::cli::AskArgs;
 use crate::cli::plugin::{
     PluginAddArgs, PluginArgs, PluginCommand, PluginLogsArgs, PluginNameArgs, PluginPlaceArgs,
 };
-use crate::commands::client::{self, View};
+use crate::commands::client::{self, EcosystemView};
 use crate::config::{self, Ecosystem, Overrides};
 use crate::{hosting, plugins};
 
@@ -40,17 +42,17 @@ pub(super) fn run(args: &PluginArgs) -> ExitCode {
 }
 
 /// Queries the state of the plugins of all daemons.
-pub(super) async fn plugins(view: &View) -> Vec<Plugins> {
+pub(super) async fn plugins(view: &EcosystemView) -> Vec<PluginList> {
     view.directory(None).await;
     let answers = view.ask(Resource::Plugins, None).await;
     let read = |answer: &bytes::Bytes| serde_json::from_slice(answer).ok();
-    let mut plugins: Vec<Plugins> = answers.iter().filter_map(read).collect();
+    let mut plugins: Vec<PluginList> = answers.iter().filter_map(read).collect();
     plugins.sort_by(|one, other| one.daemon.cmp(&other.daemon));
     plugins.dedup_by(|one, other| one.daemon == other.daemon);
     plugins
 }
 
-async fn list(view: &View, json: bool) -> ExitCode {
+async fn list(view: &EcosystemView, json: bool) -> ExitCode {
     let found = plugins(view).await;
     if json {
         let value = json!({ "ecosystem": view.name, "daemons": found });
@@ -86,9 +88,9 @@ async fn list(view: &View, json: bool) -> ExitCode {
 }
 
 /// Describes in a line how far a daemon confines its plugins.
-fn confined(plugins: &Plugins) -> String {
-    let Plugins { daemon, confinement, .. } = plugins;
-    let Confined { not_enforced, limits, .. } = confinement;
+fn confined(plugins: &PluginList) -> String {
+    let PluginList { daemon, confinement, .. } = plugins;
+    let ConfinementStatus { not_enforced, limits, .. } = confinement;
     let said = match not_enforced.as_slice() {
         // A daemon of another version does not report this.
         [] if limits.is_empty() => return String::new(),
@@ -99,7 +101,7 @@ fn confined(plugins: &Plugins) -> String {
     output::folded(&format!("{said}; {taken} {limits}"), 4) + "\n"
 }
 
-fn line(plugins: &Plugins, status: &Status) -> String {
+fn line(plugins: &PluginList, status: &PluginStatus) -> String {
     let agents: Vec<_> = status.agents.iter().map(acl::AgentId::as_str).collect();
     let state = status.state.as_str();
     let line = format!(
@@ -132,10 +134,10 @@ fn add(args: &PluginAddArgs) -> ExitCode {
     };
     // The path is resolved, because messages name a package by its folder.
     let from = args.package.canonicalize().unwrap_or_else(|_| args.package.clone());
-    let added = Package::open(&from).map_err(|faults| ShelfError::Faulty(Box::new(faults)));
+    let added = Package::open(&from).map_err(|faults| PackageStoreError::Faulty(Box::new(faults)));
     let added = added.and_then(|package| {
         let name = &package.manifest.name;
-        let was = Package::open(&shelf.at(name)).ok().map(|was| was.manifest.version);
+        let was = Package::open(&shelf.package_folder(name)).ok().map(|was| was.manifest.version);
         let beyond = package.manifest.permissions.beyond(&shelf.kept_rights(name));
         let command = format!("althing plugin add {}", args.package.display());
         match allow::consent(name, &beyond, &args.rights.allow, &command, json) {
@@ -146,7 +148,7 @@ fn add(args: &PluginAddArgs) -> ExitCode {
     match added {
         Ok(Ok((manifest, was))) => {
             let (name, version) = (&manifest.name, &manifest.version);
-            let folder = shelf.at(name).display().to_string();
+            let folder = shelf.package_folder(name).display().to_string();
             if json {
                 let value = json!({ "plugin": name, "version": version, "folder": folder });
                 return output::print_json(&value, exit::DONE);
@@ -159,8 +161,8 @@ fn add(args: &PluginAddArgs) -> ExitCode {
             )
         }
         Ok(Err(code)) => code,
-        Err(ShelfError::Faulty(faults)) => {
-            let mut report = Report::default();
+        Err(PackageStoreError::Faulty(faults)) => {
+            let mut report = DiagnosticReport::default();
             check::add_faults(*faults, &mut report);
             output::show(&report, json, "bad-input", exit::BAD_INPUT)
         }
@@ -171,7 +173,7 @@ fn add(args: &PluginAddArgs) -> ExitCode {
 fn change(
     args: &PluginNameArgs,
     done: &str,
-    change: impl FnOnce(&Shelf, &str) -> Result<(), ShelfError>,
+    change: impl FnOnce(&PackageStore, &str) -> Result<(), PackageStoreError>,
 ) -> ExitCode {
     let json = args.print.json;
     let name = &args.name;
@@ -187,9 +189,9 @@ fn change(
 }
 
 /// Returns the text of an error; for an unknown plugin with the name that was probably meant.
-fn known_or_near(shelf: &Shelf, name: &str, error: ShelfError) -> String {
+fn known_or_near(shelf: &PackageStore, name: &str, error: PackageStoreError) -> String {
     match error {
-        ShelfError::Unknown { .. } => {
+        PackageStoreError::Unknown { .. } => {
             match pddl::nearest(name, shelf.names().iter().map(String::as_str)) {
                 Some(near) => format!("{error}; did you mean `{near}`?"),
                 None => error.to_string(),
@@ -199,9 +201,9 @@ fn known_or_near(shelf: &Shelf, name: &str, error: ShelfError) -> String {
     }
 }
 
-fn shelf(place: &PluginPlaceArgs) -> Result<Shelf, String> {
+fn shelf(place: &PluginPlaceArgs) -> Result<PackageStore, String> {
     if let Some(folder) = &place.folder {
-        return Ok(Shelf { folder: folder.clone() });
+        return Ok(PackageStore { folder: folder.clone() });
     }
     let file = match &place.ecosystem {
         Some(asked) => Some(config::resolve_ecosystem(asked)?),
@@ -211,14 +213,14 @@ fn shelf(place: &PluginPlaceArgs) -> Result<Shelf, String> {
         Some(file) => load(&file)?.plugins.folder,
         None => None,
     };
-    Ok(Shelf { folder: hosting::plugins_folder(said.as_deref()) })
+    Ok(PackageStore { folder: hosting::plugins_folder(said.as_deref()) })
 }
 
 /// Reads an ecosystem file; mistakes in it are shown.
 fn load(file: &Path) -> Result<Ecosystem, String> {
     let read = Ecosystem::load(file, &Overrides::default(), &plugins::known());
     read.map_err(|error| {
-        output::show_people(&error.into_report());
+        output::show_to_person(&error.into_report());
         format!("read {}", file.display())
     })
 }
@@ -226,9 +228,9 @@ fn load(file: &Path) -> Result<Ecosystem, String> {
 fn logs(args: &PluginLogsArgs) -> ExitCode {
     let ask = AskArgs { reach: args.reach.clone(), print: args.print.clone() };
     let (name, lines) = (args.name.clone(), args.lines);
-    client::with_view(&ask, async move |view: &View, json: bool| {
+    client::with_view(&ask, async move |view: &EcosystemView, json: bool| {
         let found = plugins(view).await;
-        let of_it = |status: &&Status| status.name == name;
+        let of_it = |status: &&PluginStatus| status.name == name;
         let status = found.iter().flat_map(|plugins| &plugins.plugins).find(of_it);
         let Some(status) = status else {
             let known = found.iter().flat_map(|plugins| &plugins.plugins);

@@ -8,7 +8,7 @@
 //! - A request that was made after another one had ended is replayed after that one has ended.
 //! - The end of each exchange is compared with its end in the recording.
 
-mod plays;
+mod replay_plan;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ use std::time::Duration;
 
 use acl::content::Outcome;
 use acl::{AgentId, ConversationId, DaemonId};
-use keyboard::{Draft, Keyboard, Said};
+use keyboard::{Keyboard, MessageDraft, UserRequest};
 use serde_json::json;
 use substrate::memory::Network;
 use tokio::sync::watch;
@@ -29,16 +29,16 @@ use crate::cli::ReplayArgs;
 use crate::commands::brief;
 use crate::commands::watch::record::Recording;
 use crate::config::{self, Ecosystem, Overrides};
-use crate::hosting::{self, Mishaps, Node, Part, Wire};
-use crate::interfacing::voice::{News, Voice};
+use crate::hosting::{self, DaemonNode, FaultInjector, MessageTransport, NodeOptions};
+use crate::interfacing::remote_client::{RemoteClient, RemoteUpdate};
 use crate::interruption;
 use crate::plugins;
-use plays::{End, Play, Plays, Words};
+use replay_plan::{ExchangeEnd, OpeningMessage, ReplayPlan, ReplayedExchange};
 use terminal::render::plural;
 use terminal::{exit, output};
 
 /// Exit code if an exchange ended otherwise than in the recording.
-const OTHERWISE: u8 = 1;
+const DIFFERENT_END: u8 = 1;
 
 /// Replays a recording, and prints the results.
 pub(super) fn run(args: &ReplayArgs) -> ExitCode {
@@ -52,24 +52,24 @@ pub(super) fn run(args: &ReplayArgs) -> ExitCode {
         Err(code) => return code,
     };
     if ecosystem.name != recording.header.ecosystem {
-        output::note(&format!(
+        output::print_note(&format!(
             "warning: the recording is of `{}`, and is replayed in `{}`",
             recording.header.ecosystem, ecosystem.name
         ));
     }
-    let plays = Plays::of(&recording, &ecosystem);
-    let mishaps = Arc::new(Mishaps::new(args.lose, args.duplicate, args.seed));
+    let plays = ReplayPlan::of(&recording, &ecosystem);
+    let mishaps = Arc::new(FaultInjector::new(args.lose, args.duplicate, args.seed));
     let lasts = recording.lasts();
     let (speed, name) = (args.speed, args.file.display().to_string());
     let patience = Duration::from_secs(args.patience.into());
     super::in_runtime(async move {
         let unread = recording.unread;
-        let show = Show { plays, mishaps, speed, lasts, patience, unread, name };
+        let show = ReplaySession { plays, mishaps, speed, lasts, patience, unread, name };
         tokio::select! {
             played = show.play(&ecosystem, json) => match played {
                 Ok(code) => code,
                 Err(problem) => {
-                    output::note(&format!("error: failed to {problem}"));
+                    output::print_note(&format!("error: failed to {problem}"));
                     exit::with(exit::UNAVAILABLE)
                 }
             },
@@ -81,7 +81,7 @@ pub(super) fn run(args: &ReplayArgs) -> ExitCode {
 fn ecosystem(args: &ReplayArgs) -> Result<Ecosystem, ExitCode> {
     let file = match &args.ecosystem {
         Some(asked) => config::resolve_ecosystem(asked).map_err(|problem| {
-            output::note(&format!("error: failed to {problem}"));
+            output::print_note(&format!("error: failed to {problem}"));
             exit::with(exit::CONFIG)
         })?,
         None => config::find_ecosystem_file().unwrap_or_else(|| PathBuf::from("althing.toml")),
@@ -95,9 +95,9 @@ fn ecosystem(args: &ReplayArgs) -> Result<Ecosystem, ExitCode> {
 }
 
 /// A recording that is about to be replayed.
-struct Show {
-    plays: Plays,
-    mishaps: Arc<Mishaps>,
+struct ReplaySession {
+    plays: ReplayPlan,
+    mishaps: Arc<FaultInjector>,
     speed: f64,
     lasts: Duration,
     /// How long to wait for an end beyond the recorded time: lost messages are resent up to a
@@ -108,9 +108,9 @@ struct Show {
 }
 
 /// The conversations of the replay that continue those of the recording.
-type Now = Arc<watch::Sender<BTreeMap<ConversationId, ConversationId>>>;
+type ConversationMap = Arc<watch::Sender<BTreeMap<ConversationId, ConversationId>>>;
 
-impl Show {
+impl ReplaySession {
     /// Replays the recording to its end. The error completes “failed to …”.
     async fn play(self, ecosystem: &Ecosystem, json: bool) -> Result<ExitCode, String> {
         // The state folder of the fresh ecosystem exists as long as the replay.
@@ -120,11 +120,12 @@ impl Show {
         // Waits for heartbeats, so that all agents know each other as in the recording.
         tokio::time::sleep(ecosystem.settings.heartbeat_period * 2).await;
         let began = Instant::now();
-        let voices = self.voices(&node, ecosystem);
-        let (now, ended) = (Now::default(), Arc::new(watch::Sender::new(BTreeSet::new())));
+        let voices = self.launch_clients(&node, ecosystem);
+        let (now, ended) =
+            (ConversationMap::default(), Arc::new(watch::Sender::new(BTreeSet::new())));
         let mut running = tokio::task::JoinSet::new();
         for (index, play) in self.plays.plays.iter().enumerate() {
-            let Some(voice) = voices.get(&voice_of(index, play)).cloned() else { continue };
+            let Some(voice) = voices.get(&keyboard_name(index, play)).cloned() else { continue };
             let wait = Duration::from_millis(play.after_ms).div_f64(self.speed);
             let until = began + self.lasts.div_f64(self.speed) + self.patience;
             let (play, now, ended) = (play.clone(), Arc::clone(&now), Arc::clone(&ended));
@@ -140,12 +141,12 @@ impl Show {
                         ended.insert(index);
                     });
                 };
-                let end = perform(play.clone(), voice, now, until, has_ended).await;
+                let end = replay_exchange(play.clone(), voice, now, until, has_ended).await;
                 has_ended();
                 (index, end)
             });
         }
-        let mut ends = vec![End::Open; self.plays.plays.len()];
+        let mut ends = vec![ExchangeEnd::Open; self.plays.plays.len()];
         while let Some(ended) = running.join_next().await {
             let (index, end) = ended.map_err(|error| error.to_string())?;
             ends[index] = end;
@@ -155,9 +156,9 @@ impl Show {
         Ok(self.tell(&ends, took, json))
     }
 
-    async fn open(&self, ecosystem: &Ecosystem, state: &Path) -> Result<Node, String> {
+    async fn open(&self, ecosystem: &Ecosystem, state: &Path) -> Result<DaemonNode, String> {
         let building = hosting::simulate(ecosystem).map_err(|error| error.to_string())?;
-        let part = Part {
+        let part = NodeOptions {
             ecosystem,
             daemon: DaemonId::new("replay").map_err(|error| error.to_string())?,
             agents: ecosystem.agents.clone(),
@@ -165,18 +166,22 @@ impl Show {
             building: Some(building.handle()),
             state: Some(state.to_owned()),
         };
-        let wire = Wire::Unreliable(Network::new(), Arc::clone(&self.mishaps));
-        Node::open(part, wire).await.map_err(|error| error.to_string())
+        let wire = MessageTransport::Unreliable(Network::new(), Arc::clone(&self.mishaps));
+        DaemonNode::open(part, wire).await.map_err(|error| error.to_string())
     }
 
     /// Launches a keyboard agent for every initiator in the recording, under its name there.
-    fn voices(&self, node: &Node, ecosystem: &Ecosystem) -> BTreeMap<AgentId, Voice> {
+    fn launch_clients(
+        &self,
+        node: &DaemonNode,
+        ecosystem: &Ecosystem,
+    ) -> BTreeMap<AgentId, RemoteClient> {
         let mut voices = BTreeMap::new();
         for (index, play) in self.plays.plays.iter().enumerate() {
-            voices.entry(voice_of(index, play)).or_insert_with_key(|who| {
+            voices.entry(keyboard_name(index, play)).or_insert_with_key(|who| {
                 let (keyboard, terminal) = Keyboard::with_terminal();
                 node.launch(who.clone(), keyboard, ecosystem.domain.name.as_str());
-                let (voice, speaking) = Voice::new(terminal);
+                let (voice, speaking) = RemoteClient::new(terminal);
                 tokio::spawn(speaking);
                 voice
             });
@@ -184,13 +189,13 @@ impl Show {
         voices
     }
 
-    fn tell(&self, ends: &[End], took: Duration, json: bool) -> ExitCode {
+    fn tell(&self, ends: &[ExchangeEnd], took: Duration, json: bool) -> ExitCode {
         let plays = &self.plays.plays;
-        let is_same = |(play, end): (&Play, &End)| play.end.is_as_good_as(*end);
+        let is_same = |(play, end): (&ReplayedExchange, &ExchangeEnd)| play.end.is_as_good_as(*end);
         let otherwise = plays.iter().zip(ends).filter(|pair| !is_same(*pair)).count();
-        let code = if otherwise == 0 { exit::DONE } else { OTHERWISE };
+        let code = if otherwise == 0 { exit::DONE } else { DIFFERENT_END };
         let count = |counter: &std::sync::atomic::AtomicU64| counter.load(Ordering::Relaxed);
-        let Mishaps { lost, doubled, all, .. } = &*self.mishaps;
+        let FaultInjector { lost, doubled, all, .. } = &*self.mishaps;
         let (lost, doubled, all) = (count(lost), count(doubled), count(all));
         if json {
             let played: Vec<_> = { plays.iter().zip(ends) }
@@ -244,26 +249,32 @@ impl Show {
 
 /// Returns the name of the keyboard that sends a message. A cancellation has a keyboard of its own:
 /// its answers arrive in the same conversation as those to the initiator of the goal.
-fn voice_of(index: usize, play: &Play) -> AgentId {
+fn keyboard_name(index: usize, play: &ReplayedExchange) -> AgentId {
     match &play.words {
-        Words::Said(_) => play.who.clone(),
-        Words::GiveUp(..) => AgentId::new(&format!("replay-gives-up-{index}"))
+        OpeningMessage::Said(_) => play.who.clone(),
+        OpeningMessage::CancelEarlier(..) => AgentId::new(&format!("replay-gives-up-{index}"))
             .expect("invariant: letters, digits and dashes are a name"),
     }
 }
 
 /// Replays one exchange, and returns its end. For a kept goal `has_ended` is called when it first
 /// holds, as in the recording, because a later cancellation has waited for no more than that.
-async fn perform(play: Play, voice: Voice, now: Now, until: Instant, has_ended: impl Fn()) -> End {
+async fn replay_exchange(
+    play: ReplayedExchange,
+    voice: RemoteClient,
+    now: ConversationMap,
+    until: Instant,
+    has_ended: impl Fn(),
+) -> ExchangeEnd {
     let said = match play.words {
-        Words::Said(said) => said,
-        Words::GiveUp(then, draft) => {
+        OpeningMessage::Said(said) => said,
+        OpeningMessage::CancelEarlier(then, draft) => {
             let conversation = Some(conversation_now(&now, then, until).await);
-            Said::Send(Draft { conversation, ..draft })
+            UserRequest::Send(MessageDraft { conversation, ..draft })
         }
     };
-    let mut asked = voice.ask(said, false).await;
-    let mut end = End::Open;
+    let mut asked = voice.send_request(said, false).await;
+    let mut end = ExchangeEnd::Open;
     let hearing = async {
         loop {
             let news = asked.next().await;
@@ -273,12 +284,12 @@ async fn perform(play: Play, voice: Voice, now: Now, until: Instant, has_ended: 
                 });
             }
             let is_final = news.is_final();
-            if let Some(heard) = End::of(&news) {
+            if let Some(heard) = ExchangeEnd::of(&news) {
                 end = heard;
                 has_ended();
             }
             // A kept goal that held in the recording is followed until it holds.
-            if is_final || (end == End::Done && play.end == End::Done) {
+            if is_final || (end == ExchangeEnd::Done && play.end == ExchangeEnd::Done) {
                 return;
             }
         }
@@ -290,7 +301,11 @@ async fn perform(play: Play, voice: Voice, now: Now, until: Instant, has_ended: 
 
 /// Returns the conversation that continues one of the recording, as soon as it exists; the old
 /// name, which no agent knows here, if it never does.
-async fn conversation_now(now: &Now, then: ConversationId, until: Instant) -> ConversationId {
+async fn conversation_now(
+    now: &ConversationMap,
+    then: ConversationId,
+    until: Instant,
+) -> ConversationId {
     let mut known = now.subscribe();
     let asked = tokio::time::timeout_at(until, known.wait_for(|now| now.contains_key(&then)));
     match asked.await {
@@ -299,22 +314,22 @@ async fn conversation_now(now: &Now, then: ConversationId, until: Instant) -> Co
     }
 }
 
-impl End {
+impl ExchangeEnd {
     /// Returns the end that a message reports; `None` for progress.
-    fn of(news: &News) -> Option<End> {
+    fn of(news: &RemoteUpdate) -> Option<ExchangeEnd> {
         match news {
-            News::Report(report) => End::of_outcome(report.outcome),
-            News::Refused(_) => Some(End::Refused),
-            News::Unanswered => Some(End::Unanswered),
+            RemoteUpdate::Report(report) => ExchangeEnd::of_outcome(report.outcome),
+            RemoteUpdate::Refused(_) => Some(ExchangeEnd::Refused),
+            RemoteUpdate::Unanswered => Some(ExchangeEnd::Unanswered),
         }
     }
 
-    fn of_outcome(outcome: Outcome) -> Option<End> {
+    fn of_outcome(outcome: Outcome) -> Option<ExchangeEnd> {
         match outcome {
             Outcome::Progress => None,
-            Outcome::Holds | Outcome::Done => Some(End::Done),
-            Outcome::Failed => Some(End::Failed),
-            Outcome::Cancelled => Some(End::Cancelled),
+            Outcome::Holds | Outcome::Done => Some(ExchangeEnd::Done),
+            Outcome::Failed => Some(ExchangeEnd::Failed),
+            Outcome::Cancelled => Some(ExchangeEnd::Cancelled),
         }
     }
 }

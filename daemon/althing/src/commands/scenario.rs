@@ -9,7 +9,9 @@ use terminal::{exit, output};
 
 use crate::cli::{ScenarioArgs, SubstrateArg};
 use crate::interruption;
-use crate::scenario::{Event, Played, Scenario, Script, Stage, play};
+use crate::scenario::{
+    Scenario, ScenarioEvent, ScenarioOptions, ScenarioResult, ScenarioSubstrate, play,
+};
 
 /// Exit code if the building's truth does not meet them.
 const DOES_NOT_HOLD: u8 = 1;
@@ -18,9 +20,9 @@ const DOES_NOT_HOLD: u8 = 1;
 pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
     let mode = args.mode.map_or(Mode::Decentralized, Mode::from);
     let stage = match args.substrate {
-        _ if args.processes => Stage::Processes,
-        SubstrateArg::Zenoh => Stage::Zenoh,
-        SubstrateArg::Memory => Stage::Memory,
+        _ if args.processes => ScenarioSubstrate::Processes,
+        SubstrateArg::Zenoh => ScenarioSubstrate::Zenoh,
+        SubstrateArg::Memory => ScenarioSubstrate::Memory,
     };
     let number = args.number;
     let scenario = match number {
@@ -29,7 +31,7 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
         3 => Scenario::Access,
         _ => Scenario::Meeting,
     };
-    let script = Script::new(scenario, args.seed.unwrap_or(0), mode, stage);
+    let script = ScenarioOptions::new(scenario, args.seed.unwrap_or(0), mode, stage);
     let json = args.print.json;
     super::in_runtime(async move {
         tokio::select! {
@@ -41,7 +43,7 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
     })
 }
 
-async fn perform(number: u8, script: Script, json: bool) -> ExitCode {
+async fn perform(number: u8, script: ScenarioOptions, json: bool) -> ExitCode {
     if !json {
         let flow = match script.mode {
             Mode::Centralized => "centralized",
@@ -64,7 +66,7 @@ async fn perform(number: u8, script: Script, json: bool) -> ExitCode {
     let played = match played {
         Ok(played) => played,
         Err(problem) => {
-            output::note(&format!("error: {problem}"));
+            output::print_note(&format!("error: {problem}"));
             return exit::with(exit::UNAVAILABLE);
         }
     };
@@ -92,12 +94,12 @@ fn title(number: u8) -> String {
     }
 }
 
-fn show(event: &Event) {
+fn show(event: &ScenarioEvent) {
     let line = format!("{:>7.3} s  {}", event.at.as_secs_f64(), event.text);
     let _ = output::print(format_args!("{}\n", output::folded(&line, 11)), exit::DONE);
 }
 
-fn verdict(played: &Played, code: u8) -> ExitCode {
+fn verdict(played: &ScenarioResult, code: u8) -> ExitCode {
     let mut text = String::from("\n");
     if played.problems.is_empty() {
         let end = if played.told.is_empty() { '.' } else { ':' };

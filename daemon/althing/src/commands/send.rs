@@ -10,16 +10,16 @@ use acl::content::{CallForProposals, Question, Request};
 use acl::{AgentId, ConversationId, Deadline, Performative, Protocol};
 use agent::Directory;
 use conversation::{PROTOCOLS, Phase, Role};
-use keyboard::{Draft, Said};
+use keyboard::{MessageDraft, UserRequest};
 use serde::Deserialize;
 use serde_json::{Map, Value};
-use terminal::form::{self, Mistake};
-use terminal::report::Source;
+use terminal::form_error::{self, FormError};
+use terminal::report::SourceText;
 use terminal::{exit, output};
 
 use crate::cli::SendArgs;
-use crate::commands::client::{self, Link};
-use crate::commands::speaking::{self, Interrupt, Manner};
+use crate::commands::client::{self, ClientLink};
+use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 
 /// Default time to wait for answers: longer than an agent may take to answer, and longer than the
 /// search for a plan takes.
@@ -30,7 +30,7 @@ const BYTES_MAX: u64 = 1 << 20;
 
 /// The message in the file.
 #[derive(Deserialize)]
-struct Written {
+struct WrittenMessage {
     performative: Performative,
     #[serde(default)]
     receiver: Receivers,
@@ -88,24 +88,24 @@ pub(super) fn run(args: &SendArgs) -> ExitCode {
     })
 }
 
-async fn send(link: &Link, draft: Draft, json: bool) -> ExitCode {
+async fn send(link: &ClientLink, draft: MessageDraft, json: bool) -> ExitCode {
     let directory = link.view.directory(draft.to.as_ref()).await;
     if let Err(problem) = is_here(&draft, &directory) {
         return client::unavailable(&problem, json);
     }
     let to = draft.to.clone();
     let interrupt =
-        Interrupt::Leave("the message was sent; its answers are not waited for".to_owned());
-    let manner = Manner { to: to.as_ref().map(AgentId::as_str), json, interrupt };
+        InterruptAction::Leave("the message was sent; its answers are not waited for".to_owned());
+    let manner = ExchangeOptions { to: to.as_ref().map(AgentId::as_str), json, interrupt };
     let is_to_all = draft.to.is_none();
-    let code = speaking::say(link, Said::Send(draft), manner).await;
+    let code = user_request::send_and_follow(link, UserRequest::Send(draft), manner).await;
     // The number of answers to a message to all agents is unknown: the end of the wait is a
     // success.
     if is_to_all && code == exit::with(exit::UNAVAILABLE) { exit::with(exit::DONE) } else { code }
 }
 
 /// Checks that the receiver is present: a message to a wrong name would wait for its deadline.
-fn is_here(draft: &Draft, directory: &Directory) -> Result<(), String> {
+fn is_here(draft: &MessageDraft, directory: &Directory) -> Result<(), String> {
     let Some(to) = draft.to.as_ref().filter(|to| directory.find(to).is_none()) else {
         return Ok(());
     };
@@ -117,7 +117,7 @@ fn is_here(draft: &Draft, directory: &Directory) -> Result<(), String> {
 
 fn text(file: &Path) -> Result<String, String> {
     if file != Path::new("-") {
-        return Source::read(file)
+        return SourceText::read(file)
             .map(|source| source.text.clone())
             .map_err(|problem| format!("failed to {problem}"));
     }
@@ -129,12 +129,19 @@ fn text(file: &Path) -> Result<String, String> {
 
 /// Reads a message and checks it: its performative must open an exchange of its protocol, and its
 /// content must have the form that belongs to both.
-fn draft(text: &str) -> Result<Draft, String> {
-    let written: Written = serde_json::from_str(text).map_err(|error| {
+fn draft(text: &str) -> Result<MessageDraft, String> {
+    let written: WrittenMessage = serde_json::from_str(text).map_err(|error| {
         format!("this is not a message: {}; see althing help send", worded(&error))
     })?;
-    let Written { performative, receiver, content, protocol, conversation_id, reply_by, rest } =
-        written;
+    let WrittenMessage {
+        performative,
+        receiver,
+        content,
+        protocol,
+        conversation_id,
+        reply_by,
+        rest,
+    } = written;
     if let Some(key) = rest.keys().find(|key| !SAID_BY_KEYBOARD.contains(&key.as_str())) {
         let known = WRITTEN.iter().chain(SAID_BY_KEYBOARD).copied();
         let near = pddl::nearest(key, known).map(|near| format!("; did you mean `{near}`?"));
@@ -142,7 +149,7 @@ fn draft(text: &str) -> Result<Draft, String> {
     }
     let left_out: Vec<_> = rest.keys().map(String::as_str).collect();
     if !left_out.is_empty() {
-        output::note(&format!(
+        output::print_note(&format!(
             "ignored, because the keyboard sets it itself: {}",
             left_out.join(", ")
         ));
@@ -165,7 +172,14 @@ fn draft(text: &str) -> Result<Draft, String> {
         return Err("a `cancel` names the goal's `conversation_id`".to_owned());
     }
     let patience = reply_by.map_or(PATIENCE, |by| by.0);
-    Ok(Draft { to, performative, protocol, conversation: conversation_id, content, patience })
+    Ok(MessageDraft {
+        to,
+        performative,
+        protocol,
+        conversation: conversation_id,
+        content,
+        patience,
+    })
 }
 
 /// Explains in the terms of the user why a message cannot be read.
@@ -175,19 +189,19 @@ fn worded(error: &serde_json::Error) -> String {
         Some(near) => format!("; did you mean `{near}`?"),
         None => format!("; known are {}", known.join(", ")),
     };
-    match Mistake::of(&said) {
-        Some(Mistake::UnknownKey { key, known }) => {
+    match FormError::of(&said) {
+        Some(FormError::UnknownKey { key, known }) => {
             format!("there is no key `{key}`{}", near(key, &known))
         }
-        Some(Mistake::UnknownWord { word, known }) => {
+        Some(FormError::UnknownWord { word, known }) => {
             format!("`{word}` is not known there{}", near(word, &known))
         }
-        Some(Mistake::MissingKey(key)) => format!("`{key}` is missing"),
-        Some(Mistake::Kind { got, wanted }) => {
-            let (wanted, got) = (form::kind(wanted), form::got(got));
+        Some(FormError::MissingKey(key)) => format!("`{key}` is missing"),
+        Some(FormError::Kind { got, wanted }) => {
+            let (wanted, got) = (form_error::kind(wanted), form_error::got(got));
             format!("there must be {wanted} where {got} is (line {})", error.line())
         }
-        Some(Mistake::NoForm) => "`receiver` is a name in quotes, or a list of one".to_owned(),
+        Some(FormError::NoForm) => "`receiver` is a name in quotes, or a list of one".to_owned(),
         None if error.is_eof() => "it ends too early".to_owned(),
         None => said,
     }

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
-use linux_sensors::{Bundle, Channel, Quantity, ReadError, Sysfs};
+use linux_sensors::{ReadError, SensorBundle, SensorChannel, Sysfs, SysfsQuantity};
 use pddl::{Diagnostic, Span};
 use serde_json::json;
-use terminal::report::{Report, reason};
+use terminal::report::{DiagnosticReport, reason};
 use terminal::{exit, output};
 
 use crate::cli::SensorsArgs;
@@ -16,7 +16,7 @@ use crate::cli::SensorsArgs;
 pub(crate) fn run(args: &SensorsArgs) -> ExitCode {
     if let Err(error) = std::fs::read_dir(&args.sysfs) {
         let sysfs = args.sysfs.display();
-        let mut report = Report::default();
+        let mut report = DiagnosticReport::default();
         report.add_general(Diagnostic::error(
             Span::default(),
             format!("failed to look into {sysfs}: {}", reason(&error)),
@@ -43,7 +43,7 @@ pub(crate) fn run(args: &SensorsArgs) -> ExitCode {
     output::print(table(&channels), exit::DONE)
 }
 
-fn told(channel: &Channel) -> serde_json::Value {
+fn told(channel: &SensorChannel) -> serde_json::Value {
     let mut told = json!(channel);
     told["unit"] = json!(channel.quantity.unit());
     match channel.read() {
@@ -53,11 +53,11 @@ fn told(channel: &Channel) -> serde_json::Value {
     told
 }
 
-fn table(channels: &[Channel]) -> String {
+fn table(channels: &[SensorChannel]) -> String {
     let width = channels.iter().map(|each| each.device.to_string().len()).max().unwrap_or(0);
     let mut text = String::new();
     for channel in channels {
-        let Channel { device, quantity, is_ambient, .. } = channel;
+        let SensorChannel { device, quantity, is_ambient, .. } = channel;
         let now = match channel.read() {
             Ok(value) => format!("{value:.1} {}", quantity.unit()),
             // `--json` shows the path of the file.
@@ -73,10 +73,10 @@ fn table(channels: &[Channel]) -> String {
 
 /// Returns an agent's entry for each device and quantity; sensors of the machine itself are left
 /// out.
-fn lines(channels: &[Channel]) -> String {
+fn lines(channels: &[SensorChannel]) -> String {
     let mut counts = BTreeMap::new();
     let mut text = String::new();
-    for bundle in Bundle::all(channels) {
+    for bundle in SensorBundle::all(channels) {
         let count: &mut u32 = counts.entry(bundle.quantity).or_default();
         *count += 1;
         text += &entry(&bundle, *count);
@@ -84,9 +84,9 @@ fn lines(channels: &[Channel]) -> String {
     text
 }
 
-fn entry(bundle: &Bundle, number: u32) -> String {
-    let Bundle { device, quantity, channel, has_humidity } = bundle;
-    let is_thermometer = *quantity == Quantity::Temperature;
+fn entry(bundle: &SensorBundle, number: u32) -> String {
+    let SensorBundle { device, quantity, channel, has_humidity } = bundle;
+    let is_thermometer = *quantity == SysfsQuantity::Temperature;
     let plugin = if is_thermometer { "temperature-sensor" } else { "sensor" };
     let mut text = format!(
         "[[agent]]\nname = \"{quantity}-{number}\"\nplugin = \"{plugin}\"\ndriver = \"linux\"\n\n\

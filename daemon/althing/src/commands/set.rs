@@ -3,10 +3,10 @@
 use std::process::ExitCode;
 
 use acl::content::ChangeState;
-use keyboard::Said;
+use keyboard::UserRequest;
 
 use crate::cli::{FactArgs, SetArgs};
-use crate::commands::speaking::{self, Interrupt, Manner};
+use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 use crate::commands::{client, wrong};
 
 /// Requests the change.
@@ -17,15 +17,16 @@ pub(super) fn run(args: &SetArgs) -> ExitCode {
         Err(problem) => return wrong(&problem, json),
     };
     client::with_link(&args.reach, json, async |link| {
-        let interrupt = Interrupt::Leave("the change may have been made all the same".to_owned());
-        let manner = Manner { to: Some("domain-maintainer"), json, interrupt };
-        let code = speaking::say(&link, said, manner).await;
+        let interrupt =
+            InterruptAction::Leave("the change may have been made all the same".to_owned());
+        let manner = ExchangeOptions { to: Some("domain-maintainer"), json, interrupt };
+        let code = user_request::send_and_follow(&link, said, manner).await;
         (link, code)
     })
 }
 
 /// Returns the request to change facts, after checking that they can be parsed.
-pub(crate) fn said(args: &FactArgs) -> Result<Said, String> {
+pub(crate) fn said(args: &FactArgs) -> Result<UserRequest, String> {
     let facts = args.facts.join("\n");
     let read = pddl::parse_init_elements(&facts).into_result();
     read.map_err(|found| super::located(&found, &facts))?;
@@ -34,5 +35,5 @@ pub(crate) fn said(args: &FactArgs) -> Result<Said, String> {
     } else {
         ChangeState { believe: facts, ..ChangeState::default() }
     };
-    Ok(Said::Set(change))
+    Ok(UserRequest::Set(change))
 }

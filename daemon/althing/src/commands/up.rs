@@ -10,24 +10,27 @@ use std::sync::Arc;
 use ::building::{Building, BuildingHandle, ServeError, Server};
 use acl::{AgentId, DaemonId};
 use agent::Mode;
-use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use serde_json::Value;
-use terminal::report::Report;
+use terminal::report::DiagnosticReport;
 use terminal::{exit, output};
 use tokio::sync::oneshot;
 
 use crate::cli::UpArgs;
-use crate::commands::client::{self, View};
-use crate::commands::{READY, goal, hearing};
-use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides, Reading};
-use crate::hosting::{self, GuestKeys, Node, Part, Processes, Stay, Succession, Wire, socket_in};
-use crate::interfacing::{self, Other};
+use crate::commands::client::{self, EcosystemView};
+use crate::commands::{READY, event_output, goal};
+use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides, ParsedEcosystem};
+use crate::hosting::{
+    self, BuildingTakeover, DaemonNode, GuestKeys, MessageTransport, NodeOptions, PluginProcesses,
+    PresenceGuard, socket_in,
+};
+use crate::interfacing::{self, PeerEcosystem};
 use crate::interruption;
 use crate::plugins;
-use crate::prompt::{self, Guest};
-use crate::review::{self, Scope};
+use crate::prompt::{self, PromptSession};
+use crate::review::{self, ReviewScope};
 use crate::service_manager::{self, Watchdog};
-use reload::{Next, Reload};
+use reload::{Reload, ReloadOutcome};
 
 /// Zenoh's retry settings for a lost link to a daemon of this machine: four times a second as long
 /// as it does not answer. Looking for a socket costs almost nothing, and a process that was stopped
@@ -36,9 +39,9 @@ const RETRY: &str = "retry_period_init_ms=250;retry_period_max_ms=250";
 
 /// Reads the ecosystem, hosts this machine's part of it, and drains at SIGINT and SIGTERM.
 pub(super) fn run(args: &UpArgs) -> ExitCode {
-    hosting::keep_to_oneself();
+    hosting::restrict_umask();
     let Some(file) = args.file.clone().or_else(config::find_ecosystem_file) else {
-        output::note(
+        output::print_note(
             "error: there is no althing.toml here nor in the configuration folders; name the \
              ecosystem file: althing up ECOSYSTEM.toml",
         );
@@ -50,17 +53,17 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
         Ok(read) => read,
         Err(exit) => return exit,
     };
-    let wished = |goal: &String| ecosystem.wish(goal).and_then(goal::readable);
+    let wished = |goal: &String| ecosystem.find_goal(goal).and_then(goal::readable);
     let goals: Result<Vec<_>, _> = args.goals.iter().map(wished).collect();
     let goals = match goals {
         Ok(goals) => goals,
         Err(problem) => {
-            output::note(&format!("error: {problem}"));
+            output::print_note(&format!("error: {problem}"));
             return exit::with(exit::CONFIG);
         }
     };
     let manner =
-        Manner { goals, has_prompt: args.keyboard, until_stdin_ends: args.until_stdin_ends };
+        UpTasks { goals, has_prompt: args.keyboard, until_stdin_ends: args.until_stdin_ends };
     let others = match others(&ecosystem, &place) {
         Ok(others) => others,
         Err(report) => return output::show(&report, false, "bad-input", exit::CONFIG),
@@ -86,47 +89,51 @@ fn read(
     file: &Path,
     overrides: &Overrides,
     asked: Option<&str>,
-) -> Result<(Ecosystem, Place), ExitCode> {
+) -> Result<(Ecosystem, HostedPart), ExitCode> {
     let reading = Ecosystem::read(file, overrides, &plugins::known());
-    let refused = |report: &Report| output::show(report, false, "bad-input", exit::CONFIG);
+    let refused =
+        |report: &DiagnosticReport| output::show(report, false, "bad-input", exit::CONFIG);
     let place = match &reading.ecosystem {
-        Some(ecosystem) if !reading.report.has_errors() => Place::find(ecosystem, asked),
-        _ => return Err(refused(&review::review(&reading, Scope::Everything))),
+        Some(ecosystem) if !reading.report.has_errors() => HostedPart::find(ecosystem, asked),
+        _ => return Err(refused(&review::review(&reading, ReviewScope::Everything))),
     };
     let place = place.map_err(|problem| {
-        output::note(&format!("error: {problem}"));
+        output::print_note(&format!("error: {problem}"));
         exit::with(exit::CONFIG)
     })?;
-    let scope = if place.is_alone { Scope::Everything } else { Scope::Daemon(&place.daemon) };
+    let scope =
+        if place.is_alone { ReviewScope::Everything } else { ReviewScope::Daemon(&place.daemon) };
     let report = review::review(&reading, scope);
-    let Reading { ecosystem: Some(ecosystem), .. } = reading else { return Err(refused(&report)) };
+    let ParsedEcosystem { ecosystem: Some(ecosystem), .. } = reading else {
+        return Err(refused(&report));
+    };
     if report.has_errors() {
         return Err(refused(&report));
     }
-    output::show_people(&report);
+    output::show_to_person(&report);
     Ok((ecosystem, place))
 }
 
 /// The tasks that the command line gives to the daemon, besides hosting agents.
-struct Manner {
+struct UpTasks {
     /// The goals that it requests.
-    goals: Vec<Wish>,
+    goals: Vec<GoalRequest>,
     has_prompt: bool,
     until_stdin_ends: bool,
 }
 
 /// The part of the ecosystem that this process hosts.
 #[derive(Clone)]
-struct Place {
+struct HostedPart {
     daemon: DaemonId,
     agents: Vec<AgentEntry>,
     is_alone: bool,
 }
 
-impl Place {
+impl HostedPart {
     /// Returns the part of `--daemon`, or of the host name. A machine that the file does not name
     /// runs alone and hosts all agents.
-    fn find(ecosystem: &Ecosystem, asked: Option<&str>) -> Result<Place, String> {
+    fn find(ecosystem: &Ecosystem, asked: Option<&str>) -> Result<HostedPart, String> {
         let host = host_name();
         let named = match asked {
             Some(name) => Some(DaemonId::new(name).map_err(|error| error.to_string())?),
@@ -146,7 +153,7 @@ impl Place {
             // A daemon that runs alone hosts every agent, so no agent has a standby.
             let alone = |entry: &AgentEntry| AgentEntry { daemons: Vec::new(), ..entry.clone() };
             let agents = ecosystem.agents.iter().map(alone).collect();
-            return Ok(Place { daemon, agents, is_alone: true });
+            return Ok(HostedPart { daemon, agents, is_alone: true });
         };
         if !ecosystem.daemons.is_empty() && !ecosystem.daemons.contains(&daemon) {
             let known: Vec<_> = ecosystem.daemons.iter().map(DaemonId::as_str).collect();
@@ -159,9 +166,9 @@ impl Place {
             ));
         }
         let own = ecosystem.agents_of(&daemon);
-        let nobodys = ecosystem.agents_of_nobody().filter(|_| ecosystem.daemons.len() <= 1);
+        let nobodys = ecosystem.unassigned_agents().filter(|_| ecosystem.daemons.len() <= 1);
         let agents = own.chain(nobodys).cloned().collect();
-        Ok(Place { daemon, agents, is_alone: false })
+        Ok(HostedPart { daemon, agents, is_alone: false })
     }
 }
 
@@ -173,10 +180,10 @@ pub(super) fn host_name() -> Option<DaemonId> {
 }
 
 /// The other ecosystems that this daemon joins, each with the interface that connects to it.
-type Others = Vec<(InterfaceEntry, Other)>;
+type PeerInterfaces = Vec<(InterfaceEntry, PeerEcosystem)>;
 
 /// Reads the other ecosystems that this daemon joins by its interfaces.
-fn others(ecosystem: &Ecosystem, place: &Place) -> Result<Others, Report> {
+fn others(ecosystem: &Ecosystem, place: &HostedPart) -> Result<PeerInterfaces, DiagnosticReport> {
     let is_here = |entry: &InterfaceEntry| match &entry.daemon {
         Some(daemon) => place.is_alone || *daemon == place.daemon,
         None => place.is_alone || ecosystem.daemons.len() <= 1,
@@ -192,26 +199,27 @@ fn others(ecosystem: &Ecosystem, place: &Place) -> Result<Others, Report> {
 }
 
 /// The nodes in other ecosystems, each with its presence there.
-type Abroad = Vec<(Node, Stay)>;
+type PeerNodes = Vec<(DaemonNode, PresenceGuard)>;
 
 /// Joins the other ecosystems, each with a connection of its own, and starts the interfaces.
 async fn abroad(
     ecosystem: &Ecosystem,
-    others: Others,
-    place: &Place,
-    home: &Node,
-) -> Result<Abroad, String> {
+    others: PeerInterfaces,
+    place: &HostedPart,
+    home: &DaemonNode,
+) -> Result<PeerNodes, String> {
     let mut abroad = Vec::new();
     for (entry, other) in others {
         let other = other.ecosystem;
-        let daemon = DaemonId::new(entry.called.as_str()).map_err(|error| error.to_string())?;
+        let daemon =
+            DaemonId::new(entry.remote_name.as_str()).map_err(|error| error.to_string())?;
         let state = hosting::state_folder(&ecosystem.name, &place.daemon)
             .map_err(|error| error.to_string())?
             .join(other.name.as_str());
         std::fs::create_dir_all(&state)
             .map_err(|error| format!("use the folder {}: {error}", state.display()))?;
         let (wire, stay) = wire(&other, &daemon).await?;
-        let part = Part {
+        let part = NodeOptions {
             ecosystem: &other,
             daemon,
             agents: Vec::new(),
@@ -219,12 +227,13 @@ async fn abroad(
             building: None,
             state: Some(state),
         };
-        let node = Node::open(part, wire).await.map_err(|error| error.to_string())?;
-        if let (Some(ours), Some(theirs)) = (home.landing(), node.landing()) {
-            let (ours, theirs) = (ecosystem.shore(ours), other.shore(theirs));
+        let node = DaemonNode::open(part, wire).await.map_err(|error| error.to_string())?;
+        if let (Some(ours), Some(theirs)) = (home.spawner(), node.spawner()) {
+            let (ours, theirs) =
+                (ecosystem.ecosystem_endpoint(ours), other.ecosystem_endpoint(theirs));
             interfacing::connect(&entry, &ours, &theirs).map_err(|error| error.to_string())?;
         }
-        tracing::info!(ecosystem = %other.name, called = %entry.called, "joined another ecosystem");
+        tracing::info!(ecosystem = %other.name, called = %entry.remote_name, "joined another ecosystem");
         abroad.push((node, stay));
     }
     Ok(abroad)
@@ -232,7 +241,7 @@ async fn abroad(
 
 /// Drains all nodes. Proxy agents leave before the agents that they stand for, so that their
 /// commitments are cancelled in the other ecosystem too.
-async fn drain(home: Node, abroad: Abroad) -> bool {
+async fn drain(home: DaemonNode, abroad: PeerNodes) -> bool {
     let mut all = home.drain().await;
     for (node, _stay) in abroad {
         all &= node.drain().await;
@@ -242,13 +251,13 @@ async fn drain(home: Node, abroad: Abroad) -> bool {
 
 async fn up(
     ecosystem: Arc<Ecosystem>,
-    place: Place,
-    others: Others,
-    manner: Manner,
+    place: HostedPart,
+    others: PeerInterfaces,
+    manner: UpTasks,
     mut reload: Reload,
 ) -> ExitCode {
     let unavailable = |problem: String| {
-        output::note(&format!("error: {problem}"));
+        output::print_note(&format!("error: {problem}"));
         exit::with(exit::UNAVAILABLE)
     };
     hosting::warn_of_few_file_handles();
@@ -279,7 +288,7 @@ async fn up(
     if !manner.has_prompt {
         watch = socket.ok().map(hosting::watch_socket);
         let lease = substrate_zenoh::lease(&ecosystem.zenoh);
-        hosting::watch_standstill(lease.unwrap_or(substrate_zenoh::LEASE));
+        hosting::watch_suspension(lease.unwrap_or(substrate_zenoh::LEASE));
         if scouts {
             hosting::watch_addresses();
         }
@@ -290,7 +299,7 @@ async fn up(
             Ok(guest) => {
                 prompt::run(guest, interrupted).await;
             }
-            Err(problem) => output::note(&format!("error: failed to {problem}")),
+            Err(problem) => output::print_note(&format!("error: failed to {problem}")),
         }
     } else {
         begins_anew = serve(&mut node, &ecosystem, manner, reload, interrupted).await;
@@ -300,10 +309,10 @@ async fn up(
     }
     drop(watch);
     if !drain(node, abroad).await {
-        output::note("warning: some agents did not finish in time; they were ended");
+        output::print_note("warning: some agents did not finish in time; they were ended");
     }
     if begins_anew {
-        hosting::begin_anew();
+        hosting::restart_process();
         return exit::with(exit::UNAVAILABLE);
     }
     exit::with(exit::DONE)
@@ -311,9 +320,9 @@ async fn up(
 
 /// Runs the daemon until it is asked to stop (`false`) or has to restart itself (`true`).
 async fn serve(
-    node: &mut Node,
+    node: &mut DaemonNode,
     ecosystem: &Ecosystem,
-    manner: Manner,
+    manner: UpTasks,
     mut reload: Reload,
     interrupted: impl Future<Output = i32>,
 ) -> bool {
@@ -325,18 +334,18 @@ async fn serve(
         tokio::select! {
             _ = &mut interrupted => return false,
             () = ended(&mut stdin_ended) => return false,
-            () = watchdog.due() => watchdog.lives(),
+            () = watchdog.due() => watchdog.keep_alive(),
             () = reload::asked_for(&mut reload.hangups) => {
                 // The terminal in which the daemon was started has been closed.
                 if reload.had_terminal && !std::io::stdin().is_terminal() {
                     return false;
                 }
-                if reload.again(node).await == Next::BeginsAnew {
+                if reload.again(node).await == ReloadOutcome::Restart {
                     return true;
                 }
             }
             heard = hear(&mut terminal) => {
-                hearing::print(&heard, false);
+                event_output::print(&heard, false);
             }
         }
     }
@@ -344,7 +353,11 @@ async fn serve(
 
 /// Opens a prompt of this daemon: a keyboard agent, which also requests the goals of the command
 /// line.
-async fn prompt(ecosystem: Arc<Ecosystem>, node: &Node, goals: Vec<Wish>) -> Result<Guest, String> {
+async fn prompt(
+    ecosystem: Arc<Ecosystem>,
+    node: &DaemonNode,
+    goals: Vec<GoalRequest>,
+) -> Result<PromptSession, String> {
     let (keyboard, terminal) = Keyboard::with_terminal();
     let name = client::guest_name("keyboard");
     let id = AgentId::new(&name).map_err(|error| error.to_string())?;
@@ -354,21 +367,21 @@ async fn prompt(ecosystem: Arc<Ecosystem>, node: &Node, goals: Vec<Wish>) -> Res
     let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
     let daemon = node.switchboard().daemon();
     let keys = ecosystem.security.as_ref().map(|settings| GuestKeys::of(settings, daemon));
-    let view = View {
+    let view = EcosystemView {
         keys,
         switchboard: Arc::clone(node.switchboard()),
         name: ecosystem.name.clone(),
         ecosystem: Some(ecosystem),
         endpoints: sockets(&folder).iter().map(endpoint).collect(),
     };
-    Ok(Guest { view, id, terminal, json: false })
+    Ok(PromptSession { view, id, terminal, json: false })
 }
 
-async fn wish(terminal: &Terminal, goals: Vec<Wish>) {
+async fn wish(terminal: &Terminal, goals: Vec<GoalRequest>) {
     for goal in goals {
-        let wish = Wish { keep: acl::content::Keep::Maintain, ..goal };
+        let wish = GoalRequest { keep: acl::content::Keep::Maintain, ..goal };
         // The keyboard ends with the daemon; the goal is not needed then.
-        let _ = terminal.say.send(Said::Wish(wish)).await;
+        let _ = terminal.requests.send(UserRequest::RequestGoal(wish)).await;
     }
 }
 
@@ -396,7 +409,7 @@ async fn ended(stdin: &mut Option<oneshot::Receiver<()>>) {
 
 /// Prints which agents are hosted. A process that started this one waits for the line; a service
 /// manager is notified separately.
-fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
+fn announce(ecosystem: &Ecosystem, place: &HostedPart, node: &DaemonNode) {
     let agents: Vec<_> = node.agents().map(AgentId::as_str).collect();
     let alone = if place.is_alone { ", alone on this machine" } else { "" };
     let secured = match ecosystem.security {
@@ -427,8 +440,8 @@ fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
 /// of sockets, and whether it scouts for daemons beyond its machine.
 async fn open(
     ecosystem: &Ecosystem,
-    place: &Place,
-) -> Result<(Node, Simulated, Stay, bool), String> {
+    place: &HostedPart,
+) -> Result<(DaemonNode, SimulatedBuilding, PresenceGuard, bool), String> {
     let socket = building_socket(ecosystem, place)?;
     let simulated = simulated(ecosystem, &place.agents, socket.as_ref()).await?;
     let building = simulated.handle.clone();
@@ -437,7 +450,7 @@ async fn open(
         hosting::state_folder(&ecosystem.name, &place.daemon).map_err(|error| error.to_string())?;
     let (wire, stay) = wire(ecosystem, &place.daemon).await?;
     let scouts = wire.scouts();
-    let part = Part {
+    let part = NodeOptions {
         ecosystem,
         daemon: place.daemon.clone(),
         agents: place.agents.clone(),
@@ -445,8 +458,8 @@ async fn open(
         building,
         state: Some(state.clone()),
     };
-    let node = Node::open(part, wire).await.map_err(|error| error.to_string())?;
-    let processes = Processes {
+    let node = DaemonNode::open(part, wire).await.map_err(|error| error.to_string())?;
+    let processes = PluginProcesses {
         ecosystem,
         agents: &place.agents,
         runtime: hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?,
@@ -459,7 +472,7 @@ async fn open(
 
 /// Returns the socket by which several processes share the building: the one in the ecosystem file
 /// or, if this daemon hosts agents of packages, one in the runtime folder.
-fn building_socket(ecosystem: &Ecosystem, place: &Place) -> Result<Option<PathBuf>, String> {
+fn building_socket(ecosystem: &Ecosystem, place: &HostedPart) -> Result<Option<PathBuf>, String> {
     if ecosystem.building.socket.is_some() {
         return Ok(ecosystem.building.socket.clone());
     }
@@ -470,27 +483,32 @@ fn building_socket(ecosystem: &Ecosystem, place: &Place) -> Result<Option<PathBu
 
 /// The simulated building as this daemon uses it.
 #[derive(Default)]
-struct Simulated {
+struct SimulatedBuilding {
     handle: Option<BuildingHandle>,
     /// The building itself; `None` if another process has it.
     own: Option<Building>,
     /// Serves the building to other processes as long as the daemon runs.
     _server: Option<Server>,
     /// Takes over the building when the process that serves it is gone.
-    _succession: Option<Succession>,
+    _succession: Option<BuildingTakeover>,
 }
 
-impl Simulated {
-    fn ours(building: Building, server: Option<Server>) -> Simulated {
+impl SimulatedBuilding {
+    fn ours(building: Building, server: Option<Server>) -> SimulatedBuilding {
         let handle = Some(building.handle());
-        Simulated { handle, own: Some(building), _server: server, _succession: None }
+        SimulatedBuilding { handle, own: Some(building), _server: server, _succession: None }
     }
 
     /// Creates the handle for a building of another process, to be taken over when that process is
     /// gone.
-    fn theirs(ecosystem: &Ecosystem, socket: &Path, building: BuildingHandle) -> Simulated {
-        let succession = hosting::succeed(ecosystem.clone(), socket.to_owned(), building.clone());
-        Simulated { handle: Some(building), _succession: Some(succession), ..Simulated::default() }
+    fn theirs(ecosystem: &Ecosystem, socket: &Path, building: BuildingHandle) -> SimulatedBuilding {
+        let succession =
+            hosting::watch_building(ecosystem.clone(), socket.to_owned(), building.clone());
+        SimulatedBuilding {
+            handle: Some(building),
+            _succession: Some(succession),
+            ..SimulatedBuilding::default()
+        }
     }
 }
 
@@ -500,29 +518,29 @@ async fn simulated(
     ecosystem: &Ecosystem,
     agents: &[AgentEntry],
     socket: Option<&PathBuf>,
-) -> Result<Simulated, String> {
+) -> Result<SimulatedBuilding, String> {
     let has_drivers = |entry: &AgentEntry| {
         plugins::find(&entry.plugin).is_some_and(|plugin| !plugin.drivers.is_empty())
     };
     if !agents.iter().any(has_drivers) {
-        return Ok(Simulated::default());
+        return Ok(SimulatedBuilding::default());
     }
     if let Some(socket) = socket
         && let Ok(building) = BuildingHandle::connect(socket).await
     {
-        return Ok(Simulated::theirs(ecosystem, socket, building));
+        return Ok(SimulatedBuilding::theirs(ecosystem, socket, building));
     }
     let building = hosting::simulate(ecosystem).map_err(|error| error.to_string())?;
     let Some(socket) = socket else {
-        return Ok(Simulated::ours(building, None));
+        return Ok(SimulatedBuilding::ours(building, None));
     };
     match ::building::serve(building.handle(), socket).await {
-        Ok(server) => Ok(Simulated::ours(building, Some(server))),
+        Ok(server) => Ok(SimulatedBuilding::ours(building, Some(server))),
         // Another daemon that started at the same time was faster.
         Err(ServeError::InUse { .. }) => {
             let theirs = BuildingHandle::connect(socket).await;
             let theirs = theirs.map_err(|error| error.to_string())?;
-            Ok(Simulated::theirs(ecosystem, socket, theirs))
+            Ok(SimulatedBuilding::theirs(ecosystem, socket, theirs))
         }
         Err(error) => Err(error.to_string()),
     }
@@ -530,17 +548,21 @@ async fn simulated(
 
 /// Configures Zenoh for this daemon: the daemons of one machine find each other by sockets in a
 /// folder, and a daemon connects to those that entered earlier.
-async fn wire(ecosystem: &Ecosystem, daemon: &DaemonId) -> Result<(Wire, Stay), String> {
+async fn wire(
+    ecosystem: &Ecosystem,
+    daemon: &DaemonId,
+) -> Result<(MessageTransport, PresenceGuard), String> {
     let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
     let socket = socket_in(&folder, daemon.as_str()).map_err(|error| error.to_string())?;
     let security = ecosystem.security.as_ref();
     let secured = security.map(|settings| hosting::secure(&ecosystem.name, daemon, settings));
     let secured = secured.transpose()?;
-    let stay = hosting::enter(&folder, daemon).await.map_err(|error| error.to_string())?;
+    let stay =
+        hosting::register_daemon(&folder, daemon).await.map_err(|error| error.to_string())?;
     match security {
-        Some(settings) => hosting::tell_keys(&socket, &settings.folder)
+        Some(settings) => hosting::publish_keys(&socket, &settings.folder)
             .map_err(|error| format!("tell guests where the keys are: {error}"))?,
-        None => hosting::forget_keys(&socket),
+        None => hosting::unpublish_keys(&socket),
     }
     let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
     let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
@@ -550,10 +572,10 @@ async fn wire(ecosystem: &Ecosystem, daemon: &DaemonId) -> Result<(Wire, Stay), 
     config.zenoh = zenoh_settings(&ecosystem.zenoh);
     if let (Some(secured), Some(settings)) = (&secured, security) {
         let (folder, before) = (settings.folder.clone(), settings.warn_before);
-        tokio::spawn(hosting::announce_end(secured.clone(), folder, before));
+        tokio::spawn(hosting::warn_of_expiry(secured.clone(), folder, before));
     }
     config.security = secured;
-    Ok((Wire::Zenoh(Box::new(config)), stay))
+    Ok((MessageTransport::Zenoh(Box::new(config)), stay))
 }
 
 fn zenoh_settings(said: &Value) -> Value {
@@ -564,7 +586,11 @@ fn zenoh_settings(said: &Value) -> Value {
 }
 
 /// Requests the goals of the command line through a keyboard agent.
-async fn ask(ecosystem: &Ecosystem, node: &Node, goals: Vec<Wish>) -> Option<Terminal> {
+async fn ask(
+    ecosystem: &Ecosystem,
+    node: &DaemonNode,
+    goals: Vec<GoalRequest>,
+) -> Option<Terminal> {
     if goals.is_empty() {
         return None;
     }
@@ -577,9 +603,9 @@ async fn ask(ecosystem: &Ecosystem, node: &Node, goals: Vec<Wish>) -> Option<Ter
     Some(terminal)
 }
 
-async fn hear(terminal: &mut Option<Terminal>) -> Heard {
+async fn hear(terminal: &mut Option<Terminal>) -> UserEvent {
     let heard = match terminal {
-        Some(terminal) => terminal.hear.recv().await,
+        Some(terminal) => terminal.events.recv().await,
         None => None,
     };
     match heard {

@@ -9,12 +9,12 @@ use std::time::Instant;
 
 use pddl::{Diagnostic, Parsed, Plan};
 use planner::Cancel;
-use planner::validate::{self, Fault, FaultReason, Place, Verdict};
+use planner::validate::{self, Fault, FaultPlace, FaultReason, Verdict};
 use serde_json::json;
-use terminal::deadline::{Deadline, Limits};
-use terminal::pddl_files::{self, Task};
+use terminal::limits::{LimitWatch, RunLimits};
+use terminal::pddl_files::{self, PddlTask};
 use terminal::render::{number, plural};
-use terminal::report::{Report, Source};
+use terminal::report::{DiagnosticReport, SourceText};
 use terminal::{exit, output};
 
 use crate::cli::ValidateArgs;
@@ -22,44 +22,46 @@ use crate::cli::ValidateArgs;
 /// Checks the plan, and prints its cost or its first fault.
 pub(crate) fn run(args: &ValidateArgs) -> ExitCode {
     let json = args.print.json;
-    let limits = Limits::of_time(args.time_limit);
-    let give = terminal::deadline::refusal(json);
-    let deadline = Deadline::start(limits, Instant::now(), Cancel::new(), give);
+    let limits = RunLimits::of_time(args.time_limit);
+    let give = terminal::limits::refusal(json);
+    let deadline = LimitWatch::start(limits, Instant::now(), Cancel::new(), give);
     let judged = judge(args);
     deadline.answer(|| show(json, judged))
 }
 
 /// The result of the validation.
-enum Judged {
+enum ValidationResult {
     Valid {
-        warnings: Report,
+        warnings: DiagnosticReport,
         steps: usize,
         cost: f64,
     },
     Fault {
-        task: Box<Task>,
-        source: Arc<Source>,
+        task: Box<PddlTask>,
+        source: Arc<SourceText>,
         plan: Plan,
         fault: Box<Fault>,
     },
     /// The domain, the problem or the plan cannot be used.
-    Refused(Report),
+    Refused(DiagnosticReport),
 }
 
-fn show(json: bool, judged: Judged) -> ExitCode {
+fn show(json: bool, judged: ValidationResult) -> ExitCode {
     match judged {
-        Judged::Valid { warnings, steps, cost } => show_valid(json, &warnings, steps, cost),
-        Judged::Fault { task, source, plan, fault } => {
+        ValidationResult::Valid { warnings, steps, cost } => {
+            show_valid(json, &warnings, steps, cost)
+        }
+        ValidationResult::Fault { task, source, plan, fault } => {
             show_fault(json, &task, &source, &plan, &fault)
         }
-        Judged::Refused(report) => {
+        ValidationResult::Refused(report) => {
             let (status, code) = report.refusal();
             output::show(&report, json, status, code)
         }
     }
 }
 
-fn judge(args: &ValidateArgs) -> Judged {
+fn judge(args: &ValidateArgs) -> ValidationResult {
     let task = pddl_files::read_task(&args.domain, &args.problem);
     let plan = read_plan(&args.plan);
     let (task, source, plan) = match (task, plan) {
@@ -70,25 +72,29 @@ fn judge(args: &ValidateArgs) -> Judged {
         (task, plan) => {
             let mut report = task.err().unwrap_or_default();
             report.extend(plan.err().unwrap_or_default());
-            return Judged::Refused(report);
+            return ValidationResult::Refused(report);
         }
     };
     if let Some(report) = unsupported(&task, &source, &plan) {
-        return Judged::Refused(report);
+        return ValidationResult::Refused(report);
     }
     match validate::validate(&task.domain, &task.problem, &plan) {
-        Verdict::Valid { cost, steps } => Judged::Valid { warnings: task.report, steps, cost },
-        Verdict::Fault(fault) => Judged::Fault { task: Box::new(task), source, plan, fault },
+        Verdict::Valid { cost, steps } => {
+            ValidationResult::Valid { warnings: task.report, steps, cost }
+        }
+        Verdict::Fault(fault) => {
+            ValidationResult::Fault { task: Box::new(task), source, plan, fault }
+        }
         Verdict::BadInput(diagnostics) => {
             let mut report = task.report.clone();
-            report.add(pddl_files::blamed(&task), diagnostics);
-            Judged::Refused(report)
+            report.add(pddl_files::likely_faulty_text(&task), diagnostics);
+            ValidationResult::Refused(report)
         }
     }
 }
 
-fn read_plan(path: &Path) -> Result<(Arc<Source>, Plan, Report), Report> {
-    let mut report = Report::default();
+fn read_plan(path: &Path) -> Result<(Arc<SourceText>, Plan, DiagnosticReport), DiagnosticReport> {
+    let mut report = DiagnosticReport::default();
     let source = pddl_files::read(path, &mut report);
     let plan = source.as_ref().and_then(|source| {
         let Parsed { value, diagnostics } = pddl::parse_plan(&source.text);
@@ -105,7 +111,7 @@ fn read_plan(path: &Path) -> Result<(Arc<Source>, Plan, Report), Report> {
 }
 
 /// Returns a report if the task or the plan uses time, which the validator does not support.
-fn unsupported(task: &Task, source: &Arc<Source>, plan: &Plan) -> Option<Report> {
+fn unsupported(task: &PddlTask, source: &Arc<SourceText>, plan: &Plan) -> Option<DiagnosticReport> {
     let mut report = task.report.clone();
     if let Some(later) = task.problem.timed_literal() {
         let message = "timed initial literals are not supported yet";
@@ -121,7 +127,7 @@ fn unsupported(task: &Task, source: &Arc<Source>, plan: &Plan) -> Option<Report>
     Some(report)
 }
 
-fn show_valid(json: bool, warnings: &Report, steps: usize, cost: f64) -> ExitCode {
+fn show_valid(json: bool, warnings: &DiagnosticReport, steps: usize, cost: f64) -> ExitCode {
     if json {
         let diagnostics = terminal::render::json(warnings);
         let value = json!({
@@ -129,15 +135,15 @@ fn show_valid(json: bool, warnings: &Report, steps: usize, cost: f64) -> ExitCod
         });
         return output::print_json(&value, exit::DONE);
     }
-    output::show_people(warnings);
+    output::show_to_person(warnings);
     let steps = plural(steps, "step");
     output::print(format_args!("valid plan with {steps}\ncost = {cost}\n"), exit::DONE)
 }
 
 fn show_fault(
     json: bool,
-    task: &Task,
-    source: &Arc<Source>,
+    task: &PddlTask,
+    source: &Arc<SourceText>,
     plan: &Plan,
     fault: &Fault,
 ) -> ExitCode {
@@ -145,12 +151,12 @@ fn show_fault(
     let (blamed, diagnostic) = told(task, source, plan, fault);
     report.add(&blamed, [diagnostic]);
     if !json {
-        output::show_people(&report);
+        output::show_to_person(&report);
         return exit::with(exit::INVALID_PLAN);
     }
     let (step, text) = match &fault.place {
-        Place::Step { index, step } => (Some(index + 1), Some(step.to_string())),
-        Place::Goal | Place::Metric => (None, None),
+        FaultPlace::Step { index, step } => (Some(index + 1), Some(step.to_string())),
+        FaultPlace::Goal | FaultPlace::Metric => (None, None),
     };
     let value = json!({
         "status": "invalid",
@@ -167,13 +173,13 @@ fn show_fault(
 
 /// Returns the fault as a mistake in the text of the plan or, for the goal, of the problem.
 fn told(
-    task: &Task,
-    source: &Arc<Source>,
+    task: &PddlTask,
+    source: &Arc<SourceText>,
     plan: &Plan,
     fault: &Fault,
-) -> (Arc<Source>, Diagnostic) {
+) -> (Arc<SourceText>, Diagnostic) {
     match &fault.place {
-        Place::Step { index, step } => {
+        FaultPlace::Step { index, step } => {
             let place = format!("step {} {step}", index + 1);
             let message = match &fault.reason {
                 FaultReason::Precondition(condition) => {
@@ -185,7 +191,7 @@ fn told(
             diagnostic.help = suggestion(task, plan, *index);
             (Arc::clone(source), diagnostic)
         }
-        Place::Goal => {
+        FaultPlace::Goal => {
             let condition = fault.condition().map(ToString::to_string).unwrap_or_default();
             let message = format!(
                 "after {}, {condition} of the goal does not hold",
@@ -194,7 +200,7 @@ fn told(
             let span = goal_span(&task.problem_source.text);
             (Arc::clone(&task.problem_source), Diagnostic::error(span, message))
         }
-        Place::Metric => {
+        FaultPlace::Metric => {
             let message = format!("the cost cannot be told: {}", fault.reason);
             (Arc::clone(&task.problem_source), Diagnostic::error(fault.span, message))
         }
@@ -202,7 +208,7 @@ fn told(
 }
 
 /// Returns the help that `check` gives for the step: the name that was probably meant.
-fn suggestion(task: &Task, plan: &Plan, index: usize) -> Option<String> {
+fn suggestion(task: &PddlTask, plan: &Plan, index: usize) -> Option<String> {
     let step = plan.steps.get(index)?.clone();
     let alone = Plan { steps: vec![step], cost: None };
     pddl::check_plan(&task.domain, &task.problem, &alone).into_iter().find_map(|found| found.help)

@@ -17,7 +17,7 @@ use tokio::signal;
 use tokio::sync::mpsc;
 
 use crate::cli::WatchArgs;
-use crate::commands::client::{self, Target};
+use crate::commands::client::{self, ClientTarget};
 use crate::hosting::GuestKeys;
 use crate::interruption;
 
@@ -26,7 +26,7 @@ use crate::interruption;
 const WAITING_MAX: usize = 10_000;
 
 /// The replacement for a person's answer; its length does not depend on that of the answer.
-const VEIL: &str = "•••";
+const REDACTED: &str = "•••";
 
 /// Width of the output in columns.
 const COLUMNS: usize = 80;
@@ -39,7 +39,7 @@ const _: () = assert!(9 + 2 * NAME_COLUMNS + ARROW_COLUMNS + 2 <= COLUMNS);
 /// Prints a line per message, until Ctrl-C.
 pub(super) fn run(args: &WatchArgs) -> ExitCode {
     let json = args.print.json;
-    let target = match Target::find(&args.reach) {
+    let target = match ClientTarget::find(&args.reach) {
         Ok(target) => target,
         Err(problem) => return client::unavailable(&problem, json),
     };
@@ -47,8 +47,8 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
     if let Some(file) = &args.record {
         return record::run(&target, conversation, file, args.record_max);
     }
-    let Target { name, endpoints, keys, .. } = target;
-    let listening = Listening { ecosystem: name, endpoints, keys, role: "cli" };
+    let ClientTarget { name, endpoints, keys, .. } = target;
+    let listening = WatchOptions { ecosystem: name, endpoints, keys, role: "cli" };
     super::in_runtime(async move {
         tokio::select! {
             ended = listen(&listening, conversation, json) => match ended {
@@ -62,7 +62,7 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
 }
 
 /// The ecosystem to listen to, and the identity of the listener.
-pub(crate) struct Listening {
+pub(crate) struct WatchOptions {
     pub(crate) ecosystem: EcosystemId,
     pub(crate) endpoints: Vec<String>,
     pub(crate) keys: Option<GuestKeys>,
@@ -76,11 +76,11 @@ pub(crate) struct Listening {
 ///
 /// Returns an error if the ecosystem cannot be reached; it completes “failed to …”.
 pub(crate) async fn listen(
-    listening: &Listening,
+    listening: &WatchOptions,
     conversation: Option<String>,
     json: bool,
 ) -> Result<ExitCode, String> {
-    let Listening { ecosystem, endpoints, keys, role } = listening;
+    let WatchOptions { ecosystem, endpoints, keys, role } = listening;
     let config = client::guest_config(ecosystem, endpoints, keys.as_ref(), role)?;
     let (hear, mut heard) = mpsc::channel(WAITING_MAX);
     let tap = substrate_zenoh::tap(config, move |_, payload| {
@@ -91,7 +91,7 @@ pub(crate) async fn listen(
     announce(ecosystem, conversation.as_deref(), json);
     let is_diagram = conversation.is_some();
     let (began, transcript) = (Instant::now(), Transcript::new());
-    let mut watcher = Watcher { began, transcript, json, is_diagram };
+    let mut watcher = MessagePrinter { began, transcript, json, is_diagram };
     while let Some(payload) = heard.recv().await {
         let Ok(message) = acl::decode(&payload) else { continue };
         let is_asked_for =
@@ -114,27 +114,27 @@ fn announce(ecosystem: &EcosystemId, conversation: Option<&str>, json: bool) {
         None => format!("listening to `{ecosystem}`"),
     };
     if json {
-        output::note(&line);
+        output::print_note(&line);
     } else {
         let _ = output::print(format_args!("{line}\n"), exit::DONE);
     }
 }
 
-struct Watcher {
+struct MessagePrinter {
     began: Instant,
     transcript: Transcript,
     json: bool,
     is_diagram: bool,
 }
 
-impl Watcher {
+impl MessagePrinter {
     fn print(&mut self, message: &Message) -> ExitCode {
         let at = self.began.elapsed();
         let violation = self.transcript.hear(message).err();
         if self.json {
             let value = json!({
                 "at_ms": u64::try_from(at.as_millis()).unwrap_or(u64::MAX),
-                "message": discreet(message),
+                "message": redact(message),
                 "violation": violation.map(|violation| violation.to_string()),
             });
             return output::print_json(&value, exit::DONE);
@@ -149,16 +149,16 @@ impl Watcher {
 }
 
 /// Returns a message without the answer of a person, which may be a secret.
-fn discreet(message: &Message) -> Message {
+fn redact(message: &Message) -> Message {
     let says = |key: &str, word: &str| message.content.get(key).is_some_and(|said| said == word);
     let answers =
         message.performative == Performative::Inform && message.protocol == Some(Protocol::Query);
     let mut shown = message.clone();
     if answers || says("of", "answer") || says("act", "answer-question") {
         match ["text", "sealed"].iter().find(|key| shown.content.get(**key).is_some()) {
-            Some(key) => shown.content[*key] = Value::from(VEIL),
+            Some(key) => shown.content[*key] = Value::from(REDACTED),
             // An answer in an unknown form.
-            None => shown.content = Value::from(VEIL),
+            None => shown.content = Value::from(REDACTED),
         }
     }
     shown
@@ -177,7 +177,7 @@ fn line(at: Duration, message: &Message) -> Styled {
     let (act, from, to) = (message.performative, &message.sender, receiver(message));
     let head = format!("{:>8.3} {act:<15} {from} → {to}", at.as_secs_f64());
     let room = COLUMNS.saturating_sub(head.chars().count() + 2);
-    let what = cut(&gist(message), room);
+    let what = cut(&summarize(message), room);
     Styled::line(format!("{head}  {what}").trim_end()).end()
 }
 
@@ -190,7 +190,7 @@ fn step(at: Duration, message: &Message) -> Styled {
     let arrow = format!("{act:─<width$}▶", width = ARROW_COLUMNS - 1);
     let head = format!("{:>8.3} {from:<NAME_COLUMNS$} {arrow} {to}", at.as_secs_f64());
     let mut text = Styled::line(&head).end();
-    let what = cut(&gist(message), COLUMNS - 9);
+    let what = cut(&summarize(message), COLUMNS - 9);
     if !what.is_empty() {
         text = text.and("         ").and_styled(&Styled::painted(Color::Dim, &what)).end();
     }
@@ -208,7 +208,7 @@ fn cut(text: &str, columns: usize) -> String {
 }
 
 /// Summarises the content of a message in a few words on one line.
-fn gist(message: &Message) -> String {
+fn summarize(message: &Message) -> String {
     let said = match message.performative {
         Performative::Confirm => message
             .content_as::<Report>()
@@ -271,7 +271,7 @@ mod tests {
     use acl::Message;
     use serde_json::{Value, json};
 
-    use super::{discreet, gist};
+    use super::{redact, summarize};
 
     fn message(performative: &str, content: &Value) -> Message {
         let message = json!({
@@ -282,11 +282,11 @@ mod tests {
     }
 
     fn said(performative: &str, content: Value) -> String {
-        gist(&message(performative, &content))
+        summarize(&message(performative, &content))
     }
 
     fn shown(performative: &str, content: Value) -> Value {
-        discreet(&message(performative, &content)).content
+        redact(&message(performative, &content)).content
     }
 
     /// An answer may be a secret, also if another keyboard passes it on.

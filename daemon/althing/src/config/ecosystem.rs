@@ -7,13 +7,13 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{Admit, Mode, Rights, Settings};
-use keyboard::Wish;
+use keyboard::GoalRequest;
 use pddl::{Domain, Problem};
 use serde_json::Value;
-use terminal::report::Source;
+use terminal::report::SourceText;
 
 use super::InterfaceEntry;
-use super::layer::Places;
+use super::layer::SourceMap;
 
 /// A whole ecosystem; it is the same on every machine.
 #[derive(Clone, Debug)]
@@ -33,7 +33,7 @@ pub(crate) struct Ecosystem {
     /// Interfaces to other ecosystems.
     pub(crate) interfaces: Vec<InterfaceEntry>,
     /// The named goals; each has been parsed and checked.
-    pub(crate) goals: BTreeMap<String, Wish>,
+    pub(crate) goals: BTreeMap<String, GoalRequest>,
     /// The configuration for Zenoh, as it is written; null if there is none.
     pub(crate) zenoh: Value,
     /// Times and bounds.
@@ -47,20 +47,20 @@ pub(crate) struct Ecosystem {
     /// The simulated building.
     pub(crate) building: BuildingSettings,
     /// The place of each key: `agent.0.config` and all within it.
-    pub(crate) places: Places,
+    pub(crate) places: SourceMap,
     /// The texts from which the ecosystem was read.
-    pub(crate) texts: Texts,
+    pub(crate) sources: SourceTexts,
     /// Whether ontology and map are free of errors; otherwise checks against them prove nothing.
     pub(crate) are_files_sound: bool,
 }
 
 /// The texts from which an ecosystem was read.
 #[derive(Clone, Debug)]
-pub(crate) struct Texts {
+pub(crate) struct SourceTexts {
     /// The ecosystem file.
-    pub(crate) file: Arc<Source>,
+    pub(crate) file: Arc<SourceText>,
     /// The map.
-    pub(crate) map: Arc<Source>,
+    pub(crate) map: Arc<SourceText>,
 }
 
 /// One `[[agent]]`.
@@ -127,9 +127,9 @@ pub(crate) struct BuildingSettings {
 }
 
 /// Returns a goal without further settings.
-pub(crate) fn wish_for(goal: &str) -> Wish {
+pub(crate) fn plain_goal(goal: &str) -> GoalRequest {
     let (keep, partition) = Default::default();
-    Wish { goal: goal.to_owned(), keep, priority: 0, partition }
+    GoalRequest { goal: goal.to_owned(), keep, priority: 0, partition }
 }
 
 /// Whether a goal is PDDL, right or wrong, and not a name.
@@ -143,12 +143,12 @@ impl Ecosystem {
     /// Returns the goal named `goal`, or `goal` itself if it is PDDL.
     ///
     /// The error lists the names of goals.
-    pub(crate) fn wish(&self, goal: &str) -> Result<Wish, String> {
+    pub(crate) fn find_goal(&self, goal: &str) -> Result<GoalRequest, String> {
         if let Some(wish) = self.goals.get(goal) {
             return Ok(wish.clone());
         }
         if is_pddl(goal) {
-            return Ok(wish_for(goal));
+            return Ok(plain_goal(goal));
         }
         let names = || self.goals.keys().map(String::as_str);
         let help = match (pddl::nearest(goal, names()), self.goals.len()) {
@@ -177,7 +177,7 @@ impl Ecosystem {
     }
 
     /// Returns the agents that are assigned to no daemon: a machine that runs alone hosts them.
-    pub(crate) fn agents_of_nobody(&self) -> impl Iterator<Item = &AgentEntry> {
+    pub(crate) fn unassigned_agents(&self) -> impl Iterator<Item = &AgentEntry> {
         self.agents.iter().filter(|agent| agent.daemons.is_empty())
     }
 }

@@ -11,12 +11,12 @@ use std::collections::BTreeMap;
 
 use ::config::{Map, Value, ValueKind};
 use pddl::{Diagnostic, Span, nearest};
-use terminal::report::Source;
+use terminal::report::SourceText;
 use toml::Spanned;
 use toml::de::DeValue;
 
-use super::layer::{Layer, Place};
-use super::reader::{Reader, handed_on, join};
+use super::layer::{KeyValueSpan, Layer};
+use super::reader::{TomlReader, join, to_config_value};
 use super::schema::{self, Shape};
 
 const PREFIX: &str = "ALTHING_";
@@ -46,7 +46,7 @@ pub(super) fn read(variables: &Variables) -> (Layer, Vec<Diagnostic>) {
         starts.push((text.len(), name, value));
         text += &format!("{name}={value}\n");
     }
-    let mut reader = Reader::new(Source::new("environment", text));
+    let mut reader = TomlReader::new(SourceText::new("environment", text));
     let mut root = Value::new(None, ValueKind::Table(Map::new()));
     for (start, name, value) in starts {
         if let Some((path, value)) = variable(&mut reader, start, name, value) {
@@ -60,16 +60,16 @@ pub(super) fn read(variables: &Variables) -> (Layer, Vec<Diagnostic>) {
 /// Reads one variable. Returns its path and value; `None` if the schema does not allow them, with a
 /// diagnostic.
 fn variable(
-    reader: &mut Reader,
+    reader: &mut TomlReader,
     start: usize,
     name: &str,
     value: &str,
 ) -> Option<(Vec<String>, Value)> {
     let name_span = Span::new(start, start + name.len());
-    let place = |reader: &mut Reader, path: &str| {
+    let place = |reader: &mut TomlReader, path: &str| {
         let value_start = start + name.len() + 1;
         let value = Span::new(value_start, value_start + value.len());
-        reader.layer.places.insert(path.to_owned(), Place { key: name_span, value });
+        reader.layer.places.insert(path.to_owned(), KeyValueSpan { key: name_span, value });
     };
     let parts: Vec<&str> = name[PREFIX.len()..].split(SEPARATOR).collect();
     let (path, shape, about) = match resolve(&parts) {
@@ -86,7 +86,7 @@ fn variable(
     let tree = tree(shape, value);
     let value = match shape {
         // A free table is passed on as it is, with any contents.
-        Shape::Free => Some(handed_on(tree.get_ref())),
+        Shape::Free => Some(to_config_value(tree.get_ref())),
         _ => reader.value(&dotted, shape, about, &tree),
     };
     Some((path, value?))

@@ -9,11 +9,11 @@ use std::sync::Arc;
 
 use ::config::{ConfigError, Map, Source as ConfigSource, Value};
 use pddl::Span;
-use terminal::report::Source;
+use terminal::report::SourceText;
 
 /// The place where a value was written.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Place {
+pub(crate) struct KeyValueSpan {
     /// The key; for an element of a list, the element.
     pub(crate) key: Span,
     /// The value.
@@ -22,18 +22,18 @@ pub(crate) struct Place {
 
 /// The place of every key, for mistakes that are found later.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Places(BTreeMap<String, (Arc<Source>, Place)>);
+pub(crate) struct SourceMap(BTreeMap<String, (Arc<SourceText>, KeyValueSpan)>);
 
-impl Places {
+impl SourceMap {
     /// Collects the places of layers. The last layer has precedence.
-    pub(super) fn of(layers: &[Layer]) -> Places {
+    pub(super) fn of(layers: &[Layer]) -> SourceMap {
         let places = layers.iter().flat_map(|layer| {
-            let place = |(path, place): (&String, &Place)| {
+            let place = |(path, place): (&String, &KeyValueSpan)| {
                 (path.clone(), (Arc::clone(&layer.source), *place))
             };
             layer.places.iter().map(place)
         });
-        Places(places.collect())
+        SourceMap(places.collect())
     }
 
     /// Returns the values written directly under a path, as they stand in the text.
@@ -48,7 +48,7 @@ impl Places {
 
     /// Returns the place of a path, or else of the nearest thing around it; the flag is `true` if
     /// it is the path itself.
-    pub(crate) fn find(&self, path: &str) -> Option<(Arc<Source>, Place, bool)> {
+    pub(crate) fn find(&self, path: &str) -> Option<(Arc<SourceText>, KeyValueSpan, bool)> {
         let mut around = path;
         loop {
             if let Some((source, place)) = self.0.get(around) {
@@ -63,9 +63,9 @@ impl Places {
 #[derive(Clone, Debug)]
 pub(super) struct Layer {
     /// The text in which they are written.
-    pub(super) source: Arc<Source>,
+    pub(super) source: Arc<SourceText>,
     /// By dotted path: `agent.0.name`.
-    pub(super) places: BTreeMap<String, Place>,
+    pub(super) places: BTreeMap<String, KeyValueSpan>,
     /// The values that the `config` crate merges.
     pub(super) values: Map<String, Value>,
     /// Whether all of the text could be parsed.
@@ -76,7 +76,7 @@ pub(super) struct Layer {
 
 impl Layer {
     /// Creates a layer without values.
-    pub(super) fn new(source: Arc<Source>) -> Layer {
+    pub(super) fn new(source: Arc<SourceText>) -> Layer {
         Layer { source, places: BTreeMap::new(), values: Map::new(), is_whole: true }
     }
 }

@@ -10,7 +10,7 @@
 //! All mistakes are found in one pass; each points into the text in which it was made.
 
 mod ecosystem;
-mod meaning;
+mod interpret;
 mod raw;
 
 mod schema;
@@ -25,7 +25,7 @@ mod layer;
 
 mod duration;
 
-mod find;
+mod search_paths;
 
 #[cfg(test)]
 mod tests;
@@ -37,15 +37,15 @@ use ::config::{Config, ConfigError, Value};
 use agent::Mode;
 
 pub(crate) use ::interfacing::{InterfaceEntry, RuleEntry};
-pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings, is_pddl, wish_for};
+pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings, is_pddl, plain_goal};
 pub(crate) use environment::{Variables, variables};
-pub(crate) use find::{credentials_folder, find_ecosystem_file, resolve_ecosystem};
-pub(crate) use meaning::moved_goal;
+pub(crate) use interpret::moved_goal;
+pub(crate) use search_paths::{credentials_folder, find_ecosystem_file, resolve_ecosystem};
 pub(crate) use syntax::is_syntax_error;
 
 use layer::Layer;
-use raw::Raw;
-use terminal::report::{Report, Source};
+use raw::RawConfig;
+use terminal::report::{DiagnosticReport, SourceText};
 
 /// A plugin, as far as ecosystem files refer to it.
 #[derive(Clone, Copy, Debug)]
@@ -70,16 +70,16 @@ pub(crate) struct Overrides(Vec<(String, Value)>);
 
 /// All mistakes in an ecosystem file and the files that it names.
 #[derive(Clone, Debug)]
-pub(crate) struct LoadError(Report);
+pub(crate) struct ConfigLoadError(DiagnosticReport);
 
 /// An ecosystem file as far as it can be understood, and its mistakes.
 #[derive(Debug)]
-pub(crate) struct Reading {
+pub(crate) struct ParsedEcosystem {
     /// The ecosystem without the parts that could not be understood; `None` if its name, its domain
     /// or its map is missing.
     pub(crate) ecosystem: Option<Ecosystem>,
     /// The errors and warnings.
-    pub(crate) report: Report,
+    pub(crate) report: DiagnosticReport,
     /// Whether all of the text is TOML. If not, a key that seems to be missing may be in a part
     /// that could not be parsed.
     pub(crate) is_whole: bool,
@@ -117,9 +117,9 @@ impl Overrides {
 
 // === impl LoadError ===
 
-impl LoadError {
+impl ConfigLoadError {
     /// Returns the mistakes, for display.
-    pub(crate) fn into_report(self) -> Report {
+    pub(crate) fn into_report(self) -> DiagnosticReport {
         self.0
     }
 }
@@ -132,7 +132,7 @@ impl Ecosystem {
         file: &Path,
         overrides: &Overrides,
         known_plugins: &[KnownPlugin],
-    ) -> Result<Ecosystem, LoadError> {
+    ) -> Result<Ecosystem, ConfigLoadError> {
         Ecosystem::load_with(file, &variables(), overrides, known_plugins)
     }
 
@@ -142,12 +142,12 @@ impl Ecosystem {
         variables: &Variables,
         overrides: &Overrides,
         known_plugins: &[KnownPlugin],
-    ) -> Result<Ecosystem, LoadError> {
-        let Reading { ecosystem, report, .. } =
+    ) -> Result<Ecosystem, ConfigLoadError> {
+        let ParsedEcosystem { ecosystem, report, .. } =
             Ecosystem::read_with(file, variables, overrides, known_plugins);
         match ecosystem {
             Some(ecosystem) if !report.has_errors() => Ok(ecosystem),
-            _ => Err(LoadError(report)),
+            _ => Err(ConfigLoadError(report)),
         }
     }
 
@@ -156,7 +156,7 @@ impl Ecosystem {
         file: &Path,
         overrides: &Overrides,
         known_plugins: &[KnownPlugin],
-    ) -> Reading {
+    ) -> ParsedEcosystem {
         Ecosystem::read_with(file, &variables(), overrides, known_plugins)
     }
 
@@ -165,39 +165,43 @@ impl Ecosystem {
         variables: &Variables,
         overrides: &Overrides,
         known_plugins: &[KnownPlugin],
-    ) -> Reading {
-        let mut report = Report::default();
-        let source = match Source::read(file) {
+    ) -> ParsedEcosystem {
+        let mut report = DiagnosticReport::default();
+        let source = match SourceText::read(file) {
             Ok(source) => source,
             Err(failure) => {
                 report.add_failure(failure);
-                return Reading { ecosystem: None, report, is_whole: false };
+                return ParsedEcosystem { ecosystem: None, report, is_whole: false };
             }
         };
         let layers = read_layers(&source, variables, &mut report);
         let [_, Layer { is_whole, places, .. }, _] = &layers;
         let is_whole = *is_whole;
         if !is_whole && !places.contains_key("ecosystem") {
-            return Reading { ecosystem: None, report, is_whole };
+            return ParsedEcosystem { ecosystem: None, report, is_whole };
         }
         match merge(&layers, overrides) {
             Ok(raw) => {
                 let (ecosystem, report) =
-                    meaning::understand(file, raw, &layers, known_plugins, report);
-                Reading { ecosystem, report, is_whole }
+                    interpret::interpret_values(file, raw, &layers, known_plugins, report);
+                ParsedEcosystem { ecosystem, report, is_whole }
             }
             Err(err) => {
                 report.add_failure(format_args!("merge the configuration: {err}"));
-                Reading { ecosystem: None, report, is_whole }
+                ParsedEcosystem { ecosystem: None, report, is_whole }
             }
         }
     }
 }
 
 /// Reads defaults, file and environment, in increasing order of precedence.
-fn read_layers(source: &Arc<Source>, variables: &Variables, report: &mut Report) -> [Layer; 3] {
+fn read_layers(
+    source: &Arc<SourceText>,
+    variables: &Variables,
+    report: &mut DiagnosticReport,
+) -> [Layer; 3] {
     let readings = [
-        reader::read(&Source::new(DEFAULTS_NAME, DEFAULTS)),
+        reader::read(&SourceText::new(DEFAULTS_NAME, DEFAULTS)),
         reader::read(source),
         environment::read(variables),
     ];
@@ -207,7 +211,7 @@ fn read_layers(source: &Arc<Source>, variables: &Variables, report: &mut Report)
     })
 }
 
-fn merge(layers: &[Layer], overrides: &Overrides) -> Result<Raw, ConfigError> {
+fn merge(layers: &[Layer], overrides: &Overrides) -> Result<RawConfig, ConfigError> {
     let mut builder = Config::builder();
     for layer in layers {
         builder = builder.add_source(layer.clone());

@@ -15,17 +15,17 @@ use super::duration;
 /// The whole configuration.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct Raw {
+pub(super) struct RawConfig {
     #[serde(default)]
     pub(super) ecosystem: RawEcosystem,
     #[serde(default)]
     pub(super) zenoh: Value,
     #[serde(default)]
-    pub(super) agent: Vec<RawAgent>,
+    pub(super) agent: Vec<RawAgentEntry>,
     #[serde(default)]
     pub(super) interface: Vec<RawInterface>,
     #[serde(default)]
-    pub(super) goals: BTreeMap<String, RawGoal>,
+    pub(super) goals: BTreeMap<String, RawNamedGoal>,
     pub(super) timing: RawTiming,
     pub(super) limits: RawLimits,
     pub(super) security: RawSecurity,
@@ -37,7 +37,7 @@ pub(super) struct Raw {
 /// A goal of `[goals]`
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct RawGoal {
+pub(super) struct RawNamedGoal {
     pub(super) goal: Option<String>,
     #[serde(default)]
     pub(super) keep: Keep,
@@ -61,7 +61,7 @@ pub(super) struct RawEcosystem {
 /// `[[agent]]`
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", default)]
-pub(super) struct RawAgent {
+pub(super) struct RawAgentEntry {
     pub(super) name: Option<String>,
     pub(super) plugin: Option<String>,
     pub(super) package: Option<String>,

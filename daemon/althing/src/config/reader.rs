@@ -7,17 +7,17 @@ use std::sync::Arc;
 
 use ::config::{Map, Value, ValueKind};
 use pddl::{Diagnostic, Span, nearest};
-use terminal::report::Source;
+use terminal::report::SourceText;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
 use super::duration;
-use super::layer::{Layer, Place};
-use super::schema::{self, Key, Shape};
-use super::syntax::{self, Failure};
+use super::layer::{KeyValueSpan, Layer};
+use super::schema::{self, SchemaKey, Shape};
+use super::syntax::{self, TomlError};
 
 /// Walks the tree of a text.
-pub(super) struct Reader {
+pub(super) struct TomlReader {
     pub(super) layer: Layer,
     pub(super) diagnostics: Vec<Diagnostic>,
     /// Offset in the source at which the text of the tree begins.
@@ -25,10 +25,10 @@ pub(super) struct Reader {
 }
 
 /// Reads a whole ecosystem file.
-pub(super) fn read(source: &Arc<Source>) -> (Layer, Vec<Diagnostic>) {
-    let mut reader = Reader::new(Arc::clone(source));
+pub(super) fn read(source: &Arc<SourceText>) -> (Layer, Vec<Diagnostic>) {
+    let mut reader = TomlReader::new(Arc::clone(source));
     let (tree, errors) = DeTable::parse_recoverable(&source.text);
-    let failure = |err: &toml::de::Error| Failure {
+    let failure = |err: &toml::de::Error| TomlError {
         message: err.message().to_owned(),
         range: err.span().unwrap_or(0..0),
     };
@@ -46,12 +46,12 @@ pub(super) fn read(source: &Arc<Source>) -> (Layer, Vec<Diagnostic>) {
 
 // === impl Reader ===
 
-impl Reader {
-    pub(super) fn new(source: Arc<Source>) -> Reader {
-        Reader { layer: Layer::new(source), diagnostics: Vec::new(), base: 0 }
+impl TomlReader {
+    pub(super) fn new(source: Arc<SourceText>) -> TomlReader {
+        TomlReader { layer: Layer::new(source), diagnostics: Vec::new(), base: 0 }
     }
 
-    fn table(&mut self, path: &str, keys: &[Key], table: &DeTable<'_>) -> Map<String, Value> {
+    fn table(&mut self, path: &str, keys: &[SchemaKey], table: &DeTable<'_>) -> Map<String, Value> {
         let mut values = Map::new();
         for (written, value) in table {
             let name = written.get_ref().as_ref();
@@ -78,10 +78,10 @@ impl Reader {
         value: &Spanned<DeValue<'_>>,
     ) -> Option<Value> {
         let wrong = match (shape, value.get_ref()) {
-            (Shape::Text, DeValue::String(_)) => return Some(handed_on(value.get_ref())),
+            (Shape::Text, DeValue::String(_)) => return Some(to_config_value(value.get_ref())),
             (Shape::Free, DeValue::Table(table)) => {
-                self.remember(path, table);
-                return Some(handed_on(value.get_ref()));
+                self.record_places(path, table);
+                return Some(to_config_value(value.get_ref()));
             }
             (Shape::Table(keys), DeValue::Table(table)) => {
                 return Some(table_value(self.table(path, keys, table)));
@@ -98,14 +98,14 @@ impl Reader {
             (Shape::Brief(key, _), DeValue::String(_)) => {
                 let place = self.place(0..0, value.span());
                 self.layer.places.insert(join(path, key), place);
-                let one = [((*key).to_owned(), handed_on(value.get_ref()))];
+                let one = [((*key).to_owned(), to_config_value(value.get_ref()))];
                 return Some(table_value(one.into_iter().collect()));
             }
             // A single text counts as a list with one element.
             (Shape::Texts, DeValue::String(_)) => {
                 let place = self.place(0..0, value.span());
                 self.layer.places.insert(join(path, "0"), place);
-                let one = vec![handed_on(value.get_ref())];
+                let one = vec![to_config_value(value.get_ref())];
                 return Some(Value::new(None, ValueKind::Array(one)));
             }
             (Shape::Texts, DeValue::Array(list)) => {
@@ -117,14 +117,14 @@ impl Reader {
             },
         };
         let span = self.place(0..0, value.span()).value;
-        let wrong = wrong.or_else(|| cure(path, shape, value.get_ref()));
+        let wrong = wrong.or_else(|| type_correction(path, shape, value.get_ref()));
         self.diagnostics.push(wrong_value(path, about, shape, wrong, span));
         None
     }
 
     /// Records the places in a table that is passed on as it is, because parts of it are checked
     /// later.
-    fn remember(&mut self, path: &str, table: &DeTable<'_>) {
+    fn record_places(&mut self, path: &str, table: &DeTable<'_>) {
         for (written, value) in table {
             let path = join(path, written.get_ref());
             self.remember_within(&path, value);
@@ -135,7 +135,7 @@ impl Reader {
 
     fn remember_within(&mut self, path: &str, value: &Spanned<DeValue<'_>>) {
         match value.get_ref() {
-            DeValue::Table(table) => self.remember(path, table),
+            DeValue::Table(table) => self.record_places(path, table),
             DeValue::Array(list) => {
                 for (index, element) in list.iter().enumerate() {
                     let path = join(path, &index.to_string());
@@ -173,18 +173,18 @@ impl Reader {
         Value::new(None, ValueKind::Array(values))
     }
 
-    fn place(&self, key: std::ops::Range<usize>, value: std::ops::Range<usize>) -> Place {
+    fn place(&self, key: std::ops::Range<usize>, value: std::ops::Range<usize>) -> KeyValueSpan {
         let span = |range: std::ops::Range<usize>| {
             Span::new(self.base + range.start, self.base + range.end)
         };
-        Place { key: span(key), value: span(value) }
+        KeyValueSpan { key: span(key), value: span(value) }
     }
 }
 
 /// Returns a value that is neither table nor list, or else help on the mistake if there is more to
 /// say than that its type is wrong.
 fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
-    let ok = Ok(handed_on(value));
+    let ok = Ok(to_config_value(value));
     match (shape, value) {
         (Shape::Choice(words), DeValue::String(word)) => {
             if words.contains(&word.as_ref()) {
@@ -200,12 +200,12 @@ fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
         (Shape::Duration, DeValue::Integer(_) | DeValue::Float(_)) => {
             Err(Some("a duration has a unit and stands in quotes, such as \"500ms\"".to_owned()))
         }
-        (Shape::Count, DeValue::Integer(_)) => match handed_on(value).kind {
+        (Shape::Count, DeValue::Integer(_)) => match to_config_value(value).kind {
             ValueKind::I64(1..) => ok,
             _ => Err(None),
         },
         (Shape::Number { min, max }, DeValue::Integer(_) | DeValue::Float(_)) => {
-            match handed_on(value).into_float() {
+            match to_config_value(value).into_float() {
                 Ok(number) if (*min..=*max).contains(&number) => ok,
                 _ => Err(None),
             }
@@ -215,8 +215,8 @@ fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
 }
 
 /// Returns what to write instead of a value of another type.
-fn cure(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<String> {
-    let spoken = spoken(path);
+fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<String> {
+    let spoken = display_path(path);
     let key = spoken.rsplit('.').next().unwrap_or(&spoken);
     match (shape, value) {
         (Shape::List(Shape::Table(_)), DeValue::Table(_)) => Some(format!("write [[{key}]]")),
@@ -241,7 +241,7 @@ fn cure(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<String> {
 }
 
 /// Converts any TOML value to one of the `config` crate.
-pub(super) fn handed_on(value: &DeValue<'_>) -> Value {
+pub(super) fn to_config_value(value: &DeValue<'_>) -> Value {
     let kind = match value {
         DeValue::String(text) => ValueKind::String(text.to_string()),
         DeValue::Integer(number) => integer(number),
@@ -251,13 +251,13 @@ pub(super) fn handed_on(value: &DeValue<'_>) -> Value {
         }
         DeValue::Boolean(truth) => ValueKind::Boolean(*truth),
         DeValue::Datetime(time) => ValueKind::String(time.to_string()),
-        DeValue::Array(list) => {
-            ValueKind::Array(list.iter().map(|element| handed_on(element.get_ref())).collect())
-        }
+        DeValue::Array(list) => ValueKind::Array(
+            list.iter().map(|element| to_config_value(element.get_ref())).collect(),
+        ),
         DeValue::Table(table) => {
             let values = table
                 .iter()
-                .map(|(key, value)| (key.get_ref().to_string(), handed_on(value.get_ref())));
+                .map(|(key, value)| (key.get_ref().to_string(), to_config_value(value.get_ref())));
             ValueKind::Table(values.collect())
         }
     };
@@ -284,24 +284,24 @@ pub(super) fn join(path: &str, key: &str) -> String {
 }
 
 /// Returns the path as users say it: `agent.3.name` is `agent.name`.
-pub(super) fn spoken(path: &str) -> String {
+pub(super) fn display_path(path: &str) -> String {
     let words = path.split('.').filter(|word| word.parse::<usize>().is_err());
     words.collect::<Vec<_>>().join(".")
 }
 
 fn unknown_key(
     path: &str,
-    keys: &[Key],
+    keys: &[SchemaKey],
     name: &str,
     value: &DeValue<'_>,
     span: Span,
 ) -> Diagnostic {
-    let table = spoken(path);
+    let table = display_path(path);
     let within = match table.as_str() {
         "" => String::new(),
         table => format!(" in `{table}`"),
     };
-    let written = |key: &Key| match (&key.shape, table.as_str()) {
+    let written = |key: &SchemaKey| match (&key.shape, table.as_str()) {
         (Shape::List(Shape::Table(_)), "") => format!("[[{}]]", key.name),
         (_, "") => format!("[{}]", key.name),
         _ => key.name.to_owned(),
@@ -313,7 +313,7 @@ fn unknown_key(
             Shape::Table(tables) => *tables,
             _ => &[],
         };
-        let has_key = |key: &&Key| match &key.shape {
+        let has_key = |key: &&SchemaKey| match &key.shape {
             Shape::Table(keys) => keys.iter().any(|key| key.name == name),
             _ => false,
         };
@@ -353,7 +353,7 @@ fn wrong_value(
     help: Option<String>,
     span: Span,
 ) -> Diagnostic {
-    let path = spoken(path);
+    let path = display_path(path);
     let key = path.rsplit('.').next().unwrap_or(&path);
     let message = format!("`{path}` must be {}", shape.expected());
     let mut found = Diagnostic::error(span, message)

@@ -5,7 +5,7 @@
 
 /// A key of a table.
 #[derive(Debug)]
-pub(super) struct Key {
+pub(super) struct SchemaKey {
     pub(super) name: &'static str,
     pub(super) shape: Shape,
     /// The purpose of the key, in a few words.
@@ -30,17 +30,17 @@ pub(super) enum Shape {
     /// A list in brackets, each element of one shape.
     List(&'static Shape),
     /// A table with these keys and no others.
-    Table(&'static [Key]),
+    Table(&'static [SchemaKey]),
     /// A table with any keys, and values of one shape.
     Each(&'static Shape),
     /// A table with these keys, or a single text as the value of the named key.
-    Brief(&'static str, &'static [Key]),
+    Brief(&'static str, &'static [SchemaKey]),
     /// A table that is passed on as it is.
     Free,
 }
 
-const fn key(name: &'static str, shape: Shape, about: &'static str) -> Key {
-    Key { name, shape, about }
+const fn key(name: &'static str, shape: Shape, about: &'static str) -> SchemaKey {
+    SchemaKey { name, shape, about }
 }
 
 /// An ecosystem file.
@@ -62,7 +62,7 @@ pub(super) static FILE: Shape = Shape::Table(&[
     key("building", Shape::Table(BUILDING), "the simulated building"),
 ]);
 
-const ECOSYSTEM: &[Key] = &[
+const ECOSYSTEM: &[SchemaKey] = &[
     key("name", Shape::Text, "its name, such as \"smart-office\""),
     key("domain", Shape::Text, "the file of the shared ontology, such as \"domain.pddl\""),
     key("problem", Shape::Text, "the file of the map, such as \"map.pddl\""),
@@ -70,7 +70,7 @@ const ECOSYSTEM: &[Key] = &[
     key("daemons", Shape::List(&Shape::Text), "daemons that host no agent yet"),
 ];
 
-const GOAL: &[Key] = &[
+const GOAL: &[SchemaKey] = &[
     key("goal", Shape::Text, "the goal, in PDDL"),
     key("keep", Shape::Choice(&["achieve", "maintain"]), "whether it is reached once, or kept"),
     key("priority", PRIORITY, "greater goes first"),
@@ -80,7 +80,7 @@ const GOAL: &[Key] = &[
 /// Bounds that fit into an `i32` and that people can still compare.
 const PRIORITY: Shape = Shape::Number { min: -1_000_000.0, max: 1_000_000.0 };
 
-const AGENT: &[Key] = &[
+const AGENT: &[SchemaKey] = &[
     key("name", Shape::Text, "its name, such as \"thermometer-office2\""),
     key("plugin", Shape::Text, "its kind, such as \"temperature-sensor\""),
     key("package", Shape::Text, "the package with the program that brings it"),
@@ -91,7 +91,7 @@ const AGENT: &[Key] = &[
 ];
 
 /// An interface. Words that are not in its tables do not pass, in either direction.
-const INTERFACE: &[Key] = &[
+const INTERFACE: &[SchemaKey] = &[
     key("ecosystem", Shape::Text, "the other ecosystem's file, such as \"house.toml\""),
     key("daemon", Shape::Text, "our daemon that joins both ecosystems"),
     key("as", Shape::Text, "its name in the other ecosystem"),
@@ -106,7 +106,7 @@ const INTERFACE: &[Key] = &[
 
 const WORDS: Shape = Shape::Each(&Shape::Text);
 
-const RULE: &[Key] = &[
+const RULE: &[SchemaKey] = &[
     key("agent", Shape::Text, "the agent, by its own name"),
     key("as", Shape::Text, "its name on the other side"),
     key("performatives", Shape::List(&Shape::Choice(PASSING)), "what passes to and from it"),
@@ -117,16 +117,16 @@ const RULE: &[Key] = &[
 
 /// The names of the performatives that may pass.
 const PASSING: &[&str] = &{
-    let mut names = [""; interfacing::PASSING.len()];
+    let mut names = [""; interfacing::PASSABLE_PERFORMATIVES.len()];
     let mut at = 0;
     while at < names.len() {
-        names[at] = interfacing::PASSING[at].as_str();
+        names[at] = interfacing::PASSABLE_PERFORMATIVES[at].as_str();
         at += 1;
     }
     names
 };
 
-const TIMING: &[Key] = &[
+const TIMING: &[SchemaKey] = &[
     key("heartbeat-period", Shape::Duration, "how often an actuator says that it works"),
     key("heartbeat-lease", Shape::Duration, "how long it may be silent"),
     key("grace", Shape::Duration, "how long a plan bears the absence of an agent"),
@@ -138,25 +138,25 @@ const TIMING: &[Key] = &[
     key("answer-deadline", Shape::Duration, "how long a question may take"),
 ];
 
-const LIMITS: &[Key] = &[
+const LIMITS: &[SchemaKey] = &[
     key("mailbox-messages-max", Shape::Count, "messages a mailbox holds"),
     key("outbox-messages-max", Shape::Count, "commitments without a receipt"),
 ];
 
-const SECURITY: &[Key] = &[
+const SECURITY: &[SchemaKey] = &[
     key("folder", Shape::Text, "where keys and certificates are"),
     key("warn-days", Shape::Count, "how long before its end a certificate is announced"),
     key("messages-per-second-max", Shape::Count, "messages that one daemon may send"),
 ];
 
-const RIGHTS: &[Key] = &[
+const RIGHTS: &[SchemaKey] = &[
     key("guests", Shape::Texts, "daemons that people may use; \"*\" is all"),
     key("newcomers", Shape::Texts, "daemons that may bring agents which the file does not name"),
     key("goals", Shape::Texts, "agents that may ask for goals; \"guests\", \"*\""),
     key("changes", Shape::Texts, "agents that may change the known facts; \"guests\", \"*\""),
 ];
 
-const PLUGINS: &[Key] = &[
+const PLUGINS: &[SchemaKey] = &[
     key("folder", Shape::Text, "where packages are, such as \"plugins\""),
     key(
         "admit",
@@ -170,7 +170,7 @@ const PLUGINS: &[Key] = &[
     ),
 ];
 
-const BUILDING: &[Key] = &[
+const BUILDING: &[SchemaKey] = &[
     key("temperatures", Shape::Each(&CELSIUS), "the true temperature of each place, in °C"),
     key("conditions", Shape::Each(&CONDITIONS), "what else is true of each place, such as its co2"),
     key("time-scale", Shape::Number { min: 0.0, max: 1_000.0 }, "1.0 is real time"),

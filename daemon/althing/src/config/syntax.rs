@@ -13,7 +13,7 @@ const ERRORS_MAX: usize = 20;
 
 /// An error of the TOML parser, and its place.
 #[derive(Clone, Debug)]
-pub(super) struct Failure {
+pub(super) struct TomlError {
     pub(super) message: String,
     pub(super) range: Range<usize>,
 }
@@ -24,13 +24,13 @@ pub(crate) fn is_syntax_error(found: &Diagnostic) -> bool {
 }
 
 /// Returns the mistakes of a text, each once.
-pub(super) fn mistakes(text: &str, failures: &[Failure]) -> Vec<Diagnostic> {
+pub(super) fn mistakes(text: &str, failures: &[TomlError]) -> Vec<Diagnostic> {
     let mut told: Vec<Diagnostic> = Vec::new();
     let mut lines = Vec::new();
     // Errors before this offset are not reported: they are inside something that is not closed.
     let mut lost_until = 0;
     let mut entries = Vec::new();
-    let mut sorted: Vec<&Failure> = failures.iter().collect();
+    let mut sorted: Vec<&TomlError> = failures.iter().collect();
     sorted.sort_by_key(|failure| failure.range.start);
     for failure in sorted {
         let at = failure.range.start.min(text.len());
@@ -144,7 +144,7 @@ fn is_key(word: &str) -> bool {
 
 /// Returns the message about a key or table that exists already, and the offset of its entry: one
 /// message per entry is enough.
-fn duplicate(text: &str, failure: &Failure, line: &Range<usize>) -> (usize, Diagnostic) {
+fn duplicate(text: &str, failure: &TomlError, line: &Range<usize>) -> (usize, Diagnostic) {
     let range = failure.range.clone();
     let word = text.get(range.clone()).unwrap_or_default();
     let written = text.get(line.clone()).unwrap_or_default().trim();
@@ -220,7 +220,7 @@ fn header_before(text: &str, line_start: usize) -> Option<Range<usize>> {
 }
 
 /// Explains one line that could not be read.
-fn of_line(text: &str, failure: &Failure, line: &Range<usize>) -> Diagnostic {
+fn of_line(text: &str, failure: &TomlError, line: &Range<usize>) -> Diagnostic {
     let written = text.get(line.clone()).unwrap_or_default().trim_end_matches('\r');
     let whole = line.start..line.start + written.len();
     let begins = line.start + written.len() - written.trim_start().len();
@@ -262,8 +262,8 @@ fn header(begins: usize, code: &str) -> Diagnostic {
 }
 
 /// Explains a value that is neither a text nor a number.
-fn of_value(text: &str, failure: &Failure) -> Option<Diagnostic> {
-    let Failure { message, range } = failure;
+fn of_value(text: &str, failure: &TomlError) -> Option<Diagnostic> {
+    let TomlError { message, range } = failure;
     if message.starts_with("invalid basic string") || message.starts_with("invalid multi-line") {
         let help =
             "write `\"` at its end; within it, `\\` is `\\\\`, and `\"` is `\\\"`".to_owned();
@@ -323,7 +323,7 @@ fn decimal_comma(text: &str, line: Range<usize>) -> Option<Diagnostic> {
 }
 
 /// Returns the message of the parser, if no better explanation is known.
-fn plain(text: &str, Failure { message, range }: &Failure) -> Diagnostic {
+fn plain(text: &str, TomlError { message, range }: &TomlError) -> Diagnostic {
     let (said, expected) = match message.split_once(", expected ") {
         Some((said, expected)) => (said, Some(expected)),
         None => (message.as_str(), None),
@@ -354,7 +354,7 @@ mod tests {
     /// Returns line, message and help of each mistake.
     fn told(text: &str) -> Vec<(usize, String, String)> {
         let (_, errors) = DeTable::parse_recoverable(text);
-        let failure = |err: &toml::de::Error| Failure {
+        let failure = |err: &toml::de::Error| TomlError {
             message: err.message().to_owned(),
             range: err.span().unwrap_or(0..0),
         };

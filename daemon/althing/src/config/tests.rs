@@ -110,7 +110,7 @@ fn a_file_means_what_it_says() {
 
 #[test]
 fn the_defaults_are_those_of_the_agents() {
-    let (layer, diagnostics) = reader::read(&Source::new(DEFAULTS_NAME, DEFAULTS));
+    let (layer, diagnostics) = reader::read(&SourceText::new(DEFAULTS_NAME, DEFAULTS));
     assert_eq!(diagnostics, []);
     let raw = merge(&[layer], &Overrides::default()).expect("complete defaults");
     assert_eq!(raw.ecosystem.mode, Mode::default());
@@ -153,7 +153,7 @@ fn layers_merge_key_by_key() {
 fn goals_have_names_or_are_pddl() {
     let ecosystem = House::new(FILE).load();
     let text = "(forall (?r - room) (known ?r))";
-    let text_of = |goal| ecosystem.wish(goal).map(|wish| wish.goal);
+    let text_of = |goal| ecosystem.find_goal(goal).map(|wish| wish.goal);
     assert_eq!(text_of("all-known").as_deref(), Ok(text));
     assert_eq!(text_of(text).as_deref(), Ok(text));
     let error = text_of("all-knwon").expect_err("no such goal");
@@ -171,7 +171,7 @@ fn of_a_goal_more_may_be_said() {
          partition = \"wait\"\n\n[timing]",
     );
     let house = House::new(&file).with_variable("ALTHING_GOALS__WARM", "(known cellar)");
-    let wish = house.load().wish("warm").expect("it has a name");
+    let wish = house.load().find_goal("warm").expect("it has a name");
     assert_eq!((wish.goal.as_str(), wish.priority), ("(known cellar)", 3));
     assert_eq!((wish.keep, wish.partition), (Keep::Maintain, Partition::Wait));
 }
@@ -181,7 +181,7 @@ fn without_daemons_all_agents_are_the_machine_s_that_runs_alone() {
     let file = FILE.replace("daemon = \"cellar\"", "").replace("daemons = [\"attic\"]", "");
     let ecosystem = House::new(&file).load();
     assert!(ecosystem.daemons.is_empty());
-    assert_eq!(ecosystem.agents_of_nobody().count(), 1);
+    assert_eq!(ecosystem.unassigned_agents().count(), 1);
 }
 
 #[test]

@@ -2,13 +2,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use ::building::{Battery, Building, Device, Layout, LayoutError, Quantity, View};
+use ::building::{
+    Building, BuildingDevice, Layout, LayoutError, PlaceDirection, Quantity, RobotBattery,
+};
 use acl::AgentId;
 use pddl::{InitElement, Name, Problem, Span, Term, Types};
 use serde_json::Value;
 
 use crate::config::{AgentEntry, Ecosystem};
-use crate::review::At;
+use crate::review::MistakeLocation;
 
 /// Temperature of a place for which the ecosystem file gives none, in °C.
 const CELSIUS: f64 = 20.0;
@@ -27,16 +29,16 @@ const POSE_METERS: f64 = 1.0;
 #[error("simulate the building: {problem}")]
 pub(crate) struct SimulationError {
     /// The place where the mistake is written.
-    pub(crate) place: At,
+    pub(crate) place: MistakeLocation,
     /// The mistake.
     #[source]
-    pub(crate) problem: Impossible,
+    pub(crate) problem: SimulationProblem,
 }
 
 /// A mistake that prevents simulation. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub(crate) enum Impossible {
+pub(crate) enum SimulationProblem {
     /// The map and the agents' entries do not fit.
     #[error("{0}")]
     Layout(#[from] LayoutError),
@@ -57,19 +59,19 @@ pub(crate) enum Impossible {
 }
 
 /// Adds the place where a mistake is written to an error.
-trait Located<T> {
-    fn at(self, place: impl FnOnce() -> At) -> Result<T, SimulationError>;
+trait WithLocation<T> {
+    fn at(self, place: impl FnOnce() -> MistakeLocation) -> Result<T, SimulationError>;
 }
 
-impl<T, E: Into<Impossible>> Located<T> for Result<T, E> {
-    fn at(self, place: impl FnOnce() -> At) -> Result<T, SimulationError> {
+impl<T, E: Into<SimulationProblem>> WithLocation<T> for Result<T, E> {
+    fn at(self, place: impl FnOnce() -> MistakeLocation) -> Result<T, SimulationError> {
         self.map_err(|problem| SimulationError { place: place(), problem: problem.into() })
     }
 }
 
 /// Returns the place of a key in an entry's `config`.
-fn config(entry: &AgentEntry, key: &str) -> At {
-    At::Key(format!("{}.config.{key}", entry.path))
+fn config(entry: &AgentEntry, key: &str) -> MistakeLocation {
+    MistakeLocation::Key(format!("{}.config.{key}", entry.path))
 }
 
 /// Returns the building in which an ecosystem's simulated agents act, in its initial state.
@@ -79,12 +81,12 @@ fn config(entry: &AgentEntry, key: &str) -> At {
 /// Returns an error if an agent's entry lacks a key, or names a place, a carrier or a quantity that
 /// does not exist, or if an initial condition is impossible.
 pub(crate) fn simulate(ecosystem: &Ecosystem) -> Result<Building, SimulationError> {
-    let time_scale = || At::Key("building.time-scale".to_owned());
+    let time_scale = || MistakeLocation::Key("building.time-scale".to_owned());
     let building = Building::new(layout_of(ecosystem)?, ecosystem.building.time_scale);
     let building = building.at(time_scale)?;
     for (place, values) in &ecosystem.building.conditions {
         for (name, value) in values {
-            let path = || At::Key(format!("building.conditions.{place}.{name}"));
+            let path = || MistakeLocation::Key(format!("building.conditions.{place}.{name}"));
             building.set(place, quantity(name).at(path)?, *value).at(path)?;
         }
     }
@@ -94,7 +96,7 @@ pub(crate) fn simulate(ecosystem: &Ecosystem) -> Result<Building, SimulationErro
 /// Changes the devices of a running building to those of an ecosystem file that was read again:
 /// removes the devices of the agents in `leaving`, and adds those that are missing. The state of
 /// the others stays. Returns a message for the user for each device that cannot be added.
-pub(crate) fn refurnish(
+pub(crate) fn update_devices(
     building: &Building,
     ecosystem: &Ecosystem,
     leaving: &BTreeSet<AgentId>,
@@ -107,7 +109,7 @@ pub(crate) fn refurnish(
         // The agent may have no simulated device; then there is nothing to remove.
         let _ = building.remove_device(agent.as_str());
     }
-    let is_missing = |device: &&Device| building.place_of(device.name()).is_err();
+    let is_missing = |device: &&BuildingDevice| building.place_of(device.name()).is_err();
     let missing = layout.devices().iter().filter(is_missing);
     let brought = missing.map(|device| (device.name(), building.add_device(device.clone())));
     brought
@@ -181,7 +183,7 @@ fn add_robot(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationEr
         let recharge_time = number(battery.get("recharge-time")).unwrap_or(RECHARGE_TIME);
         let dock = text(entry, "dock")?.to_owned();
         let key = if layout.location(&dock).is_some() { "battery" } else { "dock" };
-        let battery = Battery { dock, range, charge, recharge_time };
+        let battery = RobotBattery { dock, range, charge, recharge_time };
         layout.equip(entry.name.as_str(), battery).at(|| config(entry, key))?;
     }
     Ok(())
@@ -207,24 +209,24 @@ fn add_poses(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationEr
 }
 
 /// Returns the places that a camera can see, in the directions of its presets.
-fn views(entry: &AgentEntry) -> Result<Vec<View>, SimulationError> {
+fn views(entry: &AgentEntry) -> Result<Vec<PlaceDirection>, SimulationError> {
     let Some(Value::Object(presets)) = entry.config.get("presets") else { return Ok(Vec::new()) };
     let view = |preset: &Value| {
         let degrees = |key: &str| preset.get(key).and_then(Value::as_f64).unwrap_or_default();
         let location = preset.get("shows").and_then(Value::as_str);
         let location = location.ok_or_else(|| lacks(entry, "presets.shows"))?.to_owned();
-        Ok(View { location, pan: degrees("pan"), tilt: degrees("tilt") })
+        Ok(PlaceDirection { location, pan: degrees("pan"), tilt: degrees("tilt") })
     };
     presets.values().map(view).collect()
 }
 
 fn lacks(entry: &AgentEntry, key: &'static str) -> SimulationError {
-    let problem = Impossible::Config { agent: entry.name.to_string(), key };
+    let problem = SimulationProblem::Config { agent: entry.name.to_string(), key };
     SimulationError { place: config(entry, key), problem }
 }
 
-fn quantity(name: &str) -> Result<Quantity, Impossible> {
-    Quantity::named(name).ok_or_else(|| Impossible::Quantity { name: name.to_owned() })
+fn quantity(name: &str) -> Result<Quantity, SimulationProblem> {
+    Quantity::named(name).ok_or_else(|| SimulationProblem::Quantity { name: name.to_owned() })
 }
 
 fn known() -> String {
@@ -246,9 +248,9 @@ fn add_places(layout: &mut Layout, ecosystem: &Ecosystem) -> Result<(), Simulati
         let name = object.name.as_str();
         let celsius = ecosystem.building.temperatures.get(name).copied().unwrap_or(CELSIUS);
         if is_a("room") {
-            layout.add_room(name, celsius).at(|| At::Map(object.name.span()))?;
+            layout.add_room(name, celsius).at(|| MistakeLocation::Map(object.name.span()))?;
         } else if is_a("location") {
-            layout.add_corridor(name, celsius).at(|| At::Map(object.name.span()))?;
+            layout.add_corridor(name, celsius).at(|| MistakeLocation::Map(object.name.span()))?;
         }
     }
     Ok(())
@@ -276,7 +278,7 @@ fn add_connections(layout: &mut Layout, map: &Problem) -> Result<(), SimulationE
                 Err(LayoutError::BadDistance { .. }) => written,
                 _ => atom.span,
             };
-            connected.at(|| At::Map(span))?;
+            connected.at(|| MistakeLocation::Map(span))?;
         }
     }
     Ok(())

@@ -63,7 +63,7 @@ pub(crate) fn secure(
 
 /// Logs a warning once a day if the certificate of the daemon or of the authority expires within
 /// `before`. Never returns.
-pub(crate) async fn announce_end(security: Security, folder: PathBuf, before: Duration) {
+pub(crate) async fn warn_of_expiry(security: Security, folder: PathBuf, before: Duration) {
     loop {
         let now = SystemTime::now();
         let own = security.identity.certificate().clone();
@@ -88,13 +88,13 @@ pub(crate) async fn announce_end(security: Security, folder: PathBuf, before: Du
 /// # Errors
 ///
 /// Returns an error if the file cannot be written.
-pub(crate) fn tell_keys(socket: &Path, folder: &Path) -> io::Result<()> {
+pub(crate) fn publish_keys(socket: &Path, folder: &Path) -> io::Result<()> {
     let absolute = fs::canonicalize(folder)?;
     fs::write(socket.with_extension(KEYS), absolute.as_os_str().as_encoded_bytes())
 }
 
 /// Removes that file: the daemon has no keys.
-pub(crate) fn forget_keys(socket: &Path) {
+pub(crate) fn unpublish_keys(socket: &Path) {
     // The file may never have existed.
     let _ = fs::remove_file(socket.with_extension(KEYS));
 }

@@ -100,20 +100,20 @@ pub(crate) fn state_folder(
         .unwrap_or_else(|| PathBuf::from("/var/lib/althing"));
     let folder = base.join(ecosystem.as_str()).join(daemon.as_str());
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder);
-    made.and_then(|()| close(&folder))
+    made.and_then(|()| remove_access(&folder))
         .map_err(|source| FolderError::Io { path: folder.clone(), source })?;
     Ok(folder)
 }
 
 /// Sets the umask so that no other user can access files that this process creates from now on.
-pub(crate) fn keep_to_oneself() {
+pub(crate) fn restrict_umask() {
     let before = umask(Mode::from_raw_mode(OTHERS));
     umask(before | Mode::from_raw_mode(OTHERS));
 }
 
 /// Removes the access of other users to a folder and the files in it: an older version, or a
 /// person, may have created them with another umask.
-fn close(folder: &Path) -> io::Result<()> {
+fn remove_access(folder: &Path) -> io::Result<()> {
     let files = fs::read_dir(folder)?.filter_map(Result::ok).map(|entry| entry.path());
     for path in files.chain([folder.to_owned()]) {
         // Symbolic links are skipped, and so are files that have been removed meanwhile.

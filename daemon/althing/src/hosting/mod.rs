@@ -6,21 +6,21 @@
 //! this machine, keys, and the conditions under which the process restarts itself. What agents do
 //! is left to the plugins.
 
-mod anew;
+mod address_watch;
 mod building;
+mod building_takeover;
 mod credentials;
-mod entrance;
+mod daemon_registry;
+mod dry_run;
+mod fault_injection;
+mod file_digests;
 mod file_handles;
 mod folders;
-mod lost_socket;
-mod moving;
-mod processes;
-mod rehearsal;
-mod same_files;
-mod standstill;
-mod succession;
+mod plugin_processes;
+mod reexec;
+mod socket_watch;
 mod supervisor;
-mod unreliable;
+mod suspend_watch;
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -39,23 +39,23 @@ use tokio_util::task::TaskTracker;
 use crate::config::{AgentEntry, Ecosystem};
 use crate::plugins;
 
-pub(crate) use anew::begin_anew;
-pub(crate) use building::{refurnish, simulate};
-pub(crate) use credentials::{GuestKeys, announce_end, forget_keys, secure, tell_keys};
-pub(crate) use entrance::{Stay, enter};
+pub(crate) use address_watch::watch_addresses;
+pub(crate) use building::{simulate, update_devices};
+pub(crate) use building_takeover::{BuildingTakeover, watch_building};
+pub(crate) use credentials::{GuestKeys, publish_keys, secure, unpublish_keys, warn_of_expiry};
+pub(crate) use daemon_registry::{PresenceGuard, register_daemon};
+pub(crate) use dry_run::{DryRun, models};
+pub(crate) use fault_injection::FaultInjector;
+pub(crate) use file_digests::watch_files;
 pub(crate) use file_handles::warn_of_few_file_handles;
 pub(crate) use folders::{
-    keep_to_oneself, plugins_folder, running_ecosystems, runtime_folder, socket_in, state_folder,
+    plugins_folder, restrict_umask, running_ecosystems, runtime_folder, socket_in, state_folder,
 };
-pub(crate) use lost_socket::watch_socket;
-pub(crate) use moving::watch_addresses;
-pub(crate) use processes::{ITSELF, Processes, become_plugin};
-pub(crate) use rehearsal::{Stage, models};
-pub(crate) use same_files::watch_files;
-pub(crate) use standstill::watch_standstill;
-pub(crate) use succession::{Succession, succeed};
-use supervisor::Supervised;
-pub(crate) use unreliable::Mishaps;
+pub(crate) use plugin_processes::{ITSELF, PluginProcesses, become_plugin};
+pub(crate) use reexec::restart_process;
+pub(crate) use socket_watch::watch_socket;
+use supervisor::SupervisedAgent;
+pub(crate) use suspend_watch::watch_suspension;
 
 /// How long the agents may take to cancel their commitments once the daemon drains.
 const DRAIN_GRACE: Duration = Duration::from_secs(3);
@@ -67,35 +67,35 @@ const READY_PER_AGENT: Duration = Duration::from_millis(300);
 
 /// The transport of a node's messages.
 #[derive(Clone)]
-pub(crate) enum Wire {
+pub(crate) enum MessageTransport {
     /// A network in memory, within this process.
     Memory(Network),
     /// A network in memory on which a share of the messages is lost and another share is
     /// duplicated.
-    Unreliable(Network, Arc<Mishaps>),
+    Unreliable(Network, Arc<FaultInjector>),
     /// Zenoh, as configured.
     Zenoh(Box<substrate_zenoh::Config>),
 }
 
-impl Wire {
+impl MessageTransport {
     /// Whether this transport scouts for other daemons on the networks of this machine.
     pub(crate) fn scouts(&self) -> bool {
-        matches!(self, Wire::Zenoh(config) if config.scouts())
+        matches!(self, MessageTransport::Zenoh(config) if config.scouts())
     }
 }
 
 /// A running daemon.
-pub(crate) struct Node {
+pub(crate) struct DaemonNode {
     switchboard: Arc<Switchboard>,
     substrate: Arc<dyn Substrate>,
-    agents: Vec<Supervised>,
+    agents: Vec<SupervisedAgent>,
     /// The shared context with which agents of the ecosystem file are built; `None` for a guest,
     /// which hosts no agents.
     host: Option<Arc<Host>>,
     tasks: TaskTracker,
     stopping: CancellationToken,
     /// Kept because a network in memory exists only as long as a handle to it.
-    _wire: Wire,
+    _wire: MessageTransport,
     /// The endpoints on which the daemon listens in fact.
     pub(crate) locators: Vec<String>,
 }
@@ -135,7 +135,7 @@ pub(crate) enum HostError {
 }
 
 /// The arguments of [`Node::open`].
-pub(crate) struct Part<'a> {
+pub(crate) struct NodeOptions<'a> {
     /// The ecosystem.
     pub(crate) ecosystem: &'a Ecosystem,
     /// The name of this daemon in the ecosystem.
@@ -151,19 +151,22 @@ pub(crate) struct Part<'a> {
     pub(crate) state: Option<std::path::PathBuf>,
 }
 
-impl Node {
+impl DaemonNode {
     /// Opens the substrate and launches the agents; returns as soon as the daemon sees all of them.
     ///
     /// # Errors
     ///
     /// Returns an error if the substrate does not open, an agent cannot be built, or the agents are
     /// not seen in time. An agent that fails later is restarted.
-    pub(crate) async fn open(part: Part<'_>, wire: Wire) -> Result<Node, HostError> {
-        let Part { ecosystem, daemon, agents, mode, building, state } = part;
+    pub(crate) async fn open(
+        part: NodeOptions<'_>,
+        wire: MessageTransport,
+    ) -> Result<DaemonNode, HostError> {
+        let NodeOptions { ecosystem, daemon, agents, mode, building, state } = part;
         let (name, settings) = (ecosystem.name.clone(), ecosystem.settings.clone());
         let rights = ecosystem.security.as_ref().map(|_| ecosystem.rights.clone());
         let machine = Machine::new(state.clone());
-        let mut node = Node::join(machine, name, daemon, settings, rights, wire).await?;
+        let mut node = DaemonNode::join(machine, name, daemon, settings, rights, wire).await?;
         let mut resources = Resources::default();
         building.into_iter().for_each(|building| resources.insert(building));
         let admit = ecosystem.plugins.admit;
@@ -183,10 +186,10 @@ impl Node {
         // Agents of packages are launched when their package is ready, so a plugin that fails
         // delays no other agent.
         for entry in agents.into_iter().filter(AgentEntry::is_built_in) {
-            node.plug_in(entry)?;
+            node.add_agent(entry)?;
         }
         if admit == Admit::Ask {
-            node.plug_in(plugins::doorkeeper(node.switchboard.daemon()))?;
+            node.add_agent(plugins::doorkeeper(node.switchboard.daemon()))?;
         }
         node.await_agents().await?;
         Ok(node)
@@ -204,13 +207,13 @@ impl Node {
         daemon: DaemonId,
         settings: Settings,
         rights: Option<Rights>,
-        wire: Wire,
-    ) -> Result<Node, HostError> {
+        wire: MessageTransport,
+    ) -> Result<DaemonNode, HostError> {
         let switchboard = Switchboard::on(machine, ecosystem, daemon.clone(), settings);
         rights.into_iter().for_each(|rights| switchboard.limit(rights));
         let (substrate, locators) = connect(&switchboard, daemon, wire.clone()).await?;
         switchboard.connect(Arc::clone(&substrate));
-        Ok(Node {
+        Ok(DaemonNode {
             switchboard,
             substrate,
             agents: Vec::new(),
@@ -228,7 +231,7 @@ impl Node {
     }
 
     /// Returns the context for launching agents that no ecosystem file names; `None` for a guest.
-    pub(crate) fn landing(&self) -> Option<Landing> {
+    pub(crate) fn spawner(&self) -> Option<Landing> {
         Some(Landing {
             switchboard: Arc::clone(&self.switchboard),
             host: Arc::clone(self.host.as_ref()?),
@@ -249,12 +252,12 @@ impl Node {
     ///
     /// Returns an error if the agent cannot be built, or if this node is a guest. An agent that
     /// fails later is restarted.
-    pub(crate) fn plug_in(&mut self, entry: AgentEntry) -> Result<(), HostError> {
+    pub(crate) fn add_agent(&mut self, entry: AgentEntry) -> Result<(), HostError> {
         let Some(host) = &self.host else {
             return Err(HostError::Guest { agent: entry.name });
         };
         let supervised =
-            supervisor::begin(entry, host, &self.switchboard, &self.stopping, &self.tasks)?;
+            supervisor::supervise(entry, host, &self.switchboard, &self.stopping, &self.tasks)?;
         self.agents.push(supervised);
         Ok(())
     }
@@ -262,7 +265,8 @@ impl Node {
     /// Launches one agent that no ecosystem file names, such as the keyboard of a person. It is not
     /// restarted.
     pub(crate) fn launch(&self, id: AgentId, agent: impl agent::Agent, ontology: &str) {
-        let berth = supervisor::berth(&id, &self.switchboard, ontology, &self.stopping, false);
+        let berth =
+            supervisor::launch_context(&id, &self.switchboard, ontology, &self.stopping, false);
         let life = agent::Launch::launch(Box::new(agent), berth);
         self.tasks.spawn(async move {
             if let Ok(Err(error)) = life.await {
@@ -272,22 +276,22 @@ impl Node {
     }
 
     /// Ends an agent as if its process were killed: no farewell, no restart.
-    pub(crate) fn unplug(&self, agent: &AgentId) {
+    pub(crate) fn abort_agent(&self, agent: &AgentId) {
         for supervised in self.agents.iter().filter(|supervised| supervised.id == *agent) {
-            supervised.unplugged.cancel();
+            supervised.aborted.cancel();
         }
     }
 
     /// Lets some agents cancel their commitments and leave, while the others continue. An agent
     /// that does not finish within [`DRAIN_GRACE`] is aborted.
-    pub(crate) async fn retire(&mut self, leaving: &BTreeSet<AgentId>) {
-        let is_leaving = |agent: &Supervised| leaving.contains(&agent.id);
+    pub(crate) async fn stop_agents(&mut self, leaving: &BTreeSet<AgentId>) {
+        let is_leaving = |agent: &SupervisedAgent| leaving.contains(&agent.id);
         let (left, stay): (Vec<_>, _) =
             std::mem::take(&mut self.agents).into_iter().partition(is_leaving);
         self.agents = stay;
         left.iter().for_each(|agent| agent.stopping.cancel());
         let deadline = tokio::time::Instant::now() + DRAIN_GRACE;
-        for Supervised { id, unplugged, mut supervision, .. } in left {
+        for SupervisedAgent { id, aborted: unplugged, mut supervision, .. } in left {
             // A supervision that panicked has ended, too.
             if tokio::time::timeout_at(deadline, &mut supervision).await.is_err() {
                 tracing::warn!(%id, "did not finish in time; it is ended");
@@ -331,16 +335,16 @@ impl Node {
 async fn connect(
     switchboard: &Arc<Switchboard>,
     daemon: DaemonId,
-    wire: Wire,
+    wire: MessageTransport,
 ) -> Result<(Arc<dyn Substrate>, Vec<String>), HostError> {
     let inbound = Arc::<Switchboard>::clone(switchboard);
     match wire {
-        Wire::Memory(network) => Ok((network.open(daemon, inbound), Vec::new())),
-        Wire::Unreliable(network, mishaps) => {
+        MessageTransport::Memory(network) => Ok((network.open(daemon, inbound), Vec::new())),
+        MessageTransport::Unreliable(network, mishaps) => {
             let reliable = network.open(daemon, inbound);
-            Ok((unreliable::wire(reliable, mishaps), Vec::new()))
+            Ok((fault_injection::make_unreliable(reliable, mishaps), Vec::new()))
         }
-        Wire::Zenoh(config) => {
+        MessageTransport::Zenoh(config) => {
             let substrate = config.open(inbound).await?;
             let locators = substrate.locators();
             Ok((substrate, locators))

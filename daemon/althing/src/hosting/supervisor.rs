@@ -20,10 +20,10 @@ const RESTART_FIRST: Duration = Duration::from_millis(500);
 const RESTART_LAST: Duration = Duration::from_secs(30);
 
 /// An agent under supervision.
-pub(super) struct Supervised {
+pub(super) struct SupervisedAgent {
     pub(super) id: AgentId,
     /// Aborts the agent at once and ends its supervision.
-    pub(super) unplugged: CancellationToken,
+    pub(super) aborted: CancellationToken,
     /// Asks the agent to cancel its commitments and end; ends its supervision.
     pub(super) stopping: CancellationToken,
     /// Completes when the supervision has ended.
@@ -32,20 +32,20 @@ pub(super) struct Supervised {
 
 /// Builds an agent once, so that mistakes in its entry are reported at start, and supervises all
 /// its incarnations.
-pub(super) fn begin(
+pub(super) fn supervise(
     entry: AgentEntry,
     host: &Arc<Host>,
     switchboard: &Arc<Switchboard>,
     stopping: &CancellationToken,
     tasks: &TaskTracker,
-) -> Result<Supervised, HostError> {
+) -> Result<SupervisedAgent, HostError> {
     let id = entry.name.clone();
     let unknown = || HostError::UnknownPlugin { agent: id.clone(), plugin: entry.plugin.clone() };
     let plugin = plugins::find(&entry.plugin).ok_or_else(unknown)?;
     let blueprint = blueprint(&entry, plugin, host)?;
     let first = (plugin.build)(blueprint.clone())?;
     let (unplugged, stopping) = (CancellationToken::new(), stopping.child_token());
-    let supervision = Supervision {
+    let supervision = AgentSupervisor {
         plugin,
         blueprint,
         switchboard: Arc::clone(switchboard),
@@ -54,12 +54,15 @@ pub(super) fn begin(
         stands_by: entry.daemons.len() > 1,
     };
     let supervision = tasks.spawn(supervision.run(first));
-    Ok(Supervised { id, unplugged, stopping, supervision })
+    Ok(SupervisedAgent { id, aborted: unplugged, stopping, supervision })
 }
 
 /// Builds an agent of this entry without launching it: mistakes in the entry are reported as at
 /// start.
-pub(super) fn rehearse(entry: &AgentEntry, host: &Arc<Host>) -> Result<Box<dyn Launch>, HostError> {
+pub(super) fn build_unlaunched(
+    entry: &AgentEntry,
+    host: &Arc<Host>,
+) -> Result<Box<dyn Launch>, HostError> {
     let (agent, plugin) = (entry.name.clone(), entry.plugin.clone());
     let plugin = plugins::find(&plugin).ok_or(HostError::UnknownPlugin { agent, plugin })?;
     Ok((plugin.build)(blueprint(entry, plugin, host)?)?)
@@ -84,7 +87,7 @@ fn blueprint(
     })
 }
 
-struct Supervision {
+struct AgentSupervisor {
     plugin: &'static PluginEntry,
     blueprint: Blueprint,
     switchboard: Arc<Switchboard>,
@@ -93,7 +96,7 @@ struct Supervision {
     stands_by: bool,
 }
 
-impl Supervision {
+impl AgentSupervisor {
     async fn run(self, first: Box<dyn Launch>) {
         let id = &self.blueprint.id;
         let mut wait = RESTART_FIRST;
@@ -101,7 +104,7 @@ impl Supervision {
         loop {
             match next {
                 Ok(agent) => {
-                    if self.live(agent).await {
+                    if self.run_incarnation(agent).await {
                         return;
                     }
                 }
@@ -121,11 +124,11 @@ impl Supervision {
     fn berth(&self) -> Berth {
         let ontology = self.blueprint.host.ontology.name.as_str();
         let (id, switchboard) = (&self.blueprint.id, &self.switchboard);
-        berth(id, switchboard, ontology, &self.stopping, self.stands_by)
+        launch_context(id, switchboard, ontology, &self.stopping, self.stands_by)
     }
 
     /// Runs one incarnation. Returns `true` if it was the last.
-    async fn live(&self, agent: Box<dyn Launch>) -> bool {
+    async fn run_incarnation(&self, agent: Box<dyn Launch>) -> bool {
         let id = &self.blueprint.id;
         let mut life = agent.launch(self.berth());
         let ended = tokio::select! {
@@ -146,7 +149,7 @@ impl Supervision {
 }
 
 /// Creates the launch context of a new incarnation of an agent.
-pub(super) fn berth(
+pub(super) fn launch_context(
     id: &AgentId,
     switchboard: &Arc<Switchboard>,
     ontology: &str,

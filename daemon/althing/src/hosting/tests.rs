@@ -7,12 +7,12 @@ use ::building::{Building, Truth};
 use acl::content::{Keep, Outcome, Partition};
 use acl::{AgentId, DaemonId};
 use agent::Mode;
-use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use substrate::memory::Network;
 use tempfile::TempDir;
 use tokio::time::timeout;
 
-use super::{Node, Part, Wire, simulate};
+use super::{DaemonNode, MessageTransport, NodeOptions, simulate};
 use crate::config::{Ecosystem, Overrides, Variables};
 use crate::plugins;
 
@@ -36,7 +36,7 @@ const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
 /// The paper's office with the devices of one test.
 struct Office {
     building: Building,
-    node: Node,
+    node: DaemonNode,
     ecosystem: Ecosystem,
     folder: TempDir,
 }
@@ -80,7 +80,7 @@ impl Office {
         }
         let ecosystem = ecosystem(&folder, &text, mode);
         let building = simulate(&ecosystem).unwrap_or_else(|error| panic!("failed to {error}"));
-        let part = Part {
+        let part = NodeOptions {
             ecosystem: &ecosystem,
             daemon: DaemonId::new("here").expect("a name"),
             agents: ecosystem.agents.clone(),
@@ -88,7 +88,7 @@ impl Office {
             building: Some(building.handle()),
             state: None,
         };
-        let node = Node::open(part, Wire::Memory(network)).await;
+        let node = DaemonNode::open(part, MessageTransport::Memory(network)).await;
         let node = node.unwrap_or_else(|error| panic!("failed to {error}"));
         // Waits for a heartbeat, so that all agents know each other.
         tokio::time::sleep(ecosystem.settings.heartbeat_period * 2).await;
@@ -122,8 +122,13 @@ struct Person {
 
 impl Person {
     async fn wish(&mut self, goal: &str, keep: Keep) {
-        let wish = Wish { goal: goal.to_owned(), keep, priority: 0, partition: Partition::Pursue };
-        self.terminal.say.send(Said::Wish(wish)).await.expect("the keyboard listens");
+        let wish =
+            GoalRequest { goal: goal.to_owned(), keep, priority: 0, partition: Partition::Pursue };
+        self.terminal
+            .requests
+            .send(UserRequest::RequestGoal(wish))
+            .await
+            .expect("the keyboard listens");
     }
 
     /// Requests a goal. Returns `true` if it was reached.
@@ -135,7 +140,7 @@ impl Person {
     /// Waits until an agent asks this person. Returns the question's number.
     async fn is_asked(&mut self) -> u64 {
         self.waits(|heard| match heard {
-            Heard::Question(open) => Some(open.question),
+            UserEvent::Question(open) => Some(open.question),
             _ => None,
         })
         .await
@@ -145,19 +150,19 @@ impl Person {
     async fn answers(&mut self, answer: &str) {
         let (keyboard, question) = self
             .waits(|heard| match heard {
-                Heard::Question(open) => Some((open.keyboard, open.question)),
+                UserEvent::Question(open) => Some((open.keyboard, open.question)),
                 _ => None,
             })
             .await;
         let text = answer.to_owned();
-        let said = Said::Answer { keyboard, question, text, seal_to: None };
-        self.terminal.say.send(said).await.expect("the keyboard listens");
+        let said = UserRequest::Answer { keyboard, question, text, seal_to: None };
+        self.terminal.requests.send(said).await.expect("the keyboard listens");
     }
 
     /// Waits until a question is closed. Returns its number and the reason.
     async fn hears_closed(&mut self) -> (u64, String) {
         self.waits(|heard| match heard {
-            Heard::QuestionClosed(number, why) => Some((number, why)),
+            UserEvent::QuestionClosed(number, why) => Some((number, why)),
             _ => None,
         })
         .await
@@ -166,7 +171,7 @@ impl Person {
     /// Waits until a report about a goal contains these words.
     async fn hears_of(&mut self, words: &str) -> String {
         let report = |heard| match heard {
-            Heard::Report(_, report) => Some(report.detail),
+            UserEvent::Report(_, report) => Some(report.detail),
             _ => None,
         };
         loop {
@@ -178,9 +183,9 @@ impl Person {
         }
     }
 
-    async fn waits<T>(&mut self, is_it: impl Fn(Heard) -> Option<T>) -> T {
+    async fn waits<T>(&mut self, is_it: impl Fn(UserEvent) -> Option<T>) -> T {
         loop {
-            let heard = timeout(PATIENCE, self.terminal.hear.recv()).await;
+            let heard = timeout(PATIENCE, self.terminal.events.recv()).await;
             if let Some(it) = is_it(heard.expect("in time").expect("the keyboard lives")) {
                 return it;
             }
@@ -191,9 +196,9 @@ impl Person {
     /// pursued further (`false`).
     async fn hears(&mut self) -> bool {
         loop {
-            let heard = timeout(PATIENCE, self.terminal.hear.recv()).await;
+            let heard = timeout(PATIENCE, self.terminal.events.recv()).await;
             match heard.expect("a word in time").expect("the keyboard lives") {
-                Heard::Report(_, report) => {
+                UserEvent::Report(_, report) => {
                     self.lines.push(report.detail);
                     match report.outcome {
                         Outcome::Progress => (),
@@ -201,11 +206,11 @@ impl Person {
                         Outcome::Failed | Outcome::Cancelled => return false,
                     }
                 }
-                Heard::Refused(_, refusal) => {
+                UserEvent::Refused(_, refusal) => {
                     self.lines.push(refusal.detail);
                     return false;
                 }
-                Heard::Unanswered(_, why) => panic!("{why}"),
+                UserEvent::Unanswered(_, why) => panic!("{why}"),
                 _ => (),
             }
         }

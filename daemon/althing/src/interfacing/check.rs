@@ -6,17 +6,17 @@ use std::path::Path;
 
 use acl::AgentId;
 use pddl::{ActionModel, Diagnostic, Domain, ObjectDeclaration, Privacy, Problem, Span};
-use terminal::report::Report;
+use terminal::report::DiagnosticReport;
 
-use ::interfacing::export::{self, Shores};
+use ::interfacing::export::{self, EcosystemFiles};
 use ::interfacing::translate::Translator;
-use ::interfacing::words::{Passage, Way, Words};
+use ::interfacing::vocabulary::{AgentMapping, InterfaceVocabulary, RuleDirection};
 
 use crate::config::{Ecosystem, InterfaceEntry, KnownPlugin, Overrides, RuleEntry};
 use crate::hosting;
 
 /// The other ecosystem of an interface.
-pub(crate) struct Other {
+pub(crate) struct PeerEcosystem {
     pub(crate) ecosystem: Ecosystem,
 }
 
@@ -29,26 +29,26 @@ pub(crate) fn load(
     ecosystem: &Ecosystem,
     index: usize,
     known_plugins: &[KnownPlugin],
-) -> Result<Other, Report> {
-    let mut report = Report::default();
+) -> Result<PeerEcosystem, DiagnosticReport> {
+    let mut report = DiagnosticReport::default();
     let Some(other) = read(ecosystem, index, known_plugins, &mut report) else {
         return Err(report);
     };
-    let mut desk = Desk { ecosystem, index, report };
-    desk.hold_against(&other);
+    let mut desk = InterfaceCheck { ecosystem, index, report };
+    desk.check_against(&other);
     if desk.report.has_errors() {
         return Err(desk.report);
     }
-    Ok(Other { ecosystem: other })
+    Ok(PeerEcosystem { ecosystem: other })
 }
 
 /// Returns the mistakes in all interfaces of an ecosystem.
-pub(crate) fn check(ecosystem: &Ecosystem, known_plugins: &[KnownPlugin]) -> Report {
-    let mut report = Report::default();
+pub(crate) fn check(ecosystem: &Ecosystem, known_plugins: &[KnownPlugin]) -> DiagnosticReport {
+    let mut report = DiagnosticReport::default();
     for index in 0..ecosystem.interfaces.len() {
         if let Some(other) = read(ecosystem, index, known_plugins, &mut report) {
-            let mut desk = Desk { ecosystem, index, report: Report::default() };
-            desk.hold_against(&other);
+            let mut desk = InterfaceCheck { ecosystem, index, report: DiagnosticReport::default() };
+            desk.check_against(&other);
             report.extend(desk.report);
         }
     }
@@ -59,7 +59,7 @@ fn read(
     ecosystem: &Ecosystem,
     index: usize,
     known_plugins: &[KnownPlugin],
-    report: &mut Report,
+    report: &mut DiagnosticReport,
 ) -> Option<Ecosystem> {
     let file: &Path = &ecosystem.interfaces[index].file;
     if !file.exists() {
@@ -81,7 +81,7 @@ fn read(
 }
 
 /// Reports a finding about the value at a path.
-fn say(ecosystem: &Ecosystem, path: &str, mut found: Diagnostic, report: &mut Report) {
+fn say(ecosystem: &Ecosystem, path: &str, mut found: Diagnostic, report: &mut DiagnosticReport) {
     match ecosystem.places.find(path) {
         Some((source, place, is_it)) => {
             found.span = if is_it { place.value } else { place.key };
@@ -92,13 +92,13 @@ fn say(ecosystem: &Ecosystem, path: &str, mut found: Diagnostic, report: &mut Re
 }
 
 /// The check of one interface.
-struct Desk<'d> {
+struct InterfaceCheck<'d> {
     ecosystem: &'d Ecosystem,
     index: usize,
-    report: Report,
+    report: DiagnosticReport,
 }
 
-impl Desk<'_> {
+impl InterfaceCheck<'_> {
     fn entry(&self) -> &InterfaceEntry {
         &self.ecosystem.interfaces[self.index]
     }
@@ -108,7 +108,7 @@ impl Desk<'_> {
         say(self.ecosystem, &path, found, &mut self.report);
     }
 
-    fn hold_against(&mut self, other: &Ecosystem) {
+    fn check_against(&mut self, other: &Ecosystem) {
         let ours = self.ecosystem;
         if other.name == ours.name {
             let message = format!("the other ecosystem is called `{}` too", ours.name);
@@ -123,11 +123,11 @@ impl Desk<'_> {
         for (index, rule) in entry.imports.iter().enumerate() {
             let path = format!("import.{index}");
             self.is_known(&path, rule, &their_models);
-            self.rule(&path, rule, Way::Import, (ours, other), &their_models);
+            self.rule(&path, rule, RuleDirection::Import, (ours, other), &their_models);
         }
         for (index, rule) in entry.exports.iter().enumerate() {
             let path = format!("export.{index}");
-            self.rule(&path, rule, Way::Export, (other, ours), &our_models);
+            self.rule(&path, rule, RuleDirection::Export, (other, ours), &our_models);
         }
     }
 
@@ -149,8 +149,8 @@ impl Desk<'_> {
     /// Warns about words of the vocabulary that do not exist in the ecosystem that lends them.
     fn words(&mut self, other: &Ecosystem, our_models: &Models, their_models: &Models) {
         let entry = self.entry().clone();
-        let ours = Vocabulary::of(&self.ecosystem.domain, &self.ecosystem.problem, our_models);
-        let theirs = Vocabulary::of(&other.domain, &other.problem, their_models);
+        let ours = DeclaredNames::of(&self.ecosystem.domain, &self.ecosystem.problem, our_models);
+        let theirs = DeclaredNames::of(&other.domain, &other.problem, their_models);
         let sorts = [
             ("types", "type", &entry.types, &ours.types, &theirs.types),
             ("predicates", "predicate", &entry.predicates, &ours.predicates, &theirs.predicates),
@@ -185,23 +185,25 @@ impl Desk<'_> {
         &mut self,
         path: &str,
         rule: &RuleEntry,
-        way: Way,
+        way: RuleDirection,
         (near, far): (&Ecosystem, &Ecosystem),
         models: &Models,
     ) {
         self.goals(path, rule);
-        let Some(passage) = Passage::of(rule, &far.name, way) else { return };
+        let Some(passage) = AgentMapping::of(rule, &far.name, way) else { return };
         let Some(model) = models.get(&passage.agent) else { return };
-        let words = Words::of(self.entry(), way);
+        let words = InterfaceVocabulary::of(self.entry(), way);
         self.secrets(&passage, &words, far, model, way);
-        let shores =
-            Shores { far: (&far.domain, &far.problem), near: (&near.domain, &near.problem) };
+        let shores = EcosystemFiles {
+            far: (&far.domain, &far.problem),
+            near: (&near.domain, &near.problem),
+        };
         match export::export(&words, &passage, shores, model, &Default::default()) {
             Ok(exported) => {
-                for left_out in exported.left_out {
+                for left_out in exported.excluded {
                     let ours = match way {
-                        Way::Import => &left_out.near,
-                        Way::Export => &left_out.action,
+                        RuleDirection::Import => &left_out.near,
+                        RuleDirection::Export => &left_out.action,
                     };
                     let found = Diagnostic::error(Span::default(), left_out.to_string());
                     let found = match left_out.help() {
@@ -223,11 +225,11 @@ impl Desk<'_> {
     /// Reports words of the vocabulary that are private to the agent of a rule: they never pass.
     fn secrets(
         &mut self,
-        passage: &Passage,
-        words: &Words,
+        passage: &AgentMapping,
+        words: &InterfaceVocabulary,
         far: &Ecosystem,
         model: &ActionModel,
-        way: Way,
+        way: RuleDirection,
     ) {
         let files = (&*far.domain, &*far.problem);
         let translator = Translator::of_model(words, passage, files, model);
@@ -244,8 +246,8 @@ impl Desk<'_> {
             };
             for (word, near) in words.iter().filter(|(word, _)| is_secret(word)) {
                 let ours = match way {
-                    Way::Import => near.as_str(),
-                    Way::Export => word.as_str(),
+                    RuleDirection::Import => near.as_str(),
+                    RuleDirection::Export => word.as_str(),
                 };
                 let message = format!("`{word}` is private to `{}`", passage.agent);
                 let help = "nothing private ever passes: take it out";
@@ -288,17 +290,17 @@ impl Desk<'_> {
 type Models = BTreeMap<AgentId, ActionModel>;
 
 /// The words that one ecosystem knows.
-struct Vocabulary {
+struct DeclaredNames {
     types: Vec<String>,
     predicates: Vec<String>,
     functions: Vec<String>,
     objects: Vec<String>,
 }
 
-impl Vocabulary {
-    fn of(domain: &Domain, map: &Problem, models: &Models) -> Vocabulary {
+impl DeclaredNames {
+    fn of(domain: &Domain, map: &Problem, models: &Models) -> DeclaredNames {
         let text = |name: &pddl::Name| name.as_str().to_owned();
-        let mut words = Vocabulary {
+        let mut words = DeclaredNames {
             types: domain.types.iter().map(|it| text(&it.name)).collect(),
             predicates: domain.predicates.iter().map(|it| text(&it.name)).collect(),
             functions: domain.functions.iter().map(|it| text(&it.name)).collect(),

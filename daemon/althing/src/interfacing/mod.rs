@@ -7,17 +7,17 @@ mod tests;
 
 use std::sync::Arc;
 
-use ::interfacing::Shore;
-pub(crate) use ::interfacing::{connect, voice};
+use ::interfacing::EcosystemEndpoint;
+pub(crate) use ::interfacing::{connect, remote_client};
 use agent::Landing;
-pub(crate) use check::{Other, check, load};
+pub(crate) use check::{PeerEcosystem, check, load};
 
 use crate::config::Ecosystem;
 
 impl Ecosystem {
     /// Returns the endpoint of this ecosystem in which the proxy agents of an interface run.
-    pub(crate) fn shore(&self, landing: Landing) -> Shore {
+    pub(crate) fn ecosystem_endpoint(&self, landing: Landing) -> EcosystemEndpoint {
         let (domain, problem) = (Arc::clone(&self.domain), Arc::clone(&self.problem));
-        Shore { name: self.name.clone(), domain, problem, landing }
+        EcosystemEndpoint { name: self.name.clone(), domain, problem, spawner: landing }
     }
 }

@@ -5,11 +5,11 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use ::building::{Building, Event};
+use ::building::{Building, BuildingEvent};
 use acl::content::{Achieve, Keep, Outcome, Reason, Refusal, Request, value};
 use acl::{AgentId, DaemonId, Performative, Protocol};
 use agent::Mode;
-use keyboard::{Draft, Heard, Keyboard, Said, Terminal, Wish};
+use keyboard::{GoalRequest, Keyboard, MessageDraft, Terminal, UserEvent, UserRequest};
 use substrate::memory::Network;
 use tempfile::TempDir;
 use tokio::time::timeout;
@@ -18,7 +18,7 @@ use ::interfacing::Interface;
 
 use super::{connect, load};
 use crate::config::{Ecosystem, Overrides, Variables};
-use crate::hosting::{Node, Part, Wire, simulate};
+use crate::hosting::{DaemonNode, MessageTransport, NodeOptions, simulate};
 use crate::plugins;
 
 /// Longest time that anything may take. The clock is paused, so it costs no real time.
@@ -132,12 +132,12 @@ impl Files {
 /// The firm and the house, both running.
 struct Street {
     building: Building,
-    house: Node,
-    firm: Node,
+    house: DaemonNode,
+    firm: DaemonNode,
     house_wire: Tapped,
     firm_wire: Tapped,
     /// The nodes of the interfaces in the other ecosystem.
-    abroad: Vec<Node>,
+    abroad: Vec<DaemonNode>,
     interfaces: Vec<Interface>,
     firm_ecosystem: Ecosystem,
     _files: Files,
@@ -148,8 +148,8 @@ async fn open(
     name: &str,
     wire: &Tapped,
     building: Option<&Building>,
-) -> Node {
-    let part = Part {
+) -> DaemonNode {
+    let part = NodeOptions {
         ecosystem,
         daemon: DaemonId::new(name).expect("a name"),
         agents: if building.is_some() || name == "front-desk" {
@@ -161,7 +161,7 @@ async fn open(
         building: building.map(Building::handle),
         state: None,
     };
-    let node = Node::open(part, Wire::Memory(wire.network.clone())).await;
+    let node = DaemonNode::open(part, MessageTransport::Memory(wire.network.clone())).await;
     node.unwrap_or_else(|error| panic!("failed to {error}"))
 }
 
@@ -184,10 +184,14 @@ impl Street {
                 if let Err(report) = load(ours, index, &plugins::known()) {
                     panic!("{report:?}");
                 }
-                let away = open(theirs, entry.called.as_str(), wire, None).await;
+                let away = open(theirs, entry.remote_name.as_str(), wire, None).await;
                 let (here, there) =
-                    (home.landing().expect("a place"), away.landing().expect("one"));
-                let connected = connect(entry, &ours.shore(here), &theirs.shore(there));
+                    (home.spawner().expect("a place"), away.spawner().expect("one"));
+                let connected = connect(
+                    entry,
+                    &ours.ecosystem_endpoint(here),
+                    &theirs.ecosystem_endpoint(there),
+                );
                 interfaces.push(connected.unwrap_or_else(|error| panic!("{error}")));
                 abroad.push(away);
             }
@@ -242,15 +246,20 @@ fn as_shipped(_: &str, text: String) -> String {
     text
 }
 
-async fn say(terminal: &Terminal, said: Said) {
-    terminal.say.send(said).await.expect("the keyboard listens");
+async fn say(terminal: &Terminal, said: UserRequest) {
+    terminal.requests.send(said).await.expect("the keyboard listens");
 }
 
 async fn wish(terminal: &Terminal, ecosystem: &Ecosystem, goal: &str) {
-    let goal = ecosystem.wish(goal).expect("a goal").goal;
+    let goal = ecosystem.find_goal(goal).expect("a goal").goal;
     say(
         terminal,
-        Said::Wish(Wish { goal, keep: Keep::Achieve, priority: 0, partition: Default::default() }),
+        UserRequest::RequestGoal(GoalRequest {
+            goal,
+            keep: Keep::Achieve,
+            priority: 0,
+            partition: Default::default(),
+        }),
     )
     .await;
 }
@@ -259,10 +268,11 @@ async fn wish(terminal: &Terminal, ecosystem: &Ecosystem, goal: &str) {
 async fn hear_end(terminal: &mut Terminal) -> (bool, Vec<String>) {
     let mut lines = Vec::new();
     loop {
-        let heard = timeout(PATIENCE, terminal.hear.recv()).await.expect("in time").expect("lives");
+        let heard =
+            timeout(PATIENCE, terminal.events.recv()).await.expect("in time").expect("lives");
         match &heard {
-            Heard::Report(_, report) => lines.push(report.detail.clone()),
-            Heard::Refused(_, refusal) => lines.push(refusal.detail.clone()),
+            UserEvent::Report(_, report) => lines.push(report.detail.clone()),
+            UserEvent::Refused(_, refusal) => lines.push(refusal.detail.clone()),
             _ => (),
         }
         if heard.is_final() {
@@ -328,12 +338,12 @@ async fn the_death_of_the_real_one_is_noticed_here() {
         assert!(street.is_in_firm("cleaner"));
         let mut clerk = street.clerk();
         wish(&clerk, &street.firm_ecosystem, "merger").await;
-        let departed = |event: &Event| matches!(event, Event::Departed { .. });
+        let departed = |event: &BuildingEvent| matches!(event, BuildingEvent::Departed { .. });
         timeout(PATIENCE, street.building.wait_for(|truth| truth.any(departed)))
             .await
             .expect("off");
         let began = tokio::time::Instant::now();
-        street.house.unplug(&AgentId::new("sweeper-1").expect("a name"));
+        street.house.abort_agent(&AgentId::new("sweeper-1").expect("a name"));
         street.until_in_firm("cleaner", false).await;
         assert!(began.elapsed() < Duration::from_millis(100), "{:?}", began.elapsed());
         let (reached, lines) = hear_end(&mut clerk).await;
@@ -350,12 +360,12 @@ async fn what_is_given_up_here_is_given_up_there() {
     let street = Street::open(Mode::Decentralized, as_shipped).await;
     let mut clerk = street.clerk();
     wish(&clerk, &street.firm_ecosystem, "merger").await;
-    let asked = timeout(PATIENCE, clerk.hear.recv()).await.expect("in time").expect("lives");
-    let Heard::Asked(conversation) = asked else { panic!("{asked:?}") };
-    let departed = |event: &Event| matches!(event, Event::Departed { .. });
+    let asked = timeout(PATIENCE, clerk.events.recv()).await.expect("in time").expect("lives");
+    let UserEvent::Sent(conversation) = asked else { panic!("{asked:?}") };
+    let departed = |event: &BuildingEvent| matches!(event, BuildingEvent::Departed { .. });
     timeout(PATIENCE, street.building.wait_for(|truth| truth.any(departed))).await.expect("off");
-    say(&clerk, Said::Cancel(conversation)).await;
-    let stayed = |event: &Event| matches!(event, Event::Stayed { .. });
+    say(&clerk, UserRequest::Cancel(conversation)).await;
+    let stayed = |event: &BuildingEvent| matches!(event, BuildingEvent::Stayed { .. });
     let stopped = street.building.wait_for(|truth| truth.any(stayed));
     timeout(PATIENCE, stopped).await.expect("the robot is called off in the house");
     assert_eq!(street.building.truth().swept_count("room-217"), 0);
@@ -381,9 +391,8 @@ async fn what_would_come_back_is_stopped() {
     })
     .await;
     tokio::time::sleep(Duration::from_secs(60)).await;
-    let looped = |interface: &Interface| {
-        interface.imported.looped.load(std::sync::atomic::Ordering::Relaxed)
-    };
+    let looped =
+        |interface: &Interface| interface.imported.loops.load(std::sync::atomic::Ordering::Relaxed);
     assert_eq!(street.interfaces.iter().map(looped).collect::<Vec<_>>(), [0, 1]);
     let ghost = AgentId::new("ghost").expect("a name");
     assert!(street.house.switchboard().find(&ghost).is_none());
@@ -394,9 +403,9 @@ async fn what_would_come_back_is_stopped() {
     street.close().await;
 }
 
-fn goal_for_desk(goal: &str) -> Said {
+fn goal_for_desk(goal: &str) -> UserRequest {
     let achieve = Achieve::new(goal, Keep::Achieve, 0);
-    Said::Send(Draft {
+    UserRequest::Send(MessageDraft {
         to: AgentId::new("caretaker-desk").ok(),
         performative: Performative::Request,
         protocol: Protocol::Goal,
@@ -409,8 +418,8 @@ fn goal_for_desk(goal: &str) -> Said {
 /// Returns the final answer of a goal gateway to its goal.
 async fn desk_answers(clerk: &mut Terminal) -> Result<Outcome, Refusal> {
     loop {
-        let heard = timeout(PATIENCE, clerk.hear.recv()).await.expect("in time").expect("lives");
-        let Heard::Answered(message) = &heard else { continue };
+        let heard = timeout(PATIENCE, clerk.events.recv()).await.expect("in time").expect("lives");
+        let UserEvent::Answered(message) = &heard else { continue };
         if !heard.is_final() {
             continue;
         }

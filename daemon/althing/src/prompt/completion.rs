@@ -11,7 +11,7 @@ const CONNECTIVES: [&str; 6] = ["and", "exists", "forall", "imply", "not", "or"]
 
 /// The words that can be completed.
 #[derive(Debug, Default)]
-pub(super) struct Vocabulary {
+pub(super) struct CompletionWords {
     /// The names of goals in the ecosystem file.
     goals: Vec<String>,
     /// The predicates of facts.
@@ -27,7 +27,7 @@ pub(super) struct Vocabulary {
     pub(super) questions: Vec<String>,
 }
 
-impl Vocabulary {
+impl CompletionWords {
     /// Replaces the words by those of the current domain. Without a snapshot, the words of the
     /// domain remain.
     pub(super) fn renew(
@@ -157,9 +157,9 @@ fn innermost(text: &str) -> Option<&str> {
 mod tests {
     use super::*;
 
-    fn vocabulary() -> Vocabulary {
+    fn vocabulary() -> CompletionWords {
         let own = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect();
-        Vocabulary {
+        CompletionWords {
             goals: own(&["temperatures"]),
             predicates: own(&["at", "known-temperature"]),
             functions: own(&["distance"]),

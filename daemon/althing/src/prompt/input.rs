@@ -20,7 +20,7 @@ use rustyline::{Config, Context, Editor, ExternalPrinter as _, Helper};
 use terminal::output;
 use tokio::sync::mpsc as channel;
 
-use super::completion::Vocabulary;
+use super::completion::CompletionWords;
 use crate::hosting;
 
 /// The text before the line.
@@ -33,7 +33,7 @@ const HISTORY_LINES_MAX: usize = 1_000;
 const PRINTED_WITHIN: Duration = Duration::from_millis(500);
 
 /// The result of reading a line.
-pub(super) enum Typed {
+pub(super) enum InputEvent {
     Line(String),
     /// Ctrl-C: the line is discarded.
     Interrupted,
@@ -41,9 +41,9 @@ pub(super) enum Typed {
 }
 
 /// The source of lines.
-pub(super) struct Input {
+pub(super) struct LineSource {
     pub(super) is_terminal: bool,
-    typed: channel::Receiver<Typed>,
+    typed: channel::Receiver<InputEvent>,
     next: mpsc::Sender<()>,
     printing: Option<JoinHandle<()>>,
     /// The terminal's settings before the prompt: a read that is interrupted by a signal leaves it
@@ -51,15 +51,18 @@ pub(super) struct Input {
     before: Option<Termios>,
 }
 
-impl Input {
+impl LineSource {
     /// Opens standard input. Nothing is read before [`Input::next`].
-    pub(super) fn open(words: &Arc<RwLock<Vocabulary>>, ecosystem: &EcosystemId) -> Input {
+    pub(super) fn open(
+        words: &Arc<RwLock<CompletionWords>>,
+        ecosystem: &EcosystemId,
+    ) -> LineSource {
         let is_terminal = std::io::stdin().is_terminal() && std::io::stdout().is_terminal();
         let (tell, typed) = channel::channel(1);
         let (next, wanted) = mpsc::channel();
         if !is_terminal {
             std::thread::spawn(move || read_lines(&wanted, &tell));
-            return Input { is_terminal, typed, next, printing: None, before: None };
+            return LineSource { is_terminal, typed, next, printing: None, before: None };
         }
         let before = tcgetattr(std::io::stdin()).ok();
         let mut printing = None;
@@ -70,11 +73,11 @@ impl Input {
                 std::thread::spawn(move || edit_lines(editor, history, &wanted, &tell));
             }
             Err(error) => {
-                output::note(&format!("warning: lines cannot be edited here: {error}"));
+                output::print_note(&format!("warning: lines cannot be edited here: {error}"));
                 std::thread::spawn(move || read_lines(&wanted, &tell));
             }
         }
-        Input { is_terminal, typed, next, printing, before }
+        LineSource { is_terminal, typed, next, printing, before }
     }
 
     /// Allows the next line to be read.
@@ -84,13 +87,13 @@ impl Input {
     }
 
     /// Returns the next line, once it may be read.
-    pub(super) async fn typed(&mut self) -> Typed {
-        self.typed.recv().await.unwrap_or(Typed::End)
+    pub(super) async fn next_event(&mut self) -> InputEvent {
+        self.typed.recv().await.unwrap_or(InputEvent::End)
     }
 
     /// Prints pending output and restores the terminal's settings.
     pub(super) async fn close(self) {
-        output::above(None);
+        output::set_prompt(None);
         if let Some(printing) = self.printing {
             let printed = tokio::task::spawn_blocking(move || printing.join());
             // Output that the terminal does not accept in time is lost.
@@ -102,7 +105,7 @@ impl Input {
     }
 }
 
-fn read_lines(wanted: &mpsc::Receiver<()>, tell: &channel::Sender<Typed>) {
+fn read_lines(wanted: &mpsc::Receiver<()>, tell: &channel::Sender<InputEvent>) {
     let mut lines = std::io::stdin().lock().split(b'\n');
     while wanted.recv().is_ok() {
         let typed = match lines.next() {
@@ -110,15 +113,15 @@ fn read_lines(wanted: &mpsc::Receiver<()>, tell: &channel::Sender<Typed>) {
             // is read.
             Some(Ok(line)) => {
                 let line = String::from_utf8_lossy(&line);
-                Typed::Line(line.trim_end_matches('\r').to_owned())
+                InputEvent::Line(line.trim_end_matches('\r').to_owned())
             }
             Some(Err(error)) => {
-                output::note(&format!("standard input cannot be read any more: {error}"));
-                Typed::End
+                output::print_note(&format!("standard input cannot be read any more: {error}"));
+                InputEvent::End
             }
-            None => Typed::End,
+            None => InputEvent::End,
         };
-        let has_ended = matches!(typed, Typed::End);
+        let has_ended = matches!(typed, InputEvent::End);
         if tell.blocking_send(typed).is_err() || has_ended {
             return;
         }
@@ -127,7 +130,7 @@ fn read_lines(wanted: &mpsc::Receiver<()>, tell: &channel::Sender<Typed>) {
 
 type LineEditor = Editor<Assistant, FileHistory>;
 
-fn editor(words: &Arc<RwLock<Vocabulary>>) -> rustyline::Result<LineEditor> {
+fn editor(words: &Arc<RwLock<CompletionWords>>) -> rustyline::Result<LineEditor> {
     let config = Config::builder()
         // Lines are added explicitly, because some must not be kept.
         .auto_add_history(false)
@@ -144,7 +147,7 @@ fn edit_lines(
     mut editor: LineEditor,
     history: Option<PathBuf>,
     wanted: &mpsc::Receiver<()>,
-    tell: &channel::Sender<Typed>,
+    tell: &channel::Sender<InputEvent>,
 ) {
     if let Some(history) = &history {
         // The file does not exist before the first line.
@@ -159,12 +162,12 @@ fn edit_lines(
                         let _ = editor.append_history(history);
                     }
                 }
-                Typed::Line(line)
+                InputEvent::Line(line)
             }
-            Err(ReadlineError::Interrupted) => Typed::Interrupted,
-            Err(_) => Typed::End,
+            Err(ReadlineError::Interrupted) => InputEvent::Interrupted,
+            Err(_) => InputEvent::End,
         };
-        let has_ended = matches!(typed, Typed::End);
+        let has_ended = matches!(typed, InputEvent::End);
         if tell.blocking_send(typed).is_err() || has_ended {
             return;
         }
@@ -189,7 +192,7 @@ fn history(ecosystem: &EcosystemId) -> Option<PathBuf> {
 fn print_above(editor: &mut LineEditor) -> Option<JoinHandle<()>> {
     let mut printer = editor.create_external_printer().ok()?;
     let (print, printed) = mpsc::channel::<String>();
-    output::above(Some(print));
+    output::set_prompt(Some(print));
     Some(std::thread::spawn(move || {
         for text in printed {
             if printer.print(text).is_err() {
@@ -201,7 +204,7 @@ fn print_above(editor: &mut LineEditor) -> Option<JoinHandle<()>> {
 
 /// The helper of the line editor: completion and colours.
 struct Assistant {
-    words: Arc<RwLock<Vocabulary>>,
+    words: Arc<RwLock<CompletionWords>>,
 }
 
 impl Helper for Assistant {}

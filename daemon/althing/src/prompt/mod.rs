@@ -19,19 +19,19 @@ use std::time::Duration;
 use acl::content::Snapshot;
 use acl::{AgentId, ConversationId};
 use agent::Resource;
-use keyboard::{Heard, Said, Terminal};
+use keyboard::{Terminal, UserEvent, UserRequest};
 use tokio::sync::{mpsc, watch as watch_channel};
 use tokio::task::JoinHandle;
 
 use crate::cli::{ReplyArgs, WatchWords};
-use crate::commands::client::View;
+use crate::commands::client::EcosystemView;
 use crate::commands::{
-    act, agents, answer, domain, goal, goals, hearing, mailbox, set, state, watch,
+    act, agents, answer, domain, event_output, goal, goals, mailbox, set, state, watch,
 };
 use crate::interruption;
-use completion::Vocabulary;
-use input::{Input, Typed};
-use requests::Requests;
+use completion::CompletionWords;
+use input::{InputEvent, LineSource};
+use requests::PromptRequests;
 use terminal::styled::Styled;
 use terminal::{exit, output};
 use verbs::Verb;
@@ -44,8 +44,8 @@ const WORDS_WITHIN: Duration = Duration::from_secs(2);
 const SETTLING: Duration = Duration::from_millis(300);
 
 /// A user at the prompt, and the ecosystem.
-pub(crate) struct Guest {
-    pub(crate) view: View,
+pub(crate) struct PromptSession {
+    pub(crate) view: EcosystemView,
     /// The name of this keyboard.
     pub(crate) id: AgentId,
     pub(crate) terminal: Terminal,
@@ -54,20 +54,20 @@ pub(crate) struct Guest {
 
 /// Reads and carries out lines until the input ends, the user types `quit`, or `end` completes.
 /// Returns `false` if a request of a script failed, always `true` at a terminal.
-pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
-    let Guest { view, id, terminal, json } = guest;
-    let Terminal { say, mut hear } = terminal;
-    let words = Arc::new(RwLock::new(Vocabulary::default()));
-    let mut input = Input::open(&words, &view.name);
+pub(crate) async fn run(guest: PromptSession, end: impl Future) -> bool {
+    let PromptSession { view, id, terminal, json } = guest;
+    let Terminal { requests: say, events: mut hear } = terminal;
+    let words = Arc::new(RwLock::new(CompletionWords::default()));
+    let mut input = LineSource::open(&words, &view.name);
     let refresher = Refresher::start(&view, &words);
     if input.is_terminal {
         // Only a terminal has completion.
         refresher.first().await;
     }
     let mut prompt =
-        Prompt { view, id, json, say, words, requests: Requests::default(), watching: None };
+        Prompt { view, id, json, say, words, requests: PromptRequests::default(), watching: None };
     if input.is_terminal {
-        prompt.greet();
+        prompt.print_welcome();
     }
     input.next();
     let reader_gone = interruption::reader_gone();
@@ -82,22 +82,22 @@ pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
                 Some(heard) => prompt.hear(&heard),
                 None => break,
             },
-            typed = input.typed(), if !is_idle && !has_ended => match typed {
-                Typed::Line(line) => {
+            typed = input.next_event(), if !is_idle && !has_ended => match typed {
+                InputEvent::Line(line) => {
                     // The first request of a script needs the agents to be known; `quit` needs
                     // nothing.
                     if !input.is_terminal && line.trim() != "quit" {
                         refresher.first().await;
                     }
-                    has_ended = prompt.obey(&line).await == Next::End;
+                    has_ended = prompt.execute_line(&line).await == PromptStep::End;
                     is_idle = true;
                     refresher.again();
                 }
-                Typed::Interrupted => {
-                    output::note("Ctrl-D ends, `cancel N` cancels a goal or an action");
+                InputEvent::Interrupted => {
+                    output::print_note("Ctrl-D ends, `cancel N` cancels a goal or an action");
                     is_idle = true;
                 }
-                Typed::End => has_ended = true,
+                InputEvent::End => has_ended = true,
             },
         }
         // At a terminal the next line is read at once; in a script when the request has ended.
@@ -117,18 +117,18 @@ pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
 
 /// The next action after a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Next {
-    GoOn,
+enum PromptStep {
+    Proceed,
     End,
 }
 
 struct Prompt {
-    view: View,
+    view: EcosystemView,
     id: AgentId,
     json: bool,
-    say: mpsc::Sender<Said>,
-    words: Arc<RwLock<Vocabulary>>,
-    requests: Requests,
+    say: mpsc::Sender<UserRequest>,
+    words: Arc<RwLock<CompletionWords>>,
+    requests: PromptRequests,
     watching: Option<JoinHandle<()>>,
 }
 
@@ -141,35 +141,37 @@ impl Drop for Prompt {
 }
 
 impl Prompt {
-    fn greet(&self) {
+    fn print_welcome(&self) {
         let Prompt { view, id, .. } = self;
-        output::note(&format!("You are `{id}` in `{}`.", view.name));
-        output::note("Type a goal, or a verb: `help` lists them, Tab completes, Ctrl-D ends.");
+        output::print_note(&format!("You are `{id}` in `{}`.", view.name));
+        output::print_note(
+            "Type a goal, or a verb: `help` lists them, Tab completes, Ctrl-D ends.",
+        );
     }
 
     // === hearing ===
 
-    fn hear(&mut self, heard: &Heard) {
+    fn hear(&mut self, heard: &UserEvent) {
         let number = self.requests.hear(heard);
         self.note_words(heard);
         if self.json {
-            let _ = output::print_json(&hearing::object(heard), exit::DONE);
+            let _ = output::print_json(&event_output::object(heard), exit::DONE);
             return;
         }
         let mark = number.map(|number| format!("[{number}] ")).unwrap_or_default();
-        let lines = hearing::lines(heard);
+        let lines = event_output::lines(heard);
         let text: Styled =
             lines.iter().map(|line| Styled::line(&mark).and_styled(line).end()).collect();
         let _ = output::print_styled(&text, exit::DONE);
     }
 
     /// Updates the numbers that can be completed.
-    fn note_words(&self, heard: &Heard) {
+    fn note_words(&self, heard: &UserEvent) {
         let mut words = self.words.write().unwrap_or_else(PoisonError::into_inner);
         words.requests = self.requests.numbers();
         match heard {
-            Heard::Question(open) => words.questions.push(open.question.to_string()),
-            Heard::QuestionClosed(question, _) => {
+            UserEvent::Question(open) => words.questions.push(open.question.to_string()),
+            UserEvent::QuestionClosed(question, _) => {
                 words.questions.retain(|open| *open != question.to_string());
             }
             _ => (),
@@ -178,21 +180,21 @@ impl Prompt {
 
     // === speaking ===
 
-    async fn obey(&mut self, line: &str) -> Next {
+    async fn execute_line(&mut self, line: &str) -> PromptStep {
         match verbs::read(line) {
-            Ok(Some(verb)) => self.act_on(verb).await,
-            Ok(None) => Next::GoOn,
+            Ok(Some(verb)) => self.execute_verb(verb).await,
+            Ok(None) => PromptStep::Proceed,
             Err(problem) => self.decline(&problem),
         }
     }
 
-    fn decline(&mut self, problem: &str) -> Next {
+    fn decline(&mut self, problem: &str) -> PromptStep {
         self.requests.fail();
-        output::note(problem.trim_end());
-        Next::GoOn
+        output::print_note(problem.trim_end());
+        PromptStep::Proceed
     }
 
-    async fn act_on(&mut self, verb: Verb) -> Next {
+    async fn execute_verb(&mut self, verb: Verb) -> PromptStep {
         let (view, json) = (self.view.clone(), self.json);
         let shown = match verb {
             Verb::Goal(wish) => {
@@ -201,9 +203,9 @@ impl Prompt {
             }
             Verb::Act(action) => return self.say(act::said(&action)).await,
             Verb::Set(facts) => return self.say(set::said(&facts)).await,
-            Verb::Mode { mode } => return self.say(Ok(Said::Mode(mode.into()))).await,
+            Verb::Mode { mode } => return self.say(Ok(UserRequest::Mode(mode.into()))).await,
             Verb::Cancel { id } => {
-                let said = self.meant(Said::Cancel(ConversationId::new(&id)));
+                let said = self.meant(UserRequest::Cancel(ConversationId::new(&id)));
                 return self.say(Ok(said)).await;
             }
             Verb::Answer(ReplyArgs { id: None, .. }) => answer::list(&view, json).await,
@@ -221,23 +223,25 @@ impl Prompt {
             Verb::Mailbox(whose) => mailbox::print(&view, &whose, json).await,
             Verb::Watch(words) => return self.watch(words),
             Verb::Help { verb } => output::print(verbs::help(verb.as_deref()), exit::DONE),
-            Verb::Quit => return Next::End,
+            Verb::Quit => return PromptStep::End,
         };
         if shown != exit::with(exit::DONE) {
             self.requests.fail();
         }
-        Next::GoOn
+        PromptStep::Proceed
     }
 
     /// Replaces the number that the user typed by its conversation.
-    fn meant(&self, said: Said) -> Said {
+    fn meant(&self, said: UserRequest) -> UserRequest {
         match said {
-            Said::Cancel(id) => Said::Cancel(self.requests.find(id.as_str()).unwrap_or(id)),
+            UserRequest::Cancel(id) => {
+                UserRequest::Cancel(self.requests.find(id.as_str()).unwrap_or(id))
+            }
             said => said,
         }
     }
 
-    async fn answer(&self, id: &str, text: String) -> Result<Said, String> {
+    async fn answer(&self, id: &str, text: String) -> Result<UserRequest, String> {
         let is_own = {
             let words = self.words.read().unwrap_or_else(PoisonError::into_inner);
             words.questions.iter().any(|open| open == id)
@@ -245,34 +249,34 @@ impl Prompt {
         match id.parse() {
             Ok(question) if is_own => {
                 let (keyboard, seal_to) = (self.id.clone(), None);
-                Ok(Said::Answer { keyboard, question, text, seal_to })
+                Ok(UserRequest::Answer { keyboard, question, text, seal_to })
             }
             _ => answer::said(&self.view, id, text).await,
         }
     }
 
-    async fn say(&mut self, said: Result<Said, String>) -> Next {
+    async fn say(&mut self, said: Result<UserRequest, String>) -> PromptStep {
         let said = match said {
             Ok(said) => said,
             Err(problem) => return self.decline(&format!("error: {problem}")),
         };
-        if let Said::Answer { question, .. } = &said {
+        if let UserRequest::Answer { question, .. } = &said {
             let mut words = self.words.write().unwrap_or_else(PoisonError::into_inner);
             words.questions.retain(|open| *open != question.to_string());
         }
         self.requests.say(&said);
         if self.say.send(said).await.is_err() {
-            return Next::End;
+            return PromptStep::End;
         }
-        Next::GoOn
+        PromptStep::Proceed
     }
 
-    fn watch(&mut self, words: WatchWords) -> Next {
+    fn watch(&mut self, words: WatchWords) -> PromptStep {
         if let Some(watching) = self.watching.take() {
             watching.abort();
         }
         if words.off {
-            return Next::GoOn;
+            return PromptStep::Proceed;
         }
         let asked = words.id.or(words.conversation);
         let meant = |id: String| match self.requests.find(&id) {
@@ -281,14 +285,14 @@ impl Prompt {
         };
         let (conversation, view, json) = (asked.map(meant), self.view.clone(), self.json);
         self.watching = Some(tokio::spawn(async move {
-            let View { name: ecosystem, endpoints, keys, .. } = view;
-            let listening = watch::Listening { ecosystem, endpoints, keys, role: "watch" };
+            let EcosystemView { name: ecosystem, endpoints, keys, .. } = view;
+            let listening = watch::WatchOptions { ecosystem, endpoints, keys, role: "watch" };
             let heard = watch::listen(&listening, conversation, json);
             if let Err(problem) = heard.await {
-                output::note(&format!("error: failed to {problem}"));
+                output::print_note(&format!("error: failed to {problem}"));
             }
         }));
-        Next::GoOn
+        PromptStep::Proceed
     }
 }
 
@@ -301,7 +305,7 @@ struct Refresher {
 impl Refresher {
     /// Reads the words, and reads them again after each presence change and each call of
     /// [`Refresher::again`].
-    fn start(view: &View, words: &Arc<RwLock<Vocabulary>>) -> Refresher {
+    fn start(view: &EcosystemView, words: &Arc<RwLock<CompletionWords>>) -> Refresher {
         let (wake, mut woken) = mpsc::channel::<()>(1);
         let (read, is_read) = watch_channel::channel(false);
         let (view, words) = (view.clone(), Arc::clone(words));
@@ -334,7 +338,7 @@ impl Refresher {
     }
 }
 
-async fn read_words(view: &View, words: &RwLock<Vocabulary>) {
+async fn read_words(view: &EcosystemView, words: &RwLock<CompletionWords>) {
     let maintainer = AgentId::new("domain-maintainer").ok();
     let answers = view.ask(Resource::Domain, maintainer).await;
     let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());

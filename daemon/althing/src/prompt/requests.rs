@@ -4,22 +4,22 @@ use std::collections::{BTreeMap, VecDeque};
 
 use acl::ConversationId;
 use acl::content::{Outcome, Report};
-use keyboard::{Heard, Said};
+use keyboard::{UserEvent, UserRequest};
 
 /// The kind of a request, as far as its end depends on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum RequestKind {
     Goal,
     Other,
 }
 
 #[derive(Debug)]
-struct Request {
+struct PromptRequest {
     number: usize,
-    kind: Kind,
+    kind: RequestKind,
     /// Number of final messages that are still to come: a cancelled goal has two, its own and the
     /// answer to the cancellation.
-    last_words: usize,
+    final_reports_due: usize,
     /// Whether a script may continue: the request has ended, or its goal holds.
     is_settled: bool,
     is_given_up: bool,
@@ -27,22 +27,26 @@ struct Request {
 
 /// All requests of a prompt.
 #[derive(Debug, Default)]
-pub(super) struct Requests {
+pub(super) struct PromptRequests {
     count: usize,
     /// Requests that have been sent, but have no conversation yet.
-    said: VecDeque<Kind>,
-    known: BTreeMap<ConversationId, Request>,
+    without_conversation: VecDeque<RequestKind>,
+    known: BTreeMap<ConversationId, PromptRequest>,
     has_failed: bool,
 }
 
-impl Requests {
+impl PromptRequests {
     /// Records a request that is about to be sent.
-    pub(super) fn say(&mut self, said: &Said) {
+    pub(super) fn say(&mut self, said: &UserRequest) {
         match said {
-            Said::Cancel(conversation) => self.give_up(conversation),
-            Said::Wish(_) => self.said.push_back(Kind::Goal),
-            Said::Act(_) | Said::Set(_) | Said::Mode(_) | Said::Answer { .. } | Said::Send(_) => {
-                self.said.push_back(Kind::Other);
+            UserRequest::Cancel(conversation) => self.give_up(conversation),
+            UserRequest::RequestGoal(_) => self.without_conversation.push_back(RequestKind::Goal),
+            UserRequest::Act(_)
+            | UserRequest::Set(_)
+            | UserRequest::Mode(_)
+            | UserRequest::Answer { .. }
+            | UserRequest::Send(_) => {
+                self.without_conversation.push_back(RequestKind::Other);
             }
         }
     }
@@ -52,34 +56,37 @@ impl Requests {
             request.is_given_up = true;
             request.is_settled = false;
             // For an action that has not ended, its own final report also answers the cancellation.
-            request.last_words +=
-                usize::from(request.kind == Kind::Goal || request.last_words == 0);
+            request.final_reports_due +=
+                usize::from(request.kind == RequestKind::Goal || request.final_reports_due == 0);
             return;
         }
-        let request = self.new_request(Kind::Goal);
-        self.known.insert(conversation.clone(), Request { is_given_up: true, ..request });
+        let request = self.new_request(RequestKind::Goal);
+        self.known.insert(conversation.clone(), PromptRequest { is_given_up: true, ..request });
     }
 
-    fn new_request(&mut self, kind: Kind) -> Request {
+    fn new_request(&mut self, kind: RequestKind) -> PromptRequest {
         self.count += 1;
         let number = self.count;
-        Request { number, kind, last_words: 1, is_settled: false, is_given_up: false }
+        PromptRequest { number, kind, final_reports_due: 1, is_settled: false, is_given_up: false }
     }
 
     /// Records a message. Returns the number of the request that it belongs to.
-    pub(super) fn hear(&mut self, heard: &Heard) -> Option<usize> {
+    pub(super) fn hear(&mut self, heard: &UserEvent) -> Option<usize> {
         let conversation = heard.conversation()?;
-        if matches!(heard, Heard::Asked(_)) && !self.known.contains_key(conversation) {
-            let kind = self.said.pop_front().unwrap_or(Kind::Goal);
+        if matches!(heard, UserEvent::Sent(_)) && !self.known.contains_key(conversation) {
+            let kind = self.without_conversation.pop_front().unwrap_or(RequestKind::Goal);
             let request = self.new_request(kind);
             self.known.insert(conversation.clone(), request);
         }
         let request = self.known.get_mut(conversation)?;
         if heard.is_final() {
-            request.last_words = request.last_words.saturating_sub(1);
-            request.is_settled |= request.last_words == 0;
+            request.final_reports_due = request.final_reports_due.saturating_sub(1);
+            request.is_settled |= request.final_reports_due == 0;
             let is_as_asked = request.is_given_up
-                && matches!(heard, Heard::Report(_, Report { outcome: Outcome::Cancelled, .. }));
+                && matches!(
+                    heard,
+                    UserEvent::Report(_, Report { outcome: Outcome::Cancelled, .. })
+                );
             self.has_failed |= !heard.is_success() && !is_as_asked;
         } else {
             request.is_settled |= heard.is_success();
@@ -96,13 +103,14 @@ impl Requests {
 
     /// Returns the numbers of the requests that have not ended.
     pub(super) fn numbers(&self) -> Vec<String> {
-        let open = self.known.values().filter(|request| request.last_words > 0);
+        let open = self.known.values().filter(|request| request.final_reports_due > 0);
         open.map(|request| request.number.to_string()).collect()
     }
 
     /// Whether a script may continue: all requests have ended, or their goals hold.
     pub(super) fn are_settled(&self) -> bool {
-        self.said.is_empty() && self.known.values().all(|request| request.is_settled)
+        self.without_conversation.is_empty()
+            && self.known.values().all(|request| request.is_settled)
     }
 
     /// Records that a line could not be carried out.
@@ -118,7 +126,7 @@ impl Requests {
 
 #[cfg(test)]
 mod tests {
-    use keyboard::Wish;
+    use keyboard::GoalRequest;
 
     use super::*;
 
@@ -126,12 +134,12 @@ mod tests {
         ConversationId::new(name)
     }
 
-    fn report(name: &str, outcome: Outcome) -> Heard {
-        Heard::Report(id(name), Report::new(outcome, ""))
+    fn report(name: &str, outcome: Outcome) -> UserEvent {
+        UserEvent::Report(id(name), Report::new(outcome, ""))
     }
 
-    fn wish() -> Said {
-        Said::Wish(Wish {
+    fn wish() -> UserRequest {
+        UserRequest::RequestGoal(GoalRequest {
             goal: "(on)".into(),
             keep: Default::default(),
             priority: 0,
@@ -140,11 +148,11 @@ mod tests {
     }
 
     /// Creates the requests of a prompt after one goal.
-    fn one_goal() -> Requests {
-        let mut requests = Requests::default();
+    fn one_goal() -> PromptRequests {
+        let mut requests = PromptRequests::default();
         requests.say(&wish());
         assert!(!requests.are_settled(), "said, not yet asked");
-        assert_eq!(requests.hear(&Heard::Asked(id("g"))), Some(1));
+        assert_eq!(requests.hear(&UserEvent::Sent(id("g"))), Some(1));
         requests
     }
 
@@ -165,7 +173,7 @@ mod tests {
     #[test]
     fn a_goal_that_is_given_up_has_two_last_words_and_did_not_fail() {
         let mut requests = one_goal();
-        requests.say(&Said::Cancel(requests.find("1").expect("the goal")));
+        requests.say(&UserRequest::Cancel(requests.find("1").expect("the goal")));
         requests.hear(&report("g", Outcome::Cancelled));
         assert!(!requests.are_settled());
         requests.hear(&report("g", Outcome::Cancelled));
@@ -174,10 +182,10 @@ mod tests {
 
     #[test]
     fn an_action_that_is_given_up_has_one() {
-        let mut requests = Requests::default();
-        requests.say(&Said::Act("(go)".into()));
-        requests.hear(&Heard::Asked(id("a")));
-        requests.say(&Said::Cancel(id("a")));
+        let mut requests = PromptRequests::default();
+        requests.say(&UserRequest::Act("(go)".into()));
+        requests.hear(&UserEvent::Sent(id("a")));
+        requests.say(&UserRequest::Cancel(id("a")));
         requests.hear(&report("a", Outcome::Cancelled));
         assert!(requests.are_settled() && requests.went_well());
         assert_eq!(requests.numbers(), [""; 0]);
@@ -185,8 +193,8 @@ mod tests {
 
     #[test]
     fn what_another_keyboard_asked_for_can_be_given_up() {
-        let mut requests = Requests::default();
-        requests.say(&Said::Cancel(id("theirs")));
+        let mut requests = PromptRequests::default();
+        requests.say(&UserRequest::Cancel(id("theirs")));
         assert!(!requests.are_settled());
         requests.hear(&report("theirs", Outcome::Cancelled));
         assert!(requests.are_settled() && requests.went_well());

@@ -21,7 +21,7 @@ Else   help VERB  quit         Tab completes, Ctrl-D ends
 
 #[derive(Debug, Parser)]
 #[command(multicall = true, disable_help_subcommand = true, max_term_width = 80)]
-struct Line {
+struct PromptLine {
     #[command(subcommand)]
     verb: Verb,
 }
@@ -71,12 +71,12 @@ pub(super) enum Verb {
 
 /// Returns the names of all verbs.
 pub(super) fn names() -> Vec<String> {
-    Line::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect()
+    PromptLine::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect()
 }
 
 /// Returns the list of verbs, or the help of one verb.
 pub(super) fn help(verb: Option<&str>) -> String {
-    let mut line = Line::command();
+    let mut line = PromptLine::command();
     // Subcommands inherit the width of the output only when the command is built.
     line.build();
     match verb.and_then(|verb| line.find_subcommand_mut(verb)) {
@@ -99,7 +99,7 @@ pub(super) fn read(line: &str) -> Result<Option<Verb>, String> {
         words.insert(0, "goal".to_owned());
     }
     let verb = words.first().cloned().unwrap_or_default();
-    let read = Line::try_parse_from(words);
+    let read = PromptLine::try_parse_from(words);
     read.map(|line| Some(line.verb)).map_err(|error| problem(&error, &verb))
 }
 

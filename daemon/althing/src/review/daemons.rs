@@ -6,13 +6,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use acl::DaemonId;
 use pddl::{Diagnostic, Span};
 
-use super::Desk;
+use super::Reviewer;
 
 /// Shortest name that is checked: shorter names often differ by one letter, as `a` and `b`, `pi1`
 /// and `pi2`.
 const LETTERS_MIN: usize = 5;
 
-impl Desk<'_> {
+impl Reviewer<'_> {
     /// Warns about daemons that are named once and resemble one that is named more often.
     pub(super) fn daemons(&mut self) {
         let named = self.named_daemons();
@@ -47,7 +47,7 @@ impl Desk<'_> {
                 "did you mean `{meant}`? If it is another machine, list it: daemons = [\"{name}\"] \
                  under [ecosystem]"
             );
-            self.say_of(&path, Diagnostic::warning(Span::default(), message).with_help(help));
+            self.report_value(&path, Diagnostic::warning(Span::default(), message).with_help(help));
         }
     }
 

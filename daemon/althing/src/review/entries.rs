@@ -6,23 +6,23 @@ use agent::BuildError;
 use pddl::{Diagnostic, Severity, Span, Types};
 use serde_json::{Map, Value};
 
-use super::wording::{self, Mistake, Worded, worded};
-use super::{Desk, Scope};
+use super::wording::{self, ConfigMistake, ExplainedMistake, worded};
+use super::{ReviewScope, Reviewer};
 use crate::config::{AgentEntry, Ecosystem};
-use crate::hosting::{HostError, Stage};
+use crate::hosting::{DryRun, HostError};
 
 /// Most mistakes of one entry that are reported; an entry with more should be written anew.
 const MISTAKES_MAX: usize = 8;
 
-impl Desk<'_> {
+impl Reviewer<'_> {
     /// Reports all mistakes in the entries of agents.
-    pub(super) fn entries(&mut self, scope: Scope<'_>) {
+    pub(super) fn entries(&mut self, scope: ReviewScope<'_>) {
         let ecosystem = self.ecosystem;
-        let stage = Stage::of(ecosystem);
+        let stage = DryRun::of(ecosystem);
         // Entries of packages are skipped: only the machine with the package can check them.
         for entry in ecosystem.agents.iter().filter(|entry| entry.is_built_in()) {
             let severity = match scope {
-                Scope::Daemon(daemon)
+                ReviewScope::Daemon(daemon)
                     if !entry.daemons.is_empty() && !entry.daemons.contains(daemon) =>
                 {
                     Severity::Warning
@@ -34,7 +34,7 @@ impl Desk<'_> {
     }
 
     /// Builds an agent from the entry, then from the entry without each mistake that is found.
-    fn entry(&mut self, entry: &AgentEntry, stage: &Stage, severity: Severity) {
+    fn entry(&mut self, entry: &AgentEntry, stage: &DryRun, severity: Severity) {
         let mut tried = entry.clone();
         // Keys that were removed because of wrong values: they do not count as missing.
         let mut taken = BTreeSet::new();
@@ -44,8 +44,9 @@ impl Desk<'_> {
             let value = at(&tried.config, &path);
             let example = |key: &str| example(key, self.ecosystem);
             let dotted = path.join(".");
-            let Worded { kind, message, help } = worded(&said(&error), &dotted, value, example);
-            if let Mistake::MissingKey(missing) = &kind
+            let ExplainedMistake { kind, message, help } =
+                worded(&said(&error), &dotted, value, example);
+            if let ConfigMistake::MissingKey(missing) = &kind
                 && let Some(written) = self.misspelt(&tried, stage, &path, missing)
             {
                 self.say_misspelt(entry, &path, &written, missing, severity);
@@ -54,9 +55,9 @@ impl Desk<'_> {
             }
             let is_consequence = match &kind {
                 // The key stands beside `config` and not in it, which is reported.
-                Mistake::MissingKey(key) => taken.contains(key) || self.is_beside(entry, key),
-                Mistake::Other => !taken.is_empty(),
-                Mistake::UnknownKey(..) | Mistake::Kind => false,
+                ConfigMistake::MissingKey(key) => taken.contains(key) || self.is_beside(entry, key),
+                ConfigMistake::Other => !taken.is_empty(),
+                ConfigMistake::UnknownKey(..) | ConfigMistake::Kind => false,
             };
             if !is_consequence {
                 self.is_complete &= severity != Severity::Error;
@@ -76,7 +77,7 @@ impl Desk<'_> {
     fn misspelt(
         &self,
         entry: &AgentEntry,
-        stage: &Stage,
+        stage: &DryRun,
         path: &[String],
         missing: &str,
     ) -> Option<String> {
@@ -118,7 +119,7 @@ impl Desk<'_> {
         let mut found = Diagnostic::error(Span::default(), message);
         (found.severity, found.help) = (severity, Some(format!("did you mean `{missing}`?")));
         self.is_complete &= severity != Severity::Error;
-        let kind = Mistake::UnknownKey(written.to_owned(), None);
+        let kind = ConfigMistake::UnknownKey(written.to_owned(), None);
         self.say_of_entry(entry, &whole, found, &kind);
     }
 
@@ -130,7 +131,13 @@ impl Desk<'_> {
 
     /// Reports a mistake at the key if it is unknown or missing, otherwise at the value. A place
     /// with a mistake that is already reported gets no second message.
-    fn say_of_entry(&mut self, entry: &AgentEntry, path: &str, found: Diagnostic, kind: &Mistake) {
+    fn say_of_entry(
+        &mut self,
+        entry: &AgentEntry,
+        path: &str,
+        found: Diagnostic,
+        kind: &ConfigMistake,
+    ) {
         let config = format!("{}.config", entry.path);
         let path = if path.is_empty() { config } else { format!("{config}.{path}") };
         if let Some((source, place, true)) = self.ecosystem.places.find(&path)
@@ -139,8 +146,10 @@ impl Desk<'_> {
             return;
         }
         match kind {
-            Mistake::UnknownKey(..) | Mistake::MissingKey(_) => self.say_of_key(&path, found),
-            Mistake::Kind | Mistake::Other => self.say_of(&path, found),
+            ConfigMistake::UnknownKey(..) | ConfigMistake::MissingKey(_) => {
+                self.report_key(&path, found)
+            }
+            ConfigMistake::Kind | ConfigMistake::Other => self.report_value(&path, found),
         }
     }
 }
@@ -150,13 +159,13 @@ impl Desk<'_> {
 fn goes_on(
     entry: &mut AgentEntry,
     path: &[String],
-    kind: &Mistake,
+    kind: &ConfigMistake,
     taken: &mut BTreeSet<String>,
     ecosystem: &Ecosystem,
 ) -> bool {
     let mut config = Value::clone(&entry.config);
     match kind {
-        Mistake::UnknownKey(key, meant) => {
+        ConfigMistake::UnknownKey(key, meant) => {
             let Some(value) = take(&mut config, path) else { return false };
             if path.last() != Some(key) {
                 return false;
@@ -168,13 +177,13 @@ fn goes_on(
                 }
             }
         }
-        Mistake::Kind => {
+        ConfigMistake::Kind => {
             if take(&mut config, path).is_none() {
                 return false;
             }
             taken.extend(path.last().cloned());
         }
-        Mistake::MissingKey(key) => {
+        ConfigMistake::MissingKey(key) => {
             let example = example(key, ecosystem).and_then(|text| parsed(&text));
             let Some(example) = example else { return false };
             if config.is_null() {
@@ -187,7 +196,7 @@ fn goes_on(
                 return false;
             }
         }
-        Mistake::Other => return false,
+        ConfigMistake::Other => return false,
     }
     entry.config = config.into();
     true
@@ -216,7 +225,7 @@ fn said(error: &HostError) -> String {
 
 /// Returns the path in an entry's `config` that causes a mistake: without it there is no mistake,
 /// or another one. Empty if a key is missing.
-fn culprit(entry: &AgentEntry, stage: &Stage, error: &HostError) -> Vec<String> {
+fn culprit(entry: &AgentEntry, stage: &DryRun, error: &HostError) -> Vec<String> {
     let built = |config: Value| {
         let entry = AgentEntry { config: config.into(), ..entry.clone() };
         stage.build(&entry).map_err(|error| error.to_string())

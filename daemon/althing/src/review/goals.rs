@@ -7,11 +7,11 @@ use std::sync::Arc;
 use acl::AgentId;
 use pddl::{ActionModel, Diagnostic, Domain, ObjectDeclaration, Problem, Severity};
 
-use super::Desk;
+use super::Reviewer;
 use crate::config::moved_goal;
 use crate::hosting;
 
-impl Desk<'_> {
+impl Reviewer<'_> {
     /// Reports unknown words and wrong arguments in named goals.
     pub(super) fn goals(&mut self) {
         if self.ecosystem.goals.is_empty() {
@@ -45,7 +45,7 @@ impl Desk<'_> {
                 let found = moved_goal(found, &source, place, goal);
                 self.report.add(&source, [found]);
             }
-            _ => self.say_of(&path, found),
+            _ => self.report_value(&path, found),
         }
     }
 
@@ -54,7 +54,7 @@ impl Desk<'_> {
     fn agents(&self, models: &BTreeMap<AgentId, ActionModel>) -> BTreeSet<String> {
         let own = self.ecosystem.agents.iter().map(|entry| entry.name.to_string());
         let rules = self.ecosystem.interfaces.iter().flat_map(|interface| &interface.imports);
-        let borrowed = rules.map(|rule| rule.called.to_string());
+        let borrowed = rules.map(|rule| rule.proxy_name.to_string());
         own.chain(borrowed).filter(|name| !models.keys().any(|id| id.as_str() == name)).collect()
     }
 

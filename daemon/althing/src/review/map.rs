@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use pddl::{Diagnostic, InitElement, Name, Span, Term, Types};
 
-use super::Desk;
+use super::Reviewer;
 
 /// The predicate of a connection.
 const WAY: &str = "connected";
@@ -21,16 +21,16 @@ const ONE_WAY: &[&str] = &["one way", "one-way"];
 const NO_WAY: &[&str] = &["no way", "one way", "one-way"];
 
 /// The connections of the map and their lengths.
-struct Ways<'m> {
+struct MapConnections<'m> {
     /// Start and end of each connection, in the order of the map, without duplicates.
     ways: Vec<(&'m Name, &'m Name, Span)>,
     lengths: BTreeMap<(&'m str, &'m str), (f64, Span)>,
 }
 
-impl Desk<'_> {
+impl Reviewer<'_> {
     /// Warns about probable mistakes in the map.
     pub(super) fn map(&mut self) {
-        let ways = Ways::of(&self.ecosystem.problem.init);
+        let ways = MapConnections::of(&self.ecosystem.problem.init);
         self.impossible_lengths(&ways);
         if self.knows_predicate() && !ways.ways.is_empty() {
             self.one_way(&ways);
@@ -49,25 +49,25 @@ impl Desk<'_> {
         functions.iter().any(|each| each.name == LENGTH && each.parameters.len() == 2)
     }
 
-    fn impossible_lengths(&mut self, ways: &Ways<'_>) {
+    fn impossible_lengths(&mut self, ways: &MapConnections<'_>) {
         for ((from, to), (meters, span)) in &ways.lengths {
             if *meters <= 0.0 {
                 let message = format!("the way from `{from}` to `{to}` cannot be {meters} m long");
                 let help = "write its length in meters, more than 0";
-                self.say_of_map(Diagnostic::error(*span, message).with_help(help));
+                self.report_map(Diagnostic::error(*span, message).with_help(help));
             }
         }
         for (from, _, span) in ways.ways.iter().filter(|(from, to, _)| from == to) {
             let message = format!("a way leads from `{from}` to itself");
             let help = "name two different places, or take it out";
-            self.say_of_map(Diagnostic::error(*span, message).with_help(help));
+            self.report_map(Diagnostic::error(*span, message).with_help(help));
         }
     }
 
     /// Warns about connections without a way back. Some one-way connections form a round, as
     /// through an airlock: if the way back leads over other one-way connections, the round is
     /// intended.
-    fn one_way(&mut self, ways: &Ways<'_>) {
+    fn one_way(&mut self, ways: &MapConnections<'_>) {
         let given: BTreeSet<_> = ways.pairs().collect();
         let has_back = |(from, to): &(&str, &str)| given.contains(&(*to, *from));
         let (all, two_way) = (graph(ways.pairs()), graph(ways.pairs().filter(has_back)));
@@ -93,7 +93,7 @@ impl Desk<'_> {
                 "write the way back too: ({WAY} {first_to} {first_from}); if one way is intended, \
                  write `; one way` in its line"
             );
-            return self.say_of_map(Diagnostic::warning(*first, message).with_help(help));
+            return self.report_map(Diagnostic::warning(*first, message).with_help(help));
         }
         for (from, to, span) in alone {
             let message = format!("a way leads from `{from}` to `{to}`, and none back");
@@ -109,12 +109,12 @@ impl Desk<'_> {
             let help = format!(
                 "write ({WAY} {to} {from}){length} too; if one way is intended, write `; one way` after it"
             );
-            self.say_of_map(Diagnostic::warning(*span, message).with_help(help));
+            self.report_map(Diagnostic::warning(*span, message).with_help(help));
         }
     }
 
     /// Warns about connections without a length: a robot needs the distance to move.
-    fn without_length(&mut self, ways: &Ways<'_>) {
+    fn without_length(&mut self, ways: &MapConnections<'_>) {
         if !self.knows_lengths() {
             return;
         }
@@ -126,7 +126,7 @@ impl Desk<'_> {
         if without.len() > 2 && without.len() == ways.ways.len() {
             let message = "no way has a length, so no robot can move";
             let help = format!("write how far it is, in meters: (= ({LENGTH} {from} {to}) 5)");
-            return self.say_of_map(Diagnostic::warning(*span, message).with_help(help));
+            return self.report_map(Diagnostic::warning(*span, message).with_help(help));
         }
         for (from, to, span) in without {
             let message =
@@ -135,13 +135,13 @@ impl Desk<'_> {
             let meters = back.map_or(5.0, |(meters, _)| *meters);
             let help =
                 format!("write how far it is, in meters: (= ({LENGTH} {from} {to}) {meters})");
-            self.say_of_map(Diagnostic::warning(*span, message).with_help(help));
+            self.report_map(Diagnostic::warning(*span, message).with_help(help));
         }
     }
 
     /// Warns about places that cannot be reached from the start of a robot or, without robots,
     /// places without any connection.
-    fn unreachable(&mut self, ways: &Ways<'_>) {
+    fn unreachable(&mut self, ways: &MapConnections<'_>) {
         let (poses, starts) = (self.poses(), self.starts());
         let mut next: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
         let mut lead = |from, to| {
@@ -178,7 +178,7 @@ impl Desk<'_> {
                 "write, under (:init, ({WAY} {hub} {name}) (= ({LENGTH} {hub} {name}) 5), and the \
                  same back; if that is intended, write `; no way` in the line of its name"
             );
-            self.say_of_map(Diagnostic::warning(*span, message).with_help(help));
+            self.report_map(Diagnostic::warning(*span, message).with_help(help));
         }
     }
 
@@ -221,7 +221,7 @@ impl Desk<'_> {
 
     /// Whether a comment in the line of `span` contains one of these words.
     fn is_commented(&self, span: Span, words: &[&str]) -> bool {
-        let text = &self.ecosystem.texts.map.text;
+        let text = &self.ecosystem.sources.map.text;
         let rest = text.get(span.start as usize..).unwrap_or_default();
         let line = rest.lines().next().unwrap_or_default();
         let comment = line.split_once(';').map(|(_, comment)| comment.to_lowercase());
@@ -229,9 +229,9 @@ impl Desk<'_> {
     }
 }
 
-impl<'m> Ways<'m> {
-    fn of(init: &'m [InitElement]) -> Ways<'m> {
-        let mut ways = Ways { ways: Vec::new(), lengths: BTreeMap::new() };
+impl<'m> MapConnections<'m> {
+    fn of(init: &'m [InitElement]) -> MapConnections<'m> {
+        let mut ways = MapConnections { ways: Vec::new(), lengths: BTreeMap::new() };
         let mut seen = BTreeSet::new();
         for element in init {
             match element {

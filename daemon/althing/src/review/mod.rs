@@ -33,14 +33,14 @@ use std::sync::Arc;
 
 use acl::DaemonId;
 use pddl::{Diagnostic, Span};
-use terminal::report::{Finding, Report, Source};
+use terminal::report::{DiagnosticReport, SourceText, SourcedDiagnostic};
 
-use crate::config::{self, Ecosystem, Reading};
+use crate::config::{self, Ecosystem, ParsedEcosystem};
 use crate::hosting;
 
 /// The part of an ecosystem that is reviewed.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Scope<'s> {
+pub(crate) enum ReviewScope<'s> {
     /// All of it, for `althing check`.
     Everything,
     /// The part that a daemon needs to start. A mistake in an entry of another daemon is only a
@@ -49,7 +49,7 @@ pub(crate) enum Scope<'s> {
 }
 
 /// Returns all mistakes in what was read, including those of the reading itself.
-pub(crate) fn review(reading: &Reading, scope: Scope<'_>) -> Report {
+pub(crate) fn review(reading: &ParsedEcosystem, scope: ReviewScope<'_>) -> DiagnosticReport {
     let mut report = reading.report.clone();
     if let Some(ecosystem) = &reading.ecosystem {
         if !reading.is_whole {
@@ -69,11 +69,11 @@ pub(crate) fn review(reading: &Reading, scope: Scope<'_>) -> Report {
 /// that seem to be missing may be theirs.
 fn of_ecosystem(
     ecosystem: &Ecosystem,
-    scope: Scope<'_>,
+    scope: ReviewScope<'_>,
     is_complete: bool,
     said: BTreeSet<(String, u32)>,
-) -> Report {
-    let mut desk = Desk { ecosystem, is_complete, said, report: Report::default() };
+) -> DiagnosticReport {
+    let mut desk = Reviewer { ecosystem, is_complete, said, report: DiagnosticReport::default() };
     desk.entries(scope);
     if ecosystem.are_files_sound {
         desk.map();
@@ -88,15 +88,15 @@ fn of_ecosystem(
         && let Err(error) = hosting::simulate(ecosystem)
     {
         let (place, problem) = (error.place.clone(), format!("failed to {error}"));
-        desk.say_at(&place, Diagnostic::error(Span::default(), problem));
+        desk.report_at(&place, Diagnostic::error(Span::default(), problem));
     }
     desk.report
 }
 
 /// Returns the places of the errors in a report.
-fn places(report: &Report) -> BTreeSet<(String, u32)> {
+fn places(report: &DiagnosticReport) -> BTreeSet<(String, u32)> {
     let errors = report.findings().iter().filter(|finding| finding.diagnostic.is_error());
-    let place = |Finding { source, diagnostic }: &Finding| {
+    let place = |SourcedDiagnostic { source, diagnostic }: &SourcedDiagnostic| {
         Some((source.as_ref()?.name.clone(), diagnostic.span.start))
     };
     errors.filter_map(place).collect()
@@ -104,12 +104,12 @@ fn places(report: &Report) -> BTreeSet<(String, u32)> {
 
 /// For a file that is not entirely TOML: returns the mistakes that do not follow from the part that
 /// could not be parsed.
-fn only_certain(report: &Report, ecosystem: &Ecosystem) -> Report {
-    let file = &ecosystem.texts.file;
-    let syntax = |finding: &&Finding| config::is_syntax_error(&finding.diagnostic);
+fn only_certain(report: &DiagnosticReport, ecosystem: &Ecosystem) -> DiagnosticReport {
+    let file = &ecosystem.sources.file;
+    let syntax = |finding: &&SourcedDiagnostic| config::is_syntax_error(&finding.diagnostic);
     let broken = report.findings().iter().filter(syntax).map(|found| found.diagnostic.span.start);
     let broken = broken.min().unwrap_or_default();
-    let is_certain = |Finding { source, diagnostic }: &&Finding| {
+    let is_certain = |SourcedDiagnostic { source, diagnostic }: &&SourcedDiagnostic| {
         let is_elsewhere = source.as_ref().is_none_or(|source| source.name != file.name);
         let is_before = diagnostic.span.start < broken
             && !in_one_entry(&file.text, diagnostic.span.start, broken);
@@ -118,8 +118,8 @@ fn only_certain(report: &Report, ecosystem: &Ecosystem) -> Report {
         let is_consequence = !is_before || !diagnostic.is_error() || misses_something;
         is_elsewhere || config::is_syntax_error(diagnostic) || !is_consequence
     };
-    let mut certain = Report::default();
-    for Finding { source, diagnostic } in report.findings().iter().filter(is_certain) {
+    let mut certain = DiagnosticReport::default();
+    for SourcedDiagnostic { source, diagnostic } in report.findings().iter().filter(is_certain) {
         match source {
             Some(source) => certain.add(source, [diagnostic.clone()]),
             None => certain.add_general(diagnostic.clone()),
@@ -136,7 +136,7 @@ fn in_one_entry(text: &str, from: u32, to: u32) -> bool {
 
 /// The place of a mistake.
 #[derive(Clone, Debug)]
-pub(crate) enum At {
+pub(crate) enum MistakeLocation {
     /// A span of the map.
     Map(Span),
     /// The path of a key in the ecosystem file, such as `agent.3.config.start`; if nothing is
@@ -145,61 +145,61 @@ pub(crate) enum At {
 }
 
 /// The data that all checks share.
-struct Desk<'e> {
+struct Reviewer<'e> {
     ecosystem: &'e Ecosystem,
     /// Whether all entries could be understood.
     is_complete: bool,
     /// The places of errors from the reading.
     said: BTreeSet<(String, u32)>,
-    report: Report,
+    report: DiagnosticReport,
 }
 
 // === impl Desk ===
 
-impl Desk<'_> {
+impl Reviewer<'_> {
     /// Reports a finding at a place.
-    fn say_at(&mut self, at: &At, mut found: Diagnostic) {
+    fn report_at(&mut self, at: &MistakeLocation, mut found: Diagnostic) {
         match at {
-            At::Map(span) => {
+            MistakeLocation::Map(span) => {
                 found.span = *span;
-                self.say_of_map(found);
+                self.report_map(found);
             }
-            At::Key(path) => self.say_of(path, found),
+            MistakeLocation::Key(path) => self.report_value(path, found),
         }
     }
 
     /// Reports a finding about the value at a path of the ecosystem file or, if nothing is there,
     /// about the nearest thing around it.
-    fn say_of(&mut self, path: &str, mut found: Diagnostic) {
+    fn report_value(&mut self, path: &str, mut found: Diagnostic) {
         match self.ecosystem.places.find(path) {
             Some((source, place, is_it)) => {
                 found.span = if is_it { place.value } else { place.key };
                 self.report.add(&source, [found]);
             }
-            None => self.say_of_file(found),
+            None => self.report_file(found),
         }
     }
 
     /// Reports a finding about the key at a path.
-    fn say_of_key(&mut self, path: &str, mut found: Diagnostic) {
+    fn report_key(&mut self, path: &str, mut found: Diagnostic) {
         match self.ecosystem.places.find(path) {
             Some((source, place, _)) => {
                 found.span = place.key;
                 self.report.add(&source, [found]);
             }
-            None => self.say_of_file(found),
+            None => self.report_file(found),
         }
     }
 
     /// Reports a finding about the file as a whole.
-    fn say_of_file(&mut self, found: Diagnostic) {
-        let file: Arc<Source> = Arc::clone(&self.ecosystem.texts.file);
+    fn report_file(&mut self, found: Diagnostic) {
+        let file: Arc<SourceText> = Arc::clone(&self.ecosystem.sources.file);
         self.report.add(&file, [found]);
     }
 
     /// Reports a finding at its own span in the map.
-    fn say_of_map(&mut self, found: Diagnostic) {
-        let map: Arc<Source> = Arc::clone(&self.ecosystem.texts.map);
+    fn report_map(&mut self, found: Diagnostic) {
+        let map: Arc<SourceText> = Arc::clone(&self.ecosystem.sources.map);
         self.report.add(&map, [found]);
     }
 }

@@ -2,9 +2,9 @@
 
 use pddl::{Diagnostic, Span};
 
-use super::Desk;
+use super::Reviewer;
 
-impl Desk<'_> {
+impl Reviewer<'_> {
     /// Reports the mistakes in the table.
     pub(super) fn network(&mut self) {
         let ecosystem = self.ecosystem;
@@ -15,7 +15,7 @@ impl Desk<'_> {
                 at => format!("zenoh.{at}"),
             };
             let message = format!("failed to {}", problem.message);
-            self.say_of(&path, Diagnostic::error(Span::default(), message));
+            self.report_value(&path, Diagnostic::error(Span::default(), message));
         }
     }
 }

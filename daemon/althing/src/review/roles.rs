@@ -3,7 +3,7 @@
 use agent::Mode;
 use pddl::{Diagnostic, Span};
 
-use super::Desk;
+use super::Reviewer;
 use crate::config::AgentEntry;
 
 /// The plugin of each role, the consequence if it is missing, and whether the agent must have the
@@ -18,7 +18,7 @@ const ROLES: &[(&str, &str, bool)] = &[
 const CENTRAL: (&str, &str, bool) =
     ("planning-agent", "no agent plans in the mode \"centralized\"", false);
 
-impl Desk<'_> {
+impl Reviewer<'_> {
     /// Warns about roles that no agent has, or that an agent has under a name by which it is not
     /// found.
     pub(super) fn roles(&mut self) {
@@ -43,7 +43,10 @@ impl Desk<'_> {
                 );
                 let (path, help) =
                     (format!("{}.name", entry.path), format!("write name = \"{plugin}\""));
-                self.say_of(&path, Diagnostic::warning(Span::default(), message).with_help(help));
+                self.report_value(
+                    &path,
+                    Diagnostic::warning(Span::default(), message).with_help(help),
+                );
             }
         }
     }
@@ -61,6 +64,6 @@ impl Desk<'_> {
         let daemon = daemon.map_or_else(String::new, |name| format!("\ndaemon = \"{name}\""));
         let help = format!("write\n[[agent]]\nname = \"{plugin}\"\nplugin = \"{plugin}\"{daemon}");
         let found = Diagnostic::warning(Span::default(), message).with_help(help);
-        self.say_of_key("ecosystem", found);
+        self.report_key("ecosystem", found);
     }
 }

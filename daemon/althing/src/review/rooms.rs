@@ -2,10 +2,10 @@
 
 use pddl::{Diagnostic, Name, Span, TypeExpr, Types};
 
-use super::Desk;
+use super::Reviewer;
 use crate::hosting;
 
-impl Desk<'_> {
+impl Reviewer<'_> {
     /// Warns about locations that no predicate of the agent admits.
     ///
     /// The predicate by which an agent states its place is known only to the agent. Therefore all
@@ -61,7 +61,7 @@ impl Desk<'_> {
                 "name a {wanted}, or declare `{location}` as one on the map: {location} - {wanted}"
             );
             let found = Diagnostic::warning(Span::default(), message).with_help(help);
-            self.say_of(&format!("{path}.config.location"), found);
+            self.report_value(&format!("{path}.config.location"), found);
         }
     }
 }

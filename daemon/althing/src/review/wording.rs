@@ -6,7 +6,7 @@
 
 use pddl::nearest;
 use serde_json::Value;
-use terminal::form;
+use terminal::form_error;
 
 /// Most keys that are listed.
 const LISTED_MAX: usize = 6;
@@ -33,15 +33,15 @@ const DURATIONS: &[&str] =
 
 /// A mistake in a `config`, with its message and a correction.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Worded {
-    pub(super) kind: Mistake,
+pub(super) struct ExplainedMistake {
+    pub(super) kind: ConfigMistake,
     pub(super) message: String,
     pub(super) help: Option<String>,
 }
 
 /// The kind of a mistake.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Mistake {
+pub(super) enum ConfigMistake {
     /// An unknown key, and the key that was probably meant.
     UnknownKey(String, Option<String>),
     /// A required key is missing.
@@ -59,43 +59,47 @@ pub(super) fn worded(
     path: &str,
     value: Option<&Value>,
     example: impl Fn(&str) -> Option<String>,
-) -> Worded {
-    match form::Mistake::of(said) {
-        Some(form::Mistake::UnknownKey { key, known }) => {
+) -> ExplainedMistake {
+    match form_error::FormError::of(said) {
+        Some(form_error::FormError::UnknownKey { key, known }) => {
             return unknown_key(key, &owned(&known), path);
         }
-        Some(form::Mistake::MissingKey(key)) => return missing_key(key, path, example),
-        Some(form::Mistake::UnknownWord { word, known }) => {
+        Some(form_error::FormError::MissingKey(key)) => return missing_key(key, path, example),
+        Some(form_error::FormError::UnknownWord { word, known }) => {
             return unknown_word(word, &owned(&known), path);
         }
-        Some(form::Mistake::Kind { got, wanted }) => {
+        Some(form_error::FormError::Kind { got, wanted }) => {
             return wrong_kind(got, wanted, path, value, example);
         }
-        Some(form::Mistake::NoForm) => return of_no_form(path, example),
+        Some(form_error::FormError::NoForm) => return of_no_form(path, example),
         None => (),
     }
     if let Some((key, text)) = duration_error(said, path, value) {
         let message = format!("`{key}` must be a duration, and is \"{text}\"");
         let help = "write a number and ms, s, min or h in quotes, such as \"30s\" or \"10min\"";
-        return Worded { kind: Mistake::Other, message, help: Some(help.to_owned()) };
+        return ExplainedMistake {
+            kind: ConfigMistake::Other,
+            message,
+            help: Some(help.to_owned()),
+        };
     }
     let key = said.split_once("has no key `").and_then(|(_, rest)| rest.split('`').next());
     if let Some(key) = key {
         let whole = if ends_with(path, key) { path.to_owned() } else { join(path, key) };
-        return Worded {
-            kind: Mistake::UnknownKey(key.to_owned(), None),
+        return ExplainedMistake {
+            kind: ConfigMistake::UnknownKey(key.to_owned(), None),
             message: format!("there is no key `{whole}`"),
             help: Some(beside(key).unwrap_or_else(|| format!("take `{key}` out"))),
         };
     }
-    Worded { kind: Mistake::Other, message: said.to_owned(), help: None }
+    ExplainedMistake { kind: ConfigMistake::Other, message: said.to_owned(), help: None }
 }
 
 fn owned(words: &[&str]) -> Vec<String> {
     words.iter().map(|word| (*word).to_owned()).collect()
 }
 
-fn unknown_key(key: &str, known: &[String], path: &str) -> Worded {
+fn unknown_key(key: &str, known: &[String], path: &str) -> ExplainedMistake {
     let meant = meant(key, known);
     // The path ends either with the key itself, or with the table that contains it.
     let whole = if ends_with(path, key) { path.to_owned() } else { join(path, key) };
@@ -104,8 +108,8 @@ fn unknown_key(key: &str, known: &[String], path: &str) -> Worded {
         (None, 0) => "it takes no keys: leave it out".to_owned(),
         (None, _) => beside(key).unwrap_or_else(|| listed(known)),
     };
-    Worded {
-        kind: Mistake::UnknownKey(key.to_owned(), meant),
+    ExplainedMistake {
+        kind: ConfigMistake::UnknownKey(key.to_owned(), meant),
         message: format!("there is no key `{whole}`"),
         help: Some(help),
     }
@@ -119,13 +123,17 @@ fn beside(key: &str) -> Option<String> {
     })
 }
 
-fn missing_key(key: &str, path: &str, example: impl Fn(&str) -> Option<String>) -> Worded {
+fn missing_key(
+    key: &str,
+    path: &str,
+    example: impl Fn(&str) -> Option<String>,
+) -> ExplainedMistake {
     let within = match path {
         "" => String::new(),
         path => format!(" in `{path}`"),
     };
-    Worded {
-        kind: Mistake::MissingKey(key.to_owned()),
+    ExplainedMistake {
+        kind: ConfigMistake::MissingKey(key.to_owned()),
         message: format!("`{key}` is missing{within}"),
         help: Some(match example(key) {
             Some(example) => format!("write {key} = {example}"),
@@ -134,7 +142,7 @@ fn missing_key(key: &str, path: &str, example: impl Fn(&str) -> Option<String>) 
     }
 }
 
-fn unknown_word(word: &str, known: &[String], path: &str) -> Worded {
+fn unknown_word(word: &str, known: &[String], path: &str) -> ExplainedMistake {
     let meant = meant(word, known);
     let known: Vec<String> = known.iter().map(|word| format!("\"{word}\"")).collect();
     let message = format!("`{path}` cannot be \"{word}\"");
@@ -142,7 +150,7 @@ fn unknown_word(word: &str, known: &[String], path: &str) -> Worded {
         Some(meant) => format!("did you mean \"{meant}\"?"),
         None => format!("write {}", either(&known)),
     };
-    Worded { kind: Mistake::Kind, message, help: Some(help) }
+    ExplainedMistake { kind: ConfigMistake::Kind, message, help: Some(help) }
 }
 
 fn wrong_kind(
@@ -151,9 +159,9 @@ fn wrong_kind(
     path: &str,
     value: Option<&Value>,
     example: impl Fn(&str) -> Option<String>,
-) -> Worded {
-    let wanted_words = form::kind(wanted);
-    let got_words = form::got(got);
+) -> ExplainedMistake {
+    let wanted_words = form_error::kind(wanted);
+    let got_words = form_error::got(got);
     let is_itself = value.is_none_or(|value| is_of(got, value));
     let subject = match (path, is_itself) {
         ("", _) => "`config`".to_owned(),
@@ -173,13 +181,13 @@ fn wrong_kind(
             .map(|(table, example)| format!("such as {table} = {example}"))
     });
     let message = format!("{subject} must be {wanted_words}, and is {got_words}");
-    Worded { kind: Mistake::Kind, message, help }
+    ExplainedMistake { kind: ConfigMistake::Kind, message, help }
 }
 
-fn of_no_form(path: &str, example: impl Fn(&str) -> Option<String>) -> Worded {
+fn of_no_form(path: &str, example: impl Fn(&str) -> Option<String>) -> ExplainedMistake {
     let key = path.split('.').next().unwrap_or(path);
-    Worded {
-        kind: Mistake::Kind,
+    ExplainedMistake {
+        kind: ConfigMistake::Kind,
         message: format!("`{path}` has none of the forms that it may have"),
         help: example(key).map(|example| format!("such as {key} = {example}")),
     }

@@ -5,15 +5,15 @@
 //! Four people come. Only the camera requests a goal. The question is sent to two keyboards: both
 //! answer at once, or wrongly at first, or not at all, or only wrongly.
 
-use ::building::{Access, Admission, Device, Manner, Visit};
+use ::building::{AccessScenario, AnswerPattern, BuildingDevice, Visit, VisitOutcome};
 use acl::content::{Inform, OpenQuestion, Outcome, Report};
 use acl::{Message, Performative};
-use keyboard::{Heard, Said, Terminal};
+use keyboard::{Terminal, UserEvent, UserRequest};
 
-use super::performance::{Performance, until_curtain};
+use super::launched::MessageListener;
+use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::Setting;
-use super::stage::Ear;
-use super::{Event, Played, Script};
+use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
 /// The answer of a person that may enter.
 const PIN: &str = "2718";
@@ -25,14 +25,14 @@ const VALID_FOR: &str = "2s";
 /// How long the robot waits for an answer.
 const PATIENCE: &str = "3s";
 
-fn setting(access: &Access) -> Setting {
+fn setting(access: &AccessScenario) -> Setting {
     let entry = access.entry.clone();
-    let more = move |device: &Device| match device {
-        Device::Camera { .. } => format!(
+    let more = move |device: &BuildingDevice| match device {
+        BuildingDevice::Camera { .. } => format!(
             ", presets = {{ door = {{ shows = \"{entry}\" }} }}, folder = \"{{folder}}\", \
              motion-for = \"1s\", on-motion = {{ goal = \"(validated ?l)\", priority = 5 }}"
         ),
-        Device::Robot { .. } => format!(
+        BuildingDevice::Robot { .. } => format!(
             ", login = {{ pin = \"{PIN}\", attempts = 2, patience = \"{PATIENCE}\", \
              valid-for = \"{VALID_FOR}\" }}"
         ),
@@ -41,39 +41,42 @@ fn setting(access: &Access) -> Setting {
     Setting::new("scenario-3", &access.layout).more(more)
 }
 
-pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result<Played, String> {
-    let access = Access::seeded(script.seed);
+pub(super) async fn play(
+    script: &ScenarioOptions,
+    tell: &mut dyn FnMut(ScenarioEvent),
+) -> Result<ScenarioResult, String> {
+    let access = AccessScenario::seeded(script.seed);
     let setting = setting(&access);
-    let performance = Performance::open(&setting, script, tell).await?;
+    let performance = ScenarioRun::open(&setting, script, tell).await?;
     let (desk, ear) = (performance.seat("front-desk")?, performance.set.listen().await?);
     let (admissions, validity) = (Vec::new(), Vec::new());
-    let mut play = Play { performance, desk, ear, access: &access, admissions, validity };
-    let ended = until_curtain(play.acts(&setting)).await;
-    let Play { performance: Performance { set, building, .. }, admissions, .. } = play;
+    let mut play = AccessRun { performance, desk, ear, access: &access, admissions, validity };
+    let ended = with_time_limit(play.acts(&setting)).await;
+    let AccessRun { performance: ScenarioRun { set, building, .. }, admissions, .. } = play;
     let mut problems: Vec<_> = ended.err().into_iter().collect();
     problems.extend(access.check(&building.truth(), &admissions).err().unwrap_or_default());
-    set.strike().await;
+    set.shut_down().await;
     let verdict = format!(
         "the robot came to {} when a person had come there, asked nowhere else, and let in \
          those that gave the right answer, and no others",
         access.entry
     );
-    Ok(Played { problems, verdict, admissions, ..Played::default() })
+    Ok(ScenarioResult { problems, verdict, admissions, ..ScenarioResult::default() })
 }
 
-struct Play<'t> {
-    performance: Performance<'t>,
+struct AccessRun<'t> {
+    performance: ScenarioRun<'t>,
     /// A second keyboard.
     desk: Terminal,
-    ear: Ear,
-    access: &'t Access,
-    admissions: Vec<Admission>,
+    ear: MessageListener,
+    access: &'t AccessScenario,
+    admissions: Vec<VisitOutcome>,
     /// The changes of the robot's fact that a person is validated, since the visitor came.
     validity: Vec<bool>,
 }
 
 /// The next event at the entry.
-enum Next {
+enum EntryEvent {
     AskedUser(OpenQuestion),
     AskedDesk(OpenQuestion),
     /// The final report about the camera's goal.
@@ -81,7 +84,7 @@ enum Next {
     Other,
 }
 
-impl Play<'_> {
+impl AccessRun<'_> {
     async fn acts(&mut self, setting: &Setting) -> Result<(), String> {
         self.performance.await_agents(setting).await?;
         // Until the camera has looked once, it cannot detect movement.
@@ -100,7 +103,7 @@ impl Play<'_> {
                     }
                 }
                 // After an unanswered question the robot asks no further one for a while.
-                Manner::NobodyAnswers => {
+                AnswerPattern::NobodyAnswers => {
                     let offers = |inform: &Inform| matches!(inform, Inform::Model(of) if of.model.contains("validate-person"));
                     self.until_informs(robot, offers).await?;
                 }
@@ -110,7 +113,7 @@ impl Play<'_> {
         Ok(())
     }
 
-    async fn visit(&mut self, visit: &Visit) -> Result<Admission, String> {
+    async fn visit(&mut self, visit: &Visit) -> Result<VisitOutcome, String> {
         let Visit { person, manner } = visit;
         let entry = &self.access.entry;
         self.performance.say(format!("{person} comes to {entry}"));
@@ -118,10 +121,10 @@ impl Play<'_> {
         let building = self.performance.building.clone();
         building.enter(person, entry).map_err(|error| error.to_string())?;
         let mut admission =
-            Admission { person: person.clone(), asked: Vec::new(), validated: false };
+            VisitOutcome { person: person.clone(), asked: Vec::new(), validated: false };
         loop {
             match self.next().await? {
-                Next::AskedUser(question) => {
+                EntryEvent::AskedUser(question) => {
                     let place = building.place_of(self.access.robot());
                     let place = place.map_err(|error| error.to_string())?;
                     self.performance.say(format!("  robot at {place}: {}", question.text));
@@ -129,53 +132,55 @@ impl Play<'_> {
                     admission.asked.push(building.truth().next_sequence());
                     self.answer_user(*manner, first, &question).await?;
                 }
-                Next::AskedDesk(question) if *manner == Manner::TwoAtOnce => {
+                EntryEvent::AskedDesk(question) if *manner == AnswerPattern::TwoAtOnce => {
                     answer(&self.desk, &question, PIN).await?;
                 }
-                Next::Ended(report) => {
+                EntryEvent::Ended(report) => {
                     admission.validated = report.outcome == Outcome::Done;
                     let verdict = if admission.validated { "let in" } else { "not let in" };
                     self.performance.say(format!("  {person} is {verdict}: {}", report.detail));
                     return Ok(admission);
                 }
-                Next::AskedDesk(_) | Next::Other => (),
+                EntryEvent::AskedDesk(_) | EntryEvent::Other => (),
             }
         }
     }
 
     async fn answer_user(
         &mut self,
-        manner: Manner,
+        manner: AnswerPattern,
         is_first: bool,
         question: &OpenQuestion,
     ) -> Result<(), String> {
         let (text, how) = match manner {
-            Manner::NobodyAnswers => {
+            AnswerPattern::NobodyAnswers => {
                 self.performance.say("  no answer");
                 return Ok(());
             }
-            Manner::TwoAtOnce => (PIN, "two keyboards answer at once"),
-            Manner::WrongThenRight if !is_first => (PIN, "the answer is right"),
-            Manner::WrongThenRight | Manner::OnlyWrong => (WRONG, "the answer is wrong"),
+            AnswerPattern::TwoAtOnce => (PIN, "two keyboards answer at once"),
+            AnswerPattern::WrongThenRight if !is_first => (PIN, "the answer is right"),
+            AnswerPattern::WrongThenRight | AnswerPattern::OnlyWrong => {
+                (WRONG, "the answer is wrong")
+            }
         };
         self.performance.say(format!("  {how}"));
         answer(&self.performance.user, question, text).await
     }
 
-    async fn next(&mut self) -> Result<Next, String> {
+    async fn next(&mut self) -> Result<EntryEvent, String> {
         let ended = || "a keyboard has ended".to_owned();
         tokio::select! {
-            heard = self.performance.user.hear.recv() => match heard.ok_or_else(ended)? {
-                Heard::Question(question) => Ok(Next::AskedUser(question)),
-                _ => Ok(Next::Other),
+            heard = self.performance.user.events.recv() => match heard.ok_or_else(ended)? {
+                UserEvent::Question(question) => Ok(EntryEvent::AskedUser(question)),
+                _ => Ok(EntryEvent::Other),
             },
-            heard = self.desk.hear.recv() => match heard.ok_or_else(ended)? {
-                Heard::Question(question) => Ok(Next::AskedDesk(question)),
-                _ => Ok(Next::Other),
+            heard = self.desk.events.recv() => match heard.ok_or_else(ended)? {
+                UserEvent::Question(question) => Ok(EntryEvent::AskedDesk(question)),
+                _ => Ok(EntryEvent::Other),
             },
             message = hear(&mut self.ear, &mut self.validity, self.access.robot()) => {
                 let message = message?;
-                Ok(last_word(&message, self.access.camera()).map_or(Next::Other, Next::Ended))
+                Ok(last_word(&message, self.access.camera()).map_or(EntryEvent::Other, EntryEvent::Ended))
             }
         }
     }
@@ -202,7 +207,11 @@ impl Play<'_> {
 
 /// Returns the next message on the network. Records in `validity` when the robot's fact that a
 /// person is validated changes.
-async fn hear(ear: &mut Ear, validity: &mut Vec<bool>, robot: &str) -> Result<Message, String> {
+async fn hear(
+    ear: &mut MessageListener,
+    validity: &mut Vec<bool>,
+    robot: &str,
+) -> Result<Message, String> {
     let message = ear.heard.recv().await.ok_or("the listener has ended")?;
     if message.sender.as_str() == robot
         && let Ok(inform @ Inform::Heartbeat(_)) = message.content_as::<Inform>()
@@ -233,6 +242,6 @@ fn last_word(message: &Message, camera: &str) -> Option<Report> {
 
 async fn answer(terminal: &Terminal, question: &OpenQuestion, text: &str) -> Result<(), String> {
     let OpenQuestion { keyboard, question, seal_to, .. } = question.clone();
-    let said = Said::Answer { keyboard, question, text: text.to_owned(), seal_to };
-    terminal.say.send(said).await.map_err(|_| "a keyboard has ended".to_owned())
+    let said = UserRequest::Answer { keyboard, question, text: text.to_owned(), seal_to };
+    terminal.requests.send(said).await.map_err(|_| "a keyboard has ended".to_owned())
 }

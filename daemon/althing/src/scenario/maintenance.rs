@@ -5,36 +5,39 @@
 //! A temperature counts as known only for a while, so keeping the goal never ends. Two robots share
 //! the work by cost and map; a sensor that is plugged in relieves them of a room.
 
-use ::building::{Device, Event as Occurred, Maintenance, Truth};
+use ::building::{BuildingDevice, BuildingEvent as Occurred, MaintenanceScenario, Truth};
 use acl::content::Keep;
 
-use super::performance::{Performance, until_curtain};
+use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::{GOAL, Setting};
-use super::{Event, Played, Script};
+use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
 /// How long a temperature counts as known. Robots need a fifth of it to visit all rooms.
 const KNOWN_FOR: &str = "3s";
 
-fn setting(scenario: &Maintenance) -> Setting {
-    let measures = |device: &Device| {
-        matches!(device, Device::FixedSensor { .. } | Device::MountedSensor { .. })
+fn setting(scenario: &MaintenanceScenario) -> Setting {
+    let measures = |device: &BuildingDevice| {
+        matches!(device, BuildingDevice::FixedSensor { .. } | BuildingDevice::MountedSensor { .. })
     };
-    let more = move |device: &Device| match measures(device) {
+    let more = move |device: &BuildingDevice| match measures(device) {
         true => format!(", valid-for = \"{KNOWN_FOR}\""),
         false => String::new(),
     };
-    Setting::new("scenario-2", &scenario.layout).at_first(scenario.at_first()).more(more)
+    Setting::new("scenario-2", &scenario.layout).at_first(scenario.initial_layout()).more(more)
 }
 
-pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result<Played, String> {
-    let scenario = Maintenance::seeded(script.seed);
+pub(super) async fn play(
+    script: &ScenarioOptions,
+    tell: &mut dyn FnMut(ScenarioEvent),
+) -> Result<ScenarioResult, String> {
+    let scenario = MaintenanceScenario::seeded(script.seed);
     let setting = setting(&scenario).replanning(script.replanning);
-    let mut performance = Performance::open(&setting, script, tell).await?;
-    let ended = until_curtain(acts(&mut performance, &setting, &scenario)).await;
-    let Performance { set, told, building, .. } = performance;
+    let mut performance = ScenarioRun::open(&setting, script, tell).await?;
+    let ended = with_time_limit(acts(&mut performance, &setting, &scenario)).await;
+    let ScenarioRun { set, told, building, .. } = performance;
     let mut problems: Vec<_> = ended.err().into_iter().collect();
     problems.extend(scenario.check(&building.truth(), &told).err().unwrap_or_default());
-    set.strike().await;
+    set.shut_down().await;
     let [first, second] = &scenario.deaths;
     let verdict = format!(
         "after {} and {} had died, both robots kept measuring, none where the other was nearer; \
@@ -44,25 +47,25 @@ pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result
         scenario.latecomer,
         scenario.late_room()
     );
-    Ok(Played { problems, verdict, told, ..Played::default() })
+    Ok(ScenarioResult { problems, verdict, told, ..ScenarioResult::default() })
 }
 
 async fn acts(
-    performance: &mut Performance<'_>,
+    performance: &mut ScenarioRun<'_>,
     setting: &Setting,
-    scenario: &Maintenance,
+    scenario: &MaintenanceScenario,
 ) -> Result<(), String> {
     performance.await_agents(setting).await?;
-    let goal = performance.set.ecosystem.wish(GOAL)?.goal;
+    let goal = performance.set.ecosystem.find_goal(GOAL)?.goal;
     performance.ask(&goal, Keep::Maintain).await?;
     performance.until_it_holds().await?;
 
     let building = performance.building.clone();
     let [first, second] = &scenario.deaths;
-    let died = first.strike(&building).map_err(|error| error.to_string())?;
+    let died = first.trigger(&building).map_err(|error| error.to_string())?;
     performance.kill(&first.sensor).await?;
     performance.until(|truth| by_robot(truth, &first.room, died)).await?;
-    let died = second.strike(&building).map_err(|error| error.to_string())?;
+    let died = second.trigger(&building).map_err(|error| error.to_string())?;
     performance.kill(&second.sensor).await?;
     let kept = |truth: &Truth| {
         by_robot(truth, &first.room, died)
@@ -104,7 +107,8 @@ fn readings<'a>(truth: &'a Truth, room: &str, since: u64) -> Vec<(u64, &'a str)>
 
 /// Whether a robot has measured a room since an occurrence.
 fn by_robot(truth: &Truth, room: &str, since: u64) -> bool {
-    let is_mounted =
-        |sensor: &str| matches!(truth.layout().device(sensor), Some(Device::MountedSensor { .. }));
+    let is_mounted = |sensor: &str| {
+        matches!(truth.layout().device(sensor), Some(BuildingDevice::MountedSensor { .. }))
+    };
     readings(truth, room, since).into_iter().any(|(_, sensor)| is_mounted(sensor))
 }

@@ -3,36 +3,39 @@
 //! screen is incapable of displaying anymore. The smart office may now deploy a video collaboration
 //! robot to resume the interrupted meeting.”
 
-use ::building::{Device, Event as Occurred, Fault, Meeting, Truth};
+use ::building::{BuildingDevice, BuildingEvent as Occurred, DeviceFault, MeetingScenario, Truth};
 use acl::content::Keep;
 
-use super::performance::{Performance, until_curtain};
+use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::Setting;
-use super::{Event, Played, Script};
+use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
 /// The name of the medium that is shown, in plans.
 const MEDIUM: &str = "slides";
 
-fn setting(meeting: &Meeting) -> Setting {
+fn setting(meeting: &MeetingScenario) -> Setting {
     let text = meeting.text.clone();
-    let more = move |device: &Device| match device {
-        Device::Screen { .. } | Device::Robot { .. } => {
+    let more = move |device: &BuildingDevice| match device {
+        BuildingDevice::Screen { .. } | BuildingDevice::Robot { .. } => {
             format!(", media = {{ {MEDIUM} = {text:?} }}")
         }
         _ => String::new(),
     };
-    Setting::new("scenario-4", &meeting.layout).at_first(meeting.at_first()).more(more)
+    Setting::new("scenario-4", &meeting.layout).at_first(meeting.initial_layout()).more(more)
 }
 
-pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result<Played, String> {
-    let meeting = Meeting::seeded(script.seed);
+pub(super) async fn play(
+    script: &ScenarioOptions,
+    tell: &mut dyn FnMut(ScenarioEvent),
+) -> Result<ScenarioResult, String> {
+    let meeting = MeetingScenario::seeded(script.seed);
     let setting = setting(&meeting);
-    let mut performance = Performance::open(&setting, script, tell).await?;
-    let ended = until_curtain(acts(&mut performance, &setting, &meeting)).await;
-    let Performance { set, building, .. } = performance;
+    let mut performance = ScenarioRun::open(&setting, script, tell).await?;
+    let ended = with_time_limit(acts(&mut performance, &setting, &meeting)).await;
+    let ScenarioRun { set, building, .. } = performance;
     let mut problems: Vec<_> = ended.err().into_iter().collect();
     problems.extend(meeting.check(&building.truth()).err().unwrap_or_default());
-    set.strike().await;
+    set.shut_down().await;
     let verdict = format!(
         "{} was given a channel by itself and showed “{}” in {} until it failed; then {} \
          came and shows it there",
@@ -41,13 +44,13 @@ pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result
         meeting.room,
         meeting.robot()
     );
-    Ok(Played { problems, verdict, ..Played::default() })
+    Ok(ScenarioResult { problems, verdict, ..ScenarioResult::default() })
 }
 
 async fn acts(
-    performance: &mut Performance<'_>,
+    performance: &mut ScenarioRun<'_>,
     setting: &Setting,
-    meeting: &Meeting,
+    meeting: &MeetingScenario,
 ) -> Result<(), String> {
     performance.await_agents(setting).await?;
     let building = performance.building.clone();
@@ -61,7 +64,7 @@ async fn acts(
     performance.ask(&format!("(presented {MEDIUM} {room})"), Keep::Maintain).await?;
     performance.until_it_holds().await?;
 
-    let broken = building.break_device(screen, Fault::Fails);
+    let broken = building.break_device(screen, DeviceFault::Fails);
     let broken = broken.map_err(|error| error.to_string())?;
     performance.say(format!("✗ {screen} shows nothing any more"));
     let robot = meeting.robot();

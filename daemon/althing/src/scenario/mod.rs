@@ -9,23 +9,23 @@
 //!   (Figure 1).
 
 mod access;
+mod launched;
 mod maintenance;
 mod meeting;
-mod performance;
+mod readiness;
+mod scenario_run;
 mod setting;
-mod stage;
 mod temperatures;
-mod usher;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use ::building::Admission;
+use ::building::VisitOutcome;
 use agent::Mode;
 
-use crate::hosting::Node;
+use crate::hosting::DaemonNode;
 
-pub(crate) use stage::Stage;
+pub(crate) use launched::ScenarioSubstrate;
 
 /// A scenario of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,23 +42,23 @@ pub(crate) enum Scenario {
 
 /// The parameters of one performance of a scenario.
 #[derive(Clone, Debug)]
-pub(crate) struct Script {
+pub(crate) struct ScenarioOptions {
     pub(crate) scenario: Scenario,
     pub(crate) seed: u64,
     pub(crate) mode: Mode,
-    pub(crate) stage: Stage,
+    pub(crate) stage: ScenarioSubstrate,
     /// Whether plans are repaired; `false` only in tests, to show that the check can fail.
     pub(crate) replanning: bool,
     /// In scenario 1, whether the agent of the dying sensor dies with it. If not, the sensor hangs
     /// and its agent has to notice that.
     pub(crate) kills: bool,
     /// Launches additional agents in scenario 1, which are not part of the building.
-    pub(crate) guests: Option<fn(&Node)>,
+    pub(crate) guests: Option<fn(&DaemonNode)>,
 }
 
 /// A line of output.
 #[derive(Clone, Debug)]
-pub(crate) struct Event {
+pub(crate) struct ScenarioEvent {
     /// Time since the performance began.
     pub(crate) at: Duration,
     pub(crate) text: String,
@@ -66,7 +66,7 @@ pub(crate) struct Event {
 
 /// The result of a performance.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Played {
+pub(crate) struct ScenarioResult {
     /// The requirements that the building's truth does not meet; empty on success.
     pub(crate) problems: Vec<String>,
     /// The text to print on success.
@@ -75,19 +75,27 @@ pub(crate) struct Played {
     pub(crate) told: BTreeMap<String, f64>,
     /// The result of each visit in scenario 3: the questions that were asked, and whether the
     /// visitor was let in.
-    pub(crate) admissions: Vec<Admission>,
+    pub(crate) admissions: Vec<VisitOutcome>,
 }
 
-impl Script {
+impl ScenarioOptions {
     /// Creates a script with default settings.
-    pub(crate) fn new(scenario: Scenario, seed: u64, mode: Mode, stage: Stage) -> Script {
-        Script { scenario, seed, mode, stage, replanning: true, kills: true, guests: None }
+    pub(crate) fn new(
+        scenario: Scenario,
+        seed: u64,
+        mode: Mode,
+        stage: ScenarioSubstrate,
+    ) -> ScenarioOptions {
+        ScenarioOptions { scenario, seed, mode, stage, replanning: true, kills: true, guests: None }
     }
 }
 
 /// Plays a script; `tell` is called with each line of output. The error is a message for the user:
 /// the scenario could not be started.
-pub(crate) async fn play(script: &Script, mut tell: impl FnMut(Event)) -> Result<Played, String> {
+pub(crate) async fn play(
+    script: &ScenarioOptions,
+    mut tell: impl FnMut(ScenarioEvent),
+) -> Result<ScenarioResult, String> {
     let tell = &mut tell;
     match script.scenario {
         Scenario::Temperatures => temperatures::play(script, tell).await,

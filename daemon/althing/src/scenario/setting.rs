@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
-use ::building::{Device, Layout};
+use ::building::{BuildingDevice, Layout};
 
 /// The office's ontology serves every building of the scenarios.
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
@@ -29,14 +29,14 @@ pub(crate) struct Setting {
     /// The building with all devices, including those that are added later.
     layout: Layout,
     /// Returns further keys for the `config` of a device's agent, besides its place.
-    more: Box<dyn Fn(&Device) -> String>,
+    more: Box<dyn Fn(&BuildingDevice) -> String>,
     replanning: bool,
 }
 
 impl Setting {
     /// Creates a setting in which no device is added later, and entries contain only places.
     pub(crate) fn new(name: &'static str, layout: &Layout) -> Setting {
-        let more = Box::new(|_: &Device| String::new());
+        let more = Box::new(|_: &BuildingDevice| String::new());
         let (at_first, layout) = (layout.clone(), layout.clone());
         Setting { name, at_first, layout, more, replanning: true }
     }
@@ -47,7 +47,7 @@ impl Setting {
     }
 
     /// Sets further keys for the `config` of each device's agent, besides its place.
-    pub(super) fn more(self, more: impl Fn(&Device) -> String + 'static) -> Setting {
+    pub(super) fn more(self, more: impl Fn(&BuildingDevice) -> String + 'static) -> Setting {
         Setting { more: Box::new(more), ..self }
     }
 
@@ -58,7 +58,8 @@ impl Setting {
 
     /// Returns the initial devices that have an agent.
     pub(crate) fn devices_at_first(&self) -> BTreeSet<String> {
-        let has_agent = |device: &&Device| !matches!(device, Device::MountedScreen { .. });
+        let has_agent =
+            |device: &&BuildingDevice| !matches!(device, BuildingDevice::MountedScreen { .. });
         let devices = self.at_first.devices().iter().filter(has_agent);
         devices.map(|device| device.name().to_owned()).collect()
     }
@@ -118,18 +119,18 @@ impl Setting {
 }
 
 /// Returns the plugin of a device's agent and the key of its place; `None` if it has no agent.
-fn plugin_of(device: &Device, layout: &Layout) -> Option<(&'static str, String)> {
+fn plugin_of(device: &BuildingDevice, layout: &Layout) -> Option<(&'static str, String)> {
     let at = |location: &String| format!("location = \"{location}\"");
     match device {
-        Device::FixedSensor { location, .. } => Some(("temperature-sensor", at(location))),
-        Device::Camera { location, .. } => Some(("ptz-camera", at(location))),
-        Device::Screen { location, .. } => Some(("screen", at(location))),
-        Device::MountedSensor { carrier, .. } => {
+        BuildingDevice::FixedSensor { location, .. } => Some(("temperature-sensor", at(location))),
+        BuildingDevice::Camera { location, .. } => Some(("ptz-camera", at(location))),
+        BuildingDevice::Screen { location, .. } => Some(("screen", at(location))),
+        BuildingDevice::MountedSensor { carrier, .. } => {
             Some(("ir-temperature-sensor", format!("mounted-on = \"{carrier}\"")))
         }
-        Device::Robot { name, start, meters_per_second } => {
+        BuildingDevice::Robot { name, start, meters_per_second } => {
             let has_screen = layout.devices().iter().any(
-                |device| matches!(device, Device::MountedScreen { carrier, .. } if carrier == name),
+                |device| matches!(device, BuildingDevice::MountedScreen { carrier, .. } if carrier == name),
             );
             let plugin = if has_screen { "video-robot" } else { "turtlebot" };
             Some((plugin, format!("start = \"{start}\", speed = {meters_per_second:?}")))
@@ -151,12 +152,12 @@ fn daemon_of(room: &str) -> String {
 }
 
 /// Returns the machine that hosts a device: the board of a place, or the laptop of a robot.
-fn daemon_of_device(device: &Device, layout: &Layout) -> String {
+fn daemon_of_device(device: &BuildingDevice, layout: &Layout) -> String {
     match device {
-        Device::FixedSensor { location, .. }
-        | Device::Camera { location, .. }
-        | Device::Screen { location, .. } => daemon_of(location),
-        Device::MountedSensor { carrier, .. } => match layout.device(carrier) {
+        BuildingDevice::FixedSensor { location, .. }
+        | BuildingDevice::Camera { location, .. }
+        | BuildingDevice::Screen { location, .. } => daemon_of(location),
+        BuildingDevice::MountedSensor { carrier, .. } => match layout.device(carrier) {
             Some(carrier) => daemon_of_device(carrier, layout),
             None => REASONING.to_owned(),
         },

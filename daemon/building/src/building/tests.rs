@@ -6,19 +6,19 @@ use expect_test::{Expect, expect};
 use tokio::time::{Instant, timeout};
 
 use super::Building;
-use crate::fixture::{office, story};
-use crate::layout::Device;
-use crate::truth::{Event, Fault, LOG_MAX};
+use crate::fixture::{log_lines, office};
+use crate::layout::BuildingDevice;
+use crate::truth::{BuildingEvent, DeviceFault, LOG_MAX};
 use crate::{Layout, LayoutError};
 
 /// Compares the log, one line per occurrence, with the expected text.
 #[track_caller]
 fn check(building: &Building, expected: Expect) {
-    expected.assert_eq(&story(&building.truth()).join("\n"));
+    expected.assert_eq(&log_lines(&building.truth()).join("\n"));
 }
 
-fn departed(event: &Event) -> bool {
-    matches!(event, Event::Departed { .. })
+fn departed(event: &BuildingEvent) -> bool {
+    matches!(event, BuildingEvent::Departed { .. })
 }
 
 /// Runs `fate` once the robot is under way. Returns the outcome of the trip and its duration.
@@ -121,7 +121,7 @@ async fn a_trip_that_is_called_off_ends_where_it_began_and_frees_the_robot() {
 #[tokio::test(start_paused = true)]
 async fn a_robot_runs_one_errand_at_a_time_and_two_robots_pass_each_other() {
     let building = office();
-    let robot = |name: &str, start: &str| Device::Robot {
+    let robot = |name: &str, start: &str| BuildingDevice::Robot {
         name: name.to_owned(),
         start: start.to_owned(),
         meters_per_second: 0.3,
@@ -149,7 +149,7 @@ async fn a_robot_runs_one_errand_at_a_time_and_two_robots_pass_each_other() {
 async fn what_befalls_a_robot_under_way_is_noticed() {
     let breaks = office();
     let (arrived, took) = trip_with(&breaks, async |building| {
-        building.break_device("turtlebot-1", Fault::Fails).unwrap();
+        building.break_device("turtlebot-1", DeviceFault::Fails).unwrap();
     })
     .await;
     assert_eq!((arrived, took), (Err("use `turtlebot-1`: it is broken".into()), Duration::ZERO));
@@ -196,9 +196,9 @@ async fn a_robot_replaced_under_way_does_not_inherit_the_errand() {
 async fn a_device_that_hangs_goes_on_when_it_is_repaired() {
     let building = office();
     let (arrived, took) = trip_with(&building, async |building| {
-        building.break_device("turtlebot-1", Fault::Hangs).unwrap();
+        building.break_device("turtlebot-1", DeviceFault::Hangs).unwrap();
         let hour = Duration::from_secs(3_600);
-        let moved = |event: &Event| matches!(event, Event::Moved { .. });
+        let moved = |event: &BuildingEvent| matches!(event, BuildingEvent::Moved { .. });
         assert!(timeout(hour, building.wait_for(|truth| truth.any(moved))).await.is_err());
         building.repair("turtlebot-1").unwrap();
     })
@@ -210,17 +210,17 @@ async fn a_device_that_hangs_goes_on_when_it_is_repaired() {
 async fn a_slow_sensor_takes_longer_and_no_fault_can_overflow_time() {
     let building = office();
     let began = Instant::now();
-    building.break_device("ir-1", Fault::Slow(Duration::from_secs(2))).unwrap();
+    building.break_device("ir-1", DeviceFault::Slow(Duration::from_secs(2))).unwrap();
     building.read_temperature("ir-1").await.unwrap();
     assert_eq!(began.elapsed(), Duration::from_millis(2_100));
-    building.break_device("ir-1", Fault::Slow(Duration::MAX)).unwrap();
+    building.break_device("ir-1", DeviceFault::Slow(Duration::MAX)).unwrap();
     building.read_temperature("ir-1").await.unwrap();
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_sensor_can_die_in_the_instant_it_is_first_asked() {
     let building = office();
-    building.break_at_next_use("thermometer-office2", Fault::Fails).unwrap();
+    building.break_at_next_use("thermometer-office2", DeviceFault::Fails).unwrap();
     building.set_temperature("office2", 30.0).unwrap();
     assert!(building.read_temperature("thermometer-office2").await.is_err());
     building.repair("thermometer-office2").unwrap();
@@ -244,7 +244,7 @@ async fn fate_is_told_of_its_mistakes_too() {
     let refusals = [
         building.set_temperature("ofice1", 20.0).unwrap_err(),
         building.set_temperature("office1", f64::INFINITY).unwrap_err(),
-        building.break_device("thermometer-office1", Fault::Fails).unwrap_err(),
+        building.break_device("thermometer-office1", DeviceFault::Fails).unwrap_err(),
         building.lock_door("office1", "office2").unwrap_err(),
     ];
     expect![[r#"
@@ -276,6 +276,6 @@ async fn every_operation_can_be_spawned() {
     check(building.handle().read_temperature("ir-1"));
     check(building.handle().place_of("ir-1"));
     check(building.wait_for(|_| true));
-    check(scenario.death(&building, Fault::Fails));
+    check(scenario.death(&building, DeviceFault::Fails));
     check(crate::serve(building.handle(), "unused"));
 }

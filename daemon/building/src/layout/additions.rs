@@ -3,7 +3,7 @@
 //! Every part of a layout is added here, one at a time. Each is checked against the parts that are there; a
 //! refused one leaves the layout unchanged.
 
-use super::{Connection, Device, Layout, Location, LocationKind};
+use super::{BuildingDevice, Layout, Location, LocationConnection, LocationKind};
 use crate::error::{LayoutError, nearest};
 use crate::quantity::Quantity;
 
@@ -42,7 +42,7 @@ impl Layout {
     /// Connects two locations in both directions; `meters` is the length.
     pub fn connect(&mut self, a: &str, b: &str, meters: f64) -> Result<&mut Layout, LayoutError> {
         let (from, to) = (a.to_owned(), b.to_owned());
-        self.add_connection(Connection { from, to, meters, one_way: false })
+        self.add_connection(LocationConnection { from, to, meters, one_way: false })
     }
 
     /// Connects two locations in one direction, from the first to the second; `meters` is the length.
@@ -53,7 +53,7 @@ impl Layout {
         meters: f64,
     ) -> Result<&mut Layout, LayoutError> {
         let (from, to) = (from.to_owned(), to.to_owned());
-        self.add_connection(Connection { from, to, meters, one_way: true })
+        self.add_connection(LocationConnection { from, to, meters, one_way: true })
     }
 
     /// Adds a temperature sensor that stays in one location.
@@ -63,7 +63,7 @@ impl Layout {
         location: &str,
     ) -> Result<&mut Layout, LayoutError> {
         let (name, location) = (name.to_owned(), location.to_owned());
-        self.add_device(Device::FixedSensor { name, location })
+        self.add_device(BuildingDevice::FixedSensor { name, location })
     }
 
     /// Adds a sensor of a quantity other than temperature.
@@ -74,7 +74,7 @@ impl Layout {
         quantity: Quantity,
     ) -> Result<&mut Layout, LayoutError> {
         let (name, location) = (name.to_owned(), location.to_owned());
-        self.add_device(Device::Sensor { name, location, quantity })
+        self.add_device(BuildingDevice::Sensor { name, location, quantity })
     }
 
     /// Adds a robot that stands at `start`.
@@ -85,13 +85,13 @@ impl Layout {
         meters_per_second: f64,
     ) -> Result<&mut Layout, LayoutError> {
         let (name, start) = (name.to_owned(), start.to_owned());
-        self.add_device(Device::Robot { name, start, meters_per_second })
+        self.add_device(BuildingDevice::Robot { name, start, meters_per_second })
     }
 
     /// Adds a temperature sensor that a robot carries.
     pub fn mount(&mut self, sensor: &str, robot: &str) -> Result<&mut Layout, LayoutError> {
         let (name, carrier) = (sensor.to_owned(), robot.to_owned());
-        self.add_device(Device::MountedSensor { name, carrier })
+        self.add_device(BuildingDevice::MountedSensor { name, carrier })
     }
 
     /// Adds a location.
@@ -103,8 +103,11 @@ impl Layout {
     }
 
     /// Adds a connection.
-    pub fn add_connection(&mut self, connection: Connection) -> Result<&mut Layout, LayoutError> {
-        let Connection { from, to, meters, one_way } = &connection;
+    pub fn add_connection(
+        &mut self,
+        connection: LocationConnection,
+    ) -> Result<&mut Layout, LayoutError> {
+        let LocationConnection { from, to, meters, one_way } = &connection;
         self.check_location(from)?;
         self.check_location(to)?;
         if from == to {
@@ -124,24 +127,26 @@ impl Layout {
     }
 
     /// Adds a device.
-    pub fn add_device(&mut self, device: Device) -> Result<&mut Layout, LayoutError> {
+    pub fn add_device(&mut self, device: BuildingDevice) -> Result<&mut Layout, LayoutError> {
         self.check_new_name(device.name())?;
         match &device {
-            Device::FixedSensor { location, .. } | Device::Sensor { location, .. } => {
+            BuildingDevice::FixedSensor { location, .. }
+            | BuildingDevice::Sensor { location, .. } => {
                 self.check_location(location)?;
             }
-            Device::Robot { name, start, meters_per_second } => {
+            BuildingDevice::Robot { name, start, meters_per_second } => {
                 self.check_location(start)?;
                 check_speed(name, *meters_per_second)?;
             }
-            Device::MountedSensor { carrier, .. } | Device::MountedScreen { carrier, .. } => {
+            BuildingDevice::MountedSensor { carrier, .. }
+            | BuildingDevice::MountedScreen { carrier, .. } => {
                 self.check_carrier(carrier)?;
             }
-            Device::Camera { name, location, views } => {
+            BuildingDevice::Camera { name, location, views } => {
                 self.check_location(location)?;
                 self.check_views(name, views)?;
             }
-            Device::Screen { location, .. } => self.check_location(location)?,
+            BuildingDevice::Screen { location, .. } => self.check_location(location)?,
         }
         self.devices.push(device);
         Ok(self)
@@ -150,7 +155,8 @@ impl Layout {
     /// Removes a device; with a robot, also the devices that it carries. Returns the names of all that were
     /// removed.
     pub(crate) fn remove_device(&mut self, name: &str) -> Vec<String> {
-        let leaves = |device: &Device| device.name() == name || device.carrier() == Some(name);
+        let leaves =
+            |device: &BuildingDevice| device.name() == name || device.carrier() == Some(name);
         let (gone, kept): (Vec<_>, Vec<_>) = self.devices.drain(..).partition(leaves);
         self.devices = kept;
         self.batteries.remove(name);
@@ -170,7 +176,7 @@ impl Layout {
             return Err(LayoutError::BadName { name: name.to_owned() });
         }
         let place = self.location(name).map(|_| "location");
-        match place.or_else(|| self.device(name).map(Device::is)) {
+        match place.or_else(|| self.device(name).map(BuildingDevice::is)) {
             Some(what) => {
                 Err(LayoutError::NameTaken { name: name.to_owned(), taken_by: what.to_owned() })
             }
@@ -188,13 +194,14 @@ impl Layout {
 
     pub(crate) fn check_carrier(&self, name: &str) -> Result<(), LayoutError> {
         match self.device(name) {
-            Some(Device::Robot { .. }) => Ok(()),
+            Some(BuildingDevice::Robot { .. }) => Ok(()),
             Some(other) => {
                 Err(LayoutError::NotARobot { name: name.to_owned(), is: other.is().to_owned() })
             }
             None => {
-                let robots = self.devices.iter().filter(|d| matches!(d, Device::Robot { .. }));
-                let nearest = nearest(name, robots.map(Device::name));
+                let robots =
+                    self.devices.iter().filter(|d| matches!(d, BuildingDevice::Robot { .. }));
+                let nearest = nearest(name, robots.map(BuildingDevice::name));
                 Err(LayoutError::UnknownRobot { name: name.to_owned(), nearest })
             }
         }

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use tokio::time::{Instant, timeout};
 
-use crate::fixture::story;
-use crate::{Building, BuildingHandle, Fault, Layout, Quantity, serve};
+use crate::fixture::log_lines;
+use crate::{Building, BuildingHandle, DeviceFault, Layout, Quantity, serve};
 
 /// Returns a building with a thermometer, and a sensor of each quantity that is named after its quantity.
 fn house() -> Building {
@@ -77,9 +77,9 @@ async fn awaited(
         let measured = handle.await_change("motion", Quantity::Motion, 0.0).await;
         measured.map(|measured| measured.value).map_err(|error| error.to_string())
     };
-    let story_before = story(&house.truth()).len();
+    let story_before = log_lines(&house.truth()).len();
     let (outcome, ()) = tokio::join!(timeout(Duration::from_secs(10), awaited), fate);
-    assert!(story(&house.truth()).len() > story_before);
+    assert!(log_lines(&house.truth()).len() > story_before);
     outcome.unwrap_or_else(|_| Err("nothing was noticed".to_owned()))
 }
 
@@ -94,7 +94,7 @@ async fn who_moves_is_noticed_at_once() {
     });
     assert_eq!(seen.await, Ok(1.0));
     assert_eq!(begun.elapsed(), Duration::from_secs(5));
-    let last = story(&house.truth()).pop();
+    let last = log_lines(&house.truth()).pop();
     assert_eq!(last.as_deref(), Some("motion measures lab motion 1"));
 }
 
@@ -102,12 +102,12 @@ async fn who_moves_is_noticed_at_once() {
 async fn a_sensor_that_breaks_or_hangs_notices_nothing() {
     let house = house();
     let broken = awaited(&house, house.handle(), async {
-        house.break_device("motion", Fault::Fails).unwrap();
+        house.break_device("motion", DeviceFault::Fails).unwrap();
     });
     assert_eq!(broken.await, Err("use `motion`: it is broken".to_owned()));
     house.repair("motion").unwrap();
     let hangs = awaited(&house, house.handle(), async {
-        house.break_device("motion", Fault::Hangs).unwrap();
+        house.break_device("motion", DeviceFault::Hangs).unwrap();
         house.set("lab", Quantity::Motion, 1.0).unwrap();
     });
     assert_eq!(hangs.await, Err("nothing was noticed".to_owned()));

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use expect_test::{Expect, expect};
 
 use super::check_scenario_1;
-use crate::{Building, Device, Dies, Event, Fault, Layout, SeededScenario, Truth};
+use crate::{
+    Building, BuildingDevice, BuildingEvent, DeathTime, DeviceFault, Layout, SeededScenario, Truth,
+};
 
 /// A scenario after it was played: the arguments of the check.
 struct Played {
@@ -27,10 +29,10 @@ impl Played {
 async fn play(seed: u64, replans: bool) -> Played {
     let scenario = Layout::seeded(seed);
     let building = Building::new(scenario.layout.clone(), 1.0).unwrap();
-    scenario.arm(&building, Fault::Fails).unwrap();
+    scenario.arm(&building, DeviceFault::Fails).unwrap();
     let mut told = BTreeMap::new();
     for device in scenario.layout.devices() {
-        if let Device::FixedSensor { name, location } = device
+        if let BuildingDevice::FixedSensor { name, location } = device
             && let Ok(reading) = building.read_temperature(name).await
         {
             told.insert(location.clone(), reading.celsius);
@@ -39,7 +41,7 @@ async fn play(seed: u64, replans: bool) -> Played {
     for room in scenario.layout.rooms_without_sensor() {
         told.insert(room.to_owned(), measure_by_robot(&building, room).await);
     }
-    let death = scenario.death(&building, Fault::Fails).await.unwrap();
+    let death = scenario.death(&building, DeviceFault::Fails).await.unwrap();
     let room = scenario.dying_room();
     if replans {
         told.insert(room.to_owned(), measure_by_robot(&building, room).await);
@@ -53,7 +55,7 @@ async fn measure_by_robot(building: &Building, room: &str) -> f64 {
         .devices()
         .iter()
         .find_map(|device| match device {
-            Device::MountedSensor { name, carrier } => Some((name, carrier)),
+            BuildingDevice::MountedSensor { name, carrier } => Some((name, carrier)),
             _ => None,
         })
         .unwrap();
@@ -98,35 +100,35 @@ async fn holds_for_every_seed_when_somebody_replans_and_for_none_when_nobody_doe
 
 /// Plays the first seed with this kind of death, lets `tamper` change the log or what the user was told,
 /// and compares what the check then finds.
-async fn check(dies: Dies, tamper: impl FnOnce(&mut Played), expected: Expect) {
+async fn check(dies: DeathTime, tamper: impl FnOnce(&mut Played), expected: Expect) {
     let seed = (0..).find(|seed| Layout::seeded(*seed).dies == dies).unwrap();
     let mut played = play(seed, true).await;
     tamper(&mut played);
     expected.assert_eq(&played.problems().join("\n"));
 }
 
-fn forget(played: &mut Played, sort: impl Fn(&Event) -> bool) {
-    played.truth.log.kept.retain(|occurrence| !sort(&occurrence.event));
+fn forget(played: &mut Played, sort: impl Fn(&BuildingEvent) -> bool) {
+    played.truth.log.occurrences.retain(|occurrence| !sort(&occurrence.event));
     // Only the events are missing; the log must not look as if it had dropped its oldest.
-    played.truth.log.next_sequence = played.truth.log.kept.len() as u64;
+    played.truth.log.next_sequence = played.truth.log.occurrences.len() as u64;
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_second_trip_that_never_was_is_missed() {
-    for dies in [Dies::AfterReport, Dies::BeforeReport] {
+    for dies in [DeathTime::AfterReport, DeathTime::BeforeReport] {
         check(
             dies,
             |played| {
                 let death = played.death;
                 let log = &mut played.truth.log;
-                log.kept.retain(|occurrence| occurrence.sequence <= death);
-                log.next_sequence = log.kept.len() as u64;
+                log.occurrences.retain(|occurrence| occurrence.sequence <= death);
+                log.next_sequence = log.occurrences.len() as u64;
             },
             match dies {
-                Dies::AfterReport => {
+                DeathTime::AfterReport => {
                     expect!["no robot measured `office2` after `thermometer-office2` died"]
                 }
-                Dies::BeforeReport => expect![[r#"
+                DeathTime::BeforeReport => expect![[r#"
                     `office1` was not measured at all
                     `office3` was not measured by a robot at all
                     `atelier` was not measured by a robot at all
@@ -139,19 +141,18 @@ async fn a_second_trip_that_never_was_is_missed() {
 
 #[tokio::test(start_paused = true)]
 async fn claims_that_the_building_denies_are_found() {
-    let read_by_robot =
-        |event: &Event| matches!(event, Event::Read { sensor, .. } if sensor == "ir-1");
+    let read_by_robot = |event: &BuildingEvent| matches!(event, BuildingEvent::Read { sensor, .. } if sensor == "ir-1");
     check(
-        Dies::AfterReport,
+        DeathTime::AfterReport,
         |played| forget(played, read_by_robot),
         expect![[r#"
         `office1` was not measured by a robot at all before `thermometer-office2` died
         no robot measured `office2` after `thermometer-office2` died"#]],
     )
     .await;
-    let moved = |event: &Event| matches!(event, Event::Moved { .. });
+    let moved = |event: &BuildingEvent| matches!(event, BuildingEvent::Moved { .. });
     check(
-        Dies::AfterReport,
+        DeathTime::AfterReport,
         |played| forget(played, moved),
         expect![[r#"
             `ir-1` measured `office1`, but was in `corridor`
@@ -161,7 +162,7 @@ async fn claims_that_the_building_denies_are_found() {
     )
     .await;
     check(
-        Dies::AfterReport,
+        DeathTime::AfterReport,
         |played| {
             // The last answer of the dead sensor, repeated.
             played.told.insert("office2".to_owned(), 21.5);
@@ -175,7 +176,7 @@ async fn claims_that_the_building_denies_are_found() {
     )
     .await;
     check(
-        Dies::AfterReport,
+        DeathTime::AfterReport,
         |played| played.death = 0,
         expect![[r#"
         `thermometer-office2` did not die when the scenario says it did
@@ -187,7 +188,7 @@ async fn claims_that_the_building_denies_are_found() {
     )
     .await;
     check(
-        Dies::AfterReport,
+        DeathTime::AfterReport,
         |played| played.truth.log.next_sequence += 1,
         expect!["the log has dropped its first 1 events"],
     )
@@ -197,14 +198,14 @@ async fn claims_that_the_building_denies_are_found() {
 #[tokio::test(start_paused = true)]
 async fn a_death_at_the_wrong_time_proves_nothing() {
     check(
-        Dies::AfterReport,
-        |played| played.scenario.dies = Dies::BeforeReport,
+        DeathTime::AfterReport,
+        |played| played.scenario.dies = DeathTime::BeforeReport,
         expect!["`thermometer-office2` measured before its death"],
     )
     .await;
     check(
-        Dies::BeforeReport,
-        |played| played.scenario.dies = Dies::AfterReport,
+        DeathTime::BeforeReport,
+        |played| played.scenario.dies = DeathTime::AfterReport,
         expect![[r#"
         `thermometer-office1` died before it ever measured
         `office1` was not measured at all before `thermometer-office1` died
@@ -218,23 +219,23 @@ async fn a_death_at_the_wrong_time_proves_nothing() {
 async fn only_a_robot_and_only_after_the_death_replaces_the_dead() {
     let dies = |played: &mut Played| {
         let device = played.scenario.dying_sensor.clone();
-        played.truth.log.record(Event::Broken { device, fault: Fault::Fails })
+        played.truth.log.record(BuildingEvent::Broken { device, fault: DeviceFault::Fails })
     };
     check(
-        Dies::AfterReport,
+        DeathTime::AfterReport,
         |played| played.death = dies(played),
         expect!["no robot measured `office2` after `thermometer-office2` died"],
     )
     .await;
     check(
-        Dies::AfterReport,
+        DeathTime::AfterReport,
         |played| {
             let log = &mut played.truth.log;
-            log.kept.retain(|occurrence| occurrence.sequence <= played.death);
-            log.next_sequence = log.kept.len() as u64;
+            log.occurrences.retain(|occurrence| occurrence.sequence <= played.death);
+            log.next_sequence = log.occurrences.len() as u64;
             played.scenario.layout.add_fixed_sensor("second", "office2").unwrap();
             let (sensor, location) = ("second".to_owned(), "office2".to_owned());
-            log.record(Event::Read { sensor, location, celsius: 23.5 });
+            log.record(BuildingEvent::Read { sensor, location, celsius: 23.5 });
         },
         expect!["no robot measured `office2` after `thermometer-office2` died"],
     )
@@ -246,7 +247,7 @@ async fn a_robot_that_goes_where_it_cannot_is_found() {
     for (from, to) in [("conf-room", "corridor"), ("office2", "office1")] {
         let went = |played: &mut Played| {
             let (robot, from, to) = ("turtlebot-1".to_owned(), from.to_owned(), to.to_owned());
-            played.truth.log.record(Event::Moved { robot, from, to });
+            played.truth.log.record(BuildingEvent::Moved { robot, from, to });
         };
         let expected = match from {
             "conf-room" => {
@@ -254,6 +255,6 @@ async fn a_robot_that_goes_where_it_cannot_is_found() {
             }
             _ => expect!["`turtlebot-1` went from `office2` to `office1`, which is impossible"],
         };
-        check(Dies::AfterReport, went, expected).await;
+        check(DeathTime::AfterReport, went, expected).await;
     }
 }

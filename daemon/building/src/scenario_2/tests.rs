@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::{Maintenance, ROBOTS};
-use crate::{Building, Device};
+use super::{MaintenanceScenario, ROBOTS};
+use crate::{Building, BuildingDevice};
 
 /// The part that is left out, or done wrong.
 #[derive(Clone, Copy, PartialEq)]
@@ -18,7 +18,7 @@ enum Flaw {
 
 struct Stage {
     building: Building,
-    scenario: Maintenance,
+    scenario: MaintenanceScenario,
     told: BTreeMap<String, f64>,
 }
 
@@ -26,7 +26,7 @@ impl Stage {
     async fn fixed(&mut self, but: &[&str]) {
         let layout = self.building.truth().layout().clone();
         for device in layout.devices() {
-            if let Device::FixedSensor { name, location } = device
+            if let BuildingDevice::FixedSensor { name, location } = device
                 && !but.contains(&name.as_str())
             {
                 let celsius = self.building.read_temperature(name).await.unwrap().celsius;
@@ -58,18 +58,18 @@ impl Stage {
 }
 
 async fn problems(seed: u64, flaw: Flaw) -> Vec<String> {
-    let scenario = Maintenance::seeded(seed);
-    let building = Building::new(scenario.at_first(), 1.0).unwrap();
+    let scenario = MaintenanceScenario::seeded(seed);
+    let building = Building::new(scenario.initial_layout(), 1.0).unwrap();
     let mut stage = Stage { building, scenario: scenario.clone(), told: BTreeMap::new() };
     let [first, second] = &scenario.deaths;
     let bare = scenario.late_room();
     stage.fixed(&[]).await;
     stage.robot(0, bare).await;
-    first.strike(&stage.building).unwrap();
+    first.trigger(&stage.building).unwrap();
     if flaw != Flaw::NobodyReplans {
         stage.robot(0, &first.room).await;
     }
-    second.strike(&stage.building).unwrap();
+    second.trigger(&stage.building).unwrap();
     stage.fixed(&[&first.sensor, &second.sensor]).await;
     stage.robot(0, bare).await;
     stage.robot(0, &first.room).await;

@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 
 use expect_test::expect;
 
-use super::Dies;
-use crate::{Device, Layout, LocationKind};
+use super::DeathTime;
+use crate::{BuildingDevice, Layout, LocationKind};
 
 const SEEDS: u64 = 200;
 
@@ -31,8 +31,9 @@ fn check(seed: u64) {
         layout.locations().iter().map(|place| (place.celsius * 10.0) as i64).collect();
     tenths.push((scenario.celsius_after_death * 10.0) as i64);
     assert_eq!(tenths.iter().collect::<BTreeSet<_>>().len(), tenths.len(), "seed {seed}");
-    let robots = layout.devices().iter().filter(|d| matches!(d, Device::Robot { .. }));
-    let mounted = layout.devices().iter().filter(|d| matches!(d, Device::MountedSensor { .. }));
+    let robots = layout.devices().iter().filter(|d| matches!(d, BuildingDevice::Robot { .. }));
+    let mounted =
+        layout.devices().iter().filter(|d| matches!(d, BuildingDevice::MountedSensor { .. }));
     let (robots_count, mounted_count) = (robots.count(), mounted.count());
     assert!((1..=2).contains(&robots_count) && robots_count == mounted_count, "seed {seed}");
 }
@@ -56,7 +57,7 @@ fn seeds_differ_in_everything_that_they_draw() {
     assert_eq!(count(&|scenario| format!("{:?}", scenario.dies)), 2);
     let robots = |scenario: &super::SeededScenario| {
         let devices = scenario.layout.devices().iter();
-        devices.filter(|device| matches!(device, Device::Robot { .. })).count().to_string()
+        devices.filter(|device| matches!(device, BuildingDevice::Robot { .. })).count().to_string()
     };
     assert_eq!(count(&robots), 2);
     let circles = |scenario: &super::SeededScenario| {
@@ -70,10 +71,10 @@ fn seeds_differ_in_everything_that_they_draw() {
 fn seed_0_is_the_office_of_the_paper() {
     let scenario = Layout::seeded(0);
     assert_eq!(scenario.layout.rooms_without_sensor().collect::<Vec<_>>(), ["office1"]);
-    assert_eq!((scenario.dying_room(), scenario.dies), ("office2", Dies::AfterReport));
+    assert_eq!((scenario.dying_room(), scenario.dies), ("office2", DeathTime::AfterReport));
     let corridors = scenario.layout.locations().iter();
     assert_eq!(corridors.filter(|place| place.kind == LocationKind::Corridor).count(), 1);
-    let devices: Vec<&str> = scenario.layout.devices().iter().map(Device::name).collect();
+    let devices: Vec<&str> = scenario.layout.devices().iter().map(BuildingDevice::name).collect();
     assert_eq!(devices, ["thermometer-office2", "thermometer-conf-room", "turtlebot-1", "ir-1"]);
 }
 

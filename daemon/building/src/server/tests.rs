@@ -10,9 +10,11 @@ use tokio::net::{UnixListener, UnixStream};
 use tokio::time::timeout;
 
 use super::{CLIENTS_MAX, Server, serve};
-use crate::fixture::{office, story};
-use crate::wire::{IN_FLIGHT_MAX, LINE_MAX, Lines};
-use crate::{Building, BuildingHandle, DeviceError, Event, Fault, Layout, ServeError, Truth};
+use crate::fixture::{log_lines, office};
+use crate::wire::{IN_FLIGHT_MAX, LINE_MAX, LineReader};
+use crate::{
+    Building, BuildingEvent, BuildingHandle, DeviceError, DeviceFault, Layout, ServeError, Truth,
+};
 
 /// Real time passes at a socket. No test should come near this limit.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -32,7 +34,7 @@ impl Served {
         BuildingHandle::connect(self.path()).await.unwrap()
     }
 
-    async fn wait_for(&self, what: impl Fn(&Event) -> bool) -> Truth {
+    async fn wait_for(&self, what: impl Fn(&BuildingEvent) -> bool) -> Truth {
         timeout(PATIENCE, self.building.wait_for(|truth| truth.any(&what))).await.unwrap()
     }
 }
@@ -48,12 +50,12 @@ async fn served() -> Served {
     serve_building(office()).await
 }
 
-fn departed(event: &Event) -> bool {
-    matches!(event, Event::Departed { .. })
+fn departed(event: &BuildingEvent) -> bool {
+    matches!(event, BuildingEvent::Departed { .. })
 }
 
-fn stayed(event: &Event) -> bool {
-    matches!(event, Event::Stayed { .. })
+fn stayed(event: &BuildingEvent) -> bool {
+    matches!(event, BuildingEvent::Stayed { .. })
 }
 
 #[tokio::test]
@@ -67,7 +69,7 @@ async fn a_driver_in_another_process_does_what_one_in_this_process_does() {
         let refused = handle.navigate("turtlebot-1", "office2").await.unwrap_err();
         assert!(matches!(&refused, DeviceError::NoWay { ways, .. } if ways == &["corridor"]));
     }
-    assert_eq!(story(&near.truth()), story(&far.building.truth()));
+    assert_eq!(log_lines(&near.truth()), log_lines(&far.building.truth()));
 }
 
 #[tokio::test]
@@ -173,7 +175,7 @@ async fn a_server_that_is_frozen_is_noticed() {
 /// Writes raw lines to the socket and returns the raw answers.
 async fn answers(served: &Served, lines: &[&[u8]]) -> Vec<String> {
     let (reader, mut writer) = UnixStream::connect(served.path()).await.unwrap().into_split();
-    let mut reader = Lines::new(reader);
+    let mut reader = LineReader::new(reader);
     let mut answers = Vec::new();
     for line in lines {
         writer.write_all(&[line, b"\n".as_slice()].concat()).await.unwrap();
@@ -221,14 +223,14 @@ async fn nonsense_is_answered_and_disturbs_nobody() {
 #[tokio::test]
 async fn a_client_may_not_pile_up_requests_nor_may_clients() {
     let served = served().await;
-    served.building.break_device("ir-1", Fault::Hangs).unwrap();
+    served.building.break_device("ir-1", DeviceFault::Hangs).unwrap();
     let mut stream = UnixStream::connect(served.path()).await.unwrap();
     for id in 0..=IN_FLIGHT_MAX {
         let ask =
             format!("{{\"id\":{id},\"ask\":{{\"read-temperature\":{{\"sensor\":\"ir-1\"}}}}}}\n");
         stream.write_all(ask.as_bytes()).await.unwrap();
     }
-    let mut lines = Lines::new(stream);
+    let mut lines = LineReader::new(stream);
     let refused = async {
         loop {
             let line = lines.next().await.unwrap().unwrap();

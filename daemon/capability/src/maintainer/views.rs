@@ -8,7 +8,8 @@ use acl::content::Methods;
 use acl::{AgentId, Incarnation};
 use pddl::knowledge::Knowledge;
 use pddl::{
-    Condition, Direction, Expression, FluentTerm, InitElement, Metric, Name, Number, Problem, Span,
+    Condition, Expression, FluentTerm, InitElement, Metric, MetricDirection, Name, Number, Problem,
+    Span,
 };
 
 use super::{Maintainer, Scope};
@@ -232,7 +233,7 @@ impl Maintainer {
     fn metric(&self, composite: &Composite) -> Option<Metric> {
         let cheapest = || {
             counts_cost(composite).then(|| Metric {
-                direction: Direction::Minimize,
+                direction: MetricDirection::Minimize,
                 expression: Expression::Fluent(total_cost()),
                 span: Span::default(),
             })

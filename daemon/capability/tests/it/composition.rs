@@ -311,7 +311,7 @@ fn a_goal_is_measured_by_its_cost_unless_asked_otherwise() {
     assert_eq!(problem.goal, goal());
     let metric = problem.metric.expect("the ontology counts costs");
     assert_eq!(metric.to_string(), "(:metric minimize (total-cost))");
-    let dearest = pddl::Metric { direction: pddl::Direction::Maximize, ..metric };
+    let dearest = pddl::Metric { direction: pddl::MetricDirection::Maximize, ..metric };
     let now = office.now;
     office.maintainer.measure(Some(dearest.clone()), now).expect("it makes sense");
     assert_eq!(office.snapshot().with_goal(&goal(), None).metric, Some(dearest));

@@ -154,7 +154,7 @@ impl Office {
             sequence,
             digest: view.map(|view| view.digest.clone()).unwrap_or_default(),
             facts: lasting.chain(brief).collect(),
-            period: Some(Duration::from_secs(1)),
+            period: Some(std::time::Duration::from_secs(1)),
         };
         self.maintainer.believe_heartbeat(beat, self.now)
     }

@@ -21,7 +21,7 @@ fn heartbeat(facts: &str) -> Heartbeat {
 fn a_heartbeat_is_read_against_the_clock() {
     let read = |text| Beat::read(id("t-1"), Incarnation(1), &heartbeat(text), Moment(500));
     let beat = read("(located t-1 office2)").expect("a heartbeat");
-    assert_eq!(beat.period, Some(Duration::from_secs(1)));
+    assert_eq!(beat.period, Some(std::time::Duration::from_secs(1)));
     let known: Vec<_> = beat.facts.iter().map(|known| known.until).collect();
     assert_eq!(known, [None, Some(Moment(60_500))]);
     assert!(read("(located t-1").is_err());

@@ -10,14 +10,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use pddl::{
-    ActionSchema, Assign, Assignment, Atom, Condition, Direction, Domain, Effect, Expression,
-    FluentTerm, FunctionDeclaration, InitElement, Metric, Name, Number, Operator,
+    ActionSchema, Assign, Assignment, Atom, Condition, Domain, Effect, Expression, FluentTerm,
+    FunctionDeclaration, InitElement, Metric, MetricDirection, Name, Number, Operator,
     PredicateDeclaration, Privacy, Problem, Span, Term, TypeExpr, Typed, Types,
 };
-use planner::{Text, Unsupported};
+use planner::{InputText, Unsupported};
 
 use super::refuse::unsupported;
-use super::walk;
+use super::task_parts;
 
 const TOTAL_COST: &str = "total-cost";
 
@@ -31,14 +31,14 @@ const SCALED_MAX: f64 = 1e6;
 /// Largest cost if all costs are whole numbers, so that no scaling is needed.
 const WHOLE_MAX: f64 = 1e9;
 
-type Values = BTreeMap<(Name, Vec<Name>), f64>;
+type FluentValues = BTreeMap<(Name, Vec<Name>), f64>;
 
 /// Removes all numbers but costs. Returns whether costs compare exactly as in the task.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<bool, Unsupported> {
-    let facts = Facts::of(domain, problem)?;
+    let facts = FunctionProperties::of(domain, problem)?;
     let mut tables = Vec::new();
     for action in &mut domain.actions {
-        let mut numbers = Numbers::default();
+        let mut numbers = ActionNumbers::default();
         let effect = std::mem::take(&mut action.effect);
         action.effect = facts.strip(effect, Nesting::default(), &mut numbers)?;
         require(action, &numbers.needs);
@@ -58,7 +58,7 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<bool, 
     domain.functions.push(function(TOTAL_COST, 0));
     problem.init.push(InitElement::Assign(total_cost(Span::default()), Number(0.0)));
     problem.metric = Some(Metric {
-        direction: Direction::Minimize,
+        direction: MetricDirection::Minimize,
         expression: Expression::Fluent(total_cost(Span::default())),
         span: Span::default(),
     });
@@ -66,21 +66,21 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<bool, 
 }
 
 /// The functions of the task and their properties.
-struct Facts {
+struct FunctionProperties {
     /// Cost of one unit of each function; empty if there is no metric.
     weights: BTreeMap<Name, f64>,
     /// Functions that an action changes.
     changed: BTreeSet<Name>,
     /// Functions that an action sets to a value that does not depend on the former one.
     assigned: BTreeSet<Name>,
-    values: Values,
+    values: FluentValues,
     objects: BTreeMap<Name, TypeExpr>,
     types: Types,
 }
 
 /// The numeric part of one action.
 #[derive(Default)]
-struct Numbers {
+struct ActionNumbers {
     /// The action's costs: weights and values.
     costs: Vec<(f64, Expression)>,
     /// Fluents that must have a value for the action to be applicable.
@@ -95,16 +95,16 @@ struct Nesting {
 }
 
 /// The costs of one action, by the objects that its variables stand for.
-struct Table {
+struct CostTable {
     variables: Vec<Name>,
     values: BTreeMap<Vec<Name>, f64>,
 }
 
 // === impl Facts ===
 
-impl Facts {
-    fn of(domain: &Domain, problem: &Problem) -> Result<Facts, Unsupported> {
-        let assigns = walk::assigns(domain);
+impl FunctionProperties {
+    fn of(domain: &Domain, problem: &Problem) -> Result<FunctionProperties, Unsupported> {
+        let assigns = task_parts::assigns(domain);
         let names = |those: &dyn Fn(&Assign) -> bool| {
             let chosen = assigns.iter().filter(|assign| those(assign));
             chosen.map(|assign| assign.fluent.function.clone()).collect()
@@ -113,14 +113,14 @@ impl Facts {
         let objects = domain.constants.iter().chain(declared);
         let mut weights = BTreeMap::new();
         if let Some(metric) = &problem.metric {
-            let sign = if metric.direction == Direction::Maximize { -1.0 } else { 1.0 };
+            let sign = if metric.direction == MetricDirection::Maximize { -1.0 } else { 1.0 };
             add_weights(&metric.expression, sign, metric, &mut weights)?;
         }
-        Ok(Facts {
+        Ok(FunctionProperties {
             weights,
             changed: names(&|_| true),
             assigned: names(&|assign| assign.assignment == Assignment::Assign),
-            values: walk::values(problem),
+            values: task_parts::values(problem),
             objects: objects.map(|it| (it.name.clone(), it.ty.clone())).collect(),
             types: Types::of(domain),
         })
@@ -131,7 +131,7 @@ impl Facts {
         &self,
         effect: Effect,
         nesting: Nesting,
-        numbers: &mut Numbers,
+        numbers: &mut ActionNumbers,
     ) -> Result<Effect, Unsupported> {
         match effect {
             Effect::Add(_) | Effect::Delete(_) => Ok(effect),
@@ -163,12 +163,12 @@ impl Facts {
         assign: &Assign,
         weight: f64,
         nesting: Nesting,
-        numbers: &mut Numbers,
+        numbers: &mut ActionNumbers,
     ) -> Result<(), Unsupported> {
         let name = &assign.fluent.function;
         let refuse = |what: &str| {
             let feature = format!("{what} of `{name}`, which the metric counts");
-            Err(unsupported(feature, assign.span, Text::Domain))
+            Err(unsupported(feature, assign.span, InputText::Domain))
         };
         let sign = match assign.assignment {
             Assignment::Increase => 1.0,
@@ -194,7 +194,7 @@ impl Facts {
         &self,
         assign: &Assign,
         nesting: Nesting,
-        numbers: &mut Numbers,
+        numbers: &mut ActionNumbers,
     ) -> Result<(), Unsupported> {
         let mut needs = Vec::new();
         assign.value.fluents().for_each(|it| self.need(it, &mut needs));
@@ -205,7 +205,7 @@ impl Facts {
         let is_nested = (nesting.when || nesting.forall) && !needs.is_empty();
         if comes_and_goes || is_nested || divides(&assign.value) {
             let feature = format!("the number `{}`, which changes", assign.fluent.function);
-            return Err(unsupported(feature, assign.span, Text::Domain));
+            return Err(unsupported(feature, assign.span, InputText::Domain));
         }
         numbers.needs.extend(needs);
         Ok(())
@@ -224,7 +224,7 @@ impl Facts {
         &self,
         action: &ActionSchema,
         costs: &[(f64, Expression)],
-    ) -> Result<Table, Unsupported> {
+    ) -> Result<CostTable, Unsupported> {
         let mut fluents: Vec<&FluentTerm> =
             costs.iter().flat_map(|(_, value)| value.fluents()).collect();
         // The fluent with the most arguments comes first, so that the others are only looked up.
@@ -237,7 +237,7 @@ impl Facts {
                 variables.push(name.clone());
             }
         }
-        let mut table = Table { variables, values: BTreeMap::new() };
+        let mut table = CostTable { variables, values: BTreeMap::new() };
         let mut binding = BTreeMap::new();
         let filling = Filling { facts: self, action, costs };
         filling.fill(&fluents, &mut binding, &mut table)?;
@@ -310,7 +310,7 @@ fn add_weights(
     metric: &Metric,
     weights: &mut BTreeMap<Name, f64>,
 ) -> Result<(), Unsupported> {
-    let refuse = |feature: String| Err(unsupported(feature, metric.span, Text::Problem));
+    let refuse = |feature: String| Err(unsupported(feature, metric.span, InputText::Problem));
     match expression {
         Expression::Number(_) => Ok(()),
         Expression::Fluent(fluent) if fluent.arguments.is_empty() => {
@@ -344,7 +344,7 @@ fn add_weights(
 
 /// Context for filling one table.
 struct Filling<'f> {
-    facts: &'f Facts,
+    facts: &'f FunctionProperties,
     action: &'f ActionSchema,
     costs: &'f [(f64, Expression)],
 }
@@ -357,7 +357,7 @@ impl Filling<'_> {
         &self,
         fluents: &[&FluentTerm],
         binding: &mut BTreeMap<Name, Name>,
-        table: &mut Table,
+        table: &mut CostTable,
     ) -> Result<(), Unsupported> {
         let Some((fluent, others)) = fluents.split_first() else {
             return self.enter(binding, table);
@@ -402,8 +402,12 @@ impl Filling<'_> {
         }
     }
 
-    fn enter(&self, binding: &BTreeMap<Name, Name>, table: &mut Table) -> Result<(), Unsupported> {
-        let refuse = |feature| Err(unsupported(feature, self.action.span, Text::Domain));
+    fn enter(
+        &self,
+        binding: &BTreeMap<Name, Name>,
+        table: &mut CostTable,
+    ) -> Result<(), Unsupported> {
+        let refuse = |feature| Err(unsupported(feature, self.action.span, InputText::Domain));
         let name = &self.action.name;
         let values = self
             .costs
@@ -428,7 +432,7 @@ impl Filling<'_> {
 fn evaluate(
     expression: &Expression,
     binding: &BTreeMap<Name, Name>,
-    values: &Values,
+    values: &FluentValues,
 ) -> Option<f64> {
     let value = match expression {
         Expression::Number(number) => number.0,
@@ -487,7 +491,7 @@ fn declare_cost(
     domain: &mut Domain,
     problem: &mut Problem,
     index: usize,
-    table: &Table,
+    table: &CostTable,
     scale: &Scale,
 ) {
     let name = format!("cost'{}", index + 1);

@@ -14,18 +14,18 @@
 //! `names` removes it.
 
 mod agents;
-mod caps;
 mod costs;
 mod names;
 mod numbers;
 mod refuse;
+mod size_limits;
+mod task_parts;
 mod types;
-mod walk;
 
 use pddl::{Domain, Name, Problem};
 use planner::Unsupported;
 
-pub(crate) use names::Names;
+pub(crate) use names::EngineNames;
 
 /// The dialect of PDDL that an engine reads.
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +47,7 @@ pub(crate) struct Lowered {
     pub(crate) domain: String,
     pub(crate) problem: String,
     /// Translates names of a plan back to those of the task.
-    pub(crate) names: Names,
+    pub(crate) names: EngineNames,
     pub(crate) has_metric: bool,
     /// Whether costs compare exactly as in the task: they were not rounded.
     pub(crate) costs_exact: bool,
@@ -88,7 +88,7 @@ pub(crate) fn lower(
     types::lower(&mut domain, &mut problem);
     let names = names::lower(&mut domain, &mut problem);
     if dialect.has_caps {
-        caps::refuse(&domain, &problem)?;
+        size_limits::refuse(&domain, &problem)?;
     }
     domain.requirements = dialect.requirements.iter().map(|flag| Name::new(flag)).collect();
     Ok(Lowered {

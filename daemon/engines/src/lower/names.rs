@@ -16,7 +16,7 @@ use pddl::{
     FluentTerm, InitElement, Name, Plan, PlanStep, Problem, Term, TypeExpr, Typed,
 };
 
-use super::walk;
+use super::task_parts;
 
 /// The only name that has a meaning to engines, and so is kept.
 const TOTAL_COST: &str = "total-cost";
@@ -26,7 +26,7 @@ const LENGTH_MAX: usize = 40;
 
 /// The kind of a named thing. Things of different kinds may have the same name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
+enum SymbolKind {
     Type,
     Object,
     Predicate,
@@ -36,28 +36,28 @@ enum Kind {
 
 /// The names of a task in the engine's dialect.
 #[derive(Debug, Default)]
-pub(crate) struct Names {
-    forth: BTreeMap<(Kind, Name), Name>,
+pub(crate) struct EngineNames {
+    forth: BTreeMap<(SymbolKind, Name), Name>,
     /// Actions and objects, which occur in plans.
     back: BTreeMap<String, Name>,
     taken: BTreeSet<String>,
 }
 
 /// Renames everything in the task.
-pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Names {
-    let mut names = Names::default();
+pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> EngineNames {
+    let mut names = EngineNames::default();
     (domain.name, problem.domain, problem.name) = ("d".into(), "d".into(), "p".into());
     problem.requirements.clear();
-    domain.types.iter_mut().for_each(|typed| names.typed(Kind::Type, typed));
-    domain.constants.iter_mut().for_each(|typed| names.typed(Kind::Object, typed));
+    domain.types.iter_mut().for_each(|typed| names.typed(SymbolKind::Type, typed));
+    domain.constants.iter_mut().for_each(|typed| names.typed(SymbolKind::Object, typed));
     let constants: HashSet<Name> = domain.constants.iter().map(|it| it.name.clone()).collect();
     let objects = Arc::make_mut(&mut problem.objects);
-    objects.iter_mut().for_each(|it| names.typed(Kind::Object, &mut it.object));
+    objects.iter_mut().for_each(|it| names.typed(SymbolKind::Object, &mut it.object));
     // Engines reject an object that is declared twice.
     let mut said = constants;
     objects.retain(|it| said.insert(it.object.name.clone()));
     for predicate in &mut domain.predicates {
-        predicate.name = names.of(Kind::Predicate, &predicate.name);
+        predicate.name = names.of(SymbolKind::Predicate, &predicate.name);
         plain(&mut predicate.parameters);
     }
     for function in &mut domain.functions {
@@ -68,10 +68,10 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Names {
     domain.actions = actions.iter().filter_map(|action| names.action(action)).collect();
     let derived = std::mem::take(&mut domain.derived);
     domain.derived = derived.iter().map(|axiom| names.axiom(axiom)).collect();
-    problem.goal = Scope::new(&mut names).condition(&problem.goal);
+    problem.goal = VariableScope::new(&mut names).condition(&problem.goal);
     problem.init = names.init(problem);
     if let Some(metric) = &mut problem.metric {
-        metric.expression = Scope::new(&mut names).expression(&metric.expression);
+        metric.expression = VariableScope::new(&mut names).expression(&metric.expression);
     }
     names
 }
@@ -85,9 +85,9 @@ fn plain(parameters: &mut [Typed]) {
 
 // === impl Names ===
 
-impl Names {
+impl EngineNames {
     /// Returns a plan with the task's own names. Returns an error with the name if one is not known.
-    pub(crate) fn raise(&self, plan: Plan) -> Result<Plan, String> {
+    pub(crate) fn restore_names(&self, plan: Plan) -> Result<Plan, String> {
         let raise = |name: &Name| {
             self.back.get(name.as_str()).cloned().ok_or_else(|| name.spelled().to_owned())
         };
@@ -98,7 +98,7 @@ impl Names {
         Ok(Plan { steps: steps.collect::<Result<_, String>>()?, cost: None })
     }
 
-    fn of(&mut self, kind: Kind, name: &Name) -> Name {
+    fn of(&mut self, kind: SymbolKind, name: &Name) -> Name {
         let key = (kind, name.clone());
         if let Some(known) = self.forth.get(&key) {
             return known.clone();
@@ -109,17 +109,21 @@ impl Names {
     }
 
     fn function(&mut self, name: &Name, arity: usize) -> Name {
-        if *name == TOTAL_COST && arity == 0 { name.clone() } else { self.of(Kind::Function, name) }
+        if *name == TOTAL_COST && arity == 0 {
+            name.clone()
+        } else {
+            self.of(SymbolKind::Function, name)
+        }
     }
 
     /// Returns a new name that is not taken yet.
-    fn fresh(&mut self, kind: Kind, name: &Name) -> Name {
+    fn fresh(&mut self, kind: SymbolKind, name: &Name) -> Name {
         let letter = match kind {
-            Kind::Type => 't',
-            Kind::Object => 'o',
-            Kind::Predicate => 'p',
-            Kind::Function => 'f',
-            Kind::Action => 'a',
+            SymbolKind::Type => 't',
+            SymbolKind::Object => 'o',
+            SymbolKind::Predicate => 'p',
+            SymbolKind::Function => 'f',
+            SymbolKind::Action => 'a',
         };
         let body: String = name.as_str().chars().take(LENGTH_MAX).map(readable).collect();
         let base = format!("{letter}-{body}");
@@ -128,13 +132,13 @@ impl Names {
         let free = candidates.find(|candidate| !self.taken.contains(candidate));
         let free = free.expect("invariant: there are endless candidates");
         self.taken.insert(free.clone());
-        if matches!(kind, Kind::Object | Kind::Action) {
+        if matches!(kind, SymbolKind::Object | SymbolKind::Action) {
             self.back.insert(free.clone(), name.clone());
         }
         Name::spanned(&free, name.span())
     }
 
-    fn typed(&mut self, kind: Kind, typed: &mut Typed) {
+    fn typed(&mut self, kind: SymbolKind, typed: &mut Typed) {
         typed.name = self.of(kind, &typed.name);
         typed.ty = self.type_expr(&typed.ty);
     }
@@ -143,7 +147,8 @@ impl Names {
         if ty.is_object() {
             return TypeExpr::of("object");
         }
-        let alternatives = ty.alternatives.iter().map(|name| self.of(Kind::Type, name)).collect();
+        let alternatives =
+            ty.alternatives.iter().map(|name| self.of(SymbolKind::Type, name)).collect();
         TypeExpr { alternatives }
     }
 
@@ -151,8 +156,8 @@ impl Names {
     /// fail on it.
     fn action(&mut self, action: &ActionSchema) -> Option<ActionSchema> {
         // Actions with the same name get different ones.
-        let name = self.fresh(Kind::Action, &action.name);
-        let mut scope = Scope::new(self);
+        let name = self.fresh(SymbolKind::Action, &action.name);
+        let mut scope = VariableScope::new(self);
         let parameters = scope.declare(&action.parameters);
         let precondition = scope.condition(&action.precondition);
         let effect = flat(scope.effect(&action.effect));
@@ -163,8 +168,8 @@ impl Names {
     }
 
     fn axiom(&mut self, axiom: &Derived) -> Derived {
-        let predicate = self.of(Kind::Predicate, &axiom.predicate);
-        let mut scope = Scope::new(self);
+        let predicate = self.of(SymbolKind::Predicate, &axiom.predicate);
+        let mut scope = VariableScope::new(self);
         let parameters = scope.declare(&axiom.parameters);
         let condition = scope.condition(&axiom.condition);
         Derived { predicate, parameters, condition, span: axiom.span }
@@ -172,13 +177,13 @@ impl Names {
 
     /// Returns the true facts, each once, and the assigned fluents, each with its last value.
     fn init(&mut self, problem: &Problem) -> Vec<InitElement> {
-        let values = walk::values(problem);
+        let values = task_parts::values(problem);
         let mut said = HashSet::new();
-        let mut scope = Scope::new(self);
+        let mut scope = VariableScope::new(self);
         let elements = problem.init.iter().filter_map(|element| match element {
             InitElement::Atom(atom) => Some(InitElement::Atom(scope.atom(atom))),
             InitElement::Assign(fluent, _) => {
-                let number = pddl::Number(values[&walk::ground(fluent)]);
+                let number = pddl::Number(values[&task_parts::ground(fluent)]);
                 Some(InitElement::Assign(scope.fluent(fluent), number))
             }
             InitElement::Not(_) | InitElement::Unknown(_) | InitElement::At(..) => None,
@@ -200,17 +205,17 @@ fn is_change(effect: &Effect) -> bool {
 }
 
 /// The variables in scope.
-struct Scope<'n> {
-    names: &'n mut Names,
+struct VariableScope<'n> {
+    names: &'n mut EngineNames,
     visible: Vec<(Name, Name)>,
     taken: BTreeSet<String>,
 }
 
 // === impl Scope ===
 
-impl<'n> Scope<'n> {
-    fn new(names: &'n mut Names) -> Scope<'n> {
-        Scope { names, visible: Vec::new(), taken: BTreeSet::new() }
+impl<'n> VariableScope<'n> {
+    fn new(names: &'n mut EngineNames) -> VariableScope<'n> {
+        VariableScope { names, visible: Vec::new(), taken: BTreeSet::new() }
     }
 
     fn declare(&mut self, variables: &[Typed]) -> Vec<Typed> {
@@ -314,7 +319,7 @@ impl<'n> Scope<'n> {
     }
 
     fn atom(&mut self, atom: &Atom) -> Atom {
-        let predicate = self.names.of(Kind::Predicate, &atom.predicate);
+        let predicate = self.names.of(SymbolKind::Predicate, &atom.predicate);
         Atom { predicate, arguments: self.terms(&atom.arguments), span: atom.span }
     }
 
@@ -329,7 +334,7 @@ impl<'n> Scope<'n> {
 
     fn term(&mut self, term: &Term) -> Term {
         match term {
-            Term::Object(name) => Term::Object(self.names.of(Kind::Object, name)),
+            Term::Object(name) => Term::Object(self.names.of(SymbolKind::Object, name)),
             Term::Variable(name) => {
                 let found = self.visible.iter().rev().find(|(visible, _)| visible == name);
                 let found = found.map(|(_, fresh)| fresh.clone());

@@ -7,10 +7,10 @@ use pddl::{
     Assign, Assignment, Condition, Domain, Effect, Expression, FunctionDeclaration, InitElement,
     Name, Number, Operator, Privacy, Problem, Span,
 };
-use planner::{Text, Unsupported};
+use planner::{InputText, Unsupported};
 
 use super::refuse::unsupported;
-use super::walk;
+use super::task_parts;
 
 const TOTAL_COST: &str = "total-cost";
 
@@ -30,19 +30,19 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<(), Un
 }
 
 fn refuse_nonlinear(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
-    let assigns = walk::assigns(domain);
+    let assigns = task_parts::assigns(domain);
     let changed: BTreeSet<&Name> = assigns.iter().map(|it| &it.fluent.function).collect();
     let feature = "arithmetic that is not linear";
     for assign in &assigns {
         if matches!(assign.assignment, Assignment::ScaleUp | Assignment::ScaleDown) {
-            return Err(unsupported("scaling effects", assign.span, Text::Domain));
+            return Err(unsupported("scaling effects", assign.span, InputText::Domain));
         }
         if degree(&assign.value, &changed) > 1 {
-            return Err(unsupported(feature, assign.span, Text::Domain));
+            return Err(unsupported(feature, assign.span, InputText::Domain));
         }
     }
     let mut first = None;
-    walk::all_conditions(domain, problem, &mut |part, text| {
+    task_parts::all_conditions(domain, problem, &mut |part, text| {
         if let Condition::Compare(compare) = part
             && degree(&compare.left, &changed).max(degree(&compare.right, &changed)) > 1
             && first.is_none()
@@ -54,7 +54,7 @@ fn refuse_nonlinear(domain: &Domain, problem: &Problem) -> Result<(), Unsupporte
         && degree(&metric.expression, &changed) > 1
         && first.is_none()
     {
-        first = Some(unsupported("a metric that is not linear", metric.span, Text::Problem));
+        first = Some(unsupported("a metric that is not linear", metric.span, InputText::Problem));
     }
     first.map_or(Ok(()), Err)
 }
@@ -81,7 +81,7 @@ fn degree(expression: &Expression, changed: &BTreeSet<&Name>) -> u8 {
 
 /// Declares `total-cost` with the value 0 if it is used but not declared or has no value.
 fn start_total_cost(domain: &mut Domain, problem: &mut Problem) {
-    let is_used = walk::assigns(domain).iter().any(|it| it.fluent.function == TOTAL_COST);
+    let is_used = task_parts::assigns(domain).iter().any(|it| it.fluent.function == TOTAL_COST);
     let metric =
         problem.metric.as_ref().map(|metric| metric.expression.fluents().collect::<Vec<_>>());
     let is_counted =
@@ -94,7 +94,7 @@ fn start_total_cost(domain: &mut Domain, problem: &mut Problem) {
         domain.functions.push(FunctionDeclaration { name, parameters, privacy: Privacy::Public });
     }
     let key = (Name::new(TOTAL_COST), Vec::new());
-    if !walk::values(problem).contains_key(&key) {
+    if !task_parts::values(problem).contains_key(&key) {
         let (function, arguments) = key;
         let arguments = arguments.into_iter().map(pddl::Term::Object).collect();
         let fluent = pddl::FluentTerm { function, arguments, span: Span::default() };

@@ -1,12 +1,12 @@
 //! Refuses what no pass can remove from a task, with name and place, before an engine is started.
 
 use pddl::{Condition, Domain, Expression, Problem, Span};
-use planner::{Text, Unsupported};
+use planner::{InputText, Unsupported};
 
-use super::{Dialect, walk};
+use super::{Dialect, task_parts};
 
 /// Creates a refusal.
-pub(super) fn unsupported(feature: impl Into<String>, span: Span, text: Text) -> Unsupported {
+pub(super) fn unsupported(feature: impl Into<String>, span: Span, text: InputText) -> Unsupported {
     Unsupported { feature: feature.into(), span, text }
 }
 
@@ -26,20 +26,20 @@ pub(super) fn refuse(
             _ => None,
         });
         if let Some(span) = time {
-            return Err(unsupported("`total-time` in a metric", span, Text::Problem));
+            return Err(unsupported("`total-time` in a metric", span, InputText::Problem));
         }
     }
     if let Some(axiom) = domain.derived.first()
         && !dialect.has_axioms
     {
-        return Err(unsupported("derived predicates", axiom.span, Text::Domain));
+        return Err(unsupported("derived predicates", axiom.span, InputText::Domain));
     }
     if dialect.has_numbers { Ok(()) } else { refuse_comparisons(domain, problem) }
 }
 
 fn refuse_comparisons(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
     let mut first = None;
-    walk::all_conditions(domain, problem, &mut |condition, text| {
+    task_parts::all_conditions(domain, problem, &mut |condition, text| {
         if let (Condition::Compare(compare), None) = (condition, &first) {
             first = Some(unsupported("a numeric condition", compare.span, text));
         }

@@ -27,7 +27,7 @@ fn check(dialect: Dialect, domain: &str, problem: &str, expected: Expect) {
             format!("{}{}{rounded}", lowered.domain, lowered.problem)
         }
         Err(unsupported) => {
-            let is_domain = unsupported.text == planner::Text::Domain;
+            let is_domain = unsupported.text == planner::InputText::Domain;
             let source = if is_domain { &domain_text } else { &problem_text };
             let place = source.get(unsupported.span.range()).unwrap_or("?");
             format!("unsupported: {}\nat {place}\n", unsupported.feature)
@@ -505,7 +505,7 @@ fn plans_come_back_in_the_authors_names() {
     let names = lower(&domain, &problem, METRIC_FF).expect("nothing special").names;
     let raise = |text: &str| {
         let plan = pddl::parse_plan(text).value.expect("a plan");
-        names.raise(plan).map(|plan| plan.to_string())
+        names.restore_names(plan).map(|plan| plan.to_string())
     };
     let plan =
         raise("(A-ENTER O-B-RO-2)\n(a-enter-2 o-b-ro-2 o-b-ro-2-2)\n; cost = 7").expect("names");

@@ -17,7 +17,7 @@ use pddl::{
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
     let types = Types::of(domain);
     let hierarchy = hierarchy(domain, problem, &types);
-    let mut guards = Guards { has_types: hierarchy.is_some(), seen: Vec::new() };
+    let mut guards = TypeGuards { has_types: hierarchy.is_some(), seen: Vec::new() };
     for action in &mut domain.actions {
         let guarding = guards.of(&mut action.parameters);
         let precondition = std::mem::take(&mut action.precondition);
@@ -69,14 +69,14 @@ fn hierarchy(domain: &Domain, problem: &Problem, types: &Types) -> Option<Vec<Ty
 }
 
 /// The type expressions that have become predicates.
-struct Guards {
+struct TypeGuards {
     has_types: bool,
     seen: Vec<TypeExpr>,
 }
 
 // === impl Guards ===
 
-impl Guards {
+impl TypeGuards {
     /// Removes types that cannot be kept, and returns the conditions that replace them.
     fn of(&mut self, variables: &mut [Typed]) -> Vec<Condition> {
         let mut guarding = Vec::new();
@@ -103,7 +103,7 @@ impl Guards {
     }
 
     fn condition(&mut self, condition: Condition) -> Condition {
-        let each = |guards: &mut Guards, parts: Vec<Condition>| {
+        let each = |guards: &mut TypeGuards, parts: Vec<Condition>| {
             parts.into_iter().map(|part| guards.condition(part)).collect()
         };
         match condition {

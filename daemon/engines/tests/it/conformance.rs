@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::process::{Command, Stdio};
 
-use engines::{Aim, Ending, Options};
+use engines::{Ending, EngineOptions, PlanningAim};
 use planner::{Cancel, plan};
 
 use crate::features::{FEATURES, Feature, Judges, domain_of, texts};
@@ -84,7 +84,7 @@ fn for_unified_planning(feature: &Feature) -> (String, String) {
 #[test]
 fn fast_downward_follows_the_plans_that_no_other_validator_can_read() {
     let Some(installation) = fast_downward() else { return };
-    let options = Options::default();
+    let options = EngineOptions::default();
     for feature in FEATURES.iter().filter(|feature| feature.by == Judges::FastDownward) {
         let (domain, problem) = texts(feature);
         let plan = embedded(feature);
@@ -102,7 +102,7 @@ fn fast_downward_follows_the_plans_that_no_other_validator_can_read() {
 #[test]
 fn fast_downward_finds_plans_of_the_same_cost() {
     let Some(installation) = fast_downward() else { return };
-    let options = Options { aim: Aim::CheapestPlan, ..Options::default() };
+    let options = EngineOptions { aim: PlanningAim::CheapestPlan, ..EngineOptions::default() };
     let known = FEATURES.iter().filter(|feature| feature.by != Judges::Validator);
     for feature in known {
         let (domain, problem) = texts(feature);

@@ -5,7 +5,7 @@
 
 use std::fmt::Write as _;
 
-use engines::{Aim, Ending, Installation, Options};
+use engines::{Ending, EngineOptions, Installation, PlanningAim};
 use planner::{Cancel, StopReason};
 
 use crate::support::{PATIENCE, fast_downward, parse, run};
@@ -194,8 +194,11 @@ fn compare(installation: &Installation, number: u64) -> Option<(f64, usize)> {
     let kind = KINDS[usize::try_from(number).expect("small") % KINDS.len()];
     let (domain, problem) = task(number, kind);
     let told = format!("task {number}, {kind:?}:\n{domain}\n{problem}");
-    let options =
-        Options { aim: Aim::CheapestPlan, time_limit: Some(PATIENCE), ..Options::default() };
+    let options = EngineOptions {
+        aim: PlanningAim::CheapestPlan,
+        time_limit: Some(PATIENCE),
+        ..EngineOptions::default()
+    };
     let theirs = run(installation, &domain, &problem, &options);
     let theirs = theirs.unwrap_or_else(|err| panic!("{err}\n{told}"));
     let (domain, problem) = parse(&domain, &problem);

@@ -1,6 +1,6 @@
 //! Tests with the installed Fast Downward, and with a stand-in that returns wrong results.
 
-use engines::{Aim, Ending, Engine, EngineError, Installation, Options};
+use engines::{Ending, EngineError, EngineOptions, ExternalEngine, Installation, PlanningAim};
 
 use crate::support::{fake, fast_downward, parse, repository, run};
 
@@ -30,13 +30,14 @@ fn it_solves_what_the_embedded_planner_solves() {
           (= (distance corridor büro.1) 1) (= (distance büro.1 corridor) 1)
           (= (distance corridor B/2) 4) (= (distance B/2 and) 0.5))
         (:goal (forall (?x - room) (known ?x))) (:metric minimize (total-cost)))";
-    let outcome = run(&installation, domain, problem, &Options::default()).expect("an outcome");
+    let outcome =
+        run(&installation, domain, problem, &EngineOptions::default()).expect("an outcome");
     assert_eq!(outcome.ending, Ending::GoalReached);
     let text = outcome.plan.expect("a plan").to_string();
     for step in ["(move r1 corridor büro@1)", "(measure r1 and)", "(measure r1 B/2)"] {
         assert!(text.contains(step), "{text}");
     }
-    let options = Options { aim: Aim::CheapestPlan, ..Options::default() };
+    let options = EngineOptions { aim: PlanningAim::CheapestPlan, ..EngineOptions::default() };
     let outcome = run(&installation, domain, problem, &options).expect("an outcome");
     assert!(outcome.proven_optimal);
     assert_eq!(outcome.plan.and_then(|plan| plan.cost), Some(pddl::Number(16.5)));
@@ -51,11 +52,12 @@ fn it_plans_for_the_buildings_as_the_embedded_planner_does() {
     };
     // A battery level is a number, which Fast Downward does not support.
     let (domain, problem) = texts("scenarios/1-temperatures");
-    let err = run(&installation, &domain, &problem, &Options::default()).expect_err("numeric");
+    let err =
+        run(&installation, &domain, &problem, &EngineOptions::default()).expect_err("numeric");
     let EngineError::Unsupported { unsupported, .. } = &err else { panic!("{err:?}") };
     assert_eq!(&domain[unsupported.span.range()], "(>= (charge ?b) (distance ?from ?to))");
     let (domain, problem) = texts("office");
-    let outcome = run(&installation, &domain, &problem, &Options::default());
+    let outcome = run(&installation, &domain, &problem, &EngineOptions::default());
     let plan = outcome.expect("an outcome").plan;
     let cost = plan.and_then(|plan| plan.cost).map_or(f64::NAN, |cost| cost.0);
     let (domain, problem) = parse(&domain, &problem);
@@ -78,7 +80,7 @@ fn what_has_no_plan_is_proven() {
            (:action come :precondition (and (p) (not (q))) :effect (r)))",
     ] {
         let problem = "(define (problem y) (:domain x) (:init) (:goal (and (q) (r))))";
-        let outcome = run(&installation, domain, problem, &Options::default());
+        let outcome = run(&installation, domain, problem, &EngineOptions::default());
         let ending = outcome.expect("an outcome").ending;
         assert!(matches!(ending, Ending::Unsolvable { .. }), "{ending:?}");
     }
@@ -86,10 +88,11 @@ fn what_has_no_plan_is_proven() {
 
 #[test]
 fn costs_are_recomputed_and_not_believed() {
-    let stand_in =
-        |code, plan, better| fake(Engine::FastDownward, "fast-downward.sh", &[code, plan, better]);
+    let stand_in = |code, plan, better| {
+        fake(ExternalEngine::FastDownward, "fast-downward.sh", &[code, plan, better])
+    };
     let cost = |installation: &Installation| {
-        let outcome = run(installation, GO, GOAL, &Options::default()).expect("an outcome");
+        let outcome = run(installation, GO, GOAL, &EngineOptions::default()).expect("an outcome");
         assert_eq!(outcome.ending, Ending::GoalReached);
         assert!(!outcome.proven_optimal);
         outcome.plan.and_then(|plan| plan.cost).map(|cost| cost.0)
@@ -105,8 +108,9 @@ fn costs_are_recomputed_and_not_believed() {
 #[test]
 fn what_it_brings_is_not_believed() {
     let err = |code, plan| {
-        let installation = fake(Engine::FastDownward, "fast-downward.sh", &[code, plan, ""]);
-        run(&installation, GO, GOAL, &Options::default()).expect_err("no outcome")
+        let installation =
+            fake(ExternalEngine::FastDownward, "fast-downward.sh", &[code, plan, ""]);
+        run(&installation, GO, GOAL, &EngineOptions::default()).expect_err("no outcome")
     };
     let wrong = err("0", "; nothing need be done\n");
     assert!(matches!(wrong, EngineError::WrongPlan { .. }), "{wrong:?}");
@@ -135,8 +139,8 @@ fn exit_codes_say_how_it_ended() {
         ("23", Ending::OutOfTime),
         ("24", Ending::OutOfMemory),
     ] {
-        let installation = fake(Engine::FastDownward, "fast-downward.sh", &[code, "", ""]);
-        let outcome = run(&installation, GO, GOAL, &Options::default()).expect("an outcome");
+        let installation = fake(ExternalEngine::FastDownward, "fast-downward.sh", &[code, "", ""]);
+        let outcome = run(&installation, GO, GOAL, &EngineOptions::default()).expect("an outcome");
         assert_eq!((outcome.plan, outcome.ending), (None, expected), "{code}");
     }
 }

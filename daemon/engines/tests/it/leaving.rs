@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use engines::{Aim, Ending, Engine, Installation, Options, plan};
+use engines::{Ending, EngineOptions, ExternalEngine, Installation, PlanningAim, plan};
 use planner::Cancel;
 
 use crate::support::{PATIENCE, fake, fast_downward, parse, run};
@@ -66,7 +66,7 @@ impl Confession {
 
     fn engine(&self) -> Installation {
         let pipe = self.pipe.display().to_string();
-        fake(Engine::FastDownward, "hang.sh", &[&pipe])
+        fake(ExternalEngine::FastDownward, "hang.sh", &[&pipe])
     }
 
     /// Waits until the engine hangs; returns its folder.
@@ -113,7 +113,8 @@ fn alive(group: &str) -> Vec<String> {
 #[test]
 fn time_is_up_for_all_of_it() {
     let confession = Confession::new();
-    let options = Options { time_limit: Some(Duration::from_millis(500)), ..Options::default() };
+    let options =
+        EngineOptions { time_limit: Some(Duration::from_millis(500)), ..EngineOptions::default() };
     let outcome = run(&confession.engine(), DOMAIN, PROBLEM, &options).expect("an outcome");
     assert_eq!((outcome.plan, outcome.ending), (None, Ending::OutOfTime), "half a plan is none");
     let folder = confession.await_folder();
@@ -128,7 +129,7 @@ fn a_cancelled_engine_ends_and_leaves_nothing() {
     let cancel = Cancel::new();
     let (engine, seen) = (confession.engine(), cancel.clone());
     let running = std::thread::spawn(move || {
-        plan(&engine, &domain, &problem, &Options::default(), &seen).expect("an outcome")
+        plan(&engine, &domain, &problem, &EngineOptions::default(), &seen).expect("an outcome")
     });
     let folder = confession.await_folder();
     assert!(folder.join("domain.pddl").is_file());
@@ -146,8 +147,9 @@ const PIPE: &str = "ALTHING_TEST_PIPE";
 #[ignore = "it is a process of the next test"]
 fn a_process_that_plans() {
     let Some(pipe) = std::env::var_os(PIPE) else { return };
-    let engine = fake(Engine::FastDownward, "hang.sh", &[&Path::new(&pipe).display().to_string()]);
-    let outcome = run(&engine, DOMAIN, PROBLEM, &Options::default());
+    let engine =
+        fake(ExternalEngine::FastDownward, "hang.sh", &[&Path::new(&pipe).display().to_string()]);
+    let outcome = run(&engine, DOMAIN, PROBLEM, &EngineOptions::default());
     panic!("it came to an end: {outcome:?}");
 }
 
@@ -178,7 +180,7 @@ fn a_process_that_is_killed_takes_its_engine_along() {
 /// The real engine, in a script that writes its process group to a file.
 fn traced(installation: &[&str], file: &Path) -> Installation {
     let file = file.display().to_string();
-    fake(Engine::FastDownward, "traced.sh", &[&[file.as_str()], installation].concat())
+    fake(ExternalEngine::FastDownward, "traced.sh", &[&[file.as_str()], installation].concat())
 }
 
 #[test]
@@ -188,10 +190,13 @@ fn fast_downward_is_held_to_its_limits() {
         installation.command().iter().map(|part| part.to_string_lossy().into_owned()).collect();
     let command: Vec<&str> = command.iter().map(String::as_str).collect();
     let (domain, problem) = endless();
-    let optimally = Options { aim: Aim::CheapestPlan, ..Options::default() };
+    let optimally = EngineOptions { aim: PlanningAim::CheapestPlan, ..EngineOptions::default() };
     let limits = [
-        (Options { time_limit: Some(Duration::from_secs(3)), ..optimally }, Ending::OutOfTime),
-        (Options { memory_limit: Some(90 << 20), ..optimally }, Ending::OutOfMemory),
+        (
+            EngineOptions { time_limit: Some(Duration::from_secs(3)), ..optimally },
+            Ending::OutOfTime,
+        ),
+        (EngineOptions { memory_limit: Some(90 << 20), ..optimally }, Ending::OutOfMemory),
     ];
     for (options, expected) in limits {
         let folder = tempfile::tempdir().expect("a folder");
@@ -212,7 +217,8 @@ fn fast_downward_is_held_to_its_limits() {
 fn too_little_memory_to_begin_with_is_told_as_such() {
     let Some(installation) = fast_downward() else { return };
     for mebibytes in [1, 8, 24] {
-        let options = Options { memory_limit: Some(mebibytes << 20), ..Options::default() };
+        let options =
+            EngineOptions { memory_limit: Some(mebibytes << 20), ..EngineOptions::default() };
         let outcome = run(&installation, DOMAIN, PROBLEM, &options);
         let ending = outcome.unwrap_or_else(|err| panic!("{mebibytes}: {err}")).ending;
         assert_eq!(ending, Ending::OutOfMemory, "{mebibytes} MiB");

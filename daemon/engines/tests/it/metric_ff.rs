@@ -3,7 +3,7 @@
 //! No package registry has Metric-FF, so that a stand-in replays its output. The format is that of
 //! published logs of version 2.1, with the names of the task below.
 
-use engines::{Ending, Engine, EngineError, Installation, Options};
+use engines::{Ending, EngineError, EngineOptions, ExternalEngine, Installation};
 
 use crate::support::{fake, repository, run};
 
@@ -30,12 +30,12 @@ fn problem_for(goal: &str, metric: bool) -> String {
 
 /// A stand-in for Metric-FF with one output with costs, another without, and an exit code.
 fn ff(with_costs: &str, without_costs: &str, code: &str) -> Installation {
-    fake(Engine::MetricFf, "replay.sh", &[with_costs, without_costs, code])
+    fake(ExternalEngine::MetricFf, "replay.sh", &[with_costs, without_costs, code])
 }
 
 #[track_caller]
 fn solved(installation: &Installation, metric: bool) -> (String, f64) {
-    let outcome = run(installation, DOMAIN, &problem(metric), &Options::default());
+    let outcome = run(installation, DOMAIN, &problem(metric), &EngineOptions::default());
     let outcome = outcome.expect("an outcome");
     assert_eq!(outcome.ending, Ending::GoalReached);
     let plan = outcome.plan.expect("a plan");
@@ -67,7 +67,8 @@ fn endings_are_read_off_its_words() {
         ("empty.txt", "0", Ending::Exhausted),
         ("no-memory.txt", "1", Ending::OutOfMemory),
     ] {
-        let outcome = run(&ff("none", said, code), DOMAIN, &problem(false), &Options::default());
+        let outcome =
+            run(&ff("none", said, code), DOMAIN, &problem(false), &EngineOptions::default());
         let outcome = outcome.unwrap_or_else(|err| panic!("{said}: {err}"));
         assert_eq!((outcome.plan, outcome.ending), (None, expected), "{said}");
     }
@@ -78,25 +79,27 @@ fn a_building_with_batteries_is_not_beyond_it() {
     let text =
         |file| repository(&format!("daemon/planner/benches/scenarios/1-temperatures/{file}.pddl"));
     let said = ff("goal-false.txt", "goal-false.txt", "1");
-    let outcome = run(&said, &text("domain"), &text("problem"), &Options::default());
+    let outcome = run(&said, &text("domain"), &text("problem"), &EngineOptions::default());
     assert!(matches!(outcome.expect("an outcome").ending, Ending::Unsolvable { .. }));
 }
 
 #[test]
 fn an_empty_plan_is_a_plan_where_the_validator_agrees() {
     let satisfied = problem_for("(at Büro)", false);
-    let outcome = run(&ff("none", "goal-true.txt", "1"), DOMAIN, &satisfied, &Options::default());
+    let outcome =
+        run(&ff("none", "goal-true.txt", "1"), DOMAIN, &satisfied, &EngineOptions::default());
     let outcome = outcome.expect("an outcome");
     assert_eq!(outcome.plan.expect("a plan").steps.len(), 0);
     let outcome =
-        run(&ff("none", "goal-true.txt", "1"), DOMAIN, &problem(false), &Options::default());
+        run(&ff("none", "goal-true.txt", "1"), DOMAIN, &problem(false), &EngineOptions::default());
     assert!(matches!(outcome, Err(EngineError::WrongPlan { .. })), "{outcome:?}");
 }
 
 #[test]
 fn what_is_beyond_it_and_what_breaks_it_is_told() {
     let told = |said| {
-        let outcome = run(&ff("none", said, "1"), DOMAIN, &problem(false), &Options::default());
+        let outcome =
+            run(&ff("none", said, "1"), DOMAIN, &problem(false), &EngineOptions::default());
         outcome.expect_err(said)
     };
     let err = told("too-many.txt");
@@ -109,8 +112,8 @@ fn what_is_beyond_it_and_what_breaks_it_is_told() {
 
 #[test]
 fn a_program_that_is_not_there_is_told() {
-    let installation = Installation::of(Engine::MetricFf, ["/nowhere/ff"]);
-    let err = run(&installation, DOMAIN, &problem(false), &Options::default());
+    let installation = Installation::of(ExternalEngine::MetricFf, ["/nowhere/ff"]);
+    let err = run(&installation, DOMAIN, &problem(false), &EngineOptions::default());
     let err = err.expect_err("nothing is there");
     assert!(matches!(err, EngineError::Run { .. }), "{err:?}");
 }

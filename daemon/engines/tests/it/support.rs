@@ -7,7 +7,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use engines::{Engine, EngineError, Installation, Options, Outcome, plan};
+use engines::{EngineError, EngineOptions, EngineOutcome, ExternalEngine, Installation, plan};
 use pddl::{Domain, Problem};
 use planner::Cancel;
 
@@ -26,7 +26,7 @@ pub(crate) fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
 /// Returns Fast Downward if it is installed. With `CI=true` it must be.
 #[track_caller]
 pub(crate) fn fast_downward() -> Option<Installation> {
-    match Installation::find(Engine::FastDownward) {
+    match Installation::find(ExternalEngine::FastDownward) {
         Ok(found) => Some(found),
         Err(err) => absent(&format!("{err}: {}", err.help().unwrap_or_default())),
     }
@@ -54,14 +54,14 @@ pub(crate) fn run(
     installation: &Installation,
     domain: &str,
     problem: &str,
-    options: &Options,
-) -> Result<Outcome, EngineError> {
+    options: &EngineOptions,
+) -> Result<EngineOutcome, EngineError> {
     let (domain, problem) = parse(domain, problem);
     plan(installation, &domain, &problem, options, &Cancel::new())
 }
 
 /// Returns a stand-in for an engine: a shell script of `tests/fake`, with arguments.
-pub(crate) fn fake(engine: Engine, script: &str, arguments: &[&str]) -> Installation {
+pub(crate) fn fake(engine: ExternalEngine, script: &str, arguments: &[&str]) -> Installation {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fake");
     let script: [OsString; 2] = ["sh".into(), folder.join(script).into()];
     let arguments = arguments.iter().map(|argument| OsString::from(*argument));

@@ -38,7 +38,7 @@ impl<'t> Checker<'_, 't> {
             return self.report(wrong.with_rule(declaration.to_string()));
         }
         for (own, declared) in axiom.parameters.iter().zip(&declaration.parameters) {
-            let known = self.knows(&own.ty) && self.knows(&declared.ty);
+            let known = self.are_types_known(&own.ty) && self.are_types_known(&declared.ty);
             if known && !self.symbols.types.overlap(&own.ty, &declared.ty) {
                 let (name, ty, wanted) = (&own.name, &own.ty, &declared.ty);
                 let message =

@@ -51,7 +51,8 @@ impl<'t> Checker<'_, 't> {
             self.unknown_predicate(&atom.predicate);
             return self.terms(&atom.arguments);
         };
-        let call = Call { name: &atom.predicate, arguments: &atom.arguments, span: atom.span };
+        let call =
+            AppliedSymbol { name: &atom.predicate, arguments: &atom.arguments, span: atom.span };
         self.call(&call, &declaration.parameters, || declaration.to_string());
     }
 
@@ -61,7 +62,11 @@ impl<'t> Checker<'_, 't> {
             self.unknown_function(fluent);
             return self.terms(&fluent.arguments);
         };
-        let call = Call { name: &fluent.function, arguments: &fluent.arguments, span: fluent.span };
+        let call = AppliedSymbol {
+            name: &fluent.function,
+            arguments: &fluent.arguments,
+            span: fluent.span,
+        };
         self.call(&call, &declaration.parameters, || declaration.to_string());
     }
 
@@ -72,7 +77,7 @@ impl<'t> Checker<'_, 't> {
             return self.atom(observed);
         };
         let Atom { predicate: name, arguments, span } = observed;
-        let call = Call { name, arguments, span: *span };
+        let call = AppliedSymbol { name, arguments, span: *span };
         self.call(&call, &function.parameters, || function.to_string());
     }
 
@@ -120,7 +125,12 @@ impl<'t> Checker<'_, 't> {
     }
 
     /// Checks arguments against parameters; `rule` writes the declaration.
-    fn call(&mut self, call: &Call<'t>, parameters: &'t [Typed], rule: impl Fn() -> String) {
+    fn call(
+        &mut self,
+        call: &AppliedSymbol<'t>,
+        parameters: &'t [Typed],
+        rule: impl Fn() -> String,
+    ) {
         let (found, wanted) = (call.arguments.len(), parameters.len());
         if found != wanted {
             let wanted = count(wanted, "argument");
@@ -146,7 +156,10 @@ impl<'t> Checker<'_, 't> {
         rule: &impl Fn() -> String,
     ) {
         let types = &self.symbols.types;
-        if types.accepts(wanted, actual) || !self.knows(wanted) || !self.knows(actual) {
+        if types.accepts(wanted, actual)
+            || !self.are_types_known(wanted)
+            || !self.are_types_known(actual)
+        {
             return;
         }
         if matches!(argument, Term::Object(name) if self.symbols.is_also(name, wanted)) {
@@ -163,7 +176,7 @@ impl<'t> Checker<'_, 't> {
     }
 
     /// Whether all alternatives are known types; unknown ones are reported where they are declared.
-    pub(super) fn knows(&self, ty: &TypeExpr) -> bool {
+    pub(super) fn are_types_known(&self, ty: &TypeExpr) -> bool {
         ty.alternatives.iter().all(|name| self.symbols.types.contains(name.as_str()))
     }
 
@@ -205,7 +218,7 @@ impl<'t> Checker<'_, 't> {
             let unmarked = Diagnostic::error(name.span(), message);
             self.report(unmarked.with_suggestion(Some(&format!("?{name}"))));
         } else if symbols.is_open {
-            if self.awaited.insert(name.as_str()) {
+            if self.reported_objects.insert(name.as_str()) {
                 let hint = Diagnostic::hint(name.span(), message);
                 self.report(hint.with_help("the map or another agent has to bring it"));
             }
@@ -224,7 +237,7 @@ impl<'t> Checker<'_, 't> {
 }
 
 /// A predicate or a function with its arguments.
-struct Call<'t> {
+struct AppliedSymbol<'t> {
     name: &'t Name,
     arguments: &'t [Term],
     span: Span,

@@ -10,7 +10,7 @@ use crate::tree::{
 
 /// Treatment of facts and values of unknown symbols, and of two values for one function.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Values {
+pub(super) enum UndeclaredSymbols {
     /// A warning: competition problems contain values that their domain does not declare, and state
     /// some numbers twice.
     Spare,
@@ -22,7 +22,12 @@ pub(super) enum Values {
 }
 
 impl<'t> Checker<'_, 't> {
-    pub(super) fn problem(&mut self, domain: &'t Domain, problem: &'t Problem, values: Values) {
+    pub(super) fn problem(
+        &mut self,
+        domain: &'t Domain,
+        problem: &'t Problem,
+        values: UndeclaredSymbols,
+    ) {
         if problem.domain != domain.name {
             let message = format!("the domain is called `{}`", domain.name);
             self.report(Diagnostic::warning(problem.domain.span(), message));
@@ -63,7 +68,7 @@ impl<'t> Checker<'_, 't> {
         });
     }
 
-    pub(super) fn init(&mut self, elements: &'t [InitElement], spare: Values) {
+    pub(super) fn init(&mut self, elements: &'t [InitElement], spare: UndeclaredSymbols) {
         let mut values = HashMap::default();
         for element in elements {
             self.init_element(element, spare);
@@ -98,10 +103,10 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    fn init_element(&mut self, element: &'t InitElement, values: Values) {
+    fn init_element(&mut self, element: &'t InitElement, values: UndeclaredSymbols) {
         match element {
             InitElement::Atom(atom) | InitElement::Not(atom)
-                if values == Values::Spare && self.is_spare_fact(atom) =>
+                if values == UndeclaredSymbols::Spare && self.is_spare_fact(atom) =>
             {
                 self.report_spare_fact(atom);
             }
@@ -110,8 +115,12 @@ impl<'t> Checker<'_, 't> {
             // derived from.
             InitElement::Unknown(atom) => self.atom(atom),
             InitElement::Assign(fluent, _) => match values {
-                Values::Spare | Values::Map if self.is_spare(fluent) => self.report_spare(fluent),
-                Values::Spare | Values::Map | Values::Declared => self.fluent(fluent),
+                UndeclaredSymbols::Spare | UndeclaredSymbols::Map if self.is_spare(fluent) => {
+                    self.report_spare(fluent)
+                }
+                UndeclaredSymbols::Spare | UndeclaredSymbols::Map | UndeclaredSymbols::Declared => {
+                    self.fluent(fluent)
+                }
             },
             InitElement::At(_, inner) => self.init_element(inner, values),
         }
@@ -165,7 +174,7 @@ impl<'t> Checker<'_, 't> {
         &mut self,
         fluent: &'t FluentTerm,
         number: Number,
-        spare: Values,
+        spare: UndeclaredSymbols,
         values: &mut HashMap<&'t FluentTerm, (Number, Span)>,
     ) {
         let Some((first, place)) = values.insert(fluent, (number, fluent.span)) else { return };
@@ -174,10 +183,12 @@ impl<'t> Checker<'_, 't> {
         }
         let message = format!("`{fluent}` is {first} already, and now {number}");
         let twice = match spare {
-            Values::Spare => {
+            UndeclaredSymbols::Spare => {
                 Diagnostic::warning(fluent.span, message).with_help("the last value counts")
             }
-            Values::Map | Values::Declared => Diagnostic::error(fluent.span, message),
+            UndeclaredSymbols::Map | UndeclaredSymbols::Declared => {
+                Diagnostic::error(fluent.span, message)
+            }
         };
         self.report(twice.with_note(place, format!("here it is {first}")));
     }

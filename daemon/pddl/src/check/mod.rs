@@ -25,7 +25,7 @@ mod plans;
 use foldhash::{HashMap, HashSet};
 use std::fmt;
 
-use crate::diagnostic::{Diagnostic, Problems};
+use crate::diagnostic::{Diagnostic, DiagnosticList};
 use crate::nearest::nearest;
 use crate::tree::{ActionModel, Condition, Domain, FluentTerm, InitElement, Plan, Problem, Typed};
 use symbols::Symbols;
@@ -42,7 +42,7 @@ pub fn check_domain(domain: &Domain) -> Vec<Diagnostic> {
 pub fn check_problem(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
     let symbols = Symbols::of_problem(domain, problem);
     let mut checker = Checker::new(&symbols);
-    checker.problem(domain, problem, facts::Values::Spare);
+    checker.problem(domain, problem, facts::UndeclaredSymbols::Spare);
     checker.problems.into_sorted()
 }
 
@@ -51,7 +51,7 @@ pub fn check_problem(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
 pub fn check_map(domain: &Domain, map: &Problem) -> Vec<Diagnostic> {
     let symbols = Symbols::of_problem(domain, map);
     let mut checker = Checker::new(&symbols);
-    checker.problem(domain, map, facts::Values::Map);
+    checker.problem(domain, map, facts::UndeclaredSymbols::Map);
     checker.problems.into_sorted()
 }
 
@@ -110,7 +110,7 @@ pub fn check_init_elements(
 ) -> Vec<Diagnostic> {
     let symbols = Symbols::of_problem(domain, problem);
     let mut checker = Checker::new(&symbols);
-    checker.init(elements, facts::Values::Declared);
+    checker.init(elements, facts::UndeclaredSymbols::Declared);
     checker.problems.into_sorted()
 }
 
@@ -129,7 +129,7 @@ const COMPARISONS_MAX: usize = 100_000;
 /// Walks over trees and collects mistakes.
 struct Checker<'s, 't> {
     symbols: &'s Symbols<'t>,
-    problems: Problems,
+    problems: DiagnosticList,
     /// Variables in scope, outermost first.
     scope: Vec<&'t Typed>,
     /// Positions of a name in the scope, outermost first.
@@ -137,7 +137,7 @@ struct Checker<'s, 't> {
     /// Types of another text that the checked one builds on.
     foreign_types: Option<&'t [Typed]>,
     /// Objects that other agents have to bring, once reported.
-    awaited: HashSet<&'t str>,
+    reported_objects: HashSet<&'t str>,
     comparisons_left: usize,
 }
 
@@ -147,11 +147,11 @@ impl<'s, 't> Checker<'s, 't> {
     fn new(symbols: &'s Symbols<'t>) -> Checker<'s, 't> {
         Checker {
             symbols,
-            problems: Problems::default(),
+            problems: DiagnosticList::default(),
             scope: Vec::new(),
             bound: HashMap::default(),
             foreign_types: None,
-            awaited: HashSet::default(),
+            reported_objects: HashSet::default(),
             comparisons_left: COMPARISONS_MAX,
         }
     }

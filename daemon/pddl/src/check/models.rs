@@ -1,7 +1,7 @@
 //! Action models, checked against the ontology that they build on.
 
 use super::Checker;
-use super::facts::Values;
+use super::facts::UndeclaredSymbols;
 use crate::diagnostic::Diagnostic;
 use crate::tree::{ActionModel, Domain, Name, Typed};
 
@@ -18,7 +18,7 @@ impl<'t> Checker<'_, 't> {
         self.model_predicates(ontology, model);
         self.model_functions(ontology, model);
         self.objects(ontology, &model.objects);
-        self.init(&model.init, Values::Declared);
+        self.init(&model.init, UndeclaredSymbols::Declared);
         self.derived(&model.derived);
         self.actions(&model.actions, &model.durative_actions);
         self.has_itself(model);

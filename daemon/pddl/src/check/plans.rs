@@ -44,7 +44,7 @@ impl<'t> Checker<'_, 't> {
         for (argument, parameter) in step.arguments.iter().zip(&callable.parameters) {
             let Some(actual) = self.object(argument) else { continue };
             let wanted = &parameter.ty;
-            let known = self.knows(wanted) && self.knows(actual);
+            let known = self.are_types_known(wanted) && self.are_types_known(actual);
             let is_also = || self.symbols.is_also(argument, wanted);
             if known && !self.symbols.types.accepts(wanted, actual) && !is_also() {
                 let message = format!(

@@ -13,9 +13,9 @@ use crate::types::Types;
 /// Symbols that a text may refer to. If something is declared twice, the first declaration counts.
 pub(super) struct Symbols<'t> {
     pub(super) types: Types,
-    predicates: Table<'t, PredicateDeclaration>,
-    functions: Table<'t, FunctionDeclaration>,
-    objects: Table<'t, Typed>,
+    predicates: DeclarationTable<'t, PredicateDeclaration>,
+    functions: DeclarationTable<'t, FunctionDeclaration>,
+    objects: DeclarationTable<'t, Typed>,
     derived: HashSet<&'t str>,
     actions: &'t [ActionSchema],
     /// Whether other agents may bring objects that are not listed here.
@@ -25,7 +25,7 @@ pub(super) struct Symbols<'t> {
 }
 
 /// Declarations by name and in order.
-struct Table<'t, T> {
+struct DeclarationTable<'t, T> {
     order: Vec<&'t T>,
     /// Created when it pays: a goal names one or two of the many objects of a large building.
     index: OnceCell<HashMap<&'t str, usize>>,
@@ -37,7 +37,7 @@ struct Table<'t, T> {
 const SCANS_MAX: u8 = 4;
 
 /// A declaration with a name.
-pub(super) trait Named {
+pub(super) trait NamedDeclaration {
     fn name(&self) -> &Name;
 }
 
@@ -47,9 +47,9 @@ impl<'t> Symbols<'t> {
     pub(super) fn of_domain(domain: &'t Domain) -> Symbols<'t> {
         Symbols {
             types: Types::of(domain),
-            predicates: Table::new(&domain.predicates),
-            functions: Table::new(&domain.functions),
-            objects: Table::new(&domain.constants),
+            predicates: DeclarationTable::new(&domain.predicates),
+            functions: DeclarationTable::new(&domain.functions),
+            objects: DeclarationTable::new(&domain.constants),
             derived: domain.derived.iter().map(|axiom| axiom.predicate.as_str()).collect(),
             actions: &domain.actions,
             is_open: false,
@@ -59,7 +59,7 @@ impl<'t> Symbols<'t> {
 
     pub(super) fn of_problem(domain: &'t Domain, problem: &'t Problem) -> Symbols<'t> {
         let own = problem.objects.iter().map(|declaration| &declaration.object);
-        let objects = Table::new(domain.constants.iter().chain(own));
+        let objects = DeclarationTable::new(domain.constants.iter().chain(own));
         Symbols { objects, is_of_domain: false, ..Symbols::of_domain(domain) }
     }
 
@@ -68,9 +68,9 @@ impl<'t> Symbols<'t> {
         let derived = ontology.derived.iter().chain(&model.derived);
         Symbols {
             types: Types::new(ontology.types.iter().chain(&model.types)),
-            predicates: Table::new(ontology.predicates.iter().chain(&model.predicates)),
-            functions: Table::new(ontology.functions.iter().chain(&model.functions)),
-            objects: Table::new(ontology.constants.iter().chain(objects)),
+            predicates: DeclarationTable::new(ontology.predicates.iter().chain(&model.predicates)),
+            functions: DeclarationTable::new(ontology.functions.iter().chain(&model.functions)),
+            objects: DeclarationTable::new(ontology.constants.iter().chain(objects)),
             derived: derived.map(|axiom| axiom.predicate.as_str()).collect(),
             actions: &model.actions,
             is_open: true,
@@ -119,10 +119,10 @@ impl<'t> Symbols<'t> {
 
 // === impl Table ===
 
-impl<'t, T: Named> Table<'t, T> {
-    fn new(declarations: impl IntoIterator<Item = &'t T>) -> Table<'t, T> {
+impl<'t, T: NamedDeclaration> DeclarationTable<'t, T> {
+    fn new(declarations: impl IntoIterator<Item = &'t T>) -> DeclarationTable<'t, T> {
         let order = declarations.into_iter().collect();
-        Table { order, index: OnceCell::new(), scans: Cell::new(0) }
+        DeclarationTable { order, index: OnceCell::new(), scans: Cell::new(0) }
     }
 
     fn get(&self, name: &str) -> Option<&'t T> {
@@ -144,19 +144,19 @@ impl<'t, T: Named> Table<'t, T> {
     }
 }
 
-impl Named for PredicateDeclaration {
+impl NamedDeclaration for PredicateDeclaration {
     fn name(&self) -> &Name {
         &self.name
     }
 }
 
-impl Named for FunctionDeclaration {
+impl NamedDeclaration for FunctionDeclaration {
     fn name(&self) -> &Name {
         &self.name
     }
 }
 
-impl Named for Typed {
+impl NamedDeclaration for Typed {
     fn name(&self) -> &Name {
         &self.name
     }

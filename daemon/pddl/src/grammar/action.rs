@@ -5,9 +5,9 @@ use super::declarations;
 use super::durative;
 use super::effect;
 use super::names;
-use super::reader::{Keyword, Place, Reader, excerpt};
+use super::reader::{ExpressionPlace, GrammarReader, Keyword, excerpt};
 use crate::diagnostic::Diagnostic;
-use crate::sexpr::{Items, Node};
+use crate::sexpr::{Items, SyntaxNode};
 use crate::tree::{
     ActionSchema, Atom, Condition, Derived, DurativeAction, Effect, Name, Span, TimedEffect, Typed,
 };
@@ -23,11 +23,11 @@ const AGENT: &str = ":agent VARIABLE - TYPE";
 /// `(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION]
 /// [:effect EFFECT] [:observe OBSERVED])`, the parts in any order.
 pub(super) fn action<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     items: Items<'f>,
     span: Span,
 ) -> Option<ActionSchema> {
-    let mut parts = Parts::new(reader, items, ACTION)?;
+    let mut parts = ActionParts::new(reader, items, ACTION)?;
     let mut action = ActionSchema {
         name: parts.name.clone(),
         agent: None,
@@ -55,11 +55,11 @@ pub(super) fn action<'f>(
 /// `(:durative-action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] :duration DURATION
 /// [:condition TIMED] [:effect TIMED])`, the parts in any order.
 pub(super) fn durative_action<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     items: Items<'f>,
     span: Span,
 ) -> Option<DurativeAction> {
-    let mut parts = Parts::new(reader, items, DURATIVE_ACTION)?;
+    let mut parts = ActionParts::new(reader, items, DURATIVE_ACTION)?;
     let mut action = DurativeAction {
         name: parts.name.clone(),
         agent: None,
@@ -69,7 +69,7 @@ pub(super) fn durative_action<'f>(
         effects: TimedEffect::And(Vec::new()),
         span,
     };
-    reader.within(Place::Durative, |reader| {
+    reader.within(ExpressionPlace::Durative, |reader| {
         while let Some((key, node)) = parts.next(reader, &[DURATION, CONDITION, EFFECT]) {
             match key {
                 AGENT_KEY => action.agent = parts.opt_agent(reader),
@@ -91,7 +91,7 @@ pub(super) fn durative_action<'f>(
 
 /// `(:derived (PREDICATE VARIABLES) CONDITION)`
 pub(super) fn derived<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,
     span: Span,
 ) -> Option<Derived> {
@@ -105,18 +105,19 @@ pub(super) fn derived<'f>(
 }
 
 /// `(VARIABLES)`
-fn parameters<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Vec<Typed> {
+fn parameters<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Vec<Typed> {
     let items = reader.expect_list(node, "a list of variables", ":parameters (VARIABLES)");
     items.map(|items| names::variables(reader, items)).unwrap_or_default()
 }
 
 /// `(SYMBOL TERM*) | (and (SYMBOL TERM*)*)`, for which a symbol is a predicate or a function.
-fn observed<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Vec<Atom> {
+fn observed<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Vec<Atom> {
     let Some(mut items) = reader.expect_list(node, "what is observed", OBSERVE) else {
         return Vec::new();
     };
-    let is_and =
-        |node: Node<'_>| node.symbol().is_some_and(|word| Keyword::of(word).as_str() == "and");
+    let is_and = |node: SyntaxNode<'_>| {
+        node.symbol().is_some_and(|word| Keyword::of(word).as_str() == "and")
+    };
     if items.peek().is_some_and(is_and) {
         items.next();
         return items.filter_map(|node| condition::atom(reader, node)).collect();
@@ -135,31 +136,35 @@ const EFFECT: &str = ":effect";
 const OBSERVE_KEY: &str = ":observe";
 
 /// The parts of an action: `NAME (KEY VALUE)*`.
-struct Parts<'f> {
+struct ActionParts<'f> {
     name: Name,
     items: Items<'f>,
     seen: Vec<(&'static str, Span)>,
     rule: &'static str,
 }
 
-impl<'f> Parts<'f> {
-    fn new(reader: &mut Reader<'f>, items: Items<'f>, rule: &'static str) -> Option<Parts<'f>> {
+impl<'f> ActionParts<'f> {
+    fn new(
+        reader: &mut GrammarReader<'f>,
+        items: Items<'f>,
+        rule: &'static str,
+    ) -> Option<ActionParts<'f>> {
         let mut items = items;
         let node = reader.expect(&mut items, "name", rule)?;
         let name = names::name(reader, node, "the name of the action")?;
-        Some(Parts { name, items, seen: Vec::new(), rule })
+        Some(ActionParts { name, items, seen: Vec::new(), rule })
     }
 
     /// Returns the next key, one of `:agent`, `:parameters` and `keys`, with the node after it.
     /// Unknown and repeated parts are reported and skipped.
     fn next(
         &mut self,
-        reader: &mut Reader<'f>,
+        reader: &mut GrammarReader<'f>,
         keys: &[&'static str],
-    ) -> Option<(&'static str, Node<'f>)> {
+    ) -> Option<(&'static str, SyntaxNode<'f>)> {
         while let Some(node) = self.items.next() {
             let Some(word) = node.symbol().filter(|word| word.starts_with(':')) else {
-                if !reader.is_passed_over(node) {
+                if !reader.is_already_reported(node) {
                     self.report_stranger(reader, node);
                 }
                 continue;
@@ -188,7 +193,7 @@ impl<'f> Parts<'f> {
 
     /// Reports a node where a key is expected. After a condition or an effect it is likely a second
     /// one, to be joined by an `and`.
-    fn report_stranger(&self, reader: &mut Reader<'f>, node: Node<'f>) {
+    fn report_stranger(&self, reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) {
         let after = self.seen.last().map(|(key, _)| *key);
         let what = match after {
             Some(PRECONDITION | CONDITION) => "condition",
@@ -210,7 +215,12 @@ impl<'f> Parts<'f> {
     }
 
     /// Returns the node after a key; that of an agent is left for [`Parts::opt_agent`].
-    fn value(&mut self, reader: &mut Reader<'f>, key: Node<'f>, word: &str) -> Option<Node<'f>> {
+    fn value(
+        &mut self,
+        reader: &mut GrammarReader<'f>,
+        key: SyntaxNode<'f>,
+        word: &str,
+    ) -> Option<SyntaxNode<'f>> {
         match self.items.peek() {
             Some(value) if !value.symbol().is_some_and(|word| word.starts_with(':')) => {
                 if !word.eq_ignore_ascii_case(AGENT_KEY) {
@@ -226,7 +236,7 @@ impl<'f> Parts<'f> {
         }
     }
 
-    fn is_first(&mut self, reader: &mut Reader<'f>, key: &'static str, span: Span) -> bool {
+    fn is_first(&mut self, reader: &mut GrammarReader<'f>, key: &'static str, span: Span) -> bool {
         let Some((_, first)) = self.seen.iter().find(|(seen, _)| *seen == key) else {
             self.seen.push((key, span));
             return true;
@@ -237,7 +247,7 @@ impl<'f> Parts<'f> {
     }
 
     /// `VARIABLE [- TYPE]`, with or without parentheses around it
-    fn opt_agent(&mut self, reader: &mut Reader<'f>) -> Option<Typed> {
+    fn opt_agent(&mut self, reader: &mut GrammarReader<'f>) -> Option<Typed> {
         let node = self.items.peek()?;
         let Some(mut inner) = node.list() else {
             return declarations::opt_typed_variable(reader, &mut self.items);

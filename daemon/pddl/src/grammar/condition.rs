@@ -2,9 +2,9 @@
 
 use super::expression;
 use super::names;
-use super::reader::{Keyword, Place, Reader, excerpt};
+use super::reader::{ExpressionPlace, GrammarReader, Keyword, excerpt};
 use crate::diagnostic::Diagnostic;
-use crate::sexpr::{Items, Node, View};
+use crate::sexpr::{Items, NodeContent, SyntaxNode};
 use crate::tree::{Atom, Compare, Comparison, Condition, Span, Typed};
 
 const CONDITION: &str = "(PREDICATE TERM*) | (not|and|or|imply CONDITION*) \
@@ -19,7 +19,10 @@ const EQUAL: &str = "(= TERM TERM) | (= EXPRESSION EXPRESSION)";
 /// `() | (PREDICATE TERM*) | (= TERM TERM) | (COMPARISON EXPRESSION EXPRESSION) | (not CONDITION)
 /// | (and CONDITION*) | (or CONDITION*) | (imply CONDITION CONDITION)
 /// | (exists (VARIABLES) CONDITION) | (forall (VARIABLES) CONDITION)`
-pub(crate) fn condition<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Condition> {
+pub(crate) fn condition<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+) -> Option<Condition> {
     let (word, items) = match headed(reader, node, "a condition", CONDITION)? {
         Headed::Empty => return Some(Condition::always()),
         Headed::By(word, items) => (word, items),
@@ -62,7 +65,7 @@ pub(crate) fn condition<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<C
 }
 
 /// `(PREDICATE TERM*)`
-pub(super) fn atom<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Atom> {
+pub(super) fn atom<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Atom> {
     let mut items = reader.expect_list(node, "an atom", ATOM)?;
     let head = reader.expect(&mut items, "predicate", ATOM)?;
     if let Some(help) = foreign(head.symbol().unwrap_or("")) {
@@ -111,7 +114,11 @@ const KEYWORDS: &[&str] = &[
 ];
 
 /// Reports a predicate with a list as an argument: likely a misspelled keyword.
-fn nested<T>(reader: &mut Reader<'_>, head: Node<'_>, argument: Node<'_>) -> Option<T> {
+fn nested<T>(
+    reader: &mut GrammarReader<'_>,
+    head: SyntaxNode<'_>,
+    argument: SyntaxNode<'_>,
+) -> Option<T> {
     let word = head.symbol().unwrap_or("");
     let near = reader.nearest(word, KEYWORDS.iter().copied());
     let diagnostic = match near {
@@ -136,44 +143,52 @@ pub(super) enum Headed<'f> {
 
 /// `() | (WORD …)`; for anything else, reports that `what` is expected.
 pub(super) fn headed<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     what: &str,
     rule: &'static str,
 ) -> Option<Headed<'f>> {
-    let mut items = match node.view() {
-        View::List(_) if reader.is_passed_over(node) => return None,
-        View::List(items) => items,
-        View::Symbol(_) if reader.report_call(node) => return None,
-        View::Symbol(word) => {
+    let mut items = match node.content() {
+        NodeContent::List(_) if reader.is_already_reported(node) => return None,
+        NodeContent::List(items) => items,
+        NodeContent::Symbol(_) if reader.report_call(node) => return None,
+        NodeContent::Symbol(word) => {
             let message = format!("expected {what}, found `{word}`");
             let diagnostic = Diagnostic::error(node.span(), message).with_rule(rule);
             reader.report(diagnostic.with_help(format!("write `({word})`")));
             return None;
         }
-        View::Damaged => return None,
+        NodeContent::Damaged => return None,
     };
     let Some(head) = items.next() else { return Some(Headed::Empty) };
-    match head.view() {
-        View::Symbol(word) => Some(Headed::By(word, items)),
-        View::List(_) => {
+    match head.content() {
+        NodeContent::Symbol(word) => Some(Headed::By(word, items)),
+        NodeContent::List(_) => {
             let message = format!("{what} begins with a word, not with `{}`", excerpt(head));
             let diagnostic = Diagnostic::error(head.span(), message).with_rule(rule);
             reader.report(diagnostic.with_help("several are joined by `(and …)`"));
             None
         }
-        View::Damaged => None,
+        NodeContent::Damaged => None,
     }
 }
 
 /// Reports a feature of PDDL that this crate does not support.
-pub(super) fn unsupported<T>(reader: &mut Reader<'_>, node: Node<'_>, what: &str) -> Option<T> {
+pub(super) fn unsupported<T>(
+    reader: &mut GrammarReader<'_>,
+    node: SyntaxNode<'_>,
+    what: &str,
+) -> Option<T> {
     reader.report(Diagnostic::unsupported(node.span(), format!("{what} are not supported")));
     None
 }
 
 /// `(preference [NAME] CONDITION)`: parsed to find mistakes in it, then reported as unsupported.
-fn preference<'f, T>(reader: &mut Reader<'f>, node: Node<'f>, mut items: Items<'f>) -> Option<T> {
+fn preference<'f, T>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+    mut items: Items<'f>,
+) -> Option<T> {
     if items.peek().is_some_and(|first| first.symbol().is_some()) {
         items.next();
     }
@@ -185,8 +200,8 @@ fn preference<'f, T>(reader: &mut Reader<'f>, node: Node<'f>, mut items: Items<'
 
 /// Reports a node at the wrong place.
 pub(super) fn misplaced<T>(
-    reader: &mut Reader<'_>,
-    node: Node<'_>,
+    reader: &mut GrammarReader<'_>,
+    node: SyntaxNode<'_>,
     message: &str,
     help: &str,
 ) -> Option<T> {
@@ -195,12 +210,12 @@ pub(super) fn misplaced<T>(
 }
 
 /// `CONDITION*`
-fn conditions<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Condition> {
+fn conditions<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Condition> {
     items.filter_map(|node| condition(reader, node)).collect()
 }
 
 /// `(not CONDITION)`
-fn not<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Condition> {
+fn not<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condition> {
     let node = reader.expect(&mut items, "condition", NOT)?;
     let inner = condition(reader, node);
     reader.expect_end(items, "`not`", NOT);
@@ -208,7 +223,7 @@ fn not<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Condition> {
 }
 
 /// `(imply CONDITION CONDITION)`
-fn imply<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Condition> {
+fn imply<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condition> {
     let premise = reader.expect(&mut items, "condition", IMPLY)?;
     let premise = condition(reader, premise);
     let conclusion = reader.expect(&mut items, "second condition", IMPLY)?;
@@ -219,7 +234,7 @@ fn imply<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Condition>
 
 /// `(VARIABLES) CONDITION`
 fn quantified<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,
 ) -> Option<(Vec<Typed>, Box<Condition>)> {
     let variables = reader.expect(&mut items, "list of variables", QUANTIFIED)?;
@@ -234,7 +249,7 @@ fn quantified<'f>(
 /// `(= TERM TERM) | (= EXPRESSION EXPRESSION)`
 ///
 /// Two words are terms; a list or a number on either side makes it a comparison of numbers.
-fn equal<'f>(reader: &mut Reader<'f>, items: Items<'f>, span: Span) -> Option<Condition> {
+fn equal<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>, span: Span) -> Option<Condition> {
     if items.into_iter().any(|node| is_numeric(reader, node)) {
         return compare(reader, Comparison::Equal, items, span);
     }
@@ -247,20 +262,21 @@ fn equal<'f>(reader: &mut Reader<'f>, items: Items<'f>, span: Span) -> Option<Co
     Some(Condition::Equal(left?, right?, span))
 }
 
-fn is_numeric(reader: &Reader<'_>, node: Node<'_>) -> bool {
-    match node.view() {
-        View::List(_) => true,
-        View::Symbol(word) => {
+fn is_numeric(reader: &GrammarReader<'_>, node: SyntaxNode<'_>) -> bool {
+    match node.content() {
+        NodeContent::List(_) => true,
+        NodeContent::Symbol(word) => {
             let is_special = word.eq_ignore_ascii_case("?duration") || word == "#t";
-            names::number(word).is_some() || (is_special && reader.place() == Place::Durative)
+            names::number(word).is_some()
+                || (is_special && reader.place() == ExpressionPlace::Durative)
         }
-        View::Damaged => false,
+        NodeContent::Damaged => false,
     }
 }
 
 /// `(COMPARISON EXPRESSION EXPRESSION)`
 fn compare<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     comparison: Comparison,
     mut items: Items<'f>,
     span: Span,

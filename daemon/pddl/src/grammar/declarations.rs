@@ -1,9 +1,9 @@
 //! Declarations: requirements, types, predicates, functions, objects.
 
-use super::names::{self, Entries};
-use super::reader::{Reader, excerpt};
+use super::names::{self, ListEntryKind};
+use super::reader::{GrammarReader, excerpt};
 use crate::diagnostic::Diagnostic;
-use crate::sexpr::{Items, Node};
+use crate::sexpr::{Items, SyntaxNode};
 use crate::tree::{
     FunctionDeclaration, Name, ObjectDeclaration, PredicateDeclaration, Privacy, TypeExpr, Typed,
 };
@@ -14,12 +14,12 @@ const FUNCTIONS: &str = "(:functions ((NAME [VARIABLE* [- TYPE]]*)* [- number])*
 const PRIVATE: &str = "(:private [VARIABLE - TYPE] DECLARATION*)";
 
 /// `:NAME*`
-pub(super) fn requirements<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Name> {
+pub(super) fn requirements<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Name> {
     items.filter_map(|node| requirement(reader, node)).collect()
 }
 
 /// `:NAME`
-fn requirement<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Name> {
+fn requirement<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Name> {
     match node.symbol() {
         Some(word) if word.starts_with(':') && word.len() > 1 => {
             Some(reader.intern(word, node.span()))
@@ -38,13 +38,13 @@ fn requirement<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Name> {
 }
 
 /// `(NAME* [- TYPE])*`
-pub(super) fn types<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Typed> {
-    names::typed_list(reader, items, Entries::Names)
+pub(super) fn types<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Typed> {
+    names::typed_list(reader, items, ListEntryKind::Names)
 }
 
 /// `(NAME* [- TYPE])*`; `(:private …)` is accepted with a warning and dropped, as constants have no
 /// privacy.
-pub(super) fn constants<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Typed> {
+pub(super) fn constants<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Typed> {
     let declared = objects(reader, items);
     if let Some(private) = declared.iter().find(|object| object.privacy != Privacy::Public) {
         let message = "constants of a domain are public; `:private` is passed over";
@@ -55,7 +55,7 @@ pub(super) fn constants<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Ty
 
 /// `(SIGNATURE | (:private [VARIABLE - TYPE] SIGNATURE*))*`
 pub(super) fn predicates<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     items: Items<'f>,
 ) -> Vec<PredicateDeclaration> {
     let mut declared = Vec::new();
@@ -71,7 +71,10 @@ pub(super) fn predicates<'f>(
 }
 
 /// `((SIGNATURE | (:private [VARIABLE - TYPE] SIGNATURE*))* [- number])*`
-pub(super) fn functions<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<FunctionDeclaration> {
+pub(super) fn functions<'f>(
+    reader: &mut GrammarReader<'f>,
+    items: Items<'f>,
+) -> Vec<FunctionDeclaration> {
     let mut declared = Vec::new();
     let mut items = items;
     while let Some(node) = items.next() {
@@ -93,7 +96,7 @@ pub(super) fn functions<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Fu
 }
 
 /// `- number`
-fn number_type<'f>(reader: &mut Reader<'f>, items: &mut Items<'f>, dash: Node<'f>) {
+fn number_type<'f>(reader: &mut GrammarReader<'f>, items: &mut Items<'f>, dash: SyntaxNode<'f>) {
     let Some(ty) = names::opt_type(reader, items, dash) else { return };
     if ty.alternatives.iter().any(|name| *name != "number") {
         let span = ty.alternatives[0].span();
@@ -107,8 +110,8 @@ fn number_type<'f>(reader: &mut Reader<'f>, items: &mut Items<'f>, dash: Node<'f
 
 /// Returns the declarations at `node`: the node itself, or the content of its `:private`.
 fn public_or_private<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     rule: &'static str,
 ) -> (Option<Items<'f>>, Privacy) {
     let is_private = node.head().is_some_and(|head| head.eq_ignore_ascii_case(":private"));
@@ -123,7 +126,7 @@ fn public_or_private<'f>(
 }
 
 /// `[VARIABLE [- TYPE]]`
-fn opt_owner<'f>(reader: &mut Reader<'f>, items: &mut Items<'f>) -> Option<Typed> {
+fn opt_owner<'f>(reader: &mut GrammarReader<'f>, items: &mut Items<'f>) -> Option<Typed> {
     items.peek()?.symbol()?;
     let typed = opt_typed_variable(reader, items);
     if let Some(extra) = items.peek().filter(|node| node.symbol().is_some_and(|w| w != "-")) {
@@ -136,7 +139,7 @@ fn opt_owner<'f>(reader: &mut Reader<'f>, items: &mut Items<'f>) -> Option<Typed
 
 /// `VARIABLE [- TYPE]`
 pub(super) fn opt_typed_variable<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     items: &mut Items<'f>,
 ) -> Option<Typed> {
     let name = names::variable(reader, items.next()?)?;
@@ -150,8 +153,8 @@ pub(super) fn opt_typed_variable<'f>(
 
 /// `(NAME VARIABLES)`
 pub(super) fn signature<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     rule: &'static str,
 ) -> Option<(Name, Vec<Typed>)> {
     let mut items = reader.expect_list(node, "a declaration", rule)?;
@@ -165,14 +168,17 @@ pub(super) fn signature<'f>(
 }
 
 /// `((NAME* [- TYPE])* | (:private [NAME] (NAME* [- TYPE])*))*`
-pub(super) fn objects<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<ObjectDeclaration> {
+pub(super) fn objects<'f>(
+    reader: &mut GrammarReader<'f>,
+    items: Items<'f>,
+) -> Vec<ObjectDeclaration> {
     let mut declared = Vec::new();
     // Several blocks occur only in a text that describes several agents.
     let has_owners = items.filter(|node| is_private(*node)).nth(1).is_some();
     let mut from = items;
     let mut public = items.until(is_private);
     loop {
-        let typed = names::typed_list(reader, public, Entries::Names);
+        let typed = names::typed_list(reader, public, ListEntryKind::Names);
         declared.extend(with_privacy(typed, &Privacy::Public));
         from = from.after(public);
         let Some(block) = from.next() else { return declared };
@@ -181,7 +187,7 @@ pub(super) fn objects<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Obje
     }
 }
 
-fn is_private(node: Node<'_>) -> bool {
+fn is_private(node: SyntaxNode<'_>) -> bool {
     node.head().is_some_and(|head| head.eq_ignore_ascii_case(":private"))
 }
 
@@ -194,8 +200,8 @@ fn with_privacy(typed: Vec<Typed>, privacy: &Privacy) -> impl Iterator<Item = Ob
 /// The owner looks like an object. The first word counts as the owner if it has no type and is
 /// either declared elsewhere in the section (agents are objects too) or in one of several blocks.
 fn private_objects<'f>(
-    reader: &mut Reader<'f>,
-    block: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    block: SyntaxNode<'f>,
     section: Items<'f>,
     has_owners: bool,
 ) -> Vec<ObjectDeclaration> {
@@ -208,19 +214,20 @@ fn private_objects<'f>(
         items = rest;
     }
     let owner = owner.map(|name| Typed { name, ty: TypeExpr::default() });
-    let typed = names::typed_list(reader, items, Entries::Names);
+    let typed = names::typed_list(reader, items, ListEntryKind::Names);
     with_privacy(typed, &Privacy::Private(owner)).collect()
 }
 
 fn starts_with_owner(mut items: Items<'_>, section: Items<'_>, has_owners: bool) -> bool {
-    let Some(first) = items.next().and_then(Node::symbol) else { return false };
-    if items.peek().and_then(Node::symbol) == Some("-") {
+    let Some(first) = items.next().and_then(SyntaxNode::symbol) else { return false };
+    if items.peek().and_then(SyntaxNode::symbol) == Some("-") {
         return false;
     }
     let words = section.flat_map(|node| match node.list() {
         Some(inner) if is_private(node) => inner,
         _ => node.alone(),
     });
-    let is_first = |node: &Node<'_>| node.symbol().is_some_and(|w| w.eq_ignore_ascii_case(first));
+    let is_first =
+        |node: &SyntaxNode<'_>| node.symbol().is_some_and(|w| w.eq_ignore_ascii_case(first));
     has_owners || words.filter(is_first).nth(1).is_some()
 }

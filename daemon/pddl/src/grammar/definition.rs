@@ -1,10 +1,10 @@
 //! `(define (KIND NAME) SECTION*)`: the frame of every file.
 
 use super::names;
-use super::reader::{Keyword, Reader, excerpt};
+use super::reader::{GrammarReader, Keyword, excerpt};
 use super::{domain, model, problem};
 use crate::diagnostic::Diagnostic;
-use crate::sexpr::{Items, Node};
+use crate::sexpr::{Items, SyntaxNode};
 use crate::tree::{Document, Name, Span};
 
 const DEFINE: &str = "(define (domain|problem|agent NAME) SECTION*)";
@@ -20,7 +20,7 @@ pub(crate) enum DocumentKind {
 /// `(define (domain NAME) …) | (define (problem NAME) …) | (define (agent NAME) …)`, one of them
 /// and of the kind that is expected.
 pub(crate) fn document<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     roots: Items<'f>,
     expected: Option<DocumentKind>,
 ) -> Option<Document> {
@@ -29,10 +29,10 @@ pub(crate) fn document<'f>(
 
 /// Parses the only node of a text.
 pub(crate) fn single<'f, T>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     mut roots: Items<'f>,
     what: &str,
-    production: impl FnOnce(&mut Reader<'f>, Node<'f>) -> Option<T>,
+    production: impl FnOnce(&mut GrammarReader<'f>, SyntaxNode<'f>) -> Option<T>,
 ) -> Option<T> {
     let Some(mut node) = roots.next() else {
         reader.report(Diagnostic::error(roots.end(), format!("the text holds no {what}")));
@@ -47,7 +47,7 @@ pub(crate) fn single<'f, T>(
         node = next;
     }
     let value = production(reader, node);
-    if let Some(more) = roots.next().filter(|more| !reader.is_passed_over(*more)) {
+    if let Some(more) = roots.next().filter(|more| !reader.is_already_reported(*more)) {
         let message = format!("one {what} is expected, `{}` is more", excerpt(more));
         reader.report(Diagnostic::error(more.span(), message));
     }
@@ -56,8 +56,8 @@ pub(crate) fn single<'f, T>(
 
 /// `(define (KIND NAME) SECTION*)`
 fn definition<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     expected: Option<DocumentKind>,
 ) -> Option<Document> {
     let mut items = reader.expect_list(node, "a definition", DEFINE)?;
@@ -87,8 +87,8 @@ fn definition<'f>(
 
 /// `(KIND NAME)`
 fn title_of<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     expected: Option<DocumentKind>,
 ) -> Option<(DocumentKind, Name)> {
     let mut items = reader.expect_list(node, "`(domain|problem|agent NAME)`", DEFINE)?;
@@ -103,7 +103,7 @@ fn title_of<'f>(
 }
 
 /// `domain | problem | agent`; for a misspelled word, the likely intended one.
-fn kind<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<DocumentKind> {
+fn kind<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<DocumentKind> {
     const KINDS: &[&str] = &["domain", "problem", "agent"];
     let word = Keyword::of(node.symbol().unwrap_or(""));
     let word = match KINDS.contains(&word.as_str()) {
@@ -135,7 +135,7 @@ pub(super) struct Sections<'f> {
     items: Items<'f>,
     /// The sections that this kind of file may have.
     known: &'static [&'static str],
-    seen: Vec<(&'static str, Node<'f>, Span)>,
+    seen: Vec<(&'static str, SyntaxNode<'f>, Span)>,
 }
 
 /// `(:KEYWORD ITEM*)`
@@ -195,7 +195,7 @@ impl<'f> Sections<'f> {
 
     /// Returns the next section. Nodes that are no section, unknown sections and repeated ones are
     /// reported and skipped.
-    pub(super) fn next(&mut self, reader: &mut Reader<'f>) -> Option<Section<'f>> {
+    pub(super) fn next(&mut self, reader: &mut GrammarReader<'f>) -> Option<Section<'f>> {
         while let Some(node) = self.items.next() {
             let Some(mut items) = reader.expect_list(node, "a section", "(:KEYWORD …)") else {
                 continue;
@@ -220,9 +220,9 @@ impl<'f> Sections<'f> {
     /// if its content differs from the first.
     fn is_read(
         &mut self,
-        reader: &mut Reader<'f>,
+        reader: &mut GrammarReader<'f>,
         keyword: &'static str,
-        node: Node<'f>,
+        node: SyntaxNode<'f>,
         span: Span,
     ) -> bool {
         if REPEATED.contains(&keyword) {
@@ -246,7 +246,7 @@ impl<'f> Sections<'f> {
         is_joined && !is_same
     }
 
-    fn report_unknown(&self, reader: &mut Reader<'f>, head: Node<'f>, lower: &str) {
+    fn report_unknown(&self, reader: &mut GrammarReader<'f>, head: SyntaxNode<'f>, lower: &str) {
         let word = excerpt(head);
         if let Some((_, owners)) = ELSEWHERE.iter().find(|(keyword, _)| *keyword == lower) {
             let message = format!("`{word}` belongs to {owners}");

@@ -1,7 +1,7 @@
 //! Domains.
 
 use super::definition::Sections;
-use super::reader::Reader;
+use super::reader::GrammarReader;
 use super::{action, declarations};
 use crate::sexpr::Items;
 use crate::tree::{Domain, Name};
@@ -19,7 +19,7 @@ const SECTIONS: &[&str] = &[
 
 /// `(define (domain NAME) [REQUIREMENTS] [TYPES] [CONSTANTS] [PREDICATES] [FUNCTIONS]
 /// (DERIVED | ACTION | DURATIVE-ACTION)*)`, in any order.
-pub(super) fn domain<'f>(reader: &mut Reader<'f>, name: Name, items: Items<'f>) -> Domain {
+pub(super) fn domain<'f>(reader: &mut GrammarReader<'f>, name: Name, items: Items<'f>) -> Domain {
     let mut domain = Domain::named(name);
     let mut sections = Sections::new(items, SECTIONS);
     while let Some(section) = sections.next(reader) {

@@ -3,9 +3,9 @@
 use super::condition::{self, Headed, headed, misplaced, unsupported};
 use super::effect;
 use super::expression;
-use super::reader::{Keyword, Reader};
+use super::reader::{GrammarReader, Keyword};
 use crate::diagnostic::Diagnostic;
-use crate::sexpr::{Items, Node};
+use crate::sexpr::{Items, SyntaxNode};
 use crate::tree::{
     Assignment, Comparison, DurationConstraint, TimeSpecifier, TimedCondition, TimedEffect, Typed,
 };
@@ -20,15 +20,18 @@ const TIMED_EFFECT: &str = "() | (at start|end EFFECT) | (and TIMED*) \
 const WHEN: &str = "(when TIMED-CONDITION TIMED-EFFECT)";
 
 /// `() | (=|<=|>= ?duration EXPRESSION) | (at start|end DURATION) | (and DURATION*)`
-pub(super) fn duration<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Vec<DurationConstraint> {
+pub(super) fn duration<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+) -> Vec<DurationConstraint> {
     let mut constraints = Vec::new();
     collect_duration(reader, node, None, &mut constraints);
     constraints
 }
 
 fn collect_duration<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     when: Option<TimeSpecifier>,
     constraints: &mut Vec<DurationConstraint>,
 ) {
@@ -62,11 +65,11 @@ fn collect_duration<'f>(
 
 /// `start|end|all X`, after `at` or `over`: the time, and the node of `X`
 fn timed<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     mut items: Items<'f>,
     rule: &'static str,
-) -> Option<(TimeSpecifier, Node<'f>)> {
+) -> Option<(TimeSpecifier, SyntaxNode<'f>)> {
     let over = node.head().is_some_and(|word| word.eq_ignore_ascii_case("over"));
     let time = reader.expect(&mut items, "time", rule)?;
     let when = match (over, Keyword::of(time.symbol().unwrap_or("")).as_str()) {
@@ -85,15 +88,18 @@ fn timed<'f>(
 
 /// `() | (at start|end CONDITION) | (over all CONDITION) | (and TIMED*)
 /// | (forall (VARIABLES) TIMED)`
-pub(super) fn conditions<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Vec<TimedCondition> {
+pub(super) fn conditions<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+) -> Vec<TimedCondition> {
     let mut conditions = Vec::new();
     collect_conditions(reader, node, &[], &mut conditions);
     conditions
 }
 
 fn collect_conditions<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     outer: &[Typed],
     conditions: &mut Vec<TimedCondition>,
 ) {
@@ -127,7 +133,10 @@ fn collect_conditions<'f>(
 
 /// `() | (at start|end EFFECT) | (and TIMED*) | (forall (VARIABLES) TIMED)
 /// | (when TIMED-CONDITION TIMED) | (increase|decrease FLUENT EXPRESSION-WITH-#t)`
-pub(super) fn effect<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<TimedEffect> {
+pub(super) fn effect<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+) -> Option<TimedEffect> {
     let (word, items) = match headed(reader, node, "a timed effect", TIMED_EFFECT)? {
         Headed::Empty => return Some(TimedEffect::And(Vec::new())),
         Headed::By(word, items) => (word, items),
@@ -159,7 +168,7 @@ pub(super) fn effect<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Time
 }
 
 /// `(when TIMED-CONDITION TIMED-EFFECT)`
-fn when<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<TimedEffect> {
+fn when<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<TimedEffect> {
     let condition = reader.expect(&mut items, "condition", WHEN)?;
     let conditions = conditions(reader, condition);
     let node = reader.expect(&mut items, "effect", WHEN)?;
@@ -168,7 +177,12 @@ fn when<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<TimedEffect
     Some(TimedEffect::When(conditions, Box::new(effect?)))
 }
 
-fn report_untimed(reader: &mut Reader<'_>, node: Node<'_>, what: &str, rule: &'static str) {
+fn report_untimed(
+    reader: &mut GrammarReader<'_>,
+    node: SyntaxNode<'_>,
+    what: &str,
+    rule: &'static str,
+) {
     let message = format!("this {what} of a durative action says no time");
     let diagnostic = Diagnostic::error(node.span(), message).with_rule(rule);
     reader.report(diagnostic.with_help("write `(at start …)`, `(at end …)` or `(over all …)`"));

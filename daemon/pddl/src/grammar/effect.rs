@@ -3,8 +3,8 @@
 use super::condition::{self, Headed, headed, misplaced};
 use super::expression;
 use super::names;
-use super::reader::{Keyword, Reader};
-use crate::sexpr::{Items, Node};
+use super::reader::{GrammarReader, Keyword};
+use crate::sexpr::{Items, SyntaxNode};
 use crate::tree::{Assign, Assignment, Effect, Span, Typed};
 
 const EFFECT: &str = "(PREDICATE TERM*) | (not (PREDICATE TERM*)) | (and EFFECT*) \
@@ -16,7 +16,7 @@ const ASSIGN: &str = "(assign|increase|decrease|scale-up|scale-down FLUENT EXPRE
 
 /// `() | (PREDICATE TERM*) | (not (PREDICATE TERM*)) | (and EFFECT*) | (when CONDITION EFFECT)
 /// | (forall (VARIABLES) EFFECT) | (ASSIGNMENT FLUENT EXPRESSION)`
-pub(super) fn effect<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Effect> {
+pub(super) fn effect<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Effect> {
     let (word, items) = match headed(reader, node, "an effect", EFFECT)? {
         Headed::Empty => return Some(Effect::nothing()),
         Headed::By(word, items) => (word, items),
@@ -60,7 +60,7 @@ pub(super) fn assignment(keyword: &str) -> Option<Assignment> {
 
 /// `(ASSIGNMENT FLUENT EXPRESSION)`
 pub(super) fn assign<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     assignment: Assignment,
     mut items: Items<'f>,
     span: Span,
@@ -75,9 +75,9 @@ pub(super) fn assign<'f>(
 
 /// `(forall (VARIABLES) X)`: the variables, and the node of `X`.
 pub(super) fn forall<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,
-) -> Option<(Vec<Typed>, Node<'f>)> {
+) -> Option<(Vec<Typed>, SyntaxNode<'f>)> {
     let variables = reader.expect(&mut items, "list of variables", FORALL)?;
     let variables = reader.expect_list(variables, "a list of variables", FORALL)?;
     let variables = names::variables(reader, variables);
@@ -87,7 +87,7 @@ pub(super) fn forall<'f>(
 }
 
 /// `(not (PREDICATE TERM*))`
-fn delete<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Effect> {
+fn delete<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Effect> {
     let node = reader.expect(&mut items, "atom", DELETE)?;
     let atom = condition::atom(reader, node);
     reader.expect_end(items, "`not`", DELETE);
@@ -95,7 +95,7 @@ fn delete<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Effect> {
 }
 
 /// `(when CONDITION EFFECT)`
-fn when<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Effect> {
+fn when<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Effect> {
     let condition = reader.expect(&mut items, "condition", WHEN)?;
     let condition = condition::condition(reader, condition);
     let node = reader.expect(&mut items, "effect", WHEN)?;

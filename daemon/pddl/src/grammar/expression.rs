@@ -2,10 +2,10 @@
 
 use super::condition::{Headed, headed, unsupported};
 use super::names;
-use super::reader::{Keyword, Place, Reader};
-use crate::balance::too_deep;
+use super::reader::{ExpressionPlace, GrammarReader, Keyword};
 use crate::diagnostic::Diagnostic;
-use crate::sexpr::{Items, Node, View};
+use crate::parentheses::too_deep;
+use crate::sexpr::{Items, NodeContent, SyntaxNode};
 use crate::tree::{Expression, FluentTerm, Operator, Span};
 
 const EXPRESSION: &str = "NUMBER | (FUNCTION TERM*) | (- EXPRESSION) \
@@ -14,8 +14,11 @@ const FLUENT: &str = "(FUNCTION TERM*)";
 
 /// `NUMBER | FUNCTION | (FUNCTION TERM*) | ?duration | #t | total-time | (total-time)
 /// | (- EXPRESSION) | (+|* EXPRESSION EXPRESSION+) | (-|/ EXPRESSION EXPRESSION)`
-pub(super) fn expression<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Expression> {
-    if let View::Symbol(word) = node.view() {
+pub(super) fn expression<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+) -> Option<Expression> {
+    if let NodeContent::Symbol(word) = node.content() {
         return word_expression(reader, node, word);
     }
     let (word, items) = match headed(reader, node, "an expression", EXPRESSION)? {
@@ -34,7 +37,9 @@ pub(super) fn expression<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<
         _ if is_total_time(reader, word) && items.peek().is_none() => {
             Some(Expression::TotalTime(node.span()))
         }
-        _ if reader.place() == Place::Metric && word.eq_ignore_ascii_case("is-violated") => {
+        _ if reader.place() == ExpressionPlace::Metric
+            && word.eq_ignore_ascii_case("is-violated") =>
+        {
             unsupported(reader, node, "preferences (`is-violated`)")
         }
         _ => fluent(reader, node).map(Expression::Fluent),
@@ -42,11 +47,14 @@ pub(super) fn expression<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<
 }
 
 /// `(FUNCTION TERM*) | FUNCTION`
-pub(super) fn fluent<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<FluentTerm> {
-    let mut items = match node.view() {
-        View::List(items) => items,
-        View::Symbol(_) => node.alone(),
-        View::Damaged => return None,
+pub(super) fn fluent<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+) -> Option<FluentTerm> {
+    let mut items = match node.content() {
+        NodeContent::List(items) => items,
+        NodeContent::Symbol(_) => node.alone(),
+        NodeContent::Damaged => return None,
     };
     let head = reader.expect(&mut items, "function", FLUENT)?;
     let function = names::applied(reader, head, "a function", FLUENT)?;
@@ -56,8 +64,8 @@ pub(super) fn fluent<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Flue
 
 /// `NUMBER | FUNCTION | ?duration | #t | total-time`
 fn word_expression<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     word: &'f str,
 ) -> Option<Expression> {
     if let Some(number) = names::number(word) {
@@ -68,7 +76,7 @@ fn word_expression<'f>(
         reader.report(too_deep(node.span()));
         return None;
     }
-    let durative = reader.place() == Place::Durative;
+    let durative = reader.place() == ExpressionPlace::Durative;
     match Keyword::of(word).as_str() {
         "?duration" if durative => Some(Expression::Duration(node.span())),
         "#t" if durative => Some(Expression::ContinuousTime(node.span())),
@@ -88,13 +96,13 @@ fn word_expression<'f>(
     }
 }
 
-fn is_total_time(reader: &Reader<'_>, word: &str) -> bool {
-    reader.place() == Place::Metric && word.eq_ignore_ascii_case("total-time")
+fn is_total_time(reader: &GrammarReader<'_>, word: &str) -> bool {
+    reader.place() == ExpressionPlace::Metric && word.eq_ignore_ascii_case("total-time")
 }
 
 /// `OPERATOR EXPRESSION+`
 fn apply<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     operator: Operator,
     items: Items<'f>,
     span: Span,

@@ -3,9 +3,9 @@
 use super::condition;
 use super::expression;
 use super::names;
-use super::reader::{Keyword, Reader, excerpt};
+use super::reader::{GrammarReader, Keyword, excerpt};
 use crate::diagnostic::Diagnostic;
-use crate::sexpr::{Items, Node};
+use crate::sexpr::{Items, SyntaxNode};
 use crate::tree::{Atom, FluentTerm, InitElement, Number, Term};
 
 const ELEMENT: &str = "(PREDICATE NAME*) | (not (PREDICATE NAME*)) \
@@ -13,13 +13,19 @@ const ELEMENT: &str = "(PREDICATE NAME*) | (not (PREDICATE NAME*)) \
 const VALUE: &str = "(= FLUENT NUMBER)";
 
 /// `ELEMENT*`
-pub(crate) fn init_elements<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<InitElement> {
+pub(crate) fn init_elements<'f>(
+    reader: &mut GrammarReader<'f>,
+    items: Items<'f>,
+) -> Vec<InitElement> {
     items.filter_map(|node| init_element(reader, node)).collect()
 }
 
 /// `(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (unknown (PREDICATE NAME*)) | (= FLUENT NUMBER)
 /// | (at NUMBER ELEMENT)`
-pub(crate) fn init_element<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<InitElement> {
+pub(crate) fn init_element<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+) -> Option<InitElement> {
     let mut items = reader.expect_list(node, "a fact", ELEMENT)?;
     let head = reader.expect(&mut items, "predicate", ELEMENT)?;
     match Keyword::of(head.symbol().unwrap_or("")).as_str() {
@@ -43,7 +49,7 @@ pub(crate) fn init_element<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Optio
 }
 
 /// Parses the one fact after `word`.
-fn about<'f>(reader: &mut Reader<'f>, mut items: Items<'f>, word: &str) -> Option<Atom> {
+fn about<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>, word: &str) -> Option<Atom> {
     let inner = reader.expect(&mut items, "fact", ELEMENT)?;
     reader.expect_end(items, word, ELEMENT);
     let atom = condition::atom(reader, inner)?;
@@ -52,13 +58,13 @@ fn about<'f>(reader: &mut Reader<'f>, mut items: Items<'f>, word: &str) -> Optio
 
 /// Whether `at` is followed by a time and an element, and not by the objects of a predicate.
 fn is_timed(mut items: Items<'_>) -> bool {
-    let time = items.next().and_then(Node::symbol).and_then(names::number);
+    let time = items.next().and_then(SyntaxNode::symbol).and_then(names::number);
     time.is_some() && items.next().is_some_and(|node| node.list().is_some())
 }
 
 /// `(at NUMBER ELEMENT)`
-fn timed<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<InitElement> {
-    let time = items.next().and_then(Node::symbol).and_then(names::number)?;
+fn timed<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<InitElement> {
+    let time = items.next().and_then(SyntaxNode::symbol).and_then(names::number)?;
     let inner = reader.expect(&mut items, "fact", ELEMENT)?;
     let element = init_element(reader, inner)?;
     reader.expect_end(items, "a timed fact", ELEMENT);
@@ -70,7 +76,7 @@ fn timed<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<InitElemen
 }
 
 /// `(= FLUENT NUMBER)`
-fn value<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<InitElement> {
+fn value<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<InitElement> {
     let fluent = reader.expect(&mut items, "function", VALUE)?;
     let fluent: Option<FluentTerm> = expression::fluent(reader, fluent);
     let node = reader.expect(&mut items, "number", VALUE)?;
@@ -80,7 +86,7 @@ fn value<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<InitElemen
     ground(reader, &fluent.arguments).then_some(InitElement::Assign(fluent, number))
 }
 
-fn init_number<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Number> {
+fn init_number<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Number> {
     let number = node.symbol().and_then(names::number);
     if number.is_none() {
         let message = format!("expected a number, found `{}`", excerpt(node));
@@ -90,7 +96,7 @@ fn init_number<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Number> {
 }
 
 /// Whether all arguments are objects; variables are reported.
-fn ground(reader: &mut Reader<'_>, arguments: &[Term]) -> bool {
+fn ground(reader: &mut GrammarReader<'_>, arguments: &[Term]) -> bool {
     let mut ground = true;
     for argument in arguments {
         if let Term::Variable(name) = argument {

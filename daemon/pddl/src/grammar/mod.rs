@@ -38,4 +38,4 @@ pub(crate) use definition::{DocumentKind, document, single};
 pub(crate) use facts::{init_element, init_elements};
 pub(crate) use plan::{plan_cost, plan_step, plan_steps};
 pub(crate) use problem::metric_section;
-pub(crate) use reader::Reader;
+pub(crate) use reader::GrammarReader;

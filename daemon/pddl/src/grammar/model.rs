@@ -2,7 +2,7 @@
 
 use super::definition::Sections;
 use super::problem::{domain_name, missing_domain};
-use super::reader::Reader;
+use super::reader::GrammarReader;
 use super::{action, declarations, facts};
 use crate::sexpr::Items;
 use crate::tree::{ActionModel, Name};
@@ -24,7 +24,7 @@ const SECTIONS: &[&str] = &[
 /// `(define (agent NAME) (:domain NAME) [REQUIREMENTS] [TYPES] [OBJECTS] [PREDICATES] [FUNCTIONS]
 /// [INIT] (DERIVED | ACTION | DURATIVE-ACTION)*)`, in any order; `:constants` are objects too.
 pub(super) fn action_model<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     agent: Name,
     items: Items<'f>,
 ) -> ActionModel {

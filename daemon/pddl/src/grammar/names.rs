@@ -1,8 +1,8 @@
 //! Names, variables, terms and typed lists.
 
-use super::reader::{Reader, excerpt};
+use super::reader::{GrammarReader, excerpt};
 use crate::diagnostic::Diagnostic;
-use crate::sexpr::{Items, Node, View};
+use crate::sexpr::{Items, NodeContent, SyntaxNode};
 use crate::tree::{Name, Number, Span, Term, TypeExpr, Typed};
 
 const NAME: &str = "NAME = a letter or digit, then letters, digits, `-` and `_`";
@@ -15,7 +15,7 @@ const TYPE: &str = "TYPE = NAME | (either NAME+)";
 
 /// Kind of the entries in a typed list.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Entries {
+pub(super) enum ListEntryKind {
     Variables,
     Names,
 }
@@ -54,22 +54,26 @@ pub(super) fn is_reserved(word: &str) -> bool {
 }
 
 /// `NAME`; `what` describes it in messages.
-pub(super) fn name<'f>(reader: &mut Reader<'f>, node: Node<'f>, what: &str) -> Option<Name> {
-    match node.view() {
-        View::Symbol(word) => checked_name(reader, word, word, node.span(), what),
-        View::List(_) => {
+pub(super) fn name<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+    what: &str,
+) -> Option<Name> {
+    match node.content() {
+        NodeContent::Symbol(word) => checked_name(reader, word, word, node.span(), what),
+        NodeContent::List(_) => {
             let message = format!("expected {what}, found `{}`", excerpt(node));
             reader.report(Diagnostic::error(node.span(), message).with_rule(NAME));
             None
         }
-        View::Damaged => None,
+        NodeContent::Damaged => None,
     }
 }
 
 /// `NAME` of a predicate or a function with arguments: neither a keyword nor a number.
 pub(super) fn applied<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     what: &str,
     rule: &'static str,
 ) -> Option<Name> {
@@ -83,14 +87,14 @@ pub(super) fn applied<'f>(
 }
 
 /// `?NAME`
-pub(super) fn variable<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Name> {
+pub(super) fn variable<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Name> {
     variable_after(reader, node, false)
 }
 
 /// `?NAME`. After a variable without a type, a word without `?` likely lacks its dash.
 fn variable_after<'f>(
-    reader: &mut Reader<'f>,
-    node: Node<'f>,
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
     is_after_variable: bool,
 ) -> Option<Name> {
     let Some(word) = node.symbol() else {
@@ -109,7 +113,7 @@ fn variable_after<'f>(
 }
 
 /// `VARIABLE | NAME`
-pub(super) fn term<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Term> {
+pub(super) fn term<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Term> {
     if node.symbol().is_some_and(|word| word.starts_with('?')) {
         variable(reader, node).map(Term::Variable)
     } else {
@@ -118,7 +122,7 @@ pub(super) fn term<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Term> 
 }
 
 /// `TERM*`
-pub(super) fn terms<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Option<Vec<Term>> {
+pub(super) fn terms<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Option<Vec<Term>> {
     let mut terms = Vec::with_capacity(items.count());
     let mut complete = true;
     for node in items {
@@ -142,15 +146,15 @@ pub(super) fn number(word: &str) -> Option<Number> {
 }
 
 /// `(VARIABLE* [- TYPE])*`: the variables of an action, a quantifier, an axiom.
-pub(super) fn variables<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Typed> {
-    typed_list(reader, items, Entries::Variables)
+pub(super) fn variables<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Typed> {
+    typed_list(reader, items, ListEntryKind::Variables)
 }
 
 /// `(ENTRY* [- TYPE])*`
 pub(super) fn typed_list<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,
-    entries: Entries,
+    entries: ListEntryKind,
 ) -> Vec<Typed> {
     let mut typed: Vec<Typed> = Vec::new();
     let mut untyped_from = 0;
@@ -160,8 +164,10 @@ pub(super) fn typed_list<'f>(
             Some(word) if word.starts_with('-') => glued_type(reader, node, &word[1..]),
             _ => {
                 let entry = match entries {
-                    Entries::Variables => variable_after(reader, node, untyped_from < typed.len()),
-                    Entries::Names => name(reader, node, "a name"),
+                    ListEntryKind::Variables => {
+                        variable_after(reader, node, untyped_from < typed.len())
+                    }
+                    ListEntryKind::Names => name(reader, node, "a name"),
                 };
                 typed.extend(entry.map(|name| Typed { name, ty: TypeExpr::default() }));
                 continue;
@@ -180,9 +186,9 @@ pub(super) fn typed_list<'f>(
 
 /// `TYPE`, after the dash at `dash`.
 pub(super) fn opt_type<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     items: &mut Items<'f>,
-    dash: Node<'f>,
+    dash: SyntaxNode<'f>,
 ) -> Option<TypeExpr> {
     let Some(node) = items.next() else {
         let missing = Diagnostic::error(dash.span(), "no type after `-`").with_rule(TYPE);
@@ -193,7 +199,11 @@ pub(super) fn opt_type<'f>(
 }
 
 /// `-TYPE`, in which a space is missing.
-fn glued_type<'f>(reader: &mut Reader<'f>, node: Node<'f>, word: &'f str) -> Option<TypeExpr> {
+fn glued_type<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+    word: &'f str,
+) -> Option<TypeExpr> {
     let span = Span { start: node.span().start + 1, ..node.span() };
     let glued = Diagnostic::warning(node.span(), format!("no space between `-` and `{word}`"));
     reader.report(glued.with_help(format!("write `- {word}`")));
@@ -202,11 +212,14 @@ fn glued_type<'f>(reader: &mut Reader<'f>, node: Node<'f>, word: &'f str) -> Opt
 }
 
 /// `NAME | (either NAME+)`
-pub(super) fn type_expr<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<TypeExpr> {
+pub(super) fn type_expr<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+) -> Option<TypeExpr> {
     let Some(mut items) = node.list() else {
         return name(reader, node, "a type").map(|name| TypeExpr { alternatives: vec![name] });
     };
-    let either = items.next().and_then(Node::symbol).unwrap_or("");
+    let either = items.next().and_then(SyntaxNode::symbol).unwrap_or("");
     if !either.eq_ignore_ascii_case("either") || items.peek().is_none() {
         let message = format!("expected a type, found `{}`", excerpt(node));
         reader.report(Diagnostic::error(node.span(), message).with_rule(TYPE));
@@ -224,7 +237,7 @@ pub(super) fn type_expr<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<T
 
 /// Interns `bare`, which the text has as `word`, if it is a valid name.
 fn checked_name<'f>(
-    reader: &mut Reader<'f>,
+    reader: &mut GrammarReader<'f>,
     bare: &'f str,
     word: &str,
     span: Span,

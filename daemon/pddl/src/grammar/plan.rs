@@ -7,42 +7,47 @@ use nom::sequence::preceded;
 use nom::{IResult, Parser};
 
 use super::names;
-use super::reader::{Reader, excerpt};
+use super::reader::{GrammarReader, excerpt};
 use crate::diagnostic::Diagnostic;
-use crate::sexpr::{Items, Node, View};
+use crate::sexpr::{Items, NodeContent, SyntaxNode};
 use crate::tree::{Number, PlanStep};
 
 const STEP: &str = "[TIME:] (ACTION NAME*) [[DURATION]]";
 
 /// `([TIME:] STEP [[DURATION]])*`
-pub(crate) fn plan_steps<'f>(reader: &mut Reader<'f>, roots: Items<'f>) -> Vec<PlanStep> {
+pub(crate) fn plan_steps<'f>(reader: &mut GrammarReader<'f>, roots: Items<'f>) -> Vec<PlanStep> {
     let mut steps: Vec<PlanStep> = Vec::new();
     let mut time = None;
     for node in roots {
-        match node.view() {
-            View::List(_) => {
+        match node.content() {
+            NodeContent::List(_) => {
                 let step = plan_step(reader, node);
                 let time = time.take();
                 steps.extend(step.map(|step| PlanStep { time, ..step }));
             }
-            View::Symbol(word) => match (step_time(word), step_duration(word), steps.last_mut()) {
-                (Some(number), _, _) if time.is_none() => time = Some(number),
-                (_, Some(number), Some(step)) if time.is_none() && step.duration.is_none() => {
-                    step.duration = Some(number);
+            NodeContent::Symbol(word) => {
+                match (step_time(word), step_duration(word), steps.last_mut()) {
+                    (Some(number), _, _) if time.is_none() => time = Some(number),
+                    (_, Some(number), Some(step)) if time.is_none() && step.duration.is_none() => {
+                        step.duration = Some(number);
+                    }
+                    _ => {
+                        let message = format!("expected a step, found `{}`", excerpt(node));
+                        reader.report(Diagnostic::error(node.span(), message).with_rule(STEP));
+                    }
                 }
-                _ => {
-                    let message = format!("expected a step, found `{}`", excerpt(node));
-                    reader.report(Diagnostic::error(node.span(), message).with_rule(STEP));
-                }
-            },
-            View::Damaged => {}
+            }
+            NodeContent::Damaged => {}
         }
     }
     steps
 }
 
 /// `(ACTION NAME*)`
-pub(crate) fn plan_step<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<PlanStep> {
+pub(crate) fn plan_step<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+) -> Option<PlanStep> {
     let mut items = reader.expect_list(node, "a step", STEP)?;
     let head = reader.expect(&mut items, "action", STEP)?;
     let action = names::name(reader, head, "an action")?;

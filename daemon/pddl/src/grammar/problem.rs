@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use super::definition::Sections;
-use super::reader::{Keyword, Place, Reader, excerpt};
+use super::reader::{ExpressionPlace, GrammarReader, Keyword, excerpt};
 use super::{condition, declarations, expression, facts, names};
 use crate::diagnostic::Diagnostic;
-use crate::sexpr::{Items, Node};
-use crate::tree::{Condition, Direction, Metric, Name, Problem, Span};
+use crate::sexpr::{Items, SyntaxNode};
+use crate::tree::{Condition, Metric, MetricDirection, Name, Problem, Span};
 
 const SECTIONS: &[&str] = &[":domain", ":requirements", ":objects", ":init", ":goal", ":metric"];
 const DOMAIN: &str = "(:domain NAME)";
@@ -16,7 +16,7 @@ const METRIC: &str = "(:metric minimize|maximize EXPRESSION)";
 
 /// `(define (problem NAME) (:domain NAME) [REQUIREMENTS] [OBJECTS] [INIT] [GOAL] [METRIC])`, in any
 /// order.
-pub(super) fn problem<'f>(reader: &mut Reader<'f>, name: Name, items: Items<'f>) -> Problem {
+pub(super) fn problem<'f>(reader: &mut GrammarReader<'f>, name: Name, items: Items<'f>) -> Problem {
     let mut domain = None;
     let mut problem = Problem::named(name, Name::new(""));
     let mut objects = Vec::new();
@@ -40,7 +40,10 @@ pub(super) fn problem<'f>(reader: &mut Reader<'f>, name: Name, items: Items<'f>)
 }
 
 /// `(:domain NAME)`
-pub(super) fn domain_name<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Name> {
+pub(super) fn domain_name<'f>(
+    reader: &mut GrammarReader<'f>,
+    mut items: Items<'f>,
+) -> Option<Name> {
     let node = reader.expect(&mut items, "name", DOMAIN)?;
     reader.expect_end(items, "`:domain`", DOMAIN);
     let name = names::name(reader, node, "a name");
@@ -49,13 +52,13 @@ pub(super) fn domain_name<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> 
 }
 
 /// Reports that the domain is missing; returns a name that no domain has.
-pub(super) fn missing_domain(reader: &mut Reader<'_>, end: Span) -> Name {
+pub(super) fn missing_domain(reader: &mut GrammarReader<'_>, end: Span) -> Name {
     reader.report(Diagnostic::error(end, "missing `(:domain NAME)`").with_rule(DOMAIN));
     reader.intern("unnamed", end)
 }
 
 /// `(:goal CONDITION)`
-fn goal<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Condition> {
+fn goal<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condition> {
     let node = reader.expect(&mut items, "condition", GOAL)?;
     if let Some(more) = items.next() {
         let message = format!("a goal is one condition, `{}` is another", excerpt(more));
@@ -66,7 +69,10 @@ fn goal<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Condition> 
 }
 
 /// `(:metric minimize|maximize EXPRESSION)`, standing alone.
-pub(crate) fn metric_section<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Metric> {
+pub(crate) fn metric_section<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+) -> Option<Metric> {
     let mut items = reader.expect_list(node, "a metric", METRIC)?;
     let head = reader.expect(&mut items, "`:metric`", METRIC)?;
     if Keyword::of(head.symbol().unwrap_or("")).as_str() != ":metric" {
@@ -77,20 +83,21 @@ pub(crate) fn metric_section<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Opt
 }
 
 /// `minimize|maximize EXPRESSION`
-fn metric<'f>(reader: &mut Reader<'f>, mut items: Items<'f>, span: Span) -> Option<Metric> {
+fn metric<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>, span: Span) -> Option<Metric> {
     let node = reader.expect(&mut items, "`minimize` or `maximize`", METRIC)?;
     let direction = direction(reader, node);
     let node = reader.expect(&mut items, "expression", METRIC)?;
-    let expression = reader.within(Place::Metric, |reader| expression::expression(reader, node));
+    let expression =
+        reader.within(ExpressionPlace::Metric, |reader| expression::expression(reader, node));
     reader.expect_end(items, "a metric", METRIC);
     Some(Metric { direction: direction?, expression: expression?, span })
 }
 
 /// `minimize | maximize`
-fn direction<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Direction> {
+fn direction<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<MetricDirection> {
     match Keyword::of(node.symbol().unwrap_or("")).as_str() {
-        "minimize" => Some(Direction::Minimize),
-        "maximize" => Some(Direction::Maximize),
+        "minimize" => Some(MetricDirection::Minimize),
+        "maximize" => Some(MetricDirection::Maximize),
         _ => {
             reader.unknown(node, "direction", &["minimize", "maximize"]);
             None

@@ -6,17 +6,17 @@ use std::borrow::Cow;
 use foldhash::HashMap;
 use foldhash::fast::RandomState;
 
-use crate::diagnostic::{Diagnostic, Problems};
+use crate::diagnostic::{Diagnostic, DiagnosticList};
 use crate::nearest::nearest;
-use crate::sexpr::{Items, Node, View};
+use crate::sexpr::{Items, NodeContent, SyntaxNode};
 use crate::tree::{Name, Span};
 
 /// State of the parser for one text.
-pub(crate) struct Reader<'f> {
+pub(crate) struct GrammarReader<'f> {
     /// Names by spelling: each spelling is allocated once, however often it occurs.
     names: HashMap<&'f str, Name>,
-    problems: Problems,
-    place: Place,
+    problems: DiagnosticList,
+    place: ExpressionPlace,
     copies_left: usize,
     /// Start of a list that was reported together with the word before it.
     passed_over: Option<u32>,
@@ -31,7 +31,7 @@ const COPIES_MAX: usize = 100_000;
 
 /// Kind of place of an expression: decides which special terms are allowed.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Place {
+pub(super) enum ExpressionPlace {
     /// Actions, goals, facts.
     Plain,
     /// Inside `:durative-action`, where `?duration` and `#t` have a meaning.
@@ -45,12 +45,18 @@ pub(super) struct Keyword<'f>(Cow<'f, str>);
 
 // === impl Reader ===
 
-impl<'f> Reader<'f> {
+impl<'f> GrammarReader<'f> {
     /// Creates the state for a text with this number of words and lists.
-    pub(crate) fn new(problems: Problems, node_count: usize) -> Reader<'f> {
+    pub(crate) fn new(problems: DiagnosticList, node_count: usize) -> GrammarReader<'f> {
         // In the text of a building one node in ten is a new spelling.
         let names = HashMap::with_capacity_and_hasher(node_count / 10, RandomState::default());
-        Reader { names, problems, place: Place::Plain, copies_left: COPIES_MAX, passed_over: None }
+        GrammarReader {
+            names,
+            problems,
+            place: ExpressionPlace::Plain,
+            copies_left: COPIES_MAX,
+            passed_over: None,
+        }
     }
 
     pub(crate) fn into_diagnostics(self) -> Vec<Diagnostic> {
@@ -79,15 +85,15 @@ impl<'f> Reader<'f> {
         left.is_some()
     }
 
-    pub(super) fn place(&self) -> Place {
+    pub(super) fn place(&self) -> ExpressionPlace {
         self.place
     }
 
     /// Runs `production` with the special terms of `place` allowed.
     pub(super) fn within<T>(
         &mut self,
-        place: Place,
-        production: impl FnOnce(&mut Reader<'f>) -> T,
+        place: ExpressionPlace,
+        production: impl FnOnce(&mut GrammarReader<'f>) -> T,
     ) -> T {
         let outer = std::mem::replace(&mut self.place, place);
         let value = production(self);
@@ -101,7 +107,7 @@ impl<'f> Reader<'f> {
         items: &mut Items<'f>,
         what: &str,
         rule: &'static str,
-    ) -> Option<Node<'f>> {
+    ) -> Option<SyntaxNode<'f>> {
         let node = items.next();
         if node.is_none() {
             let missing = Diagnostic::error(items.end(), format!("missing {what}"));
@@ -113,20 +119,20 @@ impl<'f> Reader<'f> {
     /// Returns the items of a list; for anything else, reports that `what` is expected.
     pub(super) fn expect_list(
         &mut self,
-        node: Node<'f>,
+        node: SyntaxNode<'f>,
         what: &str,
         rule: &'static str,
     ) -> Option<Items<'f>> {
-        match node.view() {
-            View::List(_) if self.is_passed_over(node) => None,
-            View::List(items) => Some(items),
-            View::Symbol(_) if self.report_call(node) => None,
-            View::Symbol(word) => {
+        match node.content() {
+            NodeContent::List(_) if self.is_already_reported(node) => None,
+            NodeContent::List(items) => Some(items),
+            NodeContent::Symbol(_) if self.report_call(node) => None,
+            NodeContent::Symbol(word) => {
                 let message = format!("expected {what}, found `{word}`");
                 self.report(Diagnostic::error(node.span(), message).with_rule(rule));
                 None
             }
-            View::Damaged => None,
+            NodeContent::Damaged => None,
         }
     }
 
@@ -145,9 +151,9 @@ impl<'f> Reader<'f> {
 
     /// Reports a word with parentheses after it, as other languages write it: `at(r1, hall)`. The
     /// parentheses are skipped. Returns whether the word was of this kind.
-    pub(super) fn report_call(&mut self, word: Node<'f>) -> bool {
+    pub(super) fn report_call(&mut self, word: SyntaxNode<'f>) -> bool {
         let Some(list) = word.touching_list() else { return false };
-        if self.is_passed_over(list) {
+        if self.is_already_reported(list) {
             return true;
         }
         let name = excerpt(word);
@@ -166,7 +172,7 @@ impl<'f> Reader<'f> {
     }
 
     /// Whether a node belongs to something that was reported as a whole.
-    pub(super) fn is_passed_over(&self, node: Node<'f>) -> bool {
+    pub(super) fn is_already_reported(&self, node: SyntaxNode<'f>) -> bool {
         self.passed_over == Some(node.span().start)
     }
 
@@ -180,7 +186,7 @@ impl<'f> Reader<'f> {
     }
 
     /// Reports a word that is not among `known`, and proposes the likely intended one.
-    pub(super) fn unknown(&mut self, node: Node<'f>, what: &str, known: &[&'static str]) {
+    pub(super) fn unknown(&mut self, node: SyntaxNode<'f>, what: &str, known: &[&'static str]) {
         let word = excerpt(node);
         let near = self.nearest(&word, known.iter().copied());
         let mut unknown = Diagnostic::error(node.span(), format!("unknown {what} `{word}`"))
@@ -208,7 +214,7 @@ impl<'f> Keyword<'f> {
 }
 
 /// Returns the text of a node, shortened if it is long.
-pub(super) fn excerpt(node: Node<'_>) -> String {
+pub(super) fn excerpt(node: SyntaxNode<'_>) -> String {
     const CHARS_MAX: usize = 40;
     let text = node.text();
     let line = text.lines().next().unwrap_or("");

@@ -3,14 +3,14 @@
 use std::fmt;
 
 use super::conditions::{assign, comparison, condition, effect, expression, quantified};
-use super::layout::Layout;
-use super::words::{Entries, atom, parameters, signature, typed_list, write};
+use super::layout::PrintLayout;
+use super::terms::{PrintedEntryKind, atom, parameters, signature, typed_list, write};
 use crate::tree::{
     ActionSchema, Derived, DurationConstraint, DurativeAction, Effect, Name, TimeSpecifier,
     TimedCondition, TimedEffect, Typed,
 };
 
-pub(super) fn action(action: &ActionSchema) -> Layout<'_> {
+pub(super) fn action(action: &ActionSchema) -> PrintLayout<'_> {
     let mut parts = head(":action", &action.name, action.agent.as_ref(), &action.parameters);
     if !action.precondition.is_always() {
         parts.push(labeled(":precondition", condition(&action.precondition)));
@@ -20,9 +20,9 @@ pub(super) fn action(action: &ActionSchema) -> Layout<'_> {
     }
     if !action.observe.is_empty() {
         let observed = action.observe.iter().map(atom);
-        parts.push(labeled(":observe", Layout::headed("and", observed)));
+        parts.push(labeled(":observe", PrintLayout::headed("and", observed)));
     }
-    Layout::list(2, parts)
+    PrintLayout::list(2, parts)
 }
 
 /// `KEYWORD NAME [:agent VARIABLE - TYPE] :parameters (VARIABLES)`
@@ -31,47 +31,47 @@ fn head<'t>(
     name: &'t Name,
     agent: Option<&'t Typed>,
     list: &'t [Typed],
-) -> Vec<Layout<'t>> {
-    let mut parts = vec![Layout::word(keyword), Layout::name(name)];
+) -> Vec<PrintLayout<'t>> {
+    let mut parts = vec![PrintLayout::word(keyword), PrintLayout::name(name)];
     if let Some(agent) = agent {
-        let mut words = vec![Layout::word(":agent")];
-        words.extend(typed_list(std::slice::from_ref(agent), Entries::Variables));
-        parts.push(Layout::group(words));
+        let mut words = vec![PrintLayout::word(":agent")];
+        words.extend(typed_list(std::slice::from_ref(agent), PrintedEntryKind::Variables));
+        parts.push(PrintLayout::group(words));
     }
     parts.push(labeled(":parameters", parameters(list)));
     parts
 }
 
-fn labeled<'t>(label: &'static str, value: Layout<'t>) -> Layout<'t> {
-    Layout::group(vec![Layout::word(label), value])
+fn labeled<'t>(label: &'static str, value: PrintLayout<'t>) -> PrintLayout<'t> {
+    PrintLayout::group(vec![PrintLayout::word(label), value])
 }
 
-pub(super) fn derived(derived: &Derived) -> Layout<'_> {
+pub(super) fn derived(derived: &Derived) -> PrintLayout<'_> {
     let head = signature(&derived.predicate, &derived.parameters);
-    Layout::list(2, vec![Layout::word(":derived"), head, condition(&derived.condition)])
+    PrintLayout::list(2, vec![PrintLayout::word(":derived"), head, condition(&derived.condition)])
 }
 
-pub(super) fn durative_action(action: &DurativeAction) -> Layout<'_> {
+pub(super) fn durative_action(action: &DurativeAction) -> PrintLayout<'_> {
     let keyword = ":durative-action";
     let mut parts = head(keyword, &action.name, action.agent.as_ref(), &action.parameters);
     parts.push(labeled(":duration", one_or_and(&action.duration, duration)));
     parts.push(labeled(":condition", one_or_and(&action.conditions, timed_condition)));
     parts.push(labeled(":effect", timed_effect(&action.effects)));
-    Layout::list(2, parts)
+    PrintLayout::list(2, parts)
 }
 
 /// `() | X | (and X X+)`
-fn one_or_and<'t, T>(items: &'t [T], layout: impl Fn(&'t T) -> Layout<'t>) -> Layout<'t> {
+fn one_or_and<'t, T>(items: &'t [T], layout: impl Fn(&'t T) -> PrintLayout<'t>) -> PrintLayout<'t> {
     match items {
-        [] => Layout::list(0, Vec::new()),
+        [] => PrintLayout::list(0, Vec::new()),
         [only] => layout(only),
-        several => Layout::headed("and", several.iter().map(layout)),
+        several => PrintLayout::headed("and", several.iter().map(layout)),
     }
 }
 
-fn duration(constraint: &DurationConstraint) -> Layout<'_> {
-    let sides = [Layout::word("?duration"), expression(&constraint.value)];
-    let untimed = Layout::headed(comparison(constraint.comparison), sides);
+fn duration(constraint: &DurationConstraint) -> PrintLayout<'_> {
+    let sides = [PrintLayout::word("?duration"), expression(&constraint.value)];
+    let untimed = PrintLayout::headed(comparison(constraint.comparison), sides);
     match constraint.when {
         Some(when) => timed(when, untimed),
         None => untimed,
@@ -79,16 +79,16 @@ fn duration(constraint: &DurationConstraint) -> Layout<'_> {
 }
 
 /// `(at start X) | (at end X) | (over all X)`
-fn timed<'t>(when: TimeSpecifier, inner: Layout<'t>) -> Layout<'t> {
+fn timed<'t>(when: TimeSpecifier, inner: PrintLayout<'t>) -> PrintLayout<'t> {
     let (preposition, time) = match when {
         TimeSpecifier::Start => ("at", "start"),
         TimeSpecifier::End => ("at", "end"),
         TimeSpecifier::OverAll => ("over", "all"),
     };
-    Layout::list(2, vec![Layout::word(preposition), Layout::word(time), inner])
+    PrintLayout::list(2, vec![PrintLayout::word(preposition), PrintLayout::word(time), inner])
 }
 
-fn timed_condition(timed_condition: &TimedCondition) -> Layout<'_> {
+fn timed_condition(timed_condition: &TimedCondition) -> PrintLayout<'_> {
     let inner = timed(timed_condition.when, condition(&timed_condition.condition));
     match &timed_condition.forall[..] {
         [] => inner,
@@ -96,16 +96,16 @@ fn timed_condition(timed_condition: &TimedCondition) -> Layout<'_> {
     }
 }
 
-fn timed_effect(timed_effect: &TimedEffect) -> Layout<'_> {
+fn timed_effect(timed_effect: &TimedEffect) -> PrintLayout<'_> {
     match timed_effect {
-        TimedEffect::And(parts) => Layout::headed("and", parts.iter().map(self::timed_effect)),
+        TimedEffect::And(parts) => PrintLayout::headed("and", parts.iter().map(self::timed_effect)),
         TimedEffect::At(when, inner) => timed(*when, effect(inner)),
         TimedEffect::Forall(variables, inner) => {
             quantified("forall", variables, self::timed_effect(inner))
         }
         TimedEffect::When(conditions, inner) => {
             let conditions = one_or_and(conditions, timed_condition);
-            Layout::headed("when", [conditions, self::timed_effect(inner)])
+            PrintLayout::headed("when", [conditions, self::timed_effect(inner)])
         }
         TimedEffect::Continuous(inner) => assign(inner),
     }

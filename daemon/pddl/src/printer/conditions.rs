@@ -2,23 +2,23 @@
 
 use std::fmt;
 
-use super::layout::Layout;
-use super::words::{atom, fluent, parameters, term, write};
+use super::layout::PrintLayout;
+use super::terms::{atom, fluent, parameters, term, write};
 use crate::tree::{
-    Assign, Assignment, Compare, Comparison, Condition, Direction, Effect, Expression, Metric,
-    Operator, Typed,
+    Assign, Assignment, Compare, Comparison, Condition, Effect, Expression, Metric,
+    MetricDirection, Operator, Typed,
 };
 
-pub(super) fn condition(condition: &Condition) -> Layout<'_> {
+pub(super) fn condition(condition: &Condition) -> PrintLayout<'_> {
     match condition {
         Condition::Atom(inner) => atom(inner),
-        Condition::Equal(left, right, _) => Layout::headed("=", [term(left), term(right)]),
+        Condition::Equal(left, right, _) => PrintLayout::headed("=", [term(left), term(right)]),
         Condition::Compare(inner) => compare(inner),
-        Condition::Not(inner) => Layout::headed("not", [self::condition(inner)]),
-        Condition::And(parts) => Layout::headed("and", parts.iter().map(self::condition)),
-        Condition::Or(parts) => Layout::headed("or", parts.iter().map(self::condition)),
+        Condition::Not(inner) => PrintLayout::headed("not", [self::condition(inner)]),
+        Condition::And(parts) => PrintLayout::headed("and", parts.iter().map(self::condition)),
+        Condition::Or(parts) => PrintLayout::headed("or", parts.iter().map(self::condition)),
         Condition::Imply(premise, conclusion) => {
-            Layout::headed("imply", [self::condition(premise), self::condition(conclusion)])
+            PrintLayout::headed("imply", [self::condition(premise), self::condition(conclusion)])
         }
         Condition::Exists(variables, inner) => {
             quantified("exists", variables, self::condition(inner))
@@ -33,14 +33,14 @@ pub(super) fn condition(condition: &Condition) -> Layout<'_> {
 pub(super) fn quantified<'t>(
     quantifier: &'static str,
     variables: &'t [Typed],
-    body: Layout<'t>,
-) -> Layout<'t> {
-    Layout::list(2, vec![Layout::word(quantifier), parameters(variables), body])
+    body: PrintLayout<'t>,
+) -> PrintLayout<'t> {
+    PrintLayout::list(2, vec![PrintLayout::word(quantifier), parameters(variables), body])
 }
 
-fn compare(compare: &Compare) -> Layout<'_> {
+fn compare(compare: &Compare) -> PrintLayout<'_> {
     let sides = [expression(&compare.left), expression(&compare.right)];
-    Layout::headed(comparison(compare.comparison), sides)
+    PrintLayout::headed(comparison(compare.comparison), sides)
 }
 
 pub(super) fn comparison(comparison: Comparison) -> &'static str {
@@ -53,17 +53,17 @@ pub(super) fn comparison(comparison: Comparison) -> &'static str {
     }
 }
 
-pub(super) fn expression(expression: &Expression) -> Layout<'_> {
+pub(super) fn expression(expression: &Expression) -> PrintLayout<'_> {
     match expression {
-        Expression::Number(number) => Layout::written(number),
+        Expression::Number(number) => PrintLayout::written(number),
         Expression::Fluent(inner) => fluent(inner),
-        Expression::Negate(inner) => Layout::headed("-", [self::expression(inner)]),
+        Expression::Negate(inner) => PrintLayout::headed("-", [self::expression(inner)]),
         Expression::Apply(operator, operands) => {
-            Layout::headed(self::operator(*operator), operands.iter().map(self::expression))
+            PrintLayout::headed(self::operator(*operator), operands.iter().map(self::expression))
         }
-        Expression::Duration(_) => Layout::word("?duration"),
-        Expression::ContinuousTime(_) => Layout::word("#t"),
-        Expression::TotalTime(_) => Layout::word("(total-time)"),
+        Expression::Duration(_) => PrintLayout::word("?duration"),
+        Expression::ContinuousTime(_) => PrintLayout::word("#t"),
+        Expression::TotalTime(_) => PrintLayout::word("(total-time)"),
     }
 }
 
@@ -76,21 +76,21 @@ fn operator(operator: Operator) -> &'static str {
     }
 }
 
-pub(super) fn effect(effect: &Effect) -> Layout<'_> {
+pub(super) fn effect(effect: &Effect) -> PrintLayout<'_> {
     match effect {
-        Effect::And(parts) => Layout::headed("and", parts.iter().map(self::effect)),
+        Effect::And(parts) => PrintLayout::headed("and", parts.iter().map(self::effect)),
         Effect::Add(inner) => atom(inner),
-        Effect::Delete(inner) => Layout::headed("not", [atom(inner)]),
+        Effect::Delete(inner) => PrintLayout::headed("not", [atom(inner)]),
         Effect::Assign(inner) => assign(inner),
         Effect::Forall(variables, inner) => quantified("forall", variables, self::effect(inner)),
         Effect::When(condition, inner) => {
-            Layout::headed("when", [self::condition(condition), self::effect(inner)])
+            PrintLayout::headed("when", [self::condition(condition), self::effect(inner)])
         }
     }
 }
 
-pub(super) fn assign(assign: &Assign) -> Layout<'_> {
-    Layout::headed(
+pub(super) fn assign(assign: &Assign) -> PrintLayout<'_> {
+    PrintLayout::headed(
         assignment(assign.assignment),
         [fluent(&assign.fluent), expression(&assign.value)],
     )
@@ -106,17 +106,17 @@ fn assignment(assignment: Assignment) -> &'static str {
     }
 }
 
-fn direction(direction: Direction) -> &'static str {
+fn direction(direction: MetricDirection) -> &'static str {
     match direction {
-        Direction::Minimize => "minimize",
-        Direction::Maximize => "maximize",
+        MetricDirection::Minimize => "minimize",
+        MetricDirection::Maximize => "maximize",
     }
 }
 
-pub(super) fn metric(metric: &Metric) -> Layout<'_> {
-    Layout::headed(
+pub(super) fn metric(metric: &Metric) -> PrintLayout<'_> {
+    PrintLayout::headed(
         ":metric",
-        [Layout::word(direction(metric.direction)), expression(&metric.expression)],
+        [PrintLayout::word(direction(metric.direction)), expression(&metric.expression)],
     )
 }
 
@@ -174,7 +174,7 @@ impl fmt::Display for Assignment {
     }
 }
 
-impl fmt::Display for Direction {
+impl fmt::Display for MetricDirection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(direction(*self))
     }

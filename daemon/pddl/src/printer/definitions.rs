@@ -4,39 +4,39 @@ use std::fmt;
 
 use super::actions::{action, derived, durative_action};
 use super::conditions::{condition, metric};
-use super::layout::{Layout, write_newline};
-use super::words::{Entries, atom, fluent, signature, typed_list, write};
+use super::layout::{PrintLayout, write_newline};
+use super::terms::{PrintedEntryKind, atom, fluent, signature, typed_list, write};
 use crate::tree::{
     ActionModel, ActionSchema, Derived, Document, Domain, DurativeAction, FunctionDeclaration,
     InitElement, Name, ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Typed,
 };
 
 /// Writer of a definition.
-struct Definition<'f, 'g> {
+struct DefinitionWriter<'f, 'g> {
     f: &'f mut fmt::Formatter<'g>,
 }
 
-impl<'f, 'g> Definition<'f, 'g> {
+impl<'f, 'g> DefinitionWriter<'f, 'g> {
     /// `(define (KIND NAME)`
     fn begin(
         f: &'f mut fmt::Formatter<'g>,
         kind: &str,
         name: &Name,
-    ) -> Result<Definition<'f, 'g>, fmt::Error> {
+    ) -> Result<DefinitionWriter<'f, 'g>, fmt::Error> {
         write!(f, "(define ({kind} {name})")?;
-        Ok(Definition { f })
+        Ok(DefinitionWriter { f })
     }
 
     /// `(KEYWORD ITEM*)`; nothing if there is no item.
-    fn section<'t>(&mut self, keyword: &'static str, items: Vec<Layout<'t>>) -> fmt::Result {
+    fn section<'t>(&mut self, keyword: &'static str, items: Vec<PrintLayout<'t>>) -> fmt::Result {
         if items.is_empty() {
             return Ok(());
         }
         write_newline(2, self.f)?;
-        Layout::headed(keyword, items).write(2, self.f)
+        PrintLayout::headed(keyword, items).write(2, self.f)
     }
 
-    fn layout(&mut self, layout: &Layout<'_>) -> fmt::Result {
+    fn layout(&mut self, layout: &PrintLayout<'_>) -> fmt::Result {
         write_newline(2, self.f)?;
         layout.write_broken(2, self.f)
     }
@@ -64,61 +64,63 @@ impl<'f, 'g> Definition<'f, 'g> {
     }
 }
 
-fn names(list: &[Name]) -> Vec<Layout<'_>> {
-    list.iter().map(Layout::name).collect()
+fn names(list: &[Name]) -> Vec<PrintLayout<'_>> {
+    list.iter().map(PrintLayout::name).collect()
 }
 
-fn predicates(list: &[PredicateDeclaration]) -> Vec<Layout<'_>> {
+fn predicates(list: &[PredicateDeclaration]) -> Vec<PrintLayout<'_>> {
     let declared = list.iter().map(|it| (&it.privacy, signature(&it.name, &it.parameters)));
     by_privacy(declared)
 }
 
-fn functions(list: &[FunctionDeclaration]) -> Vec<Layout<'_>> {
+fn functions(list: &[FunctionDeclaration]) -> Vec<PrintLayout<'_>> {
     let declared = list.iter().map(|it| {
         let signature = signature(&it.name, &it.parameters);
-        let words = vec![signature, Layout::word("-"), Layout::word("number")];
-        (&it.privacy, Layout::group(words))
+        let words = vec![signature, PrintLayout::word("-"), PrintLayout::word("number")];
+        (&it.privacy, PrintLayout::group(words))
     });
     by_privacy(declared)
 }
 
 /// `(DECLARATION | (:private [VARIABLE - TYPE] DECLARATION*))*`
-fn by_privacy<'t>(declared: impl Iterator<Item = (&'t Privacy, Layout<'t>)>) -> Vec<Layout<'t>> {
+fn by_privacy<'t>(
+    declared: impl Iterator<Item = (&'t Privacy, PrintLayout<'t>)>,
+) -> Vec<PrintLayout<'t>> {
     let mut items = Vec::new();
-    let mut private: Option<(&Privacy, Vec<Layout<'_>>)> = None;
+    let mut private: Option<(&Privacy, Vec<PrintLayout<'_>>)> = None;
     for (privacy, layout) in declared {
         match &mut private {
             Some((same, block)) if *same == privacy => block.push(layout),
             _ => {
-                items.extend(private.take().map(|(_, block)| Layout::list(1, block)));
+                items.extend(private.take().map(|(_, block)| PrintLayout::list(1, block)));
                 match privacy {
                     Privacy::Public => items.push(layout),
                     Privacy::Private(owner) => {
-                        let mut head = vec![Layout::word(":private")];
-                        head.extend(typed_list(owner.as_slice(), Entries::Variables));
-                        private = Some((privacy, vec![Layout::group(head), layout]));
+                        let mut head = vec![PrintLayout::word(":private")];
+                        head.extend(typed_list(owner.as_slice(), PrintedEntryKind::Variables));
+                        private = Some((privacy, vec![PrintLayout::group(head), layout]));
                     }
                 }
             }
         }
     }
-    items.extend(private.map(|(_, block)| Layout::list(1, block)));
+    items.extend(private.map(|(_, block)| PrintLayout::list(1, block)));
     items
 }
 
 /// `(NAME+ - TYPE | (:private [NAME] NAME+ - TYPE))*`
-fn objects(list: &[ObjectDeclaration]) -> Vec<Layout<'_>> {
+fn objects(list: &[ObjectDeclaration]) -> Vec<PrintLayout<'_>> {
     let mut items = Vec::new();
     let mut owners = Vec::new();
     for block in list.chunk_by(|left, right| left.privacy == right.privacy) {
         match &block[0].privacy {
             Privacy::Public => items.extend(object_groups(block, false)),
             Privacy::Private(owner) => {
-                let mut words = vec![Layout::word(":private")];
-                words.extend(owner.iter().map(|owner| Layout::name(&owner.name)));
+                let mut words = vec![PrintLayout::word(":private")];
+                words.extend(owner.iter().map(|owner| PrintLayout::name(&owner.name)));
                 owners.extend(owner);
                 words.extend(object_groups(block, owner.is_none()));
-                items.push(Layout::list(1 + usize::from(owner.is_some()), words));
+                items.push(PrintLayout::list(1 + usize::from(owner.is_some()), words));
             }
         }
     }
@@ -126,14 +128,14 @@ fn objects(list: &[ObjectDeclaration]) -> Vec<Layout<'_>> {
     if let [owner] = owners[..]
         && list.iter().all(|declaration| declaration.object.name != owner.name)
     {
-        items.push(Layout::headed(":private", [Layout::name(&owner.name)]));
+        items.push(PrintLayout::headed(":private", [PrintLayout::name(&owner.name)]));
     }
     items
 }
 
 /// Groups objects by type. If `first_alone`, the first object has its type alone, so that it is not
 /// read as an owner.
-fn object_groups(block: &[ObjectDeclaration], first_alone: bool) -> Vec<Layout<'_>> {
+fn object_groups(block: &[ObjectDeclaration], first_alone: bool) -> Vec<PrintLayout<'_>> {
     let mut groups = Vec::new();
     let (first, mut rest) = block.split_at(usize::from(first_alone));
     groups.extend(first.iter().map(|declaration| object_group(std::slice::from_ref(declaration))));
@@ -148,37 +150,37 @@ fn object_groups(block: &[ObjectDeclaration], first_alone: bool) -> Vec<Layout<'
 }
 
 /// `NAME+ - TYPE`
-fn object_group(group: &[ObjectDeclaration]) -> Layout<'_> {
-    let mut words: Vec<_> = group.iter().map(|it| Layout::name(&it.object.name)).collect();
-    words.extend([Layout::word("-"), super::words::type_expr(&group[0].object.ty)]);
-    Layout::group(words)
+fn object_group(group: &[ObjectDeclaration]) -> PrintLayout<'_> {
+    let mut words: Vec<_> = group.iter().map(|it| PrintLayout::name(&it.object.name)).collect();
+    words.extend([PrintLayout::word("-"), super::terms::type_expr(&group[0].object.ty)]);
+    PrintLayout::group(words)
 }
 
-fn types(list: &[Typed]) -> Vec<Layout<'_>> {
-    typed_list(list, Entries::Names)
+fn types(list: &[Typed]) -> Vec<PrintLayout<'_>> {
+    typed_list(list, PrintedEntryKind::Names)
 }
 
-fn init_element(element: &InitElement) -> Layout<'_> {
+fn init_element(element: &InitElement) -> PrintLayout<'_> {
     match element {
         InitElement::Atom(inner) => atom(inner),
-        InitElement::Not(inner) => Layout::headed("not", [atom(inner)]),
-        InitElement::Unknown(inner) => Layout::headed("unknown", [atom(inner)]),
+        InitElement::Not(inner) => PrintLayout::headed("not", [atom(inner)]),
+        InitElement::Unknown(inner) => PrintLayout::headed("unknown", [atom(inner)]),
         InitElement::Assign(inner, number) => {
-            Layout::headed("=", [fluent(inner), Layout::written(number)])
+            PrintLayout::headed("=", [fluent(inner), PrintLayout::written(number)])
         }
         InitElement::At(time, inner) => {
-            Layout::headed("at", [Layout::written(time), self::init_element(inner)])
+            PrintLayout::headed("at", [PrintLayout::written(time), self::init_element(inner)])
         }
     }
 }
 
-fn init(elements: &[InitElement]) -> Vec<Layout<'_>> {
+fn init(elements: &[InitElement]) -> Vec<PrintLayout<'_>> {
     elements.iter().map(init_element).collect()
 }
 
 impl fmt::Display for Domain {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut definition = Definition::begin(f, "domain", &self.name)?;
+        let mut definition = DefinitionWriter::begin(f, "domain", &self.name)?;
         definition.section(":requirements", names(&self.requirements))?;
         definition.section(":types", types(&self.types))?;
         definition.section(":constants", types(&self.constants))?;
@@ -191,8 +193,8 @@ impl fmt::Display for Domain {
 
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut definition = Definition::begin(f, "problem", &self.name)?;
-        definition.section(":domain", vec![Layout::name(&self.domain)])?;
+        let mut definition = DefinitionWriter::begin(f, "problem", &self.name)?;
+        definition.section(":domain", vec![PrintLayout::name(&self.domain)])?;
         definition.section(":requirements", names(&self.requirements))?;
         definition.section(":objects", objects(&self.objects))?;
         definition.section(":init", init(&self.init))?;
@@ -207,8 +209,8 @@ impl fmt::Display for Problem {
 
 impl fmt::Display for ActionModel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut definition = Definition::begin(f, "agent", &self.agent)?;
-        definition.section(":domain", vec![Layout::name(&self.domain)])?;
+        let mut definition = DefinitionWriter::begin(f, "agent", &self.agent)?;
+        definition.section(":domain", vec![PrintLayout::name(&self.domain)])?;
         definition.section(":requirements", names(&self.requirements))?;
         definition.section(":types", types(&self.types))?;
         definition.section(":predicates", predicates(&self.predicates))?;

@@ -15,76 +15,82 @@ const COLUMNS_MAX: usize = 100;
 const INDENT: usize = 2;
 
 /// Text with a structure.
-pub(super) struct Layout<'t> {
+pub(super) struct PrintLayout<'t> {
     /// Number of characters on one line.
     width: usize,
-    kind: Kind<'t>,
+    kind: LayoutKind<'t>,
 }
 
-enum Kind<'t> {
+enum LayoutKind<'t> {
     Word(&'t str),
     Variable(&'t str),
     Written(String),
     /// Parentheses. If they break, the first `kept` items stay on the first line.
     List {
         kept: usize,
-        items: Vec<Layout<'t>>,
+        items: Vec<PrintLayout<'t>>,
     },
     /// Items without parentheses; they break like words of prose.
-    Group(Vec<Layout<'t>>),
+    Group(Vec<PrintLayout<'t>>),
 }
 
 // === impl Layout ===
 
-impl<'t> Layout<'t> {
-    pub(super) fn word(word: &'t str) -> Layout<'t> {
-        Layout { width: word.chars().count(), kind: Kind::Word(word) }
+impl<'t> PrintLayout<'t> {
+    pub(super) fn word(word: &'t str) -> PrintLayout<'t> {
+        PrintLayout { width: word.chars().count(), kind: LayoutKind::Word(word) }
     }
 
-    pub(super) fn name(name: &'t Name) -> Layout<'t> {
-        Layout::word(name.spelled())
+    pub(super) fn name(name: &'t Name) -> PrintLayout<'t> {
+        PrintLayout::word(name.spelled())
     }
 
-    pub(super) fn variable(name: &'t Name) -> Layout<'t> {
-        Layout { width: name.spelled().chars().count() + 1, kind: Kind::Variable(name.spelled()) }
+    pub(super) fn variable(name: &'t Name) -> PrintLayout<'t> {
+        PrintLayout {
+            width: name.spelled().chars().count() + 1,
+            kind: LayoutKind::Variable(name.spelled()),
+        }
     }
 
-    pub(super) fn written(value: impl fmt::Display) -> Layout<'t> {
+    pub(super) fn written(value: impl fmt::Display) -> PrintLayout<'t> {
         let written = value.to_string();
-        Layout { width: written.chars().count(), kind: Kind::Written(written) }
+        PrintLayout { width: written.chars().count(), kind: LayoutKind::Written(written) }
     }
 
     /// `(items…)`, the first `kept` on the first line.
-    pub(super) fn list(kept: usize, items: Vec<Layout<'t>>) -> Layout<'t> {
-        Layout { width: width(&items) + 2, kind: Kind::List { kept, items } }
+    pub(super) fn list(kept: usize, items: Vec<PrintLayout<'t>>) -> PrintLayout<'t> {
+        PrintLayout { width: width(&items) + 2, kind: LayoutKind::List { kept, items } }
     }
 
     /// `(word items…)`
-    pub(super) fn headed(word: &'t str, items: impl IntoIterator<Item = Layout<'t>>) -> Layout<'t> {
-        let head = std::iter::once(Layout::word(word));
-        Layout::list(1, head.chain(items).collect())
+    pub(super) fn headed(
+        word: &'t str,
+        items: impl IntoIterator<Item = PrintLayout<'t>>,
+    ) -> PrintLayout<'t> {
+        let head = std::iter::once(PrintLayout::word(word));
+        PrintLayout::list(1, head.chain(items).collect())
     }
 
     /// `items…`, kept together.
-    pub(super) fn group(items: Vec<Layout<'t>>) -> Layout<'t> {
-        Layout { width: width(&items), kind: Kind::Group(items) }
+    pub(super) fn group(items: Vec<PrintLayout<'t>>) -> PrintLayout<'t> {
+        PrintLayout { width: width(&items), kind: LayoutKind::Group(items) }
     }
 
     /// Writes on one line.
     pub(super) fn write_flat(&self, out: &mut dyn Write) -> fmt::Result {
         match &self.kind {
-            Kind::Word(word) => out.write_str(word),
-            Kind::Written(word) => out.write_str(word),
-            Kind::Variable(name) => {
+            LayoutKind::Word(word) => out.write_str(word),
+            LayoutKind::Written(word) => out.write_str(word),
+            LayoutKind::Variable(name) => {
                 out.write_char('?')?;
                 out.write_str(name)
             }
-            Kind::List { items, .. } => {
+            LayoutKind::List { items, .. } => {
                 out.write_char('(')?;
                 write_flat(items, out)?;
                 out.write_char(')')
             }
-            Kind::Group(items) => write_flat(items, out),
+            LayoutKind::Group(items) => write_flat(items, out),
         }
     }
 
@@ -99,9 +105,11 @@ impl<'t> Layout<'t> {
     /// Writes on several lines, even if it would fit on one.
     pub(super) fn write_broken(&self, indent: usize, out: &mut dyn Write) -> fmt::Result {
         match &self.kind {
-            Kind::List { kept, items } => write_list(*kept, items, indent, out),
-            Kind::Group(items) => write_group(items, indent, out),
-            Kind::Word(_) | Kind::Variable(_) | Kind::Written(_) => self.write_flat(out),
+            LayoutKind::List { kept, items } => write_list(*kept, items, indent, out),
+            LayoutKind::Group(items) => write_group(items, indent, out),
+            LayoutKind::Word(_) | LayoutKind::Variable(_) | LayoutKind::Written(_) => {
+                self.write_flat(out)
+            }
         }
     }
 }
@@ -111,11 +119,11 @@ pub(super) fn write_newline(indent: usize, out: &mut dyn Write) -> fmt::Result {
     write!(out, "\n{:indent$}", "")
 }
 
-fn width(items: &[Layout<'_>]) -> usize {
+fn width(items: &[PrintLayout<'_>]) -> usize {
     items.iter().map(|item| item.width + 1).sum::<usize>().saturating_sub(1)
 }
 
-fn write_flat(items: &[Layout<'_>], out: &mut dyn Write) -> fmt::Result {
+fn write_flat(items: &[PrintLayout<'_>], out: &mut dyn Write) -> fmt::Result {
     for (index, item) in items.iter().enumerate() {
         if index > 0 {
             out.write_char(' ')?;
@@ -127,7 +135,7 @@ fn write_flat(items: &[Layout<'_>], out: &mut dyn Write) -> fmt::Result {
 
 fn write_list(
     kept: usize,
-    items: &[Layout<'_>],
+    items: &[PrintLayout<'_>],
     indent: usize,
     out: &mut dyn Write,
 ) -> fmt::Result {
@@ -143,14 +151,14 @@ fn write_list(
     out.write_char(')')
 }
 
-fn write_group(items: &[Layout<'_>], indent: usize, out: &mut dyn Write) -> fmt::Result {
+fn write_group(items: &[PrintLayout<'_>], indent: usize, out: &mut dyn Write) -> fmt::Result {
     let mut column = indent;
     for (index, item) in items.iter().enumerate() {
         if index > 0 {
             column += 1;
             // A label (`:effect`) and its value share a line, whatever the length of the value.
             let breaks =
-                column + item.width > COLUMNS_MAX && !matches!(item.kind, Kind::List { .. });
+                column + item.width > COLUMNS_MAX && !matches!(item.kind, LayoutKind::List { .. });
             if breaks {
                 write_newline(indent, out)?;
                 column = indent;

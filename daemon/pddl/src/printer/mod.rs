@@ -7,7 +7,7 @@
 
 mod layout;
 
-mod words;
+mod terms;
 
 mod conditions;
 

@@ -2,12 +2,12 @@
 
 use std::fmt;
 
-use super::layout::Layout;
-use super::words::write;
+use super::layout::PrintLayout;
+use super::terms::write;
 use crate::tree::{Plan, PlanStep};
 
-fn call(step: &PlanStep) -> Layout<'_> {
-    Layout::headed(step.action.spelled(), step.arguments.iter().map(Layout::name))
+fn call(step: &PlanStep) -> PrintLayout<'_> {
+    PrintLayout::headed(step.action.spelled(), step.arguments.iter().map(PrintLayout::name))
 }
 
 impl fmt::Display for PlanStep {

@@ -274,7 +274,8 @@ fn init_element() -> impl Strategy<Value = InitElement> {
 
 fn metric() -> impl Strategy<Value = Metric> {
     let span = Span::default();
-    let direction = proptest::sample::select(vec![Direction::Minimize, Direction::Maximize]);
+    let direction =
+        proptest::sample::select(vec![MetricDirection::Minimize, MetricDirection::Maximize]);
     (direction, expression(vec![Expression::TotalTime(span)]))
         .prop_map(move |(direction, expression)| Metric { direction, expression, span })
 }

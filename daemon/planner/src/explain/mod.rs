@@ -15,9 +15,9 @@
 
 mod places;
 mod plain;
+mod sentences;
 mod support;
 mod suppose;
-mod words;
 
 use std::collections::BTreeMap;
 
@@ -25,8 +25,8 @@ use pddl::{ActionModel, Atom, Condition, Domain, Name, Problem, TypeExpr};
 
 use self::places::places;
 pub use self::plain::{Unsolvability, why_unsolvable};
-use self::support::{Rules, Support};
-use self::suppose::Supposed;
+use self::support::{Support, SuppositionRules};
+use self::suppose::SupposedTask;
 use crate::goal::unreachable;
 use crate::ground::ground;
 use crate::limits::{Cancel, Options};
@@ -38,20 +38,20 @@ const ALTERNATIVES_MAX: usize = 3;
 
 /// Data that explanations are based on.
 #[derive(Clone, Copy, Debug)]
-pub struct Known<'a> {
+pub struct ExplanationInput<'a> {
     /// Composite domain of all agents that are present.
     pub domain: &'a Domain,
     /// Problem, with the objects and the state.
     pub problem: &'a Problem,
     /// Guard of each action that only agents that offer it may use; by the action's name in `domain`.
-    pub guards: &'a BTreeMap<Name, Guard>,
+    pub guards: &'a BTreeMap<Name, ActionGuard>,
     /// Models of agents that were present earlier; they no longer offer their actions.
     pub former: &'a [ActionModel],
 }
 
 /// Guard of an action: the fact that lets an agent use it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Guard {
+pub struct ActionGuard {
     /// Name of the action in the agents' own models.
     pub outside: Name,
     /// Predicate that is true of the agents that offer the action.
@@ -89,23 +89,23 @@ pub struct Obstacle {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Alternative {
     /// The capabilities, one or two.
-    pub missing: Vec<Missing>,
+    pub missing: Vec<MissingCapability>,
 }
 
 /// A capability that no agent offers.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Missing {
+pub struct MissingCapability {
     /// Name of the action in the agents' own models.
     pub action: Name,
     /// Agent that would have to offer it.
-    pub agent: Who,
+    pub agent: SupposedObject,
     /// Places where a new agent would have to be, one entry per relevant fact about it.
     pub places: Vec<Placement>,
 }
 
 /// An agent or another object.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Who {
+pub enum SupposedObject {
     /// An agent or object that is present.
     Here(Name),
     /// An agent that does not exist yet, of this type.
@@ -121,16 +121,16 @@ pub struct Placement {
     /// agent.
     pub is_reversed: bool,
     /// Place that the fact assigns to the agent.
-    pub place: Place,
+    pub place: RequiredPlace,
 }
 
 /// Places where an agent would have to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum RequiredPlace {
     /// Any place suffices.
     Anywhere,
     /// Each of these places suffices. A place is the list of the fact's other arguments.
-    At(Vec<Vec<Who>>),
+    At(Vec<Vec<SupposedObject>>),
 }
 
 /// Explains which of `parts`, the ground conjuncts of a goal, are unreachable, and what is missing.
@@ -139,12 +139,12 @@ pub enum Place {
 ///
 /// Returns an error if the texts contain errors or use a feature that this planner does not support.
 pub fn explain(
-    known: Known<'_>,
+    known: ExplanationInput<'_>,
     parts: &[Condition],
     options: &Options,
     cancel: &Cancel,
 ) -> Result<Explanation, PlanError> {
-    let supposed = Supposed::new(known, parts);
+    let supposed = SupposedTask::new(known, parts);
     let lifted = normalize(&supposed.domain, &supposed.problem)?;
     let task = match ground(&lifted, options.budget, cancel, &mut 0) {
         Ok(grounded) => grounded.task,
@@ -157,7 +157,7 @@ pub fn explain(
             });
         }
     };
-    let rules = task.map(|task| Rules::new(&task, &supposed)).unwrap_or_default();
+    let rules = task.map(|task| SuppositionRules::new(&task, &supposed)).unwrap_or_default();
     let support = Support::compute(&rules);
     let numeric = reached_but_for_numbers(known, parts, &support, options, cancel)?;
     let mut explanation =
@@ -167,7 +167,7 @@ pub fn explain(
             continue;
         }
         let unreachable = supposed.atoms[part].iter().enumerate();
-        let unreachable = unreachable.filter(|(atom, _)| !support.is_touched(part, *atom));
+        let unreachable = unreachable.filter(|(atom, _)| !support.is_fact_reached(part, *atom));
         let unreachable: Vec<Atom> = unreachable.map(|(_, atom)| atom.clone()).collect();
         explanation.obstacles.push(Obstacle {
             conjunct: conjunct.clone(),
@@ -190,7 +190,7 @@ pub fn explain(
 
 /// Returns the parts that are reachable without numeric conditions, but not with them.
 fn reached_but_for_numbers(
-    known: Known<'_>,
+    known: ExplanationInput<'_>,
     parts: &[Condition],
     support: &Support,
     options: &Options,
@@ -198,7 +198,7 @@ fn reached_but_for_numbers(
 ) -> Result<Vec<usize>, PlanError> {
     let conditions = known.domain.actions.iter().map(|action| &action.precondition);
     let axioms = known.domain.derived.iter().map(|derived| &derived.condition);
-    if !conditions.chain(axioms).chain(parts).any(suppose::counts) {
+    if !conditions.chain(axioms).chain(parts).any(suppose::has_comparison) {
         return Ok(Vec::new());
     }
     let reached: Vec<usize> = (0..parts.len()).filter(|part| support.is_reached(*part)).collect();

@@ -6,9 +6,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::support::{Group, Origin, Rules, Set, Support};
-use super::suppose::Supposed;
-use super::{ALTERNATIVES_MAX, Alternative, Missing, Place, Placement, Who};
+use super::support::{PlaceGroup, RuleOrigin, Support, SuppositionRules, SuppositionSet};
+use super::suppose::SupposedTask;
+use super::{
+    ALTERNATIVES_MAX, Alternative, MissingCapability, Placement, RequiredPlace, SupposedObject,
+};
 
 /// Maximal number of places that are tried for one fact about one new agent.
 const PLACES_MAX: usize = 128;
@@ -17,30 +19,31 @@ const PLACES_MAX: usize = 128;
 const STEPS_MAX: u64 = 50_000_000;
 
 /// Alternatives for each part of the goal.
-pub(super) struct Found {
+pub(super) struct FoundAlternatives {
     pub(super) of: BTreeMap<usize, Vec<Alternative>>,
     pub(super) is_complete: bool,
 }
 
-struct Search<'a> {
-    rules: &'a Rules,
-    supposed: &'a Supposed,
+struct PlacementSearch<'a> {
+    rules: &'a SuppositionRules,
+    supposed: &'a SupposedTask,
     steps: u64,
     is_complete: bool,
 }
 
 /// Computes the alternatives for the parts of the goal in `asked`.
 pub(super) fn places(
-    rules: &Rules,
+    rules: &SuppositionRules,
     support: &Support,
-    supposed: &Supposed,
+    supposed: &SupposedTask,
     asked: &[usize],
-) -> Found {
-    let mut search = Search { rules, supposed, steps: 0, is_complete: true };
-    let chosen: BTreeMap<usize, Vec<Set>> =
+) -> FoundAlternatives {
+    let mut search = PlacementSearch { rules, supposed, steps: 0, is_complete: true };
+    let chosen: BTreeMap<usize, Vec<SuppositionSet>> =
         asked.iter().map(|part| (*part, search.choose(support.sets(*part)))).collect();
-    let sets: BTreeSet<Set> = chosen.values().flatten().copied().collect();
-    let mut placed: BTreeMap<Set, BTreeMap<usize, Vec<(u32, Placement)>>> = BTreeMap::new();
+    let sets: BTreeSet<SuppositionSet> = chosen.values().flatten().copied().collect();
+    let mut placed: BTreeMap<SuppositionSet, BTreeMap<usize, Vec<(u32, Placement)>>> =
+        BTreeMap::new();
     for set in sets {
         let parts = chosen.iter().filter(|(_, sets)| sets.contains(&set)).map(|(part, _)| *part);
         let parts: BTreeSet<usize> = parts.collect();
@@ -48,41 +51,41 @@ pub(super) fn places(
     }
     let mut of = BTreeMap::new();
     for (part, sets) in chosen {
-        let placements = |set: &Set| placed.get(set).and_then(|parts| parts.get(&part));
+        let placements = |set: &SuppositionSet| placed.get(set).and_then(|parts| parts.get(&part));
         let alternatives = sets.iter().map(|set| {
             let placements = placements(set).map_or(&[] as &[_], Vec::as_slice);
             search.alternative(set, placements)
         });
         of.insert(part, alternatives.collect());
     }
-    Found { of, is_complete: search.is_complete }
+    FoundAlternatives { of, is_complete: search.is_complete }
 }
 
 // === impl Search ===
 
-impl Search<'_> {
+impl PlacementSearch<'_> {
     /// Selects the first few sets: small ones before large ones, and those with present agents before
     /// those with new ones.
-    fn choose(&self, sets: &[Set]) -> Vec<Set> {
-        let new = |set: &&Set| {
+    fn choose(&self, sets: &[SuppositionSet]) -> Vec<SuppositionSet> {
+        let new = |set: &&SuppositionSet| {
             let agents = set.members().iter().map(|member| self.who(*member));
-            agents.filter(|who| matches!(who, Who::New(_))).count()
+            agents.filter(|who| matches!(who, SupposedObject::New(_))).count()
         };
-        let mut sets: Vec<&Set> = sets.iter().collect();
+        let mut sets: Vec<&SuppositionSet> = sets.iter().collect();
         sets.sort_by_key(|set| (set.members().len(), new(set), **set));
         sets.into_iter().take(ALTERNATIVES_MAX).copied().collect()
     }
 
-    fn who(&self, supposition: u32) -> Who {
+    fn who(&self, supposition: u32) -> SupposedObject {
         let (_, agent) = &self.rules.suppositions[supposition as usize];
         self.supposed.who(agent)
     }
 
-    fn alternative(&self, set: &Set, placements: &[(u32, Placement)]) -> Alternative {
+    fn alternative(&self, set: &SuppositionSet, placements: &[(u32, Placement)]) -> Alternative {
         let missing = set.members().iter().map(|member| {
             let (capability, _) = &self.rules.suppositions[*member as usize];
             let own = placements.iter().filter(|(of, _)| of == member);
-            Missing {
+            MissingCapability {
                 action: self.supposed.capabilities[*capability].outside.clone(),
                 agent: self.who(*member),
                 places: own.map(|(_, placement)| placement.clone()).collect(),
@@ -94,7 +97,7 @@ impl Search<'_> {
     /// Computes the places of the new agents of a set, for each of `parts`.
     fn place(
         &mut self,
-        set: &Set,
+        set: &SuppositionSet,
         parts: &BTreeSet<usize>,
     ) -> BTreeMap<usize, Vec<(u32, Placement)>> {
         let mut placed: BTreeMap<usize, Vec<(u32, Placement)>> = BTreeMap::new();
@@ -123,7 +126,8 @@ impl Search<'_> {
                 // If no single place suffices, the agent has to be in several places; these are not
                 // listed.
                 let is_anywhere = fits.is_empty() || possible > 1 && fits.len() >= possible;
-                let place = if is_anywhere { Place::Anywhere } else { self.at(group, fits) };
+                let place =
+                    if is_anywhere { RequiredPlace::Anywhere } else { self.at(group, fits) };
                 let predicate = predicate.clone();
                 let placement = Placement { predicate, is_reversed, place };
                 placed.entry(part).or_default().push((member, placement));
@@ -133,10 +137,10 @@ impl Search<'_> {
     }
 
     /// Returns the number of tried places, without those on new agents that the set does not suppose.
-    fn possible(&self, set: &Set, group: &Group, tried: usize) -> usize {
+    fn possible(&self, set: &SuppositionSet, group: &PlaceGroup, tried: usize) -> usize {
         let is_there = |object| match self.supposed.who(object) {
-            Who::Here(_) => true,
-            Who::New(_) => set.members().iter().any(|member| {
+            SupposedObject::Here(_) => true,
+            SupposedObject::New(_) => set.members().iter().any(|member| {
                 let (_, agent) = &self.rules.suppositions[*member as usize];
                 agent == object
             }),
@@ -144,15 +148,15 @@ impl Search<'_> {
         group.values[..tried].iter().filter(|value| value.iter().all(is_there)).count()
     }
 
-    fn at(&self, group: &Group, values: &[usize]) -> Place {
+    fn at(&self, group: &PlaceGroup, values: &[usize]) -> RequiredPlace {
         let who = |value: &usize| {
             group.values[*value].iter().map(|object| self.supposed.who(object)).collect()
         };
-        Place::At(values.iter().map(who).collect())
+        RequiredPlace::At(values.iter().map(who).collect())
     }
 
     /// Returns the supposition of a set that a group of places belongs to, if any.
-    fn owner(&self, set: &Set, group: &Group) -> Option<u32> {
+    fn owner(&self, set: &SuppositionSet, group: &PlaceGroup) -> Option<u32> {
         let capability = self.supposed.placements[group.placement].capability;
         set.members().iter().copied().find(|member| {
             let (of, agent) = &self.rules.suppositions[*member as usize];
@@ -162,15 +166,15 @@ impl Search<'_> {
 
     /// Returns the parts that are reachable with the suppositions of a set. Of the given group of
     /// places, only `only` is allowed, or none.
-    fn reached(&mut self, set: &Set, group: usize, only: Option<usize>) -> Vec<usize> {
+    fn reached(&mut self, set: &SuppositionSet, group: usize, only: Option<usize>) -> Vec<usize> {
         if self.steps >= STEPS_MAX {
             self.is_complete = false;
             return Vec::new();
         }
         let allowed = |origin| match origin {
-            Origin::World => true,
-            Origin::Suppose(number) => set.members().contains(&number),
-            Origin::Place(of, value) => of != group || only == Some(value),
+            RuleOrigin::World => true,
+            RuleOrigin::Suppose(number) => set.members().contains(&number),
+            RuleOrigin::Place(of, value) => of != group || only == Some(value),
         };
         self.rules.reached(allowed, &mut self.steps)
     }

@@ -12,7 +12,7 @@ use pddl::{
     Types,
 };
 
-use super::suppose::counts;
+use super::suppose::has_comparison;
 use crate::goal::{conjuncts, unreachable};
 use crate::limits::{Budget, Cancel, Options};
 use crate::outcome::{PlanError, StopReason};
@@ -22,7 +22,7 @@ use crate::validate::World;
 const PARTS_MAX: usize = 64;
 
 /// Maximal number of parts that are explained; the others are counted.
-const TOLD_MAX: usize = 3;
+const EXPLAINED_PARTS_MAX: usize = 3;
 
 /// Maximal number of links in a chain from a part of the goal to a fact that no action makes true.
 const LINKS_MAX: usize = 6;
@@ -65,21 +65,21 @@ pub fn why_unsolvable(
     let budget =
         Budget { expansions_max: EXPANSIONS_MAX, join_steps_max: JOIN_STEPS_MAX, memory_max_bytes };
     let options = Options { budget, ..Options::default() };
-    let why = Why { domain, problem, types: Types::of(domain), options, cancel };
+    let why = UnsolvabilityExplainer { domain, problem, types: Types::of(domain), options, cancel };
     let missing = why.unreachable(&parts)?;
     let mut found = Unsolvability::default();
-    for part in missing.iter().take(TOLD_MAX) {
+    for part in missing.iter().take(EXPLAINED_PARTS_MAX) {
         found.parts.push((parts[*part].clone(), why.chain(&parts[*part])?));
     }
-    found.more = missing.len().saturating_sub(TOLD_MAX);
+    found.more = missing.len().saturating_sub(EXPLAINED_PARTS_MAX);
     if missing.is_empty() {
-        why.alone(&parts, &mut found)?;
+        why.explain_parts_alone(&parts, &mut found)?;
     }
     Ok(found)
 }
 
 /// Texts and limits of an explanation.
-struct Why<'w> {
+struct UnsolvabilityExplainer<'w> {
     domain: &'w Domain,
     problem: &'w Problem,
     types: Types,
@@ -101,17 +101,21 @@ struct Achiever {
 }
 
 /// Terms that variables stand for.
-type Bindings = Vec<(Name, Term)>;
+type TermBindings = Vec<(Name, Term)>;
 
 // === impl Why ===
 
-impl Why<'_> {
+impl UnsolvabilityExplainer<'_> {
     fn unreachable(&self, conditions: &[Condition]) -> Result<Vec<usize>, PlanError> {
         unreachable(self.domain, self.problem, conditions, &self.options, self.cancel)
     }
 
     /// Searches for a plan for each part alone.
-    fn alone(&self, parts: &[Condition], found: &mut Unsolvability) -> Result<(), PlanError> {
+    fn explain_parts_alone(
+        &self,
+        parts: &[Condition],
+        found: &mut Unsolvability,
+    ) -> Result<(), PlanError> {
         let is_one = parts.len() == 1;
         let mut all_reached = parts.len() < PARTS_MAX;
         for part in parts.iter().filter(|_| !is_one) {
@@ -121,15 +125,15 @@ impl Why<'_> {
             if !matches!(outcome.stop_reason, StopReason::Unsolvable { .. }) {
                 continue;
             }
-            if found.parts.len() < TOLD_MAX {
-                found.parts.push((part.clone(), self.in_the_way(part)));
+            if found.parts.len() < EXPLAINED_PARTS_MAX {
+                found.parts.push((part.clone(), self.explain_obstruction(part)));
             } else {
                 found.more += 1;
             }
         }
         if found.parts.is_empty() {
             found.together = Some(match parts {
-                [part] => self.in_the_way(part),
+                [part] => self.explain_obstruction(part),
                 _ if all_reached => {
                     "each part of the goal can be reached, but not all of them together".to_owned()
                 }
@@ -141,15 +145,15 @@ impl Why<'_> {
 
     /// Explains a part that is reachable in the relaxation but in no sequence of steps. If no number is
     /// involved, the only possible reason is that steps undo conditions of others.
-    fn in_the_way(&self, part: &Condition) -> String {
+    fn explain_obstruction(&self, part: &Condition) -> String {
         if let Some(undefined) = self.undefined(part) {
             return undefined;
         }
         let conditions = self.domain.actions.iter().map(|action| &action.precondition);
         let axioms = self.domain.derived.iter().map(|derived| &derived.condition);
         let mut effects = self.domain.actions.iter().map(|action| &action.effect);
-        let has_numbers =
-            conditions.chain(axioms).chain([part]).any(counts) || effects.any(reckons);
+        let has_numbers = conditions.chain(axioms).chain([part]).any(has_comparison)
+            || effects.any(changes_numbers);
         match has_numbers {
             true => "it is proven that no sequence of steps reaches it".to_owned(),
             false => "the steps towards it undo what it needs".to_owned(),
@@ -272,7 +276,7 @@ impl Why<'_> {
     }
 
     /// Returns the first unbound parameter of a type without objects.
-    fn vacant(&self, bindings: &Bindings, parameters: &[&Typed]) -> Option<Typed> {
+    fn vacant(&self, bindings: &TermBindings, parameters: &[&Typed]) -> Option<Typed> {
         let free =
             parameters.iter().filter(|one| !bindings.iter().any(|(name, _)| *name == one.name));
         let declared = || self.problem.objects.iter().map(|declaration| &declaration.object);
@@ -320,11 +324,11 @@ impl Why<'_> {
 
     /// Returns the bindings of parameters under which an effect equals the wanted atom; `None` if there
     /// are none.
-    fn unify(&self, own: &[Term], wanted: &[Term], parameters: &[&Typed]) -> Option<Bindings> {
+    fn unify(&self, own: &[Term], wanted: &[Term], parameters: &[&Typed]) -> Option<TermBindings> {
         if own.len() != wanted.len() {
             return None;
         }
-        let mut bindings: Bindings = Vec::new();
+        let mut bindings: TermBindings = Vec::new();
         for (own, wanted) in own.iter().zip(wanted) {
             let Term::Object(object) = wanted else { continue };
             match own {
@@ -357,7 +361,7 @@ impl Why<'_> {
     fn needs<'c>(
         &self,
         conditions: impl Iterator<Item = &'c Condition>,
-        bindings: &Bindings,
+        bindings: &TermBindings,
         parameters: &[&Typed],
     ) -> Vec<Condition> {
         let mut parts = Vec::new();
@@ -449,7 +453,7 @@ fn added<'e>(
     }
 }
 
-fn substituted(condition: &Condition, bindings: &Bindings) -> Condition {
+fn substituted(condition: &Condition, bindings: &TermBindings) -> Condition {
     let mut names = crate::validate::bindings::Bindings::default();
     for (name, term) in bindings {
         names.bind(name, term.name().clone());
@@ -467,7 +471,7 @@ fn mentions(condition: &Condition, variable: &Name) -> bool {
 /// Returns all conditions as one, so that they are tested for the same objects together.
 fn whole<'c>(
     conditions: impl Iterator<Item = &'c Condition>,
-    bindings: &Bindings,
+    bindings: &TermBindings,
     parameters: &[&Typed],
 ) -> Condition {
     let all = conditions.map(|condition| substituted(condition, bindings)).collect();
@@ -480,12 +484,12 @@ fn whole<'c>(
 }
 
 /// Whether an effect changes numbers other than the cost, or has a condition on numbers.
-fn reckons(effect: &Effect) -> bool {
+fn changes_numbers(effect: &Effect) -> bool {
     match effect {
-        Effect::And(parts) => parts.iter().any(reckons),
+        Effect::And(parts) => parts.iter().any(changes_numbers),
         Effect::Add(_) | Effect::Delete(_) => false,
         Effect::Assign(assign) => assign.fluent.function != "total-cost",
-        Effect::When(condition, inner) => counts(condition) || reckons(inner),
-        Effect::Forall(_, inner) => reckons(inner),
+        Effect::When(condition, inner) => has_comparison(condition) || changes_numbers(inner),
+        Effect::Forall(_, inner) => changes_numbers(inner),
     }
 }

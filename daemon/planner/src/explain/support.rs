@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use pddl::Name;
 
-use super::suppose::{Meaning, Supposed};
+use super::suppose::{OperatorMeaning, SupposedTask};
 use crate::task::{Changes, Literal, Task};
 
 /// Maximal number of sets per literal; more would not be shown to the user.
@@ -17,7 +17,7 @@ const STEPS_MAX: u64 = 20_000_000;
 
 /// A set of at most two suppositions. The empty set means: without any supposition.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Set {
+pub(super) struct SuppositionSet {
     /// Number of members. It is the first field, so that smaller sets are sorted first.
     count: u8,
     members: [u32; 2],
@@ -25,7 +25,7 @@ pub(super) struct Set {
 
 /// Origin of a rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Origin {
+pub(super) enum RuleOrigin {
     /// An action that some agent offers, or an axiom: no supposition is needed.
     World,
     /// A supposition, by its number.
@@ -35,16 +35,16 @@ pub(super) enum Origin {
 }
 
 /// `heads :- body`
-struct Rule {
+struct SuppositionRule {
     body: Box<[usize]>,
     heads: Vec<usize>,
-    origin: Origin,
+    origin: RuleOrigin,
 }
 
 /// The supposed task as rules over literals.
 #[derive(Default)]
-pub(super) struct Rules {
-    rules: Vec<Rule>,
+pub(super) struct SuppositionRules {
+    rules: Vec<SuppositionRule>,
     /// Per literal: the rules that have it in their body.
     readers: Vec<Vec<usize>>,
     /// Literals that hold initially.
@@ -52,13 +52,13 @@ pub(super) struct Rules {
     /// Per supposition: number of its capability, and its agent.
     pub(super) suppositions: Vec<(usize, Name)>,
     /// Alternative places, grouped by placement and new agent.
-    pub(super) groups: Vec<Group>,
+    pub(super) groups: Vec<PlaceGroup>,
     parts: BTreeMap<usize, usize>,
     touches: BTreeMap<(usize, usize), usize>,
 }
 
 /// Alternatives for one fact about one new agent: the fact's other arguments.
-pub(super) struct Group {
+pub(super) struct PlaceGroup {
     pub(super) placement: usize,
     pub(super) agent: Name,
     pub(super) values: Vec<Vec<Name>>,
@@ -66,16 +66,16 @@ pub(super) struct Group {
 
 /// Result: per part of the goal, and per fact in it, the suppositions under which it is reachable.
 pub(super) struct Support {
-    parts: BTreeMap<usize, Vec<Set>>,
+    parts: BTreeMap<usize, Vec<SuppositionSet>>,
     touches: BTreeMap<(usize, usize), bool>,
     pub(super) is_complete: bool,
 }
 
 // === impl Set ===
 
-impl Set {
-    fn of(one: u32) -> Set {
-        Set { count: 1, members: [one, 0] }
+impl SuppositionSet {
+    fn of(one: u32) -> SuppositionSet {
+        SuppositionSet { count: 1, members: [one, 0] }
     }
 
     pub(super) fn members(&self) -> &[u32] {
@@ -83,7 +83,7 @@ impl Set {
     }
 
     /// Returns the union of two sets; `None` if it would have more than two members.
-    fn with(self, other: Set) -> Option<Set> {
+    fn with(self, other: SuppositionSet) -> Option<SuppositionSet> {
         let mut both = self;
         for member in other.members() {
             if both.members().contains(member) {
@@ -98,13 +98,13 @@ impl Set {
         Some(both)
     }
 
-    fn is_within(&self, other: &Set) -> bool {
+    fn is_within(&self, other: &SuppositionSet) -> bool {
         self.members().iter().all(|member| other.members().contains(member))
     }
 }
 
 /// Adds a set, unless a subset of it is there. Returns whether anything changed.
-fn insert(sets: &mut Vec<Set>, set: Set, is_complete: &mut bool) -> bool {
+fn insert(sets: &mut Vec<SuppositionSet>, set: SuppositionSet, is_complete: &mut bool) -> bool {
     if sets.iter().any(|known| known.is_within(&set)) {
         return false;
     }
@@ -124,9 +124,9 @@ fn insert(sets: &mut Vec<Set>, set: Set, is_complete: &mut bool) -> bool {
 
 // === impl Rules ===
 
-impl Rules {
-    pub(super) fn new(task: &Task, supposed: &Supposed) -> Rules {
-        let mut rules = Rules::default();
+impl SuppositionRules {
+    pub(super) fn new(task: &Task, supposed: &SupposedTask) -> SuppositionRules {
+        let mut rules = SuppositionRules::default();
         let literals = task.fact_count * 2;
         rules.readers = vec![Vec::new(); literals];
         rules.begin(task);
@@ -138,32 +138,34 @@ impl Rules {
             let body = operator.preconditions.iter().map(|literal| index(*literal)).collect();
             let mut heads = heads(operator.effect);
             let origin = match supposed.meanings.get(name) {
-                None => Origin::World,
-                Some(Meaning::Suppose(capability)) => rules.supposition(*capability, &arguments),
-                Some(Meaning::Place(placement)) => rules.placement(*placement, &arguments),
-                Some(Meaning::Reach(part)) => {
+                None => RuleOrigin::World,
+                Some(OperatorMeaning::Suppose(capability)) => {
+                    rules.supposition(*capability, &arguments)
+                }
+                Some(OperatorMeaning::Place(placement)) => rules.placement(*placement, &arguments),
+                Some(OperatorMeaning::Reach(part)) => {
                     heads = vec![rules.goal()];
                     rules.parts.insert(*part, heads[0]);
-                    Origin::World
+                    RuleOrigin::World
                 }
-                Some(Meaning::Touch(part, atom)) => {
+                Some(OperatorMeaning::Touch(part, atom)) => {
                     heads = vec![rules.goal()];
                     rules.touches.insert((*part, *atom), heads[0]);
-                    Origin::World
+                    RuleOrigin::World
                 }
             };
             for conditional in operator.conditional.iter() {
                 let conditions = operator.preconditions.iter().chain(conditional.conditions);
                 let body = conditions.map(|literal| index(*literal)).collect();
                 let heads = self::heads(conditional.effect);
-                rules.add(Rule { body, heads, origin });
+                rules.add(SuppositionRule { body, heads, origin });
             }
-            rules.add(Rule { body, heads, origin });
+            rules.add(SuppositionRule { body, heads, origin });
         }
         for axiom in &task.axioms {
             let body = axiom.body.iter().map(|literal| index(*literal)).collect();
             let heads = vec![index(Literal::new(axiom.head, true))];
-            rules.add(Rule { body, heads, origin: Origin::World });
+            rules.add(SuppositionRule { body, heads, origin: RuleOrigin::World });
         }
         rules
     }
@@ -185,7 +187,7 @@ impl Rules {
         }
     }
 
-    fn add(&mut self, rule: Rule) {
+    fn add(&mut self, rule: SuppositionRule) {
         for literal in &rule.body {
             self.readers[*literal].push(self.rules.len());
         }
@@ -198,32 +200,36 @@ impl Rules {
         self.readers.len() - 1
     }
 
-    fn supposition(&mut self, capability: usize, arguments: &[Name]) -> Origin {
-        let Some(agent) = arguments.first() else { return Origin::World };
+    fn supposition(&mut self, capability: usize, arguments: &[Name]) -> RuleOrigin {
+        let Some(agent) = arguments.first() else { return RuleOrigin::World };
         let number = u32::try_from(self.suppositions.len()).unwrap_or(u32::MAX);
         self.suppositions.push((capability, agent.clone()));
-        Origin::Suppose(number)
+        RuleOrigin::Suppose(number)
     }
 
-    fn placement(&mut self, placement: usize, arguments: &[Name]) -> Origin {
-        let Some((agent, others)) = arguments.split_first() else { return Origin::World };
-        let is_same = |group: &Group| group.placement == placement && group.agent == *agent;
+    fn placement(&mut self, placement: usize, arguments: &[Name]) -> RuleOrigin {
+        let Some((agent, others)) = arguments.split_first() else { return RuleOrigin::World };
+        let is_same = |group: &PlaceGroup| group.placement == placement && group.agent == *agent;
         let group = self.groups.iter().position(is_same).unwrap_or_else(|| {
             let (agent, values) = (agent.clone(), Vec::new());
-            self.groups.push(Group { placement, agent, values });
+            self.groups.push(PlaceGroup { placement, agent, values });
             self.groups.len() - 1
         });
         let values = &mut self.groups[group].values;
         values.push(others.to_vec());
-        Origin::Place(group, values.len() - 1)
+        RuleOrigin::Place(group, values.len() - 1)
     }
 
     /// Returns the parts of the goal that are reachable by the allowed rules. `steps` counts the work.
-    pub(super) fn reached(&self, allowed: impl Fn(Origin) -> bool, steps: &mut u64) -> Vec<usize> {
+    pub(super) fn reached(
+        &self,
+        allowed: impl Fn(RuleOrigin) -> bool,
+        steps: &mut u64,
+    ) -> Vec<usize> {
         let mut holds = vec![false; self.readers.len()];
         let mut open: Vec<usize> = self.rules.iter().map(|rule| rule.body.len()).collect();
         let mut queue = self.initial.clone();
-        let is_open = |rule: &Rule| allowed(rule.origin);
+        let is_open = |rule: &SuppositionRule| allowed(rule.origin);
         let free = self.rules.iter().filter(|rule| rule.body.is_empty() && is_open(rule));
         queue.extend(free.flat_map(|rule| rule.heads.iter().copied()));
         while let Some(literal) = queue.pop() {
@@ -257,10 +263,10 @@ fn heads(changes: Changes<'_>) -> Vec<usize> {
 // === impl Support ===
 
 impl Support {
-    pub(super) fn compute(rules: &Rules) -> Support {
-        let mut sets: Vec<Vec<Set>> = vec![Vec::new(); rules.readers.len()];
+    pub(super) fn compute(rules: &SuppositionRules) -> Support {
+        let mut sets: Vec<Vec<SuppositionSet>> = vec![Vec::new(); rules.readers.len()];
         for literal in &rules.initial {
-            sets[*literal].push(Set::default());
+            sets[*literal].push(SuppositionSet::default());
         }
         let (mut steps, mut is_complete) = (0, true);
         let mut queue: VecDeque<usize> = (0..rules.rules.len()).collect();
@@ -288,32 +294,37 @@ impl Support {
         }
         let of = |literal: &usize| sets[*literal].clone();
         let parts = rules.parts.iter().map(|(part, literal)| (*part, of(literal))).collect();
-        let holds = |literal: &usize| sets[*literal].contains(&Set::default());
+        let holds = |literal: &usize| sets[*literal].contains(&SuppositionSet::default());
         let touches = rules.touches.iter().map(|(at, literal)| (*at, holds(literal))).collect();
         Support { parts, touches, is_complete }
     }
 
     /// Whether a part of the goal is reachable without suppositions.
     pub(super) fn is_reached(&self, part: usize) -> bool {
-        self.parts.get(&part).is_some_and(|sets| sets.contains(&Set::default()))
+        self.parts.get(&part).is_some_and(|sets| sets.contains(&SuppositionSet::default()))
     }
 
     /// Whether a fact in a part of the goal is reachable without suppositions.
-    pub(super) fn is_touched(&self, part: usize, atom: usize) -> bool {
+    pub(super) fn is_fact_reached(&self, part: usize, atom: usize) -> bool {
         self.touches.get(&(part, atom)).copied().unwrap_or(false)
     }
 
     /// Returns the smallest sets of suppositions under which a part of the goal is reachable.
-    pub(super) fn sets(&self, part: usize) -> &[Set] {
+    pub(super) fn sets(&self, part: usize) -> &[SuppositionSet] {
         self.parts.get(&part).map_or(&[], Vec::as_slice)
     }
 }
 
 /// Returns the smallest sets under which the whole body of a rule is reachable.
-fn body_sets(rule: &Rule, sets: &[Vec<Set>], steps: &mut u64, is_complete: &mut bool) -> Vec<Set> {
+fn body_sets(
+    rule: &SuppositionRule,
+    sets: &[Vec<SuppositionSet>],
+    steps: &mut u64,
+    is_complete: &mut bool,
+) -> Vec<SuppositionSet> {
     let own = match rule.origin {
-        Origin::Suppose(number) => Set::of(number),
-        Origin::World | Origin::Place(..) => Set::default(),
+        RuleOrigin::Suppose(number) => SuppositionSet::of(number),
+        RuleOrigin::World | RuleOrigin::Place(..) => SuppositionSet::default(),
     };
     let mut whole = vec![own];
     for literal in &rule.body {

@@ -13,7 +13,7 @@ use pddl::{
     ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Span, Term, TypeExpr, Typed, Types,
 };
 
-use super::{Guard, Known, Who};
+use super::{ActionGuard, ExplanationInput, SupposedObject};
 
 /// Maximal number of former models that are used; each is checked separately.
 const FORMER_MAX: usize = 64;
@@ -25,7 +25,7 @@ const EXPLAINED: &str = "%explained";
 
 /// Meaning of an operator of the supposed task, by the name of its schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Meaning {
+pub(super) enum OperatorMeaning {
     /// An agent offers this capability.
     Suppose(usize),
     /// A fact about a new agent: index in [`Supposed::placements`].
@@ -37,19 +37,19 @@ pub(super) enum Meaning {
 }
 
 /// A fact about a new agent that can be supposed.
-pub(super) struct Supposable {
+pub(super) struct SupposableFact {
     pub(super) predicate: Name,
     /// Capability that requires it; `None` if another agent's capability does.
     pub(super) capability: Option<usize>,
 }
 
 /// The supposed task, with the meanings of its operators.
-pub(super) struct Supposed {
+pub(super) struct SupposedTask {
     pub(super) domain: Domain,
     pub(super) problem: Problem,
-    pub(super) meanings: BTreeMap<Name, Meaning>,
-    pub(super) capabilities: Vec<Guard>,
-    pub(super) placements: Vec<Supposable>,
+    pub(super) meanings: BTreeMap<Name, OperatorMeaning>,
+    pub(super) capabilities: Vec<ActionGuard>,
+    pub(super) placements: Vec<SupposableFact>,
     /// Ground facts that each part of the goal requires.
     pub(super) atoms: Vec<Vec<Atom>>,
     /// New agents and their types.
@@ -58,14 +58,14 @@ pub(super) struct Supposed {
 
 // === impl Supposed ===
 
-impl Supposed {
-    pub(super) fn new(known: Known<'_>, parts: &[Condition]) -> Supposed {
+impl SupposedTask {
+    pub(super) fn new(known: ExplanationInput<'_>, parts: &[Condition]) -> SupposedTask {
         let mut guards = known.guards.clone();
         let mut domain = known.domain.clone();
         for model in known.former.iter().take(FORMER_MAX) {
-            remember(&mut domain, &mut guards, model);
+            add_former_model(&mut domain, &mut guards, model);
         }
-        let mut supposed = Supposed {
+        let mut supposed = SupposedTask {
             problem: Problem { metric: None, ..known.problem.clone() },
             domain,
             meanings: BTreeMap::new(),
@@ -74,17 +74,17 @@ impl Supposed {
             atoms: Vec::new(),
             new: BTreeMap::new(),
         };
-        let acting: Vec<(ActionSchema, Guard)> = { supposed.domain.actions.iter() }
+        let acting: Vec<(ActionSchema, ActionGuard)> = { supposed.domain.actions.iter() }
             .filter_map(|action| Some((action.clone(), guards.get(&action.name)?.clone())))
             .filter(|(action, _)| action.agent.is_some())
             .collect();
         supposed.drop_numbers();
-        supposed.welcome(&acting);
+        supposed.add_new_agents(&acting);
         for (action, guard) in &acting {
-            supposed.suppose(action, guard, &guards);
+            supposed.add_offer_operator(action, guard, &guards);
         }
-        supposed.link(&acting, &guards);
-        parts.iter().for_each(|part| supposed.ask(part));
+        supposed.add_placing_operators(&acting, &guards);
+        parts.iter().for_each(|part| supposed.add_goal_operators(part));
         supposed
     }
 
@@ -101,7 +101,7 @@ impl Supposed {
         };
         let mut names = BTreeSet::new();
         for (name, meaning) in &self.meanings {
-            if let Meaning::Suppose(capability) = meaning
+            if let OperatorMeaning::Suppose(capability) = meaning
                 && adds(&Name::new(name.as_str().trim_start_matches("%suppose ")))
             {
                 names.insert(self.capabilities[*capability].outside.clone());
@@ -111,10 +111,10 @@ impl Supposed {
     }
 
     /// Returns whether an object is present or new, in the form for explanations.
-    pub(super) fn who(&self, object: &Name) -> Who {
+    pub(super) fn who(&self, object: &Name) -> SupposedObject {
         match self.new.get(object) {
-            Some(ty) => Who::New(ty.clone()),
-            None => Who::Here(object.clone()),
+            Some(ty) => SupposedObject::New(ty.clone()),
+            None => SupposedObject::Here(object.clone()),
         }
     }
 
@@ -137,7 +137,7 @@ impl Supposed {
 
     /// Adds a new agent for every type of agent that acts. It is in no action until it is supposed to
     /// be there.
-    fn welcome(&mut self, acting: &[(ActionSchema, Guard)]) {
+    fn add_new_agents(&mut self, acting: &[(ActionSchema, ActionGuard)]) {
         let objects = self.problem.objects.iter().map(|declared| &declared.object);
         let here: Vec<Name> =
             objects.chain(&self.domain.constants).map(|object| object.name.clone()).collect();
@@ -172,7 +172,12 @@ impl Supposed {
 
     /// Adds the operator by which agents offer an action, and those that make the action's facts about
     /// a new agent true.
-    fn suppose(&mut self, action: &ActionSchema, guard: &Guard, guards: &BTreeMap<Name, Guard>) {
+    fn add_offer_operator(
+        &mut self,
+        action: &ActionSchema,
+        guard: &ActionGuard,
+        guards: &BTreeMap<Name, ActionGuard>,
+    ) {
         let Some(agent) = &action.agent else { return };
         let capability = self.capabilities.len();
         self.capabilities.push(guard.clone());
@@ -181,7 +186,7 @@ impl Supposed {
         let effect = Effect::And(vec![Effect::Add(offers.clone()), Effect::Add(there)]);
         let name = format!("%suppose {}", action.name);
         let always = Condition::always();
-        self.act(&name, vec![agent.clone()], always, effect, Meaning::Suppose(capability));
+        self.act(&name, vec![agent.clone()], always, effect, OperatorMeaning::Suppose(capability));
         let mut facts = Vec::new();
         let mut scope: Vec<Typed> = action.parameters.clone();
         positive(&action.precondition, &mut scope, &mut |atom, scope| {
@@ -207,7 +212,11 @@ impl Supposed {
 
     /// Adds an operator that puts a present agent without a place onto a new one, for example a sensor
     /// after its robot has left.
-    fn link(&mut self, acting: &[(ActionSchema, Guard)], guards: &BTreeMap<Name, Guard>) {
+    fn add_placing_operators(
+        &mut self,
+        acting: &[(ActionSchema, ActionGuard)],
+        guards: &BTreeMap<Name, ActionGuard>,
+    ) {
         let mut changed = BTreeSet::new();
         let added = acting.iter().flat_map(|(action, _)| action.effect.added());
         changed.extend(added.map(|atom| atom.predicate.clone()));
@@ -279,18 +288,18 @@ impl Supposed {
         capability: Option<usize>,
     ) {
         let number = self.placements.len();
-        self.placements.push(Supposable { predicate: said.predicate.clone(), capability });
+        self.placements.push(SupposableFact { predicate: said.predicate.clone(), capability });
         let (name, effect) = (format!("%place {number}"), Effect::Add(said));
-        self.act(&name, parameters, Condition::And(wanted), effect, Meaning::Place(number));
+        self.act(&name, parameters, Condition::And(wanted), effect, OperatorMeaning::Place(number));
     }
 
     /// Adds the operators for a part of the goal and for the facts in it.
-    fn ask(&mut self, part: &Condition) {
+    fn add_goal_operators(&mut self, part: &Condition) {
         let number = self.atoms.len();
         let explained = || Effect::Add(atom(EXPLAINED, Vec::new()));
         let wanted = without_numbers(part, true);
         let name = format!("%reach {number}");
-        self.act(&name, Vec::new(), wanted, explained(), Meaning::Reach(number));
+        self.act(&name, Vec::new(), wanted, explained(), OperatorMeaning::Reach(number));
         let mut atoms: Vec<Atom> = Vec::new();
         positive(part, &mut Vec::new(), &mut |atom, _| {
             let is_ground = atom.arguments.iter().all(|term| matches!(term, Term::Object(_)));
@@ -301,7 +310,7 @@ impl Supposed {
         for (index, atom) in atoms.iter().enumerate() {
             let (name, wanted) =
                 (format!("%touch {number} {index}"), Condition::Atom(atom.clone()));
-            self.act(&name, Vec::new(), wanted, explained(), Meaning::Touch(number, index));
+            self.act(&name, Vec::new(), wanted, explained(), OperatorMeaning::Touch(number, index));
         }
         self.atoms.push(atoms);
     }
@@ -312,7 +321,7 @@ impl Supposed {
         parameters: Vec<Typed>,
         precondition: Condition,
         effect: Effect,
-        meaning: Meaning,
+        meaning: OperatorMeaning,
     ) {
         let (name, span) = (Name::new(name), Span::default());
         self.meanings.insert(name.clone(), meaning);
@@ -323,7 +332,11 @@ impl Supposed {
 }
 
 /// Adds the actions of a former agent's model, if they are compatible with the present domain.
-fn remember(domain: &mut Domain, guards: &mut BTreeMap<Name, Guard>, model: &ActionModel) {
+fn add_former_model(
+    domain: &mut Domain,
+    guards: &mut BTreeMap<Name, ActionGuard>,
+    model: &ActionModel,
+) {
     let mut with = domain.clone();
     let types = Types::of(domain);
     let new = model.types.iter().filter(|typed| !types.contains(typed.name.as_str()));
@@ -354,7 +367,7 @@ fn remember(domain: &mut Domain, guards: &mut BTreeMap<Name, Guard>, model: &Act
             ..action.clone()
         });
         let outside = action.name.clone();
-        guards.insert(name, Guard { outside, predicate });
+        guards.insert(name, ActionGuard { outside, predicate });
     }
     if !pddl::check_domain(&with).iter().any(pddl::Diagnostic::is_error) {
         *domain = with;
@@ -383,7 +396,7 @@ fn positive(condition: &Condition, scope: &mut Vec<Typed>, visit: &mut dyn FnMut
 }
 
 /// Whether a condition contains a comparison of numbers.
-pub(super) fn counts(condition: &Condition) -> bool {
+pub(super) fn has_comparison(condition: &Condition) -> bool {
     condition.parts().any(|part| matches!(part, Condition::Compare(_)))
 }
 

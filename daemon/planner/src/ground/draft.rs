@@ -2,24 +2,24 @@
 
 use rustc_hash::FxHashMap;
 
-use crate::task::{FactId, Literal, NumericChange, ObjectId, Operators};
+use crate::task::{FactId, Literal, NumericChange, ObjectId, OperatorTable};
 
 /// Preconditions, effects and cost collected so far. One draft is used for all bindings, to reuse its
 /// buffers.
 #[derive(Default)]
-pub(super) struct Draft {
+pub(super) struct OperatorDraft {
     pub(super) preconditions: Vec<Literal>,
-    pub(super) always: Changes,
-    conditional: Vec<(Vec<Literal>, Changes)>,
+    pub(super) always: ChangesDraft,
+    conditional: Vec<(Vec<Literal>, ChangesDraft)>,
     /// Position of each condition in `conditional`; filled only if there are many.
     positions: FxHashMap<Vec<Literal>, usize>,
     pub(super) cost: f64,
-    combined: Changes,
+    combined: ChangesDraft,
 }
 
 /// An effect under construction.
 #[derive(Clone, Default)]
-pub(super) struct Changes {
+pub(super) struct ChangesDraft {
     pub(super) adds: Vec<FactId>,
     pub(super) deletes: Vec<FactId>,
     pub(super) numeric: Vec<NumericChange>,
@@ -30,7 +30,7 @@ const FEW_CONDITIONS: usize = 8;
 
 // === impl Draft ===
 
-impl Draft {
+impl OperatorDraft {
     pub(super) fn clear(&mut self) {
         self.preconditions.clear();
         self.always.clear();
@@ -40,7 +40,7 @@ impl Draft {
     }
 
     /// Returns the changes under a sorted condition; an empty condition means the unconditional effect.
-    pub(super) fn under(&mut self, conditions: &[Literal]) -> &mut Changes {
+    pub(super) fn under(&mut self, conditions: &[Literal]) -> &mut ChangesDraft {
         if conditions.is_empty() {
             return &mut self.always;
         }
@@ -50,7 +50,7 @@ impl Draft {
             self.positions.get(conditions).copied()
         };
         let position = known.unwrap_or_else(|| {
-            self.conditional.push((conditions.to_vec(), Changes::default()));
+            self.conditional.push((conditions.to_vec(), ChangesDraft::default()));
             self.note_positions();
             self.conditional.len() - 1
         });
@@ -77,9 +77,9 @@ impl Draft {
         schema: u32,
         arguments: &[ObjectId],
         preconditions: &[Literal],
-        operators: &mut Operators,
+        operators: &mut OperatorTable,
     ) {
-        let Draft { always, conditional, combined, .. } = self;
+        let OperatorDraft { always, conditional, combined, .. } = self;
         // Conditions that the precondition implies are dropped; effects that it contradicts cannot
         // happen.
         let is_known = |literal: &Literal| preconditions.binary_search(literal).is_ok();
@@ -102,11 +102,11 @@ impl Draft {
             changes.tidy(&combined.adds);
             if !changes.is_empty() {
                 let conditions = conditions.iter().filter(|literal| !is_known(literal)).copied();
-                let Changes { adds, deletes, numeric } = changes;
+                let ChangesDraft { adds, deletes, numeric } = changes;
                 operators.push_conditional(conditions, adds, deletes, numeric);
             }
         }
-        let Changes { adds, deletes, numeric } = combined;
+        let ChangesDraft { adds, deletes, numeric } = combined;
         // Facts that already hold need not be added, and facts that do not hold need not be deleted.
         adds.retain(|fact| !is_known(&Literal::new(*fact, true)));
         deletes.retain(|fact| !is_known(&Literal::new(*fact, false)));
@@ -117,14 +117,14 @@ impl Draft {
 
 // === impl Changes ===
 
-impl Changes {
+impl ChangesDraft {
     fn clear(&mut self) {
         self.adds.clear();
         self.deletes.clear();
         self.numeric.clear();
     }
 
-    fn extend(&mut self, other: &Changes) {
+    fn extend(&mut self, other: &ChangesDraft) {
         self.adds.extend_from_slice(&other.adds);
         self.deletes.extend_from_slice(&other.deletes);
         self.numeric.extend_from_slice(&other.numeric);

@@ -1,15 +1,15 @@
 //! Builds the task from raw facts: facts that never change are folded away, facts and operators that
 //! are irrelevant to the goal are dropped, and the remaining facts are numbered without gaps.
 
-use super::drawn::{Layout, Raw};
+use super::ground_fluents::GroundFluents;
+use super::grounding_meter::GroundingMeter;
+use super::raw_instances::{FactLayout, RawTask};
 use super::relation::Relation;
-use super::values::Values;
-use super::work::Work;
 use crate::heuristic::STEPS_PER_COST;
 use crate::normalize::lifted::Lifted;
-use crate::operators::{Operators, Renumbering};
+use crate::operators::{OperatorTable, Renumbering};
 use crate::outcome::{StopReason, Unprovable};
-use crate::task::{Axiom, Changes, FactId, Literal, Operator, Task};
+use crate::task::{Changes, FactId, GroundAxiom, GroundOperator, Literal, Task};
 
 /// Greatest cost that is counted exactly. Searches multiply costs by [`STEPS_PER_COST`] and add them
 /// up.
@@ -20,7 +20,7 @@ const COST_MAX: f64 = (u64::MAX / STEPS_PER_COST / 2) as f64;
 const COST_ROUNDED_MAX: f64 = COST_MAX / 1e6;
 
 /// Initial state, over raw facts.
-pub(super) struct Start {
+pub(super) struct RawInitialState {
     /// Per row of a relation: whether it holds initially.
     pub(super) initial: Vec<bool>,
     /// Per dense index: whether the fact is known to be false in every reachable state.
@@ -33,12 +33,12 @@ pub(super) struct Start {
 pub(super) fn finish(
     lifted: &Lifted,
     relations: &[Relation],
-    start: Start,
-    mut raw: Raw,
-    work: &mut Work<'_>,
+    start: RawInitialState,
+    mut raw: RawTask,
+    work: &mut GroundingMeter<'_>,
 ) -> Result<Option<Task>, StopReason> {
-    let Start { initial, never, values } = start;
-    let facts = Facts::new(lifted, &raw.layout, &raw.operators, initial, never);
+    let RawInitialState { initial, never, values } = start;
+    let facts = RawFacts::new(lifted, &raw.layout, &raw.operators, initial, never);
     let Some(goal) = raw.goal.as_deref().and_then(|goal| facts.fold(goal)) else {
         return Ok(None);
     };
@@ -78,17 +78,17 @@ pub(super) fn finish(
     for axiom in &raw.axioms {
         if let Some(head) = numbering.fact(axiom.head) {
             let body = numbering.literals(&axiom.body).into_boxed_slice();
-            task.axioms.push(Axiom { head, body, stratum: axiom.stratum as u32 });
+            task.axioms.push(GroundAxiom { head, body, stratum: axiom.stratum as u32 });
         }
     }
     task.axioms.sort_by_key(|axiom| axiom.stratum);
     // An operator that is irrelevant to the goal may still improve the metric.
-    let pays = raw.pays || facts.pays(&raw.operators);
+    let pays = raw.has_negative_cost || facts.pays(&raw.operators);
     raw.operators.renumber(&numbering);
     task.operators = raw.operators;
     set_costs(&mut task, lifted.costs.weights.is_none());
     if pays {
-        task.unprovable = Some(Unprovable::Pays);
+        task.unprovable = Some(Unprovable::NegativeCosts);
     }
     if lifted.costs.varies {
         task.costs_equal = false;
@@ -144,8 +144,8 @@ fn countable(exact: Option<f64>, costs: &[u64]) -> (f64, Option<Unprovable>) {
 }
 
 /// Properties of every raw fact, by dense index: rows of relations, comparisons, auxiliaries.
-struct Facts<'l> {
-    layout: &'l Layout,
+struct RawFacts<'l> {
+    layout: &'l FactLayout,
     /// End of the rows of relations.
     basic_end: usize,
     comparison_end: usize,
@@ -161,36 +161,36 @@ struct Facts<'l> {
 
 // === impl Start ===
 
-impl Start {
+impl RawInitialState {
     /// Returns the initial state that the relations were filled from.
     pub(super) fn initial(
         lifted: &Lifted,
         relations: &[Relation],
-        values: &Values,
-        raw: &Raw,
-    ) -> Start {
+        values: &GroundFluents,
+        raw: &RawTask,
+    ) -> RawInitialState {
         let mut initial = vec![false; raw.layout.comparison_offset];
         for (index, start) in raw.layout.offsets[..lifted.predicates.len()].iter().enumerate() {
             initial[*start..*start + relations[index].initial].fill(true);
         }
         let never = vec![false; raw.layout.dense_end()];
-        Start { initial, never, values: values.fluents.clone() }
+        RawInitialState { initial, never, values: values.fluents.clone() }
     }
 }
 
 // === impl Facts ===
 
-impl<'l> Facts<'l> {
+impl<'l> RawFacts<'l> {
     fn new(
         lifted: &Lifted,
-        layout: &'l Layout,
-        operators: &Operators,
+        layout: &'l FactLayout,
+        operators: &OperatorTable,
         initial: Vec<bool>,
         never: Vec<bool>,
-    ) -> Facts<'l> {
+    ) -> RawFacts<'l> {
         let basic_end = layout.comparison_offset;
         let (comparison_end, end) = (layout.comparison_end(), layout.dense_end());
-        let mut facts = Facts {
+        let mut facts = RawFacts {
             basic_end,
             comparison_end,
             end,
@@ -209,7 +209,7 @@ impl<'l> Facts<'l> {
     }
 
     /// Finds the constant facts: basic facts that hold initially and that no operator deletes.
-    fn find_constant(&mut self, operators: &Operators) {
+    fn find_constant(&mut self, operators: &OperatorTable) {
         let holds = self.initial.iter().zip(&self.derived);
         self.always = holds.map(|(initial, derived)| *initial && !derived).collect();
         self.always.resize(self.end, false);
@@ -220,12 +220,12 @@ impl<'l> Facts<'l> {
         }
     }
 
-    fn never_applies(&self, operator: Operator<'_>) -> bool {
+    fn never_applies(&self, operator: GroundOperator<'_>) -> bool {
         operator.preconditions.iter().any(|literal| self.is_impossible(*literal))
     }
 
     /// Whether some operator that may be applicable has a negative cost.
-    fn pays(&self, operators: &Operators) -> bool {
+    fn pays(&self, operators: &OperatorTable) -> bool {
         let mut paying = operators.iter().filter(|one| f64::from_bits(one.cost) < 0.0);
         paying.any(|operator| !self.never_applies(operator))
     }
@@ -257,7 +257,7 @@ impl<'l> Facts<'l> {
 }
 
 /// Returns the unconditional effect and all conditional effects of an operator.
-fn all_changes(operator: Operator<'_>) -> impl Iterator<Item = Changes<'_>> {
+fn all_changes(operator: GroundOperator<'_>) -> impl Iterator<Item = Changes<'_>> {
     std::iter::once(operator.effect).chain(operator.conditional.iter().map(|one| one.effect))
 }
 
@@ -271,10 +271,10 @@ struct Relevance {
 
 impl Relevance {
     fn compute(
-        facts: &Facts<'_>,
-        raw: &Raw,
+        facts: &RawFacts<'_>,
+        raw: &RawTask,
         goal: &[Literal],
-        work: &mut Work<'_>,
+        work: &mut GroundingMeter<'_>,
     ) -> Result<Relevance, StopReason> {
         let mut relevance = Relevance { facts: vec![false; facts.end], waiting: Vec::new() };
         let changers = Changers::new(facts, raw);
@@ -293,7 +293,7 @@ impl Relevance {
             }
             for &operator in changers.operators.row(fact) {
                 if !std::mem::replace(&mut operators[operator as usize], true) {
-                    work.breathe()?;
+                    work.count_unit()?;
                     relevance.want_of(facts, raw.operators.get(operator as usize));
                 }
             }
@@ -302,7 +302,7 @@ impl Relevance {
     }
 
     /// Marks all conditions of an operator as relevant, unless it is never applicable.
-    fn want_of(&mut self, facts: &Facts<'_>, operator: Operator<'_>) {
+    fn want_of(&mut self, facts: &RawFacts<'_>, operator: GroundOperator<'_>) {
         if facts.never_applies(operator) {
             return;
         }
@@ -314,7 +314,7 @@ impl Relevance {
         }
     }
 
-    fn want(&mut self, facts: &Facts<'_>, literals: &[Literal]) {
+    fn want(&mut self, facts: &RawFacts<'_>, literals: &[Literal]) {
         for literal in literals {
             let index = facts.layout.dense(literal.fact());
             if !self.facts[index] && !facts.is_constant(index) {
@@ -328,12 +328,12 @@ impl Relevance {
 /// Per fact, the axioms and operators that can change it. For a comparison, the operators that change a
 /// number it depends on.
 struct Changers {
-    axioms: Rows,
-    operators: Rows,
+    axioms: ChangerRows,
+    operators: ChangerRows,
 }
 
 /// Lists of `u32` in one array.
-struct Rows {
+struct ChangerRows {
     starts: Vec<u32>,
     items: Vec<u32>,
 }
@@ -341,7 +341,7 @@ struct Rows {
 // === impl Changers ===
 
 impl Changers {
-    fn new(facts: &Facts<'_>, raw: &Raw) -> Changers {
+    fn new(facts: &RawFacts<'_>, raw: &RawTask) -> Changers {
         let axioms = |visit: &mut dyn FnMut(usize, u32)| {
             for (index, axiom) in raw.axioms.iter().enumerate() {
                 visit(facts.layout.dense(axiom.head), index as u32);
@@ -366,14 +366,14 @@ impl Changers {
             }
         };
         Changers {
-            axioms: Rows::new(facts.end, axioms),
-            operators: Rows::new(facts.end, operators),
+            axioms: ChangerRows::new(facts.end, axioms),
+            operators: ChangerRows::new(facts.end, operators),
         }
     }
 }
 
 /// Returns, per numeric fluent, the comparisons that read it.
-fn readers(facts: &Facts<'_>, raw: &Raw) -> Vec<Vec<usize>> {
+fn readers(facts: &RawFacts<'_>, raw: &RawTask) -> Vec<Vec<usize>> {
     let mut readers: Vec<Vec<usize>> = Vec::new();
     let mut note = |fluent: u32, comparison: Option<usize>| {
         let needed = (fluent as usize + 1).max(readers.len());
@@ -393,10 +393,10 @@ fn readers(facts: &Facts<'_>, raw: &Raw) -> Vec<Vec<usize>> {
 
 // === impl Rows ===
 
-impl Rows {
+impl ChangerRows {
     /// Builds the lists from pairs of list and item. `each` passes all pairs to its argument; it is
     /// called twice and must pass the same pairs each time.
-    fn new(count: usize, each: impl Fn(&mut dyn FnMut(usize, u32))) -> Rows {
+    fn new(count: usize, each: impl Fn(&mut dyn FnMut(usize, u32))) -> ChangerRows {
         let mut starts = vec![0u32; count + 1];
         each(&mut |key, _| starts[key] += 1);
         let mut sum = 0;
@@ -410,7 +410,7 @@ impl Rows {
             starts[key] -= 1;
             items[starts[key] as usize] = item;
         });
-        Rows { starts, items }
+        ChangerRows { starts, items }
     }
 
     fn row(&self, key: usize) -> &[u32] {
@@ -420,7 +420,7 @@ impl Rows {
 
 /// New fact numbers: basic facts first, then comparisons, then derived facts.
 struct Numbering<'f> {
-    facts: &'f Facts<'f>,
+    facts: &'f RawFacts<'f>,
     fact_count: usize,
     basic_count: usize,
     /// Per dense index: the new number; `None` for facts that are dropped.
@@ -430,7 +430,7 @@ struct Numbering<'f> {
 // === impl Numbering ===
 
 impl<'f> Numbering<'f> {
-    fn new(facts: &'f Facts<'f>, relevance: &Relevance) -> Numbering<'f> {
+    fn new(facts: &'f RawFacts<'f>, relevance: &Relevance) -> Numbering<'f> {
         let is_comparison = |index: usize| (facts.basic_end..facts.comparison_end).contains(&index);
         let mut ids = vec![None; facts.end];
         let mut next = 0;
@@ -460,7 +460,7 @@ impl<'f> Numbering<'f> {
 
 impl Renumbering for Numbering<'_> {
     /// Keeps operators that may be applicable and change something relevant.
-    fn keeps(&self, operator: Operator<'_>) -> bool {
+    fn keeps(&self, operator: GroundOperator<'_>) -> bool {
         let mut conditional = operator.conditional.iter();
         (self.matters(operator.effect)
             || conditional.any(|one| self.keeps_effect(one.conditions, one.effect)))

@@ -6,18 +6,18 @@ use std::sync::Arc;
 use pddl::{Assignment, Diagnostic, Operator as Arithmetic};
 
 use super::action_relation;
-use super::condition::{Condition, tidy};
-use super::draft::Draft;
+use super::conjunction_template::{ConjunctionTemplate, tidy};
+use super::draft::OperatorDraft;
+use super::formula_template::{FormulaGrounder, FormulaTemplate, enumeration};
+use super::ground_fluents::ExpressionValue;
+use super::ground_formula::{Auxiliaries, GroundFormula, RawAxiom};
+use super::grounding_meter::GroundingMeter;
 use super::join::{Catalog, JoinPlan};
-use super::node::{Grounder, Node, enumeration};
-use super::tree::{Auxiliaries, RawAxiom, Tree};
-use super::values::Grounded;
-use super::work::Work;
 use crate::normalize::lifted::{
-    Formula, Lifted, LiftedEffect, LiftedFluent, LiftedNumeric, Schema, Slot, TypeIndex,
+    Formula, Lifted, LiftedEffect, LiftedFluent, LiftedNumeric, LiftedSchema, SlotIndex, TypeIndex,
 };
 use crate::outcome::StopReason;
-use crate::task::{FactId, GroundExpression, Literal, NumericChange, ObjectId, Operators};
+use crate::task::{FactId, GroundExpression, Literal, NumericChange, ObjectId, OperatorTable};
 
 /// Maximal number of conjunctions that a precondition is expanded into. Beyond it, disjunctions in it
 /// become auxiliary facts.
@@ -28,56 +28,56 @@ const CONDITION_ALTERNATIVES_MAX: usize = 4;
 
 /// State of the instantiation: the inputs, the outputs, and buffers that are used again.
 pub(super) struct Instantiation<'g, 'w, 'c> {
-    pub(super) grounder: Grounder<'g>,
+    pub(super) grounder: FormulaGrounder<'g>,
     pub(super) auxiliaries: &'g mut Auxiliaries,
-    pub(super) operators: &'g mut Operators,
+    pub(super) operators: &'g mut OperatorTable,
     pub(super) axioms: &'g mut Vec<RawAxiom>,
     pub(super) warnings: &'g mut Vec<Diagnostic>,
-    pub(super) work: &'w mut Work<'c>,
+    pub(super) work: &'w mut GroundingMeter<'c>,
     /// Stratum above those of all axioms, for auxiliary facts of preconditions.
     pub(super) top: usize,
     /// Bytes taken by axioms.
     pub(super) bytes: usize,
-    pub(super) draft: Draft,
+    pub(super) draft: OperatorDraft,
     pub(super) literals: Vec<Literal>,
     pub(super) bindings: Vec<ObjectId>,
 }
 
 /// Callback for every binding of an effect's variables.
-type Instance<'f, I> = &'f mut dyn FnMut(&mut I, &mut [ObjectId]) -> Result<(), StopReason>;
+type BindingCallback<'f, I> = &'f mut dyn FnMut(&mut I, &mut [ObjectId]) -> Result<(), StopReason>;
 
 /// A schema, compiled for instantiation.
-pub(super) struct Ready<'s> {
+pub(super) struct SchemaTemplate<'s> {
     pub(super) index: usize,
-    schema: &'s Schema,
-    precondition: Condition,
-    effects: Vec<Guarded<'s, LiftedEffect>>,
-    numeric: Vec<Guarded<'s, LiftedNumeric>>,
+    schema: &'s LiftedSchema,
+    precondition: ConjunctionTemplate,
+    effects: Vec<EffectTemplate<'s, LiftedEffect>>,
+    numeric: Vec<EffectTemplate<'s, LiftedNumeric>>,
 }
 
 /// A part of an effect, with its condition.
-struct Guarded<'s, T> {
+struct EffectTemplate<'s, T> {
     /// Join that binds the variables of the effect's own quantifiers; `None` if it has none.
     plan: Option<JoinPlan>,
-    condition: Condition,
+    condition: ConjunctionTemplate,
     part: &'s T,
 }
 
 /// One alternative of an axiom, compiled. Each binding of its parameters and outer `exists` gives an
 /// axiom.
-pub(super) struct ReadyAxiom {
+pub(super) struct AxiomTemplate {
     head: usize,
     parameter_count: usize,
     /// Types of the variables; shared by all alternatives of one axiom.
     frame: Arc<[TypeIndex]>,
     plan: JoinPlan,
-    body: Condition,
+    body: ConjunctionTemplate,
     stratum: usize,
 }
 
 /// Compiles every disjunct of every axiom's body as an alternative of its own, with its outer `exists`
 /// removed.
-pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
+pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<AxiomTemplate> {
     let mut ready = Vec::new();
     for axiom in &catalog.lifted.axioms {
         let whole = std::slice::from_ref(&axiom.body);
@@ -88,16 +88,16 @@ pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
         let frame: Arc<[TypeIndex]> = axiom.frame.as_slice().into();
         for alternative in alternatives {
             let (slots, body) = open(alternative);
-            let parameters = 0..axiom.parameter_count as Slot;
-            let slots: Vec<Slot> = parameters.chain(slots).collect();
+            let parameters = 0..axiom.parameter_count as SlotIndex;
+            let slots: Vec<SlotIndex> = parameters.chain(slots).collect();
             let mut bound = vec![false; axiom.frame.len()];
             let plan = enumeration(catalog, &axiom.frame, &slots, &body, true, &mut bound);
-            ready.push(ReadyAxiom {
+            ready.push(AxiomTemplate {
                 head: axiom.head,
                 parameter_count: axiom.parameter_count,
                 frame: Arc::clone(&frame),
                 plan,
-                body: Condition::compile(catalog, &axiom.frame, &body, &mut bound, false),
+                body: ConjunctionTemplate::compile(catalog, &axiom.frame, &body, &mut bound, false),
                 stratum: axiom.stratum,
             });
         }
@@ -107,7 +107,7 @@ pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
 
 /// Removes the `exists` from a formula that is one, or from the first one in a conjunction. Returns its
 /// variables and the formula without it; no variables if there is none.
-fn open(formula: &Formula) -> (Vec<Slot>, Formula) {
+fn open(formula: &Formula) -> (Vec<SlotIndex>, Formula) {
     match formula {
         Formula::Exists(slots, inner) => (slots.clone(), inner.as_ref().clone()),
         Formula::And(parts) => {
@@ -128,43 +128,56 @@ fn open(formula: &Formula) -> (Vec<Slot>, Formula) {
 
 // === impl Ready ===
 
-impl<'s> Ready<'s> {
-    pub(super) fn new(catalog: &mut Catalog<'_>, index: usize, schema: &'s Schema) -> Ready<'s> {
+impl<'s> SchemaTemplate<'s> {
+    pub(super) fn new(
+        catalog: &mut Catalog<'_>,
+        index: usize,
+        schema: &'s LiftedSchema,
+    ) -> SchemaTemplate<'s> {
         let frame = &schema.frame;
         let mut bound = vec![false; frame.len()];
         bound[..schema.parameter_count].fill(true);
-        let precondition =
-            Condition::compile(catalog, frame, &schema.precondition, &mut bound.clone(), true);
-        let mut guard = |variables: &[Slot], condition: &Formula| {
+        let precondition = ConjunctionTemplate::compile(
+            catalog,
+            frame,
+            &schema.precondition,
+            &mut bound.clone(),
+            true,
+        );
+        let mut guard = |variables: &[SlotIndex], condition: &Formula| {
             let mut bound = bound.clone();
             let plan = (!variables.is_empty())
                 .then(|| enumeration(catalog, frame, variables, condition, true, &mut bound));
-            (plan, Condition::compile(catalog, frame, condition, &mut bound, false))
+            (plan, ConjunctionTemplate::compile(catalog, frame, condition, &mut bound, false))
         };
         let mut effects = Vec::new();
         for part in &schema.effects {
             let (plan, condition) = guard(&part.variables, &part.condition);
-            effects.push(Guarded { plan, condition, part });
+            effects.push(EffectTemplate { plan, condition, part });
         }
         let mut numeric = Vec::new();
         for part in &schema.numeric {
             let (plan, condition) = guard(&part.variables, &part.condition);
-            numeric.push(Guarded { plan, condition, part });
+            numeric.push(EffectTemplate { plan, condition, part });
         }
-        Ready { index, schema, precondition, effects, numeric }
+        SchemaTemplate { index, schema, precondition, effects, numeric }
     }
 }
 
 // === impl Instantiation ===
 
 impl Instantiation<'_, '_, '_> {
-    pub(super) fn schema(&mut self, ready: &Ready<'_>, first_row: usize) -> Result<(), StopReason> {
+    pub(super) fn schema(
+        &mut self,
+        ready: &SchemaTemplate<'_>,
+        first_row: usize,
+    ) -> Result<(), StopReason> {
         let relations = self.grounder.relations;
         let relation = &relations[action_relation(self.grounder.lifted, ready.index)];
         let mut binding = vec![ObjectId::from_index(0); ready.schema.frame.len().max(1)];
         let mut draft = std::mem::take(&mut self.draft);
         for row in first_row..relation.len() {
-            self.work.breathe()?;
+            self.work.count_unit()?;
             let arguments = relation.row(row);
             binding[..arguments.len()].copy_from_slice(arguments);
             self.operator(ready, arguments, &mut binding, &mut draft)?;
@@ -176,10 +189,10 @@ impl Instantiation<'_, '_, '_> {
 
     fn operator(
         &mut self,
-        ready: &Ready<'_>,
+        ready: &SchemaTemplate<'_>,
         arguments: &[ObjectId],
         binding: &mut [ObjectId],
-        draft: &mut Draft,
+        draft: &mut OperatorDraft,
     ) -> Result<(), StopReason> {
         draft.clear();
         if ready.schema.piece_of.is_none() {
@@ -189,7 +202,7 @@ impl Instantiation<'_, '_, '_> {
         let Instantiation { grounder, work, .. } = self;
         let mut rest =
             ready.precondition.ground(grounder, frame, binding, work, &mut draft.preconditions)?;
-        if rest == Tree::False {
+        if rest == GroundFormula::False {
             return Ok(());
         }
         for guarded in &ready.effects {
@@ -204,8 +217,8 @@ impl Instantiation<'_, '_, '_> {
         }
         let schema = ready.index as u32;
         match rest {
-            Tree::False => (),
-            Tree::True => {
+            GroundFormula::False => (),
+            GroundFormula::True => {
                 let preconditions = std::mem::take(&mut draft.preconditions);
                 draft.operator(schema, arguments, &preconditions, self.operators);
                 draft.preconditions = preconditions;
@@ -225,12 +238,12 @@ impl Instantiation<'_, '_, '_> {
 
     fn effect(
         &mut self,
-        guarded: &Guarded<'_, LiftedEffect>,
+        guarded: &EffectTemplate<'_, LiftedEffect>,
         frame: &[TypeIndex],
         binding: &mut [ObjectId],
-        draft: &mut Draft,
+        draft: &mut OperatorDraft,
     ) -> Result<(), StopReason> {
-        let Guarded { plan, condition, part } = guarded;
+        let EffectTemplate { plan, condition, part } = guarded;
         self.each(plan.as_ref(), frame, binding, &mut |this, binding| {
             let Some(fact) = this.grounder.fact(&part.atom, binding) else { return Ok(()) };
             let tree = this.condition(condition, frame, binding)?;
@@ -239,8 +252,8 @@ impl Instantiation<'_, '_, '_> {
                 if part.adds { changes.adds.push(fact) } else { changes.deletes.push(fact) }
             };
             match tree {
-                Tree::False => (),
-                Tree::True => add(&this.literals),
+                GroundFormula::False => (),
+                GroundFormula::True => add(&this.literals),
                 tree => {
                     let max = CONDITION_ALTERNATIVES_MAX;
                     for mut conditions in this.auxiliaries.conjunctions(&tree, max, this.top) {
@@ -258,10 +271,10 @@ impl Instantiation<'_, '_, '_> {
     /// Grounds a condition. The literals are left in `self.literals`; the other parts are returned.
     fn condition(
         &mut self,
-        condition: &Condition,
+        condition: &ConjunctionTemplate,
         frame: &[TypeIndex],
         binding: &mut [ObjectId],
-    ) -> Result<Tree, StopReason> {
+    ) -> Result<GroundFormula, StopReason> {
         let Instantiation { grounder, work, literals, .. } = self;
         literals.clear();
         condition.ground(grounder, frame, binding, work, literals)
@@ -269,14 +282,14 @@ impl Instantiation<'_, '_, '_> {
 
     fn numeric(
         &mut self,
-        guarded: &Guarded<'_, LiftedNumeric>,
-        ready: &Ready<'_>,
+        guarded: &EffectTemplate<'_, LiftedNumeric>,
+        ready: &SchemaTemplate<'_>,
         binding: &mut [ObjectId],
-        draft: &mut Draft,
-        rest: &mut Tree,
+        draft: &mut OperatorDraft,
+        rest: &mut GroundFormula,
     ) -> Result<(), StopReason> {
         let lifted = self.grounder.lifted;
-        let Guarded { plan, condition, part: change } = guarded;
+        let EffectTemplate { plan, condition, part: change } = guarded;
         let frame = &ready.schema.frame;
         let function = change.fluent.function;
         // Two changes of one fluent may contradict each other, so both must be kept as numeric changes.
@@ -287,34 +300,39 @@ impl Instantiation<'_, '_, '_> {
         let is_counted = weights.iter().any(|(weighted, ..)| *weighted == function);
         self.each(plan.as_ref(), frame, binding, &mut |this, binding| {
             let tree = this.condition(condition, frame, binding)?;
-            if tree == Tree::False {
+            if tree == GroundFormula::False {
                 return Ok(());
             }
             let values = &mut this.grounder.values;
             let mut value = values.ground(&change.value, binding);
-            if change.assignment == Assignment::ScaleDown && value == Grounded::Fixed(0.0) {
-                value = Grounded::Undefined;
+            if change.assignment == Assignment::ScaleDown && value == ExpressionValue::Fixed(0.0) {
+                value = ExpressionValue::Undefined;
             }
             let is_defined = change.assignment == Assignment::Assign
                 || is_fluent
                 || values.initially(&change.fluent, binding).is_some();
-            if value == Grounded::Undefined || !is_defined {
+            if value == ExpressionValue::Undefined || !is_defined {
                 this.warn_undefined(change, ready.schema);
                 let whole = this.whole(tree);
-                *rest = Tree::and([std::mem::replace(rest, Tree::True), whole.negated()]);
+                *rest = GroundFormula::and([
+                    std::mem::replace(rest, GroundFormula::True),
+                    whole.negated(),
+                ]);
                 return Ok(());
             }
             let at_first = match &value {
-                Grounded::Fixed(amount) => Some(*amount),
-                Grounded::Varying(amount) => values.at_first(amount),
-                Grounded::Undefined => None,
+                ExpressionValue::Fixed(amount) => Some(*amount),
+                ExpressionValue::Varying(amount) => values.initial_value(amount),
+                ExpressionValue::Undefined => None,
             };
             if let (true, Some(amount)) = (is_counted, at_first) {
                 let more = cost(lifted, &change.fluent, binding, change.assignment, amount);
                 draft.cost = Arithmetic::Add.apply(draft.cost, more);
             }
             let is_uncertain = match &value {
-                Grounded::Varying(amount) => !is_counted || at_first.is_none() || amount.may_fail(),
+                ExpressionValue::Varying(amount) => {
+                    !is_counted || at_first.is_none() || amount.may_fail()
+                }
                 value => may_outgrow(change.assignment, value),
             };
             let may_conflict = is_followed && change.assignment == Assignment::Assign;
@@ -322,9 +340,9 @@ impl Instantiation<'_, '_, '_> {
             let follow = is_uncertain || may_conflict || (is_followed && is_read);
             if follow {
                 let value = match value {
-                    Grounded::Fixed(number) => GroundExpression::Number(number),
-                    Grounded::Varying(expression) => expression,
-                    Grounded::Undefined => return Ok(()),
+                    ExpressionValue::Fixed(number) => GroundExpression::Number(number),
+                    ExpressionValue::Varying(expression) => expression,
+                    ExpressionValue::Undefined => return Ok(()),
                 };
                 let fluent = this.grounder.values.fluent(&change.fluent, binding);
                 let change = NumericChange { fluent, assignment: change.assignment, value };
@@ -339,9 +357,9 @@ impl Instantiation<'_, '_, '_> {
     }
 
     /// Returns the condition that was ground last as one tree; `rest` is its part that is not literals.
-    fn whole(&self, rest: Tree) -> Tree {
-        let literals = self.literals.iter().map(|literal| Tree::Literal(*literal));
-        Tree::and(literals.chain([rest]))
+    fn whole(&self, rest: GroundFormula) -> GroundFormula {
+        let literals = self.literals.iter().map(|literal| GroundFormula::Literal(*literal));
+        GroundFormula::and(literals.chain([rest]))
     }
 
     /// Calls `found` for every binding of an effect's variables.
@@ -350,7 +368,7 @@ impl Instantiation<'_, '_, '_> {
         plan: Option<&JoinPlan>,
         frame: &[TypeIndex],
         binding: &mut [ObjectId],
-        found: Instance<'_, Self>,
+        found: BindingCallback<'_, Self>,
     ) -> Result<(), StopReason> {
         let Some(plan) = plan else { return found(self, binding) };
         let mut bindings = std::mem::take(&mut self.bindings);
@@ -363,21 +381,21 @@ impl Instantiation<'_, '_, '_> {
         Ok(())
     }
 
-    pub(super) fn axiom(&mut self, axiom: &ReadyAxiom) -> Result<(), StopReason> {
+    pub(super) fn axiom(&mut self, axiom: &AxiomTemplate) -> Result<(), StopReason> {
         let relation = &self.grounder.relations[axiom.head];
         // The binding has at least one entry, so that even a join without variables yields a chunk.
         let mut binding = vec![ObjectId::from_index(0); axiom.frame.len().max(1)];
         let mut bindings = Vec::new();
-        let ReadyAxiom { plan, body, frame, stratum, .. } = axiom;
+        let AxiomTemplate { plan, body, frame, stratum, .. } = axiom;
         self.grounder.bindings(plan, frame, &mut binding, self.work, &mut bindings)?;
         for inside in bindings.chunks_exact_mut(binding.len()) {
-            self.work.breathe()?;
+            self.work.count_unit()?;
             let Some(row) = relation.find(&inside[..axiom.parameter_count]) else { continue };
             let head = FactId::from_index(self.grounder.offsets[axiom.head] + row);
             let tree = self.condition(body, frame, inside)?;
             let bodies = match tree {
-                Tree::False => Vec::new(),
-                Tree::True => vec![self.literals.clone()],
+                GroundFormula::False => Vec::new(),
+                GroundFormula::True => vec![self.literals.clone()],
                 tree => {
                     let whole = self.whole(tree);
                     self.auxiliaries.conjunctions(&whole, PRECONDITION_ALTERNATIVES_MAX, *stratum)
@@ -394,7 +412,7 @@ impl Instantiation<'_, '_, '_> {
 
     pub(super) fn goal(
         &mut self,
-        goal: &Node,
+        goal: &FormulaTemplate,
         frame: &[TypeIndex],
     ) -> Result<Option<Vec<Literal>>, StopReason> {
         let mut binding = vec![ObjectId::from_index(0); frame.len().max(1)];
@@ -402,7 +420,7 @@ impl Instantiation<'_, '_, '_> {
         Ok(self.auxiliaries.conjunctions(&tree, 1, self.top).pop())
     }
 
-    fn warn_undefined(&mut self, change: &LiftedNumeric, schema: &Schema) {
+    fn warn_undefined(&mut self, change: &LiftedNumeric, schema: &LiftedSchema) {
         let or = match change.assignment == Assignment::ScaleDown || change.value.divides() {
             true => ", or divide by zero",
             false => "",
@@ -424,8 +442,8 @@ impl Instantiation<'_, '_, '_> {
 /// Whether repeating a change by a fixed amount can exceed the range of `f64` within any plan that fits
 /// into memory. If so, the fluent must be followed, because an operator is not applicable if the result
 /// is undefined.
-fn may_outgrow(assignment: Assignment, amount: &Grounded) -> bool {
-    let &Grounded::Fixed(amount) = amount else { return false };
+fn may_outgrow(assignment: Assignment, amount: &ExpressionValue) -> bool {
+    let &ExpressionValue::Fixed(amount) = amount else { return false };
     match assignment {
         Assignment::Assign => false,
         Assignment::Increase | Assignment::Decrease => amount.abs() > 1e290,

@@ -5,17 +5,19 @@
 //!   leave few choices; the objects of a type are enumerated only for variables that no atom binds.
 //! - [`Join::run`] executes the plan, and counts every candidate in [`Work`].
 
+use super::ground_fluents::GroundFluents;
+use super::grounding_meter::GroundingMeter;
+use super::object_sets::ObjectSets;
 use super::relation::{IndexId, Relation};
-use super::sets::Sets;
-use super::values::Values;
-use super::work::Work;
-use crate::normalize::lifted::{Lifted, LiftedAtom, LiftedExpression, LiftedTerm, Slot, TypeIndex};
+use crate::normalize::lifted::{
+    Lifted, LiftedAtom, LiftedExpression, LiftedTerm, SlotIndex, TypeIndex,
+};
 use crate::outcome::StopReason;
 use crate::task::ObjectId;
 
 /// A test that is evaluated as soon as its variables are bound.
 #[derive(Clone, Debug)]
-pub(super) enum Filter {
+pub(super) enum JoinFilter {
     Equal {
         positive: bool,
         left: LiftedTerm,
@@ -33,36 +35,36 @@ pub(super) enum Filter {
 /// A join plan: the order in which variables are bound and tests are evaluated.
 #[derive(Clone, Debug, Default)]
 pub(super) struct JoinPlan {
-    steps: Vec<Step>,
+    steps: Vec<JoinStep>,
 }
 
 #[derive(Clone, Debug)]
-enum Step {
+enum JoinStep {
     /// Binds variables from the rows that match the bound arguments.
-    Probe(Probe),
+    Probe(IndexProbe),
     /// Tests whether a fully bound tuple is in the relation.
     Contains {
         atom: LiftedAtom,
         is_new_to: bool,
     },
     /// Binds a variable to every object of its set in turn.
-    Enumerate(Slot),
-    Check(Filter),
+    Enumerate(SlotIndex),
+    Check(JoinFilter),
 }
 
 #[derive(Clone, Debug)]
-struct Probe {
+struct IndexProbe {
     relation: usize,
     index: IndexId,
     key: Vec<LiftedTerm>,
-    binds: Vec<(usize, Slot)>,
+    binds: Vec<(usize, SlotIndex)>,
     same: Vec<(usize, usize)>,
     is_new_to: bool,
 }
 
 /// An atom in a join.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Part<'r> {
+pub(super) struct JoinAtom<'r> {
     pub(super) atom: &'r LiftedAtom,
     /// Whether the triggering tuple is excluded for this atom. The bindings in which it matches here
     /// are found by another join, which the same tuple triggers at this atom.
@@ -73,8 +75,8 @@ pub(super) struct Part<'r> {
 #[derive(Clone, Copy)]
 pub(super) struct Join<'g> {
     pub(super) relations: &'g [Relation],
-    pub(super) sets: &'g Sets,
-    pub(super) values: &'g Values,
+    pub(super) sets: &'g ObjectSets,
+    pub(super) values: &'g GroundFluents,
     /// Per slot: the set of objects that it ranges over.
     pub(super) frame: &'g [TypeIndex],
     /// Relation and row of the tuple that triggered the join; `None` if there is none.
@@ -85,7 +87,7 @@ pub(super) struct Join<'g> {
 pub(super) struct Catalog<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g mut [Relation],
-    pub(super) sets: &'g Sets,
+    pub(super) sets: &'g ObjectSets,
     /// Whether the relations are complete, so that their sizes are meaningful.
     pub(super) is_complete: bool,
 }
@@ -98,14 +100,14 @@ impl JoinPlan {
     pub(super) fn compile<'r>(
         catalog: &mut Catalog<'_>,
         frame: &[TypeIndex],
-        parts: impl IntoIterator<Item = Part<'r>>,
-        filters: &[Filter],
-        wanted: &[Slot],
+        parts: impl IntoIterator<Item = JoinAtom<'r>>,
+        filters: &[JoinFilter],
+        wanted: &[SlotIndex],
         bound: &mut [bool],
     ) -> JoinPlan {
         let mut plan = JoinPlan::default();
-        let mut parts: Vec<Part<'_>> = parts.into_iter().collect();
-        let mut filters: Vec<&Filter> = filters.iter().collect();
+        let mut parts: Vec<JoinAtom<'_>> = parts.into_iter().collect();
+        let mut filters: Vec<&JoinFilter> = filters.iter().collect();
         plan.check_ready(&mut filters, bound);
         while !parts.is_empty() {
             let costs = parts.iter().map(|part| estimate(catalog, frame, part.atom, bound));
@@ -117,7 +119,7 @@ impl JoinPlan {
         }
         for &slot in wanted {
             if !std::mem::replace(&mut bound[slot as usize], true) {
-                plan.steps.push(Step::Enumerate(slot));
+                plan.steps.push(JoinStep::Enumerate(slot));
                 plan.check_ready(&mut filters, bound);
             }
         }
@@ -125,12 +127,12 @@ impl JoinPlan {
     }
 
     /// Appends the filters that have all their variables bound.
-    fn check_ready(&mut self, filters: &mut Vec<&Filter>, bound: &[bool]) {
+    fn check_ready(&mut self, filters: &mut Vec<&JoinFilter>, bound: &[bool]) {
         filters.retain(|filter| {
             let mut is_ready = true;
             filter.slots(&mut |slot| is_ready &= bound[slot as usize]);
             if is_ready {
-                self.steps.push(Step::Check((*filter).clone()));
+                self.steps.push(JoinStep::Check((*filter).clone()));
             }
             !is_ready
         });
@@ -150,7 +152,7 @@ fn estimate(catalog: &Catalog<'_>, frame: &[TypeIndex], atom: &LiftedAtom, bound
         LiftedTerm::Variable(slot) if !bound[*slot as usize] => Some((column, *slot)),
         _ => None,
     });
-    let size = |slot: Slot| catalog.sets.get(frame[slot as usize]).members.len() as f64;
+    let size = |slot: SlotIndex| catalog.sets.get(frame[slot as usize]).members.len() as f64;
     let relation = &catalog.relations[atom.predicate];
     if !catalog.is_complete && !is_static(catalog.lifted, atom.predicate) {
         // The relation of a fluent predicate still grows; in the end most combinations may be in it.
@@ -184,10 +186,10 @@ pub(super) fn is_static(lifted: &Lifted, relation: usize) -> bool {
 }
 
 /// Returns the step that joins an atom, and marks its variables as bound.
-fn probe(relations: &mut [Relation], part: Part<'_>, bound: &mut [bool]) -> Step {
-    let Part { atom, is_new_to } = part;
+fn probe(relations: &mut [Relation], part: JoinAtom<'_>, bound: &mut [bool]) -> JoinStep {
+    let JoinAtom { atom, is_new_to } = part;
     let (mut columns, mut key) = (Vec::new(), Vec::new());
-    let (mut binds, mut same) = (Vec::<(usize, Slot)>::new(), Vec::new());
+    let (mut binds, mut same) = (Vec::<(usize, SlotIndex)>::new(), Vec::new());
     for (column, term) in atom.arguments.iter().enumerate() {
         match *term {
             LiftedTerm::Variable(slot) if !bound[slot as usize] => {
@@ -203,27 +205,27 @@ fn probe(relations: &mut [Relation], part: Part<'_>, bound: &mut [bool]) -> Step
         }
     }
     if binds.is_empty() && relations[atom.predicate].has_set() {
-        return Step::Contains { atom: atom.clone(), is_new_to };
+        return JoinStep::Contains { atom: atom.clone(), is_new_to };
     }
     binds.iter().for_each(|(_, slot)| bound[*slot as usize] = true);
     let index = relations[atom.predicate].index(&columns);
-    Step::Probe(Probe { relation: atom.predicate, index, key, binds, same, is_new_to })
+    JoinStep::Probe(IndexProbe { relation: atom.predicate, index, key, binds, same, is_new_to })
 }
 
 // === impl Filter ===
 
-impl Filter {
+impl JoinFilter {
     /// Calls `visit` for every variable in the filter.
-    pub(super) fn slots(&self, visit: &mut dyn FnMut(Slot)) {
+    pub(super) fn slots(&self, visit: &mut dyn FnMut(SlotIndex)) {
         let mut term = |term: &LiftedTerm| {
             if let LiftedTerm::Variable(slot) = term {
                 visit(*slot);
             }
         };
         match self {
-            Filter::Equal { left, right, .. } => [left, right].into_iter().for_each(term),
-            Filter::NotInitially(atom) => atom.arguments.iter().for_each(term),
-            Filter::Compare { sides, .. } => {
+            JoinFilter::Equal { left, right, .. } => [left, right].into_iter().for_each(term),
+            JoinFilter::NotInitially(atom) => atom.arguments.iter().for_each(term),
+            JoinFilter::Compare { sides, .. } => {
                 sides.0.terms(&mut term);
                 sides.1.terms(&mut term);
             }
@@ -233,9 +235,9 @@ impl Filter {
     /// Calls `visit` for every term in the filter.
     pub(super) fn terms_mut(&mut self, visit: &mut dyn FnMut(&mut LiftedTerm)) {
         match self {
-            Filter::Equal { left, right, .. } => [left, right].into_iter().for_each(visit),
-            Filter::NotInitially(atom) => atom.arguments.iter_mut().for_each(visit),
-            Filter::Compare { sides, .. } => {
+            JoinFilter::Equal { left, right, .. } => [left, right].into_iter().for_each(visit),
+            JoinFilter::NotInitially(atom) => atom.arguments.iter_mut().for_each(visit),
+            JoinFilter::Compare { sides, .. } => {
                 sides.0.terms_mut(visit);
                 sides.1.terms_mut(visit);
             }
@@ -246,19 +248,19 @@ impl Filter {
     pub(super) fn passes(
         &self,
         relations: &[Relation],
-        values: &Values,
+        values: &GroundFluents,
         binding: &[ObjectId],
     ) -> bool {
         match self {
-            Filter::Equal { positive, left, right } => {
+            JoinFilter::Equal { positive, left, right } => {
                 (left.object(binding) == right.object(binding)) == *positive
             }
-            Filter::NotInitially(atom) => {
+            JoinFilter::NotInitially(atom) => {
                 let relation = &relations[atom.predicate];
                 let row = relation.find_terms(&atom.arguments, binding);
                 row.is_none_or(|row| row >= relation.initial)
             }
-            Filter::Compare { comparison, sides } => {
+            JoinFilter::Compare { comparison, sides } => {
                 let left = values.fixed(&sides.0, binding);
                 let right = values.fixed(&sides.1, binding);
                 left.zip(right).is_some_and(|(left, right)| comparison.holds(left, right))
@@ -272,7 +274,7 @@ impl Filter {
 impl Join<'_> {
     /// Whether an object is in the set of a slot.
     #[inline]
-    pub(super) fn fits(&self, slot: Slot, object: ObjectId) -> bool {
+    pub(super) fn fits(&self, slot: SlotIndex, object: ObjectId) -> bool {
         self.sets.get(self.frame[slot as usize]).contains(object)
     }
 
@@ -281,34 +283,34 @@ impl Join<'_> {
         &self,
         plan: &JoinPlan,
         binding: &mut [ObjectId],
-        work: &mut Work<'c>,
+        work: &mut GroundingMeter<'c>,
         found: &mut F,
     ) -> Result<(), StopReason>
     where
-        F: FnMut(&mut [ObjectId], &mut Work<'c>) -> Result<(), StopReason>,
+        F: FnMut(&mut [ObjectId], &mut GroundingMeter<'c>) -> Result<(), StopReason>,
     {
         self.walk(&plan.steps, binding, work, found)
     }
 
     fn walk<'c, F>(
         &self,
-        steps: &[Step],
+        steps: &[JoinStep],
         binding: &mut [ObjectId],
-        work: &mut Work<'c>,
+        work: &mut GroundingMeter<'c>,
         found: &mut F,
     ) -> Result<(), StopReason>
     where
-        F: FnMut(&mut [ObjectId], &mut Work<'c>) -> Result<(), StopReason>,
+        F: FnMut(&mut [ObjectId], &mut GroundingMeter<'c>) -> Result<(), StopReason>,
     {
         let Some((step, rest)) = steps.split_first() else { return found(binding, work) };
         work.step()?;
         match step {
-            Step::Check(filter) => {
+            JoinStep::Check(filter) => {
                 if filter.passes(self.relations, self.values, binding) {
                     self.walk(rest, binding, work, found)?;
                 }
             }
-            Step::Contains { atom, is_new_to } => {
+            JoinStep::Contains { atom, is_new_to } => {
                 let relation = &self.relations[atom.predicate];
                 let row = relation.find_terms(&atom.arguments, binding);
                 let holds = row.is_some_and(|row| {
@@ -319,14 +321,14 @@ impl Join<'_> {
                     self.walk(rest, binding, work, found)?;
                 }
             }
-            Step::Enumerate(slot) => {
+            JoinStep::Enumerate(slot) => {
                 for &object in &self.sets.get(self.frame[*slot as usize]).members {
                     work.step()?;
                     binding[*slot as usize] = object;
                     self.walk(rest, binding, work, found)?;
                 }
             }
-            Step::Probe(probe) => {
+            JoinStep::Probe(probe) => {
                 let relation = &self.relations[probe.relation];
                 for row in relation.matching(probe.index, &probe.key, binding) {
                     work.step()?;
@@ -343,7 +345,7 @@ impl Join<'_> {
     #[inline]
     fn take(
         &self,
-        probe: &Probe,
+        probe: &IndexProbe,
         index: usize,
         row: &[ObjectId],
         binding: &mut [ObjectId],

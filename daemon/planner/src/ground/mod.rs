@@ -7,31 +7,33 @@
 //!
 //! Work is counted in join steps, so the same task reaches a limit at the same point on every machine.
 
-mod condition;
+mod conjunction_template;
 mod draft;
-mod drawn;
 mod finish;
+mod formula_template;
+mod ground_fluents;
+mod ground_formula;
+mod grounding_meter;
+mod horn_rules;
+mod incremental;
 mod instantiate;
 mod join;
-mod node;
-mod possible;
+mod object_sets;
+mod raw_instances;
 mod reach;
 mod relation;
-mod rules;
-mod sets;
-mod standing;
-mod tree;
+mod relaxed_reachability;
+mod relevant_operators;
 mod triggers;
-mod values;
-mod wanted;
-mod work;
 
 use pddl::Diagnostic;
 
-use self::finish::Start;
-pub(crate) use self::standing::{Now, Outgrown, Present, Standing};
-use self::values::Values;
-use self::work::Work;
+use self::finish::RawInitialState;
+use self::ground_fluents::GroundFluents;
+use self::grounding_meter::GroundingMeter;
+pub(crate) use self::incremental::{
+    IncrementalGrounding, InitialState, NeedsRegrounding, PresenceMask,
+};
 use crate::limits::{Budget, Cancel};
 use crate::normalize::lifted::Lifted;
 use crate::outcome::StopReason;
@@ -53,18 +55,18 @@ pub(crate) fn ground(
     cancel: &Cancel,
     join_steps: &mut u64,
 ) -> Result<Grounded, StopReason> {
-    let mut work = Work::new(budget, cancel);
+    let mut work = GroundingMeter::new(budget, cancel);
     let result = grounded(lifted, &mut work);
     *join_steps = work.steps;
     result
 }
 
-fn grounded(lifted: &Lifted, work: &mut Work<'_>) -> Result<Grounded, StopReason> {
-    let mut values = Values::new(lifted);
+fn grounded(lifted: &Lifted, work: &mut GroundingMeter<'_>) -> Result<Grounded, StopReason> {
+    let mut values = GroundFluents::new(lifted);
     let mut reached = reach::reach(lifted, &values, work)?;
-    let mut raw = drawn::draw(lifted, &mut reached, &mut values, work)?;
+    let mut raw = raw_instances::instantiate_all(lifted, &mut reached, &mut values, work)?;
     let warnings = std::mem::take(&mut raw.warnings);
-    let start = Start::initial(lifted, &reached.relations, &values, &raw);
+    let start = RawInitialState::initial(lifted, &reached.relations, &values, &raw);
     Ok(Grounded { task: finish::finish(lifted, &reached.relations, start, raw, work)?, warnings })
 }
 

@@ -4,36 +4,36 @@
 //! [`super::rules`]). A rule without variables only counts its missing atoms.
 
 use super::action_relation;
-use super::join::{Catalog, Join, JoinPlan, Part, is_static};
+use super::ground_fluents::GroundFluents;
+use super::grounding_meter::GroundingMeter;
+use super::horn_rules::{Conjunct, HornRule, NARROWING_ROWS_MAX, Narrowing, rules, variables};
+use super::join::{Catalog, Join, JoinAtom, JoinPlan, is_static};
+use super::object_sets::ObjectSets;
 use super::relation::Relation;
-use super::rules::{Conjunct, NARROWING_ROWS_MAX, Narrowing, Rule, rules, variables};
-use super::sets::Sets;
-use super::triggers::{Action, Trigger, Triggers};
-use super::values::Values;
-use super::work::Work;
-use crate::normalize::lifted::{Lifted, LiftedAtom, LiftedTerm, Slot, TypeIndex};
+use super::triggers::{Trigger, TriggerAction, Triggers};
+use crate::normalize::lifted::{Lifted, LiftedAtom, LiftedTerm, SlotIndex, TypeIndex};
 use crate::outcome::StopReason;
 use crate::task::ObjectId;
 
 /// All relaxed-reachable tuples.
 #[derive(Debug)]
-pub(super) struct Reached {
+pub(super) struct ReachableTuples {
     /// Relations of the predicates, followed by one relation per schema.
     pub(super) relations: Vec<Relation>,
-    pub(super) sets: Sets,
+    pub(super) sets: ObjectSets,
 }
 
 /// Interval of the memory checks, in tuples.
 const TUPLES_BETWEEN_MEMORY_CHECKS: usize = 1 << 12;
 
 /// State of an evaluation.
-struct Reach<'g, 'w, 'c> {
+struct Reachability<'g, 'w, 'c> {
     lifted: &'g Lifted,
-    values: &'g Values,
-    work: &'w mut Work<'c>,
+    values: &'g GroundFluents,
+    work: &'w mut GroundingMeter<'c>,
     relations: Vec<Relation>,
-    sets: Sets,
-    rules: Vec<Rule>,
+    sets: ObjectSets,
+    rules: Vec<HornRule>,
     triggers: Triggers,
     /// Per schema: the atoms that it adds unconditionally.
     adds: Vec<Vec<&'g LiftedAtom>>,
@@ -49,11 +49,11 @@ struct Reach<'g, 'w, 'c> {
 /// Computes all relaxed-reachable tuples.
 pub(super) fn reach(
     lifted: &Lifted,
-    values: &Values,
-    work: &mut Work<'_>,
-) -> Result<Reached, StopReason> {
+    values: &GroundFluents,
+    work: &mut GroundingMeter<'_>,
+) -> Result<ReachableTuples, StopReason> {
     let mut relations = initial_relations(lifted);
-    let mut sets = Sets::new(lifted);
+    let mut sets = ObjectSets::new(lifted);
     let mut narrowing = Narrowing {
         lifted,
         relations: &mut relations,
@@ -63,14 +63,14 @@ pub(super) fn reach(
     };
     let mut possible = Vec::new();
     for mut rule in rules(lifted) {
-        work.look()?;
+        work.check_limits()?;
         if rule.narrow(&mut narrowing) {
             possible.push(rule);
         }
     }
     let rules = possible;
     set_distinct(lifted, &rules, &mut relations);
-    let mut reach = Reach::new(lifted, values, work, relations, sets, rules);
+    let mut reach = Reachability::new(lifted, values, work, relations, sets, rules);
     reach.start()?;
     reach.finish()
 }
@@ -80,19 +80,20 @@ pub(super) fn reach(
 /// because narrowed rules could not be widened later.
 pub(super) fn reach_on(
     lifted: &Lifted,
-    values: &Values,
+    values: &GroundFluents,
     relations: Vec<Relation>,
-    before: Before,
-    work: &mut Work<'_>,
-) -> Result<Reached, StopReason> {
-    let mut reach = Reach::new(lifted, values, work, relations, Sets::new(lifted), rules(lifted));
+    before: PreviousCounts,
+    work: &mut GroundingMeter<'_>,
+) -> Result<ReachableTuples, StopReason> {
+    let mut reach =
+        Reachability::new(lifted, values, work, relations, ObjectSets::new(lifted), rules(lifted));
     reach.resume(before)?;
     reach.finish()
 }
 
 /// Numbers of objects and schemas of the evaluation that is continued.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Before {
+pub(super) struct PreviousCounts {
     pub(super) objects: usize,
     pub(super) schemas: usize,
 }
@@ -116,7 +117,7 @@ pub(super) fn initial_relations(lifted: &Lifted) -> Vec<Relation> {
 
 /// Finds the schemas for which no tuple can be found twice: those with one rule in which all variables
 /// are parameters. Their relations need no duplicate check.
-fn set_distinct(lifted: &Lifted, rules: &[Rule], relations: &mut [Relation]) {
+fn set_distinct(lifted: &Lifted, rules: &[HornRule], relations: &mut [Relation]) {
     let mut counts = vec![0; relations.len()];
     let mut is_seen_twice = vec![false; relations.len()];
     for rule in rules {
@@ -136,20 +137,20 @@ fn set_distinct(lifted: &Lifted, rules: &[Rule], relations: &mut [Relation]) {
 
 // === impl Reach ===
 
-impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
+impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
     fn new(
         lifted: &'g Lifted,
-        values: &'g Values,
-        work: &'w mut Work<'c>,
+        values: &'g GroundFluents,
+        work: &'w mut GroundingMeter<'c>,
         relations: Vec<Relation>,
-        sets: Sets,
-        rules: Vec<Rule>,
-    ) -> Reach<'g, 'w, 'c> {
+        sets: ObjectSets,
+        rules: Vec<HornRule>,
+    ) -> Reachability<'g, 'w, 'c> {
         let adds = lifted.schemas.iter().map(|schema| {
             let certain = schema.effects.iter().filter(|one| one.adds && one.is_unconditional());
             certain.map(|effect| &effect.atom).collect()
         });
-        Reach {
+        Reachability {
             lifted,
             values,
             work,
@@ -165,10 +166,10 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         }
     }
 
-    fn finish(mut self) -> Result<Reached, StopReason> {
+    fn finish(mut self) -> Result<ReachableTuples, StopReason> {
         self.saturate()?;
-        self.work.hold(self.bytes);
-        Ok(Reached { relations: self.relations, sets: self.sets })
+        self.work.add_finished_bytes(self.bytes);
+        Ok(ReachableTuples { relations: self.relations, sets: self.sets })
     }
 
     /// Registers the triggers of each rule, and fires rules without fluent atoms.
@@ -189,12 +190,12 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
 
     /// Registers the triggers of each rule, and fires those with further consequences of already
     /// indexed tuples: new rules, and old rules with variables that range over new objects.
-    fn resume(&mut self, before: Before) -> Result<(), StopReason> {
+    fn resume(&mut self, before: PreviousCounts) -> Result<(), StopReason> {
         let first_new = action_relation(self.lifted, before.schemas);
         let objects_grew = self.lifted.objects.len() > before.objects;
         for index in 0..self.rules.len() {
-            let Rule { head, body, wanted, .. } = &self.rules[index];
-            let asked: Vec<Slot> = body.atoms.iter().flat_map(variables).collect();
+            let HornRule { head, body, wanted, .. } = &self.rules[index];
+            let asked: Vec<SlotIndex> = body.atoms.iter().flat_map(variables).collect();
             let is_new = head.predicate >= first_new
                 || body.atoms.iter().any(|atom| atom.predicate >= first_new);
             let ranges_wider = objects_grew && wanted.iter().any(|slot| !asked.contains(slot));
@@ -273,7 +274,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         let Trigger { rule, position, action } = self.triggers.get_mut(id);
         let (rule, position) = (*rule, *position);
         match action {
-            Action::Count => {
+            TriggerAction::Count => {
                 let atom = &self.rules[rule].body.atoms[position];
                 let tuple = self.relations[relation].row(row).iter();
                 let is_it =
@@ -284,9 +285,9 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
                 }
                 Ok(())
             }
-            Action::Join(plan) => {
+            TriggerAction::Join(plan) => {
                 let plan = plan.take();
-                let Rule { frame, body, .. } = &self.rules[rule];
+                let HornRule { frame, body, .. } = &self.rules[rule];
                 self.binding.clear();
                 self.binding.resize(frame.len(), ObjectId::from_index(0));
                 let tuple = self.relations[relation].row(row);
@@ -300,7 +301,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
                 };
                 let result =
                     if fits { self.fire(rule, &plan, Some((relation, row))) } else { Ok(()) };
-                self.triggers.get_mut(id).action = Action::Join(Some(plan));
+                self.triggers.get_mut(id).action = TriggerAction::Join(Some(plan));
                 result
             }
         }
@@ -325,13 +326,13 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
 
     /// Plans the join of a rule's body. The atom at `cause` is left out; its variables are bound already.
     fn plan(&mut self, rule: usize, cause: Option<usize>) -> JoinPlan {
-        let Rule { frame, body, wanted, .. } = &self.rules[rule];
+        let HornRule { frame, body, wanted, .. } = &self.rules[rule];
         let mut bound = vec![false; frame.len()];
         if let Some(cause) = cause {
             variables(&body.atoms[cause]).iter().for_each(|slot| bound[*slot as usize] = true);
         }
         let others = body.atoms.iter().enumerate().filter(|(at, _)| Some(*at) != cause);
-        let parts = others.map(|(at, atom)| Part {
+        let parts = others.map(|(at, atom)| JoinAtom {
             atom,
             is_new_to: cause
                 .is_some_and(|cause| at < cause && body.atoms[cause].predicate == atom.predicate),
@@ -379,8 +380,8 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
         cause: Option<(usize, usize)>,
         found: &mut Relation,
     ) -> Result<(), StopReason> {
-        let Rule { head, frame, .. } = &self.rules[rule];
-        let Reach { relations, sets, values, binding, work, .. } = self;
+        let HornRule { head, frame, .. } = &self.rules[rule];
+        let Reachability { relations, sets, values, binding, work, .. } = self;
         let join = Join { relations, sets, values, frame, cause };
         let others = self.bytes;
         join.run(plan, binding, work, &mut |binding, work| {
@@ -392,7 +393,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
 
 /// Binds the variables of an atom to a tuple. Returns `false` if the tuple does not match.
 fn unify(
-    sets: &Sets,
+    sets: &ObjectSets,
     frame: &[TypeIndex],
     atom: &LiftedAtom,
     tuple: &[ObjectId],

@@ -2,8 +2,8 @@
 
 use rustc_hash::FxHashMap;
 
+use super::horn_rules::{HornRule, variables};
 use super::join::JoinPlan;
-use super::rules::{Rule, variables};
 use crate::normalize::lifted::LiftedTerm;
 use crate::task::ObjectId;
 
@@ -13,12 +13,12 @@ pub(super) struct Trigger {
     pub(super) rule: usize,
     /// Position of the atom in the rule's body that the tuple matches.
     pub(super) position: usize,
-    pub(super) action: Action,
+    pub(super) action: TriggerAction,
 }
 
 /// How a rule is evaluated, given a tuple for one of its atoms.
 #[derive(Debug)]
-pub(super) enum Action {
+pub(super) enum TriggerAction {
     /// By a join over the other atoms; planned when it is first needed.
     Join(Option<Box<JoinPlan>>),
     /// By counting: the rule has no variables, and fires when all its atoms have been found.
@@ -30,14 +30,14 @@ pub(super) enum Action {
 pub(super) struct Triggers {
     all: Vec<Trigger>,
     /// Per relation: its triggers.
-    waiting: Vec<Waiting>,
+    waiting: Vec<RelationTriggers>,
     /// Per rule without variables: the number of its atoms that are still missing.
     missing: FxHashMap<usize, usize>,
 }
 
 /// The triggers of one relation.
 #[derive(Debug, Default)]
-struct Waiting {
+struct RelationTriggers {
     /// Triggers that any tuple may match.
     open: Vec<usize>,
     /// Columns in which some trigger requires a certain object.
@@ -52,7 +52,7 @@ impl Triggers {
     pub(super) fn new(relations: usize) -> Triggers {
         Triggers {
             all: Vec::new(),
-            waiting: (0..relations).map(|_| Waiting::default()).collect(),
+            waiting: (0..relations).map(|_| RelationTriggers::default()).collect(),
             missing: FxHashMap::default(),
         }
     }
@@ -62,7 +62,7 @@ impl Triggers {
     }
 
     /// Adds one trigger of a rule for each of these atoms.
-    pub(super) fn add(&mut self, index: usize, rule: &Rule, positions: &[usize]) {
+    pub(super) fn add(&mut self, index: usize, rule: &HornRule, positions: &[usize]) {
         let has_variables = !rule.wanted.is_empty()
             || rule.body.atoms.iter().any(|atom| !variables(atom).is_empty());
         if !has_variables {
@@ -71,7 +71,8 @@ impl Triggers {
         for &position in positions {
             let atom = &rule.body.atoms[position];
             let id = self.all.len();
-            let action = if has_variables { Action::Join(None) } else { Action::Count };
+            let action =
+                if has_variables { TriggerAction::Join(None) } else { TriggerAction::Count };
             self.all.push(Trigger { rule: index, position, action });
             let waiting = &mut self.waiting[atom.predicate];
             let fixed = atom.arguments.iter().enumerate().find_map(|(column, term)| match term {

@@ -6,7 +6,7 @@
 
 use rustc_hash::FxHashMap;
 
-use super::queue::CostQueue;
+use super::cost_queue::CostQueue;
 use super::relaxation::Relaxation;
 use crate::rows::Rows;
 use crate::state::State;
@@ -20,12 +20,12 @@ const COST_MAX: u32 = 1 << 30;
 /// Supporter of propositions that hold in the state: no relaxed operator has reached them.
 pub(super) const NO_SUPPORTER: u32 = u32::MAX;
 
-const NOT_YET: Reached = Reached { cost: UNREACHED, supporter: NO_SUPPORTER };
+const NOT_YET: ReachedCost = ReachedCost { cost: UNREACHED, supporter: NO_SUPPORTER };
 
 /// Costs and best supporters of propositions, for the state explored last. Contains scratch space.
 #[derive(Debug)]
-pub(super) struct Additive {
-    reached: Vec<Reached>,
+pub(super) struct AdditiveHeuristic {
+    reached: Vec<ReachedCost>,
     /// Per proposition: the relaxed operators that have it as their only precondition.
     alone: Rows,
     /// Per proposition: its clique, if it is in one.
@@ -48,7 +48,7 @@ pub(super) struct Additive {
 
 /// Lowest cost at which a proposition is reached, and the relaxed operator that reaches it so.
 #[derive(Clone, Copy, Debug)]
-struct Reached {
+struct ReachedCost {
     cost: u32,
     supporter: u32,
 }
@@ -62,8 +62,8 @@ struct Counter {
 
 // === impl Additive ===
 
-impl Additive {
-    pub(super) fn new(relaxation: &Relaxation) -> Additive {
+impl AdditiveHeuristic {
+    pub(super) fn new(relaxation: &Relaxation) -> AdditiveHeuristic {
         let base_costs: Vec<u32> = (0..relaxation.relaxed_count() as u32)
             .map(|relaxed| relaxation.base_cost(relaxed).min(u64::from(COST_MAX)) as u32)
             .collect();
@@ -79,7 +79,7 @@ impl Additive {
         let mut is_goal = vec![false; relaxation.proposition_count()];
         relaxation.goal().iter().for_each(|goal| is_goal[*goal as usize] = true);
         let alone = alone(relaxation);
-        Additive {
+        AdditiveHeuristic {
             reached: vec![NOT_YET; relaxation.proposition_count()],
             cliques: Cliques::new(relaxation, &alone, &base_costs),
             alone,
@@ -148,7 +148,7 @@ impl Additive {
         initial.clear();
         relaxation.initial(state, &mut initial);
         for &proposition in initial.iter().rev() {
-            self.reached[proposition as usize] = Reached { cost: 0, supporter: NO_SUPPORTER };
+            self.reached[proposition as usize] = ReachedCost { cost: 0, supporter: NO_SUPPORTER };
         }
         let mut goals_missing = relaxation.goal().len();
         for &proposition in initial.iter().rev() {
@@ -224,12 +224,12 @@ fn reach(
     proposition: u32,
     cost: u32,
     supporter: u32,
-    reached: &mut [Reached],
+    reached: &mut [ReachedCost],
     queue: &mut CostQueue,
 ) {
     let known = &mut reached[proposition as usize];
     if cost < known.cost {
-        *known = Reached { cost, supporter };
+        *known = ReachedCost { cost, supporter };
         queue.push(u64::from(cost), proposition);
     }
 }

@@ -2,7 +2,7 @@
 //! best supporters by h_add (Keyder and Geffner, 2008).
 
 use super::Evaluator;
-use super::additive::{Additive, NO_SUPPORTER};
+use super::additive::{AdditiveHeuristic, NO_SUPPORTER};
 use super::relaxation::{Relaxation, Weights};
 use crate::state::{State, all_hold};
 use crate::task::{OperatorId, Task};
@@ -13,7 +13,7 @@ const PLAN_MAX: usize = 10_000;
 
 /// Number of times that an operator occurs in a relaxed plan.
 #[derive(Clone, Copy, Debug, Default)]
-struct Mark {
+struct OperatorMark {
     /// Number of the evaluation that set the mark; older marks count as zero.
     evaluation: u32,
     times: u32,
@@ -24,13 +24,13 @@ struct Mark {
 pub(crate) struct FastForward<'t> {
     task: &'t Task,
     relaxation: Relaxation,
-    additive: Additive,
+    additive: AdditiveHeuristic,
     preferred: Vec<OperatorId>,
     /// Relaxed plan, unordered; an operator occurs as often as its repetitions require.
     plan: Vec<OperatorId>,
     /// Per proposition: number of the evaluation that last visited it.
     marks: Vec<u32>,
-    operator_marks: Vec<Mark>,
+    operator_marks: Vec<OperatorMark>,
     evaluation: u32,
     waiting: Vec<u32>,
 }
@@ -42,11 +42,11 @@ impl<'t> FastForward<'t> {
         let relaxation = Relaxation::simplified(task, weights);
         FastForward {
             task,
-            additive: Additive::new(&relaxation),
+            additive: AdditiveHeuristic::new(&relaxation),
             preferred: Vec::new(),
             plan: Vec::new(),
             marks: vec![0; relaxation.proposition_count()],
-            operator_marks: vec![Mark::default(); task.operators.len()],
+            operator_marks: vec![OperatorMark::default(); task.operators.len()],
             evaluation: 0,
             waiting: Vec::new(),
             relaxation,
@@ -116,7 +116,7 @@ impl<'t> FastForward<'t> {
             if times <= known {
                 continue;
             }
-            *mark = Mark { evaluation: self.evaluation, times };
+            *mark = OperatorMark { evaluation: self.evaluation, times };
             let further = u64::from(times - known);
             let cost = self.relaxation.base_cost(supporter).saturating_mul(further);
             size = size.saturating_add(cost);

@@ -9,13 +9,13 @@
 //! Relaxed operators of one operator share its cost, so that an action with several conditional effects
 //! is not charged twice for one application.
 
-use super::queue::CostQueue;
+use super::cost_queue::CostQueue;
 use super::relaxation::{Relaxation, UNREACHED, Weights};
 use std::ops::Range;
 
 use super::Evaluator;
 use crate::rows::Rows;
-use crate::state::{State, StateId, Way};
+use crate::state::{State, StateId, Transition};
 use crate::task::Task;
 
 /// LM-cut, with costs that count first and steps second. Contains scratch space.
@@ -46,12 +46,12 @@ pub(crate) struct LandmarkCut {
     explorations: u64,
     explorations_max: u64,
     enough: u64,
-    known: Landmarks,
+    known: LandmarkStore,
 }
 
 /// Landmarks of evaluated states, as far as memory allows to keep them.
 #[derive(Debug, Default)]
-struct Landmarks {
+struct LandmarkStore {
     /// Per state: the range of its landmarks.
     ranges: Vec<(u32, u32)>,
     /// Per landmark: its cost, and the end of its operators. They begin where those of the previous one
@@ -111,7 +111,7 @@ impl LandmarkCut {
             explorations: 0,
             explorations_max: CUTS_MAX,
             enough: u64::MAX,
-            known: Landmarks::default(),
+            known: LandmarkStore::default(),
             relaxation,
         }
     }
@@ -208,7 +208,7 @@ impl LandmarkCut {
     }
 
     /// Returns the goal proposition of greatest h_max cost, and that cost. `None` if there is no goal.
-    fn dearest_goal(&self) -> Option<(u64, u32)> {
+    fn most_expensive_goal(&self) -> Option<(u64, u32)> {
         let goal = self.relaxation.goal().iter();
         goal.map(|goal| (self.costs[*goal as usize], *goal)).max()
     }
@@ -300,7 +300,7 @@ impl LandmarkCut {
             } else {
                 self.explore_again()
             }
-            match self.dearest_goal() {
+            match self.most_expensive_goal() {
                 Some((UNREACHED, _)) => return None,
                 None | Some((0, _)) => return Some(total),
                 // The remaining h_max cost is a lower bound of what later cuts would add.
@@ -329,7 +329,7 @@ impl LandmarkCut {
 
     /// Takes over the landmarks of the parent state that do not contain the operator of `way`. Returns
     /// the sum of their costs.
-    fn inherit(&mut self, way: Way) -> u64 {
+    fn inherit(&mut self, way: Transition) -> u64 {
         let mut total: u64 = 0;
         for landmark in self.known.of(way.parent) {
             let (price, operators) = self.known.get(landmark);
@@ -348,12 +348,17 @@ impl LandmarkCut {
 
 impl Evaluator for LandmarkCut {
     fn evaluate(&mut self, state: &State) -> Option<u64> {
-        self.known = Landmarks::default();
+        self.known = LandmarkStore::default();
         self.start(state);
         self.cuts(0)
     }
 
-    fn evaluate_after(&mut self, state: &State, id: StateId, way: Option<Way>) -> Option<u64> {
+    fn evaluate_after(
+        &mut self,
+        state: &State,
+        id: StateId,
+        way: Option<Transition>,
+    ) -> Option<u64> {
         self.start(state);
         let first = self.known.prices.len() as u32;
         let inherited = way.map_or(0, |way| self.inherit(way));
@@ -378,7 +383,7 @@ impl Evaluator for LandmarkCut {
 
 // === impl Landmarks ===
 
-impl Landmarks {
+impl LandmarkStore {
     /// Returns the range of a state's landmarks; empty if they are not kept.
     fn of(&self, state: StateId) -> Range<usize> {
         let (start, end) = self.ranges.get(state.0 as usize).copied().unwrap_or((0, 0));

@@ -8,25 +8,25 @@ use crate::task::Task;
 
 /// h_max, with costs that count first and steps second.
 #[derive(Debug)]
-pub(crate) struct Max {
+pub(crate) struct MaxHeuristic {
     relaxation: Relaxation,
     exploration: Exploration,
 }
 
 // === impl Max ===
 
-impl Max {
-    pub(crate) fn new(task: &Task) -> Max {
-        Max {
+impl MaxHeuristic {
+    pub(crate) fn new(task: &Task) -> MaxHeuristic {
+        MaxHeuristic {
             relaxation: Relaxation::new(task, Weights::CostThenSteps),
             exploration: Exploration::default(),
         }
     }
 }
 
-impl Evaluator for Max {
+impl Evaluator for MaxHeuristic {
     fn evaluate(&mut self, state: &State) -> Option<u64> {
-        let Max { relaxation, exploration } = self;
+        let MaxHeuristic { relaxation, exploration } = self;
         if !relaxation.explore(state, exploration) {
             return None;
         }

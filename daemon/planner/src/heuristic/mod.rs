@@ -4,22 +4,22 @@
 //! dead end found here is a proof.
 
 mod additive;
+mod cost_queue;
 mod ff;
 mod landmark_cut;
 mod landmarks;
 mod max;
 mod novelty;
-mod queue;
 mod relaxation;
 
 pub(crate) use ff::FastForward;
 pub(crate) use landmark_cut::LandmarkCut;
 pub(crate) use landmarks::LandmarkCount;
-pub(crate) use max::Max;
+pub(crate) use max::MaxHeuristic;
 pub(crate) use novelty::{NOT_NOVEL, Novelty};
 pub(crate) use relaxation::{STEPS_PER_COST, Weights};
 
-use crate::state::{State, StateId, Way};
+use crate::state::{State, StateId, Transition};
 use crate::task::{OperatorId, Task};
 
 /// Estimates the cost from a state to the nearest goal state.
@@ -30,7 +30,12 @@ pub(crate) trait Evaluator {
 
     /// As [`Evaluator::evaluate`], for a state that was reached by the step `way`. `id` names the state
     /// for later calls. Findings about the parent state may be used again.
-    fn evaluate_after(&mut self, state: &State, _id: StateId, _way: Option<Way>) -> Option<u64> {
+    fn evaluate_after(
+        &mut self,
+        state: &State,
+        _id: StateId,
+        _way: Option<Transition>,
+    ) -> Option<u64> {
         self.evaluate(state)
     }
 
@@ -76,8 +81,8 @@ impl Admissible {
     /// Builds its evaluator for a task.
     pub(crate) fn evaluator(self, task: &Task) -> Box<dyn Evaluator + '_> {
         match self {
-            Admissible::Blind => Box::new(Blind),
-            Admissible::Max => Box::new(Max::new(task)),
+            Admissible::Blind => Box::new(BlindHeuristic),
+            Admissible::Max => Box::new(MaxHeuristic::new(task)),
             Admissible::LandmarkCut => Box::new(LandmarkCut::new(task)),
         }
     }
@@ -131,9 +136,9 @@ pub const HEURISTICS: &[Heuristic] = &[
     },
 ];
 
-struct Blind;
+struct BlindHeuristic;
 
-impl Evaluator for Blind {
+impl Evaluator for BlindHeuristic {
     fn evaluate(&mut self, _: &State) -> Option<u64> {
         Some(0)
     }

@@ -18,7 +18,7 @@ const BYTES_MAX: usize = 256 << 20;
 pub(crate) struct Novelty {
     fact_count: usize,
     with_pairs: bool,
-    tables: Vec<Table>,
+    tables: Vec<NoveltyTable>,
     of_partition: FxHashMap<u32, usize>,
     bytes: usize,
     facts: Vec<u32>,
@@ -26,7 +26,7 @@ pub(crate) struct Novelty {
 }
 
 #[derive(Debug)]
-struct Table {
+struct NoveltyTable {
     /// A bit per fact.
     single: Vec<u64>,
     /// A bit per pair of facts, the lower one first.
@@ -102,7 +102,7 @@ impl Novelty {
         let is_new = self.tables.is_empty() || self.bytes + size <= BYTES_MAX;
         if is_new {
             self.bytes += size;
-            self.tables.push(Table {
+            self.tables.push(NoveltyTable {
                 single: vec![0; self.fact_count.div_ceil(64)],
                 pairs: vec![0; pairs.div_ceil(64)],
             });

@@ -4,10 +4,10 @@
 //! adds a fact of the set must then require another fact of the set and delete it, or require the same
 //! fact. Two effects that add different facts must not happen together.
 
-use crate::task::{FactId, Literal, Operator, Task};
+use crate::task::{FactId, GroundOperator, Literal, Task};
 
 /// Checks sets of facts against all operators of a task.
-pub(super) struct Balance<'t> {
+pub(super) struct BalanceCheck<'t> {
     task: &'t Task,
     /// Per fact: start of its list in `adders`.
     starts: Vec<u32>,
@@ -19,7 +19,7 @@ pub(super) struct Balance<'t> {
 
 /// Result of the check of a set.
 #[derive(Debug)]
-pub(super) enum Verdict {
+pub(super) enum BalanceResult {
     Holds,
     /// Some operator may add two facts of the set at once.
     TooHeavy,
@@ -41,8 +41,8 @@ struct Addition<'t> {
 
 // === impl Balance ===
 
-impl<'t> Balance<'t> {
-    pub(super) fn new(task: &'t Task) -> Balance<'t> {
+impl<'t> BalanceCheck<'t> {
+    pub(super) fn new(task: &'t Task) -> BalanceCheck<'t> {
         let mut starts = vec![0u32; task.fact_count + 1];
         let each = |visit: &mut dyn FnMut(FactId, u32)| {
             for (index, operator) in task.operators.iter().enumerate() {
@@ -63,7 +63,7 @@ impl<'t> Balance<'t> {
             starts[fact.index()] -= 1;
             adders[starts[fact.index()] as usize] = operator;
         });
-        Balance { task, starts, adders, work: 0 }
+        BalanceCheck { task, starts, adders, work: 0 }
     }
 
     /// Checks the set `facts`: the facts with the entry `instance` in `instance_of`.
@@ -72,7 +72,7 @@ impl<'t> Balance<'t> {
         facts: &[FactId],
         instance_of: &[u32],
         instance: u32,
-    ) -> Verdict {
+    ) -> BalanceResult {
         let is_in = |fact: FactId| instance_of.get(fact.index()) == Some(&instance);
         let mut additions = Vec::new();
         for fact in facts {
@@ -81,18 +81,18 @@ impl<'t> Balance<'t> {
                 let operator = self.task.operators.get(self.adders[at] as usize);
                 self.work += 1 + collect(operator, &is_in, &mut additions);
                 match judge(operator, &additions, &is_in) {
-                    Verdict::Holds => (),
+                    BalanceResult::Holds => (),
                     other => return other,
                 }
             }
         }
-        Verdict::Holds
+        BalanceResult::Holds
     }
 }
 
 /// Finds the effects of an operator that add a fact of the set. Returns the number of parts visited.
 fn collect<'t>(
-    operator: Operator<'t>,
+    operator: GroundOperator<'t>,
     is_in: &impl Fn(FactId) -> bool,
     additions: &mut Vec<Addition<'t>>,
 ) -> u64 {
@@ -112,10 +112,10 @@ fn collect<'t>(
 }
 
 fn judge(
-    operator: Operator<'_>,
+    operator: GroundOperator<'_>,
     additions: &[Addition<'_>],
     is_in: &impl Fn(FactId) -> bool,
-) -> Verdict {
+) -> BalanceResult {
     // Facts of the set that an addition requires. Two different ones are never true together.
     let asked = |addition: &Addition<'_>| {
         let all = operator.preconditions.iter().chain(addition.conditions);
@@ -124,43 +124,47 @@ fn judge(
         for literal in positive {
             match first {
                 None => first = Some(literal.fact()),
-                Some(known) if known != literal.fact() => return Asked::Two,
+                Some(known) if known != literal.fact() => return RequiredFacts::Two,
                 Some(_) => (),
             }
         }
-        first.map_or(Asked::Nothing, Asked::One)
+        first.map_or(RequiredFacts::Nothing, RequiredFacts::One)
     };
     for (index, addition) in additions.iter().enumerate() {
         let own = asked(addition);
         match own {
-            Asked::Two => continue,
-            Asked::One(fact) if fact == addition.fact || is_deleted(operator, addition, fact) => (),
-            Asked::One(_) | Asked::Nothing => {
-                return Verdict::Unbalanced { deleted: deleted(operator, addition) };
+            RequiredFacts::Two => continue,
+            RequiredFacts::One(fact)
+                if fact == addition.fact || is_deleted(operator, addition, fact) =>
+            {
+                ()
+            }
+            RequiredFacts::One(_) | RequiredFacts::Nothing => {
+                return BalanceResult::Unbalanced { deleted: deleted(operator, addition) };
             }
         }
         for other in additions[..index].iter().filter(|other| other.fact != addition.fact) {
             if !excludes(own, asked(other)) && !contradict(addition.conditions, other.conditions) {
-                return Verdict::TooHeavy;
+                return BalanceResult::TooHeavy;
             }
         }
     }
-    Verdict::Holds
+    BalanceResult::Holds
 }
 
 /// Number of facts of the set that an addition requires.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Asked {
+enum RequiredFacts {
     Nothing,
     One(FactId),
     Two,
 }
 
 /// Whether two additions cannot happen together, because they require different facts of the set.
-fn excludes(left: Asked, right: Asked) -> bool {
+fn excludes(left: RequiredFacts, right: RequiredFacts) -> bool {
     match (left, right) {
-        (Asked::One(left), Asked::One(right)) => left != right,
-        (Asked::Two, _) | (_, Asked::Two) => true,
+        (RequiredFacts::One(left), RequiredFacts::One(right)) => left != right,
+        (RequiredFacts::Two, _) | (_, RequiredFacts::Two) => true,
         _ => false,
     }
 }
@@ -171,7 +175,7 @@ fn contradict(left: &[Literal], right: &[Literal]) -> bool {
 
 /// Whether a fact is deleted whenever an addition happens. If another effect adds it again, that effect
 /// is an addition itself.
-fn is_deleted(operator: Operator<'_>, addition: &Addition<'_>, fact: FactId) -> bool {
+fn is_deleted(operator: GroundOperator<'_>, addition: &Addition<'_>, fact: FactId) -> bool {
     let follows = |literal: &Literal| {
         addition.conditions.contains(literal) || operator.preconditions.contains(literal)
     };
@@ -184,7 +188,7 @@ fn is_deleted(operator: Operator<'_>, addition: &Addition<'_>, fact: FactId) -> 
 }
 
 /// Returns the facts that an addition requires and that are deleted when it happens.
-fn deleted(operator: Operator<'_>, addition: &Addition<'_>) -> Vec<FactId> {
+fn deleted(operator: GroundOperator<'_>, addition: &Addition<'_>) -> Vec<FactId> {
     let all = operator.preconditions.iter().chain(addition.conditions);
     let positive = all.filter(|literal| literal.is_positive()).map(|literal| literal.fact());
     positive.filter(|fact| is_deleted(operator, addition, *fact)).collect()

@@ -6,14 +6,14 @@ use crate::task::{Atoms, FactId, ObjectId};
 
 /// A candidate invariant: of all facts of its parts with the same parameters, at most one is true.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(super) struct Candidate {
+pub(super) struct InvariantCandidate {
     /// Parts, sorted; at most one per predicate.
-    pub(super) parts: Vec<Part>,
+    pub(super) parts: Vec<InvariantAtom>,
 }
 
 /// An atom with the parameters as arguments, in some order, and at most one counted argument.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(super) struct Part {
+pub(super) struct InvariantAtom {
     pub(super) predicate: u32,
     /// Per parameter: its argument position.
     places: Vec<usize>,
@@ -21,12 +21,12 @@ pub(super) struct Part {
 
 // === impl Candidate ===
 
-impl Candidate {
+impl InvariantCandidate {
     /// Returns the initial candidates of one predicate: without a counted argument, or with one.
-    pub(super) fn seeds(predicate: u32, arity: usize) -> impl Iterator<Item = Candidate> {
+    pub(super) fn seeds(predicate: u32, arity: usize) -> impl Iterator<Item = InvariantCandidate> {
         (0..=arity).map(move |counted| {
             let places = (0..arity).filter(|place| *place != counted).collect();
-            Candidate { parts: vec![Part { predicate, places }] }
+            InvariantCandidate { parts: vec![InvariantAtom { predicate, places }] }
         })
     }
 
@@ -43,7 +43,7 @@ impl Candidate {
         atoms: &Atoms,
         key: &[ObjectId],
         fact: FactId,
-        refined: &mut FxHashSet<Candidate>,
+        refined: &mut FxHashSet<InvariantCandidate>,
     ) {
         let (predicate, arguments) = atoms.get(fact);
         let is_known = self.parts.iter().any(|part| part.predicate == predicate);
@@ -65,16 +65,16 @@ impl Candidate {
         }
         for places in all {
             let mut parts = self.parts.clone();
-            parts.push(Part { predicate, places });
+            parts.push(InvariantAtom { predicate, places });
             parts.sort_unstable();
-            refined.insert(Candidate { parts });
+            refined.insert(InvariantCandidate { parts });
         }
     }
 }
 
 // === impl Part ===
 
-impl Part {
+impl InvariantAtom {
     /// Returns the parameters, given all arguments of an atom.
     pub(super) fn key(&self, arguments: &[ObjectId]) -> Vec<ObjectId> {
         self.places.iter().map(|place| arguments[*place]).collect()

@@ -17,8 +17,8 @@ use std::collections::VecDeque;
 
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use self::balance::{Balance, Verdict};
-use self::candidate::Candidate;
+use self::balance::{BalanceCheck, BalanceResult};
+use self::candidate::InvariantCandidate;
 use crate::limits::Cancel;
 use crate::task::{FactId, Task};
 
@@ -47,7 +47,7 @@ impl MutexGroups {
     /// Searches for groups until all candidates are checked or `work_max` effect parts have been
     /// visited; one takes about ten nanoseconds. The groups found until then are valid.
     pub(crate) fn find(task: &Task, work_max: u64, cancel: &Cancel) -> MutexGroups {
-        let mut finder = Finder::new(task, work_max, cancel);
+        let mut finder = MutexGroupSearch::new(task, work_max, cancel);
         finder.search();
         let groups = without_parts(finder.groups, task.basic_count);
         let variables = cover(&groups, task.basic_count);
@@ -66,27 +66,27 @@ impl MutexGroups {
 }
 
 /// State of a search for groups.
-struct Finder<'t> {
+struct MutexGroupSearch<'t> {
     task: &'t Task,
     cancel: &'t Cancel,
-    balance: Balance<'t>,
+    balance: BalanceCheck<'t>,
     /// Per predicate: its basic facts.
     facts: FxHashMap<u32, Vec<FactId>>,
     is_initial: Vec<bool>,
-    waiting: VecDeque<Candidate>,
-    seen: FxHashSet<Candidate>,
+    waiting: VecDeque<InvariantCandidate>,
+    seen: FxHashSet<InvariantCandidate>,
     groups: Vec<Vec<FactId>>,
     work_max: u64,
 }
 
 // === impl Finder ===
 
-impl<'t> Finder<'t> {
-    fn new(task: &'t Task, work_max: u64, cancel: &'t Cancel) -> Finder<'t> {
-        let mut finder = Finder {
+impl<'t> MutexGroupSearch<'t> {
+    fn new(task: &'t Task, work_max: u64, cancel: &'t Cancel) -> MutexGroupSearch<'t> {
+        let mut finder = MutexGroupSearch {
             task,
             cancel,
-            balance: Balance::new(task),
+            balance: BalanceCheck::new(task),
             facts: FxHashMap::default(),
             is_initial: vec![false; task.basic_count],
             waiting: VecDeque::new(),
@@ -102,7 +102,7 @@ impl<'t> Finder<'t> {
             let (predicate, arguments) = task.atoms.get(fact);
             let facts = finder.facts.entry(predicate).or_default();
             if facts.is_empty() {
-                for candidate in Candidate::seeds(predicate, arguments.len()) {
+                for candidate in InvariantCandidate::seeds(predicate, arguments.len()) {
                     finder.waiting.push_back(candidate);
                 }
             }
@@ -124,7 +124,7 @@ impl<'t> Finder<'t> {
     }
 
     /// Keeps the instances of a candidate that hold, and queues refinements for those that do not.
-    fn examine(&mut self, candidate: &Candidate) {
+    fn examine(&mut self, candidate: &InvariantCandidate) {
         let mut keys = FxHashMap::default();
         let mut instances: Vec<Vec<FactId>> = Vec::new();
         let mut instance_of = vec![NONE; self.task.basic_count];
@@ -149,22 +149,22 @@ impl<'t> Finder<'t> {
                 continue;
             }
             match self.balance.check(&facts, &instance_of, instance as u32) {
-                Verdict::Holds if facts.len() > 1 => {
+                BalanceResult::Holds if facts.len() > 1 => {
                     facts.sort_unstable();
                     self.groups.push(facts);
                 }
-                Verdict::Holds | Verdict::TooHeavy => (),
-                Verdict::Unbalanced { deleted } if candidate.parts.len() < PARTS_MAX => {
+                BalanceResult::Holds | BalanceResult::TooHeavy => (),
+                BalanceResult::Unbalanced { deleted } if candidate.parts.len() < PARTS_MAX => {
                     let key = candidate.key(&self.task.atoms, facts[0]);
                     for fact in deleted {
                         candidate.refinements(&self.task.atoms, &key, fact, &mut refined);
                     }
                 }
-                Verdict::Unbalanced { .. } => (),
+                BalanceResult::Unbalanced { .. } => (),
             }
         }
         // Sorted, so that the cap admits the same candidates in every run.
-        let mut refined: Vec<Candidate> = refined.into_iter().collect();
+        let mut refined: Vec<InvariantCandidate> = refined.into_iter().collect();
         refined.sort_unstable();
         self.waiting.extend(refined);
     }

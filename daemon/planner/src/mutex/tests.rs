@@ -3,9 +3,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::small_tasks::{reached, task, texts};
 use crate::state::{Progression, all_hold, is_true};
 use crate::task::OperatorId;
+use crate::test_tasks::{reached, task, texts};
 
 fn find(task: &Task) -> MutexGroups {
     MutexGroups::find(task, u64::MAX, &Cancel::new())

@@ -2,26 +2,26 @@
 
 use pddl::{ActionSchema, Assign, Effect};
 
-use super::formula::Scope;
-use super::lifted::{Formula, LiftedEffect, LiftedNumeric, Schema, Slot};
-use super::symbols::Symbols;
+use super::formula::FormulaScope;
+use super::lifted::{Formula, LiftedEffect, LiftedNumeric, LiftedSchema, SlotIndex};
+use super::symbols::SymbolTable;
 
 /// Context of an effect: the variables of the enclosing `forall`s and the conditions of the enclosing
 /// `when`s.
 #[derive(Clone, Default)]
-struct Guard {
-    variables: Vec<Slot>,
+struct EffectContext {
+    variables: Vec<SlotIndex>,
     conditions: Vec<Formula>,
 }
 
 /// Normalizes an action.
-pub(super) fn schema(symbols: &mut Symbols, action: &ActionSchema) -> Schema {
-    let mut scope = Scope::new(symbols, action.all_parameters());
+pub(super) fn schema(symbols: &mut SymbolTable, action: &ActionSchema) -> LiftedSchema {
+    let mut scope = FormulaScope::new(symbols, action.all_parameters());
     let parameter_count = scope.frame.len();
     let precondition = scope.rearranged(&action.precondition);
-    let mut flat = Flat { scope, effects: Vec::new(), numeric: Vec::new() };
-    flat.effect(&action.effect, &Guard::default());
-    Schema {
+    let mut flat = EffectFlattener { scope, effects: Vec::new(), numeric: Vec::new() };
+    flat.effect(&action.effect, &EffectContext::default());
+    LiftedSchema {
         name: action.name.clone(),
         piece_of: None,
         parameter_count,
@@ -33,16 +33,16 @@ pub(super) fn schema(symbols: &mut Symbols, action: &ActionSchema) -> Schema {
     }
 }
 
-struct Flat<'s> {
-    scope: Scope<'s>,
+struct EffectFlattener<'s> {
+    scope: FormulaScope<'s>,
     effects: Vec<LiftedEffect>,
     numeric: Vec<LiftedNumeric>,
 }
 
 // === impl Flat ===
 
-impl Flat<'_> {
-    fn effect(&mut self, effect: &Effect, guard: &Guard) {
+impl EffectFlattener<'_> {
+    fn effect(&mut self, effect: &Effect, guard: &EffectContext) {
         match effect {
             Effect::And(parts) => parts.iter().for_each(|part| self.effect(part, guard)),
             Effect::Add(atom) => self.literal(atom, true, guard),
@@ -63,7 +63,7 @@ impl Flat<'_> {
         }
     }
 
-    fn literal(&mut self, atom: &pddl::Atom, adds: bool, guard: &Guard) {
+    fn literal(&mut self, atom: &pddl::Atom, adds: bool, guard: &EffectContext) {
         if let Some(atom) = self.scope.atom(atom) {
             self.effects.push(LiftedEffect {
                 variables: guard.variables.clone(),
@@ -74,7 +74,7 @@ impl Flat<'_> {
         }
     }
 
-    fn numeric(&mut self, assign: &Assign, guard: &Guard) {
+    fn numeric(&mut self, assign: &Assign, guard: &EffectContext) {
         let fluent = self.scope.fluent(&assign.fluent);
         if let (Some(fluent), Some(value)) = (fluent, self.scope.expression(&assign.value)) {
             self.numeric.push(LiftedNumeric {

@@ -4,25 +4,25 @@
 use pddl::{Comparison, Condition, Diagnostic, Expression, FluentTerm, Name, Term, Typed};
 
 use super::lifted::{
-    Formula, LiftedAtom, LiftedExpression, LiftedFluent, LiftedTerm, Slot, TypeIndex,
+    Formula, LiftedAtom, LiftedExpression, LiftedFluent, LiftedTerm, SlotIndex, TypeIndex,
 };
-use super::symbols::Symbols;
+use super::symbols::SymbolTable;
 
 /// Scope of a conversion: the visible variables, and the frame with the slots of all variables.
-pub(super) struct Scope<'s> {
-    pub(super) symbols: &'s mut Symbols,
+pub(super) struct FormulaScope<'s> {
+    pub(super) symbols: &'s mut SymbolTable,
     pub(super) frame: Vec<TypeIndex>,
-    visible: Vec<(Name, Slot)>,
+    visible: Vec<(Name, SlotIndex)>,
 }
 
 // === impl Scope ===
 
-impl<'s> Scope<'s> {
+impl<'s> FormulaScope<'s> {
     pub(super) fn new<'p>(
-        symbols: &'s mut Symbols,
+        symbols: &'s mut SymbolTable,
         parameters: impl IntoIterator<Item = &'p Typed>,
-    ) -> Scope<'s> {
-        let mut scope = Scope { symbols, frame: Vec::new(), visible: Vec::new() };
+    ) -> FormulaScope<'s> {
+        let mut scope = FormulaScope { symbols, frame: Vec::new(), visible: Vec::new() };
         for parameter in parameters {
             scope.declare(parameter);
         }
@@ -73,7 +73,7 @@ impl<'s> Scope<'s> {
 
     /// Brings variables into scope. Returns the argument for [`Scope::leave`] and the slots of the
     /// variables.
-    pub(super) fn enter(&mut self, variables: &[Typed]) -> (usize, Vec<Slot>) {
+    pub(super) fn enter(&mut self, variables: &[Typed]) -> (usize, Vec<SlotIndex>) {
         let outside = self.visible.len();
         (outside, variables.iter().map(|variable| self.declare(variable)).collect())
     }
@@ -117,8 +117,8 @@ impl<'s> Scope<'s> {
         })
     }
 
-    fn declare(&mut self, variable: &Typed) -> Slot {
-        let slot = self.frame.len() as Slot;
+    fn declare(&mut self, variable: &Typed) -> SlotIndex {
+        let slot = self.frame.len() as SlotIndex;
         let ty = self.symbols.type_set(&variable.ty);
         self.frame.push(ty);
         self.visible.push((variable.name.clone(), slot));

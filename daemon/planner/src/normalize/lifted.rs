@@ -8,7 +8,7 @@ use pddl::{Assignment, Comparison, Name, Operator as Arithmetic, Span};
 use crate::task::ObjectId;
 
 /// Index of a variable in a frame.
-pub(crate) type Slot = u32;
+pub(crate) type SlotIndex = u32;
 
 /// Index of a predicate.
 pub(crate) type PredicateIndex = usize;
@@ -22,7 +22,7 @@ pub(crate) type TypeIndex = usize;
 /// A variable or an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum LiftedTerm {
-    Variable(Slot),
+    Variable(SlotIndex),
     Object(ObjectId),
 }
 
@@ -69,13 +69,13 @@ pub(crate) enum Formula {
     },
     And(Vec<Formula>),
     Or(Vec<Formula>),
-    Exists(Vec<Slot>, Box<Formula>),
-    Forall(Vec<Slot>, Box<Formula>),
+    Exists(Vec<SlotIndex>, Box<Formula>),
+    Forall(Vec<SlotIndex>, Box<Formula>),
 }
 
 /// An action.
 #[derive(Clone, Debug)]
-pub(crate) struct Schema {
+pub(crate) struct LiftedSchema {
     pub(crate) name: Name,
     /// Name of the action in the text, if this schema is only a piece of it (see
     /// [`Piecewise`](super::Piecewise)).
@@ -93,7 +93,7 @@ pub(crate) struct Schema {
 /// `(forall (variables) (when condition literal))`
 #[derive(Clone, Debug)]
 pub(crate) struct LiftedEffect {
-    pub(crate) variables: Vec<Slot>,
+    pub(crate) variables: Vec<SlotIndex>,
     pub(crate) condition: Formula,
     pub(crate) adds: bool,
     pub(crate) atom: LiftedAtom,
@@ -102,7 +102,7 @@ pub(crate) struct LiftedEffect {
 /// `(forall (variables) (when condition (assignment fluent value)))`
 #[derive(Clone, Debug)]
 pub(crate) struct LiftedNumeric {
-    pub(crate) variables: Vec<Slot>,
+    pub(crate) variables: Vec<SlotIndex>,
     pub(crate) condition: Formula,
     pub(crate) assignment: Assignment,
     pub(crate) fluent: LiftedFluent,
@@ -177,7 +177,7 @@ pub(crate) struct Lifted {
     pub(crate) predicates: Vec<PredicateUse>,
     pub(crate) functions: Vec<FunctionUse>,
     pub(crate) types: Vec<TypeSet>,
-    pub(crate) schemas: Vec<Schema>,
+    pub(crate) schemas: Vec<LiftedSchema>,
     pub(crate) axioms: Vec<LiftedAxiom>,
     pub(crate) goal: Closed,
     pub(crate) init: Vec<(PredicateIndex, Vec<ObjectId>)>,
@@ -265,7 +265,7 @@ pub(crate) fn objects<'a>(
     terms.iter().map(|term| term.object(binding))
 }
 
-impl Schema {
+impl LiftedSchema {
     /// Returns the name of the action in the text.
     pub(crate) fn action(&self) -> &Name {
         self.piece_of.as_ref().unwrap_or(&self.name)
@@ -308,7 +308,7 @@ impl Formula {
     }
 
     /// Returns the free variables of the formula; the list may contain duplicates.
-    pub(crate) fn free_slots(&self) -> Vec<Slot> {
+    pub(crate) fn free_slots(&self) -> Vec<SlotIndex> {
         let mut free = Vec::new();
         let mut term = |term: &LiftedTerm| match term {
             LiftedTerm::Variable(slot) => free.push(*slot),
@@ -334,7 +334,7 @@ impl Formula {
     }
 
     /// Calls `visit` for every occurrence of a variable, including those in quantifiers.
-    pub(crate) fn slots_mut(&mut self, visit: &mut dyn FnMut(&mut Slot)) {
+    pub(crate) fn slots_mut(&mut self, visit: &mut dyn FnMut(&mut SlotIndex)) {
         let mut term = |term: &mut LiftedTerm| {
             if let LiftedTerm::Variable(slot) = term {
                 visit(slot);

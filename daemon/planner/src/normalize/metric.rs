@@ -6,26 +6,26 @@
 //! does not prove optimality. The validator computes the true cost of a plan.
 
 use pddl::{
-    Assignment, Diagnostic, Direction, Expression, FluentTerm, InitElement, Metric,
+    Assignment, Diagnostic, Expression, FluentTerm, InitElement, Metric, MetricDirection,
     Operator as Arithmetic, Problem,
 };
 
-use super::formula::Scope;
-use super::lifted::{Costs, Formula, FunctionUse, LiftedNumeric, LiftedTerm, Schema};
-use super::symbols::Symbols;
+use super::formula::FormulaScope;
+use super::lifted::{Costs, Formula, FunctionUse, LiftedNumeric, LiftedSchema, LiftedTerm};
+use super::symbols::SymbolTable;
 use crate::outcome::{PlanError, Unsupported};
 use crate::task::ObjectId;
 
 /// Returns the costs that the metric defines; unit costs if there is no metric.
 pub(super) fn costs(
-    symbols: &mut Symbols,
+    symbols: &mut SymbolTable,
     problem: &Problem,
-    schemas: &[Schema],
+    schemas: &[LiftedSchema],
 ) -> Result<Costs, PlanError> {
     let Some(metric) = &problem.metric else { return Ok(Costs::default()) };
     refuse_what_has_no_value(symbols, problem, metric, schemas);
-    let sign = if metric.direction == Direction::Maximize { -1.0 } else { 1.0 };
-    let mut linear = Linear { weights: Vec::new(), per_step: 0.0, is_linear: true };
+    let sign = if metric.direction == MetricDirection::Maximize { -1.0 } else { 1.0 };
+    let mut linear = LinearMetric { weights: Vec::new(), per_step: 0.0, is_linear: true };
     linear.add(&metric.expression, sign)?;
     if !linear.is_linear {
         // The cost of a step is unknown: all steps count the same.
@@ -33,7 +33,7 @@ pub(super) fn costs(
     }
     let (mut weights, per_step) = (Vec::new(), linear.per_step);
     for (fluent, weight) in linear.weights {
-        let mut scope = Scope::new(symbols, []);
+        let mut scope = FormulaScope::new(symbols, []);
         let Some(fluent) = scope.fluent(fluent) else { continue };
         let objects = fluent.arguments.iter().filter_map(|term| match term {
             LiftedTerm::Object(object) => Some(*object),
@@ -47,7 +47,11 @@ pub(super) fn costs(
 
 /// Sets `varies` if the cost of a step depends on the state: if fluents of the metric are assigned or
 /// scaled, or change under conditions or by amounts that change.
-pub(super) fn note_variation(costs: &mut Costs, schemas: &[Schema], functions: &[FunctionUse]) {
+pub(super) fn note_variation(
+    costs: &mut Costs,
+    schemas: &[LiftedSchema],
+    functions: &[FunctionUse],
+) {
     let weights = costs.weights.as_deref().unwrap_or_default();
     let mut varies = costs.varies;
     let in_metric = |change: &LiftedNumeric| {
@@ -63,10 +67,10 @@ pub(super) fn note_variation(costs: &mut Costs, schemas: &[Schema], functions: &
 
 /// Reports fluents of the metric that are undefined in the initial state and that no action assigns.
 fn refuse_what_has_no_value(
-    symbols: &mut Symbols,
+    symbols: &mut SymbolTable,
     problem: &Problem,
     metric: &Metric,
-    schemas: &[Schema],
+    schemas: &[LiftedSchema],
 ) {
     let mut fluents = Vec::new();
     collect(&metric.expression, &mut fluents);
@@ -105,7 +109,7 @@ fn collect<'e>(expression: &'e Expression, fluents: &mut Vec<&'e FluentTerm>) {
 }
 
 /// A weighted sum of fluents. Constants are dropped, because they do not distinguish plans.
-struct Linear<'m> {
+struct LinearMetric<'m> {
     weights: Vec<(&'m FluentTerm, f64)>,
     /// The weight of `total-time`.
     per_step: f64,
@@ -115,7 +119,7 @@ struct Linear<'m> {
 
 // === impl Linear ===
 
-impl<'m> Linear<'m> {
+impl<'m> LinearMetric<'m> {
     fn add(&mut self, expression: &'m Expression, weight: f64) -> Result<(), PlanError> {
         match expression {
             Expression::Number(_) => Ok(()),

@@ -17,20 +17,20 @@ mod wide;
 
 use pddl::{Assignment, Diagnostic, Domain, InitElement, Problem};
 
-use self::formula::Scope;
-use self::lifted::{Closed, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
+use self::formula::FormulaScope;
+use self::lifted::{Closed, Lifted, LiftedAxiom, LiftedNumeric, LiftedSchema, LiftedTerm};
 pub(crate) use self::piecewise::{Piecewise, is_wide};
-pub(crate) use self::symbols::Symbols;
+pub(crate) use self::symbols::SymbolTable;
 pub(crate) use self::wide::split_wide;
-use crate::outcome::{PlanError, Text, Unsupported};
+use crate::outcome::{InputText, PlanError, Unsupported};
 use crate::task::ObjectId;
 
 /// Normalizes a domain and a problem. Returns an error if they use an unsupported feature or contain
 /// mistakes.
 pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, PlanError> {
-    let mut symbols = Symbols::default();
+    let mut symbols = SymbolTable::default();
     let lifted = lift(&mut symbols, domain, problem)?;
-    let Symbols { objects, predicates, functions, types, .. } = symbols;
+    let SymbolTable { objects, predicates, functions, types, .. } = symbols;
     Ok(Lifted { objects, predicates, functions, types, ..lifted })
 }
 
@@ -39,29 +39,33 @@ pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, Pl
 pub(crate) fn normalize_named(
     domain: &Domain,
     problem: &Problem,
-) -> Result<(Lifted, Symbols), PlanError> {
-    let mut symbols = Symbols::default();
+) -> Result<(Lifted, SymbolTable), PlanError> {
+    let mut symbols = SymbolTable::default();
     let lifted = lift(&mut symbols, domain, problem)?;
-    let Symbols { objects, predicates, functions, types, .. } = symbols.clone();
+    let SymbolTable { objects, predicates, functions, types, .. } = symbols.clone();
     Ok((Lifted { objects, predicates, functions, types, ..lifted }, symbols))
 }
 
 /// Normalizes everything except the parts that the symbols hold.
-fn lift(symbols: &mut Symbols, domain: &Domain, problem: &Problem) -> Result<Lifted, PlanError> {
+fn lift(
+    symbols: &mut SymbolTable,
+    domain: &Domain,
+    problem: &Problem,
+) -> Result<Lifted, PlanError> {
     refuse_nonclassical(domain, problem)?;
-    *symbols = Symbols::new(domain, problem);
+    *symbols = SymbolTable::new(domain, problem);
     let mut schemas = Vec::with_capacity(domain.actions.len());
     for action in &domain.actions {
         let schema = effects::schema(symbols, action);
-        bound_frame(&schema.frame, "action", action.span, Text::Domain)?;
+        bound_frame(&schema.frame, "action", action.span, InputText::Domain)?;
         schemas.push(schema);
     }
     let mut axioms = axioms(symbols, domain);
     for (axiom, derived) in axioms.iter().zip(&domain.derived) {
-        bound_frame(&axiom.frame, "axiom", derived.span, Text::Domain)?;
+        bound_frame(&axiom.frame, "axiom", derived.span, InputText::Domain)?;
     }
     let goal = closed(symbols, &problem.goal);
-    bound_frame(&goal.frame, "goal", pddl::Span::default(), Text::Problem)?;
+    bound_frame(&goal.frame, "goal", pddl::Span::default(), InputText::Problem)?;
     mark_predicates(symbols, &schemas, &axioms);
     mark_functions(symbols, &schemas, &axioms, &goal);
     let mut costs = metric::costs(symbols, problem, &schemas)?;
@@ -85,7 +89,7 @@ fn bound_frame(
     frame: &[lifted::TypeIndex],
     what: &str,
     span: pddl::Span,
-    text: Text,
+    text: InputText,
 ) -> Result<(), Unsupported> {
     if frame.len() <= VARIABLES_MAX {
         return Ok(());
@@ -96,8 +100,8 @@ fn bound_frame(
 }
 
 /// Normalizes a condition without parameters, such as a goal, over the objects of a problem.
-pub(crate) fn closed(symbols: &mut Symbols, condition: &pddl::Condition) -> Closed {
-    let mut scope = Scope::new(symbols, []);
+pub(crate) fn closed(symbols: &mut SymbolTable, condition: &pddl::Condition) -> Closed {
+    let mut scope = FormulaScope::new(symbols, []);
     let formula = scope.rearranged(condition);
     Closed { frame: scope.frame, formula }
 }
@@ -122,11 +126,11 @@ pub fn refuse_nonclassical(domain: &Domain, problem: &Problem) -> Result<(), Uns
     }
 }
 
-fn axioms(symbols: &mut Symbols, domain: &Domain) -> Vec<LiftedAxiom> {
+fn axioms(symbols: &mut SymbolTable, domain: &Domain) -> Vec<LiftedAxiom> {
     let mut axioms = Vec::new();
     for derived in &domain.derived {
         let head = symbols.predicate(&derived.predicate, derived.parameters.len());
-        let mut scope = Scope::new(symbols, &derived.parameters);
+        let mut scope = FormulaScope::new(symbols, &derived.parameters);
         let body = scope.rearranged(&derived.condition);
         let (frame, parameter_count) = (scope.frame, derived.parameters.len());
         let Some(head) = head else { continue };
@@ -135,7 +139,7 @@ fn axioms(symbols: &mut Symbols, domain: &Domain) -> Vec<LiftedAxiom> {
     axioms
 }
 
-fn mark_predicates(symbols: &mut Symbols, schemas: &[Schema], axioms: &[LiftedAxiom]) {
+fn mark_predicates(symbols: &mut SymbolTable, schemas: &[LiftedSchema], axioms: &[LiftedAxiom]) {
     for effect in schemas.iter().flat_map(|schema| &schema.effects) {
         let predicate = &mut symbols.predicates[effect.atom.predicate];
         predicate.added |= effect.adds;
@@ -149,8 +153,8 @@ fn mark_predicates(symbols: &mut Symbols, schemas: &[Schema], axioms: &[LiftedAx
 /// Finds the functions that change, and those that must be part of the state: functions that conditions
 /// read, and functions that these depend on.
 fn mark_functions(
-    symbols: &mut Symbols,
-    schemas: &[Schema],
+    symbols: &mut SymbolTable,
+    schemas: &[LiftedSchema],
     axioms: &[LiftedAxiom],
     goal: &Closed,
 ) {
@@ -187,8 +191,8 @@ fn mark_functions(
 }
 
 /// Returns the facts that are true in `:init`.
-fn initial_facts(symbols: &mut Symbols, problem: &Problem) -> Vec<(usize, Vec<ObjectId>)> {
-    let mut scope = Scope::new(symbols, []);
+fn initial_facts(symbols: &mut SymbolTable, problem: &Problem) -> Vec<(usize, Vec<ObjectId>)> {
+    let mut scope = FormulaScope::new(symbols, []);
     let fact = |element: &InitElement| match element {
         // Unknown predicates are skipped, as unknown functions are below.
         InitElement::Atom(atom) if scope.symbols.has_predicate(&atom.predicate) => {
@@ -201,10 +205,10 @@ fn initial_facts(symbols: &mut Symbols, problem: &Problem) -> Vec<(usize, Vec<Ob
 
 /// Returns the values of functions in `:init`.
 pub(crate) fn initial_values(
-    symbols: &mut Symbols,
+    symbols: &mut SymbolTable,
     problem: &Problem,
 ) -> Vec<(usize, Vec<ObjectId>, f64)> {
-    let mut scope = Scope::new(symbols, []);
+    let mut scope = FormulaScope::new(symbols, []);
     let value = |element: &InitElement| match element {
         // Competition problems contain values of functions that the domain does not declare; `check`
         // warns of them.
@@ -226,7 +230,7 @@ fn ground(terms: &[LiftedTerm]) -> Vec<ObjectId> {
     terms.iter().filter_map(object).collect()
 }
 
-fn reject_derived_changes(symbols: &mut Symbols, domain: &Domain, problem: &Problem) {
+fn reject_derived_changes(symbols: &mut SymbolTable, domain: &Domain, problem: &Problem) {
     for predicate in &symbols.predicates {
         if predicate.derived && (predicate.added || predicate.deleted) {
             let message = format!("an action changes `{}`, which an axiom derives", predicate.name);

@@ -16,8 +16,8 @@ use pddl::{Name, Plan, PlanStep};
 use rustc_hash::FxHashMap;
 
 use super::lifted::{
-    Formula, Lifted, LiftedAtom, LiftedEffect, LiftedNumeric, LiftedTerm, PredicateIndex,
-    PredicateUse, Schema, Slot,
+    Formula, Lifted, LiftedAtom, LiftedEffect, LiftedNumeric, LiftedSchema, LiftedTerm,
+    PredicateIndex, PredicateUse, SlotIndex,
 };
 use super::wide::{renumber, scope};
 
@@ -37,12 +37,12 @@ const PIECE_MAX: usize = 2;
 pub(crate) struct Piecewise {
     pub(crate) lifted: Lifted,
     /// Role of each piece, by its name. These names contain spaces, so no text can have them.
-    roles: FxHashMap<Name, Role>,
+    roles: FxHashMap<Name, PieceRole>,
 }
 
 /// Role of a piece of an action.
 #[derive(Clone, Debug)]
-enum Role {
+enum PieceRole {
     /// Chooses this parameter; its object is the first argument of the piece.
     Chooses(usize),
     /// Only tests or adds cost.
@@ -54,22 +54,23 @@ enum Role {
 /// A part of an action's precondition, over the frame of the action.
 #[derive(Debug, Default)]
 struct Piece {
-    chooses: Option<Slot>,
+    chooses: Option<SlotIndex>,
     /// Parameters that it mentions; if it chooses one, that is the first.
-    scope: Vec<Slot>,
+    scope: Vec<SlotIndex>,
     tests: Vec<Formula>,
     costs: Vec<LiftedNumeric>,
 }
 
 /// Whether some action is so wide that its task may not ground, and can be split.
 pub(crate) fn is_wide(lifted: &Lifted) -> bool {
-    let is_one = |schema: &Schema| schema.parameter_count >= WIDE && comes_apart(lifted, schema);
+    let is_one =
+        |schema: &LiftedSchema| schema.parameter_count >= WIDE && can_be_split(lifted, schema);
     lifted.schemas.iter().any(is_one)
 }
 
 /// Whether an action can be split: its only numeric effects are costs, which do not affect the pieces
 /// that follow.
-fn comes_apart(lifted: &Lifted, schema: &Schema) -> bool {
+fn can_be_split(lifted: &Lifted, schema: &LiftedSchema) -> bool {
     schema.numeric.iter().all(|change| {
         !lifted.functions[change.fluent.function].read
             && change.variables.is_empty()
@@ -94,16 +95,16 @@ impl Piecewise {
             whole.costs.weights = Some(Vec::new());
             whole.costs.per_step = 1.0;
         }
-        let mut taker = Taker { idle: 0, made: whole, roles: FxHashMap::default() };
+        let mut taker = ActionSplitter { idle: 0, made: whole, roles: FxHashMap::default() };
         taker.idle = taker.predicate("idle ", 0);
         for schema in schemas {
-            if schema.parameter_count > whole_max && comes_apart(lifted, &schema) {
-                taker.take_apart(&schema);
+            if schema.parameter_count > whole_max && can_be_split(lifted, &schema) {
+                taker.split_action(&schema);
             } else {
                 taker.keep(schema);
             }
         }
-        let Taker { idle, mut made, roles } = taker;
+        let ActionSplitter { idle, mut made, roles } = taker;
         made.init.push((idle, Vec::new()));
         let goal = std::mem::take(&mut made.goal.formula);
         made.goal.formula = Formula::And(vec![goal, holds(idle, &[])]);
@@ -117,12 +118,12 @@ impl Piecewise {
         for step in plan.steps {
             match self.roles.get(&step.action) {
                 None => steps.push(step),
-                Some(Role::Tests) => (),
-                Some(Role::Chooses(parameter)) => {
+                Some(PieceRole::Tests) => (),
+                Some(PieceRole::Chooses(parameter)) => {
                     chosen.resize(chosen.len().max(parameter + 1), None);
                     chosen[*parameter] = step.arguments.into_iter().next();
                 }
-                Some(Role::Applies(name)) => {
+                Some(PieceRole::Applies(name)) => {
                     let arguments: Vec<Name> = chosen.drain(..).flatten().collect();
                     steps.push(PlanStep::new(name.clone(), arguments));
                 }
@@ -133,16 +134,16 @@ impl Piecewise {
 }
 
 /// Splitting of the actions in progress.
-struct Taker {
+struct ActionSplitter {
     /// Fact that no action is partly applied.
     idle: PredicateIndex,
     made: Lifted,
-    roles: FxHashMap<Name, Role>,
+    roles: FxHashMap<Name, PieceRole>,
 }
 
 // === impl Taker ===
 
-impl Taker {
+impl ActionSplitter {
     /// Adds an auxiliary predicate, which pieces add and delete.
     fn predicate(&mut self, name: &str, arity: usize) -> PredicateIndex {
         let name = Name::new(name);
@@ -152,13 +153,13 @@ impl Taker {
     }
 
     /// Keeps an action whole; it is applicable only while no other action is partly applied.
-    fn keep(&mut self, mut schema: Schema) {
+    fn keep(&mut self, mut schema: LiftedSchema) {
         let precondition = std::mem::take(&mut schema.precondition);
         schema.precondition = Formula::And(vec![holds(self.idle, &[]), precondition]);
         self.made.schemas.push(schema);
     }
 
-    fn take_apart(&mut self, schema: &Schema) {
+    fn split_action(&mut self, schema: &LiftedSchema) {
         let name = schema.name.as_str();
         // Per parameter: a predicate that an object is the chosen one.
         let chosen: Vec<PredicateIndex> = (0..schema.parameter_count)
@@ -176,7 +177,7 @@ impl Taker {
     /// Adds one piece, which leads from a stage to the next.
     fn piece(
         &mut self,
-        schema: &Schema,
+        schema: &LiftedSchema,
         number: usize,
         piece: Piece,
         chosen: &[PredicateIndex],
@@ -196,15 +197,15 @@ impl Taker {
             change.value.terms_mut(&mut place);
         }
         let mut effects = vec![happens(false, stage, &[]), happens(true, next, &[])];
-        let mut role = Role::Tests;
+        let mut role = PieceRole::Tests;
         if let Some(slot) = chooses {
             effects.push(happens(true, chosen[slot as usize], &[0]));
-            role = Role::Chooses(slot as usize);
+            role = PieceRole::Chooses(slot as usize);
         }
         // Names in a text contain no spaces.
         let name = Name::new(&format!("{} {number}", schema.name));
         self.roles.insert(name.clone(), role);
-        self.made.schemas.push(Schema {
+        self.made.schemas.push(LiftedSchema {
             name,
             piece_of: Some(schema.name.clone()),
             parameter_count,
@@ -217,8 +218,8 @@ impl Taker {
     }
 
     /// Adds the last piece. It has no parameters, because all of them have been chosen.
-    fn last(&mut self, schema: &Schema, chosen: &[PredicateIndex], stage: PredicateIndex) {
-        let is_parameter = |slot: &Slot| (*slot as usize) < schema.parameter_count;
+    fn last(&mut self, schema: &LiftedSchema, chosen: &[PredicateIndex], stage: PredicateIndex) {
+        let is_parameter = |slot: &SlotIndex| (*slot as usize) < schema.parameter_count;
         let mut effects: Vec<LiftedEffect> = Vec::new();
         for effect in &schema.effects {
             let atom = Formula::Literal { positive: true, atom: effect.atom.clone() };
@@ -237,13 +238,13 @@ impl Taker {
             });
         }
         for (slot, token) in chosen.iter().enumerate() {
-            let slot = slot as Slot;
+            let slot = slot as SlotIndex;
             effects.push(LiftedEffect { variables: vec![slot], ..happens(false, *token, &[slot]) });
         }
         effects.extend([happens(false, stage, &[]), happens(true, self.idle, &[])]);
         let name = Name::new(&format!("{} at last", schema.name));
-        self.roles.insert(name.clone(), Role::Applies(schema.name.clone()));
-        self.made.schemas.push(Schema {
+        self.roles.insert(name.clone(), PieceRole::Applies(schema.name.clone()));
+        self.made.schemas.push(LiftedSchema {
             name,
             piece_of: None,
             parameter_count: 0,
@@ -258,10 +259,10 @@ impl Taker {
 
 /// Determines the order in which parameters are chosen and tests are made: first the parameters with
 /// the most preconditions over parameters that are chosen already, as in a join.
-fn pieces(schema: &Schema, chosen: &[PredicateIndex]) -> Vec<Piece> {
+fn pieces(schema: &LiftedSchema, chosen: &[PredicateIndex]) -> Vec<Piece> {
     let mut open = Vec::new();
     conjuncts(&schema.precondition, &mut open);
-    let mut bound: Vec<Slot> = Vec::new();
+    let mut bound: Vec<SlotIndex> = Vec::new();
     let mut pieces = Vec::new();
     while bound.len() < schema.parameter_count {
         let slot = next(schema, &bound, &open);
@@ -314,17 +315,17 @@ fn pieces(schema: &Schema, chosen: &[PredicateIndex]) -> Vec<Piece> {
 }
 
 /// Returns the parameter to choose next.
-fn next(schema: &Schema, bound: &[Slot], open: &[Formula]) -> Slot {
-    let parameters = (0..schema.parameter_count as Slot).filter(|slot| !bound.contains(slot));
+fn next(schema: &LiftedSchema, bound: &[SlotIndex], open: &[Formula]) -> SlotIndex {
+    let parameters = (0..schema.parameter_count as SlotIndex).filter(|slot| !bound.contains(slot));
     let atoms = || {
         open.iter()
             .filter(|part| matches!(part, Formula::Literal { positive: true, .. }))
             .map(Formula::free_slots)
     };
-    let worth = |slot: &Slot| {
-        let speaks = |scope: &Vec<Slot>| scope.contains(slot);
+    let worth = |slot: &SlotIndex| {
+        let speaks = |scope: &Vec<SlotIndex>| scope.contains(slot);
         let is_joined =
-            |scope: &Vec<Slot>| scope.iter().all(|one| one == slot || bound.contains(one));
+            |scope: &Vec<SlotIndex>| scope.iter().all(|one| one == slot || bound.contains(one));
         let joined = atoms().filter(speaks).filter(is_joined).count();
         (joined, atoms().filter(speaks).count())
     };
@@ -348,7 +349,7 @@ impl Piece {
     }
 }
 
-fn extend(scope: &mut Vec<Slot>, test: &Formula) {
+fn extend(scope: &mut Vec<SlotIndex>, test: &Formula) {
     for slot in test.free_slots() {
         if !scope.contains(&slot) {
             scope.push(slot);
@@ -366,7 +367,7 @@ fn conjuncts(formula: &Formula, parts: &mut Vec<Formula>) {
 }
 
 /// Returns the two variables that a formula requires to be different; `None` for other formulas.
-fn unequal(part: &Formula) -> Option<(Slot, Slot)> {
+fn unequal(part: &Formula) -> Option<(SlotIndex, SlotIndex)> {
     match part {
         Formula::Equal {
             positive: false,
@@ -378,16 +379,16 @@ fn unequal(part: &Formula) -> Option<(Slot, Slot)> {
 }
 
 /// Returns the other variable that `slot` is required to differ from.
-fn unequal_to(part: &Formula, slot: Slot) -> Option<Slot> {
+fn unequal_to(part: &Formula, slot: SlotIndex) -> Option<SlotIndex> {
     let (left, right) = unequal(part)?;
     if left == slot { Some(right) } else { Some(left) }
 }
 
-fn atom(predicate: PredicateIndex, slots: &[Slot]) -> LiftedAtom {
+fn atom(predicate: PredicateIndex, slots: &[SlotIndex]) -> LiftedAtom {
     LiftedAtom { predicate, arguments: slots.iter().copied().map(LiftedTerm::Variable).collect() }
 }
 
-fn holds(predicate: PredicateIndex, slots: &[Slot]) -> Formula {
+fn holds(predicate: PredicateIndex, slots: &[SlotIndex]) -> Formula {
     Formula::Literal { positive: true, atom: atom(predicate, slots) }
 }
 
@@ -398,17 +399,17 @@ fn not(literal: Formula) -> Formula {
     }
 }
 
-fn happens(adds: bool, predicate: PredicateIndex, slots: &[Slot]) -> LiftedEffect {
+fn happens(adds: bool, predicate: PredicateIndex, slots: &[SlotIndex]) -> LiftedEffect {
     let (variables, condition) = (Vec::new(), Formula::default());
     LiftedEffect { variables, condition, adds, atom: atom(predicate, slots) }
 }
 
 /// Replaces a variable by its position in `slots`.
-fn renumber_term(term: &mut LiftedTerm, slots: &[Slot]) {
+fn renumber_term(term: &mut LiftedTerm, slots: &[SlotIndex]) {
     if let LiftedTerm::Variable(slot) = term
         && let Some(place) = slots.iter().position(|one| one == slot)
     {
-        *slot = place as Slot;
+        *slot = place as SlotIndex;
     }
 }
 
@@ -417,7 +418,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::small_tasks::{cheapest, lifted, parsed};
+    use crate::test_tasks::{cheapest, lifted, parsed};
     use crate::validate::{Verdict, validate};
 
     const PREDICATES: &str =

@@ -11,7 +11,7 @@
 
 use rustc_hash::FxHashMap;
 
-use super::lifted::{Formula, LiftedTerm, Slot};
+use super::lifted::{Formula, LiftedTerm, SlotIndex};
 
 /// Maximal number of alternatives that one quantifier is split into.
 const ALTERNATIVES_MAX: usize = 8;
@@ -22,19 +22,19 @@ const WORK_MAX: u64 = 3_000_000;
 
 /// Rearrangement of the conditions of one task, with a cap on work.
 #[derive(Clone, Debug)]
-pub(super) struct Rearranging {
+pub(super) struct QuantifierRearrangement {
     work_left: u64,
 }
 
-impl Default for Rearranging {
-    fn default() -> Rearranging {
-        Rearranging { work_left: WORK_MAX }
+impl Default for QuantifierRearrangement {
+    fn default() -> QuantifierRearrangement {
+        QuantifierRearrangement { work_left: WORK_MAX }
     }
 }
 
 // === impl Rearranging ===
 
-impl Rearranging {
+impl QuantifierRearrangement {
     /// Returns an equivalent condition that is easier to ground.
     pub(super) fn rearrange(&mut self, formula: Formula) -> Formula {
         match formula {
@@ -61,7 +61,12 @@ impl Rearranging {
     }
 
     /// Rearranges a quantifier; its inner formula is rearranged already.
-    fn quantified(&mut self, mut slots: Vec<Slot>, inner: Formula, existential: bool) -> Formula {
+    fn quantified(
+        &mut self,
+        mut slots: Vec<SlotIndex>,
+        inner: Formula,
+        existential: bool,
+    ) -> Formula {
         if self.work_left == 0 {
             return as_it_is(slots, inner, existential);
         }
@@ -78,7 +83,7 @@ impl Rearranging {
         }
     }
 
-    fn each(&mut self, slots: Vec<Slot>, parts: Vec<Formula>, existential: bool) -> Formula {
+    fn each(&mut self, slots: Vec<SlotIndex>, parts: Vec<Formula>, existential: bool) -> Formula {
         self.spend(slots.len() as u64 * parts.len() as u64);
         let parts = parts.into_iter();
         let parts: Vec<Formula> =
@@ -87,7 +92,7 @@ impl Rearranging {
     }
 
     /// Merges inner quantifiers of the same kind into this one.
-    fn pull_up(&mut self, slots: &mut Vec<Slot>, parts: &mut Vec<Formula>, existential: bool) {
+    fn pull_up(&mut self, slots: &mut Vec<SlotIndex>, parts: &mut Vec<Formula>, existential: bool) {
         let mut position = 0;
         while position < parts.len() {
             let more = match &parts[position] {
@@ -124,7 +129,7 @@ impl Rearranging {
     /// if there is nothing to multiply out, or too much.
     fn alternatives(
         &mut self,
-        slots: &[Slot],
+        slots: &[SlotIndex],
         parts: &[Formula],
         existential: bool,
     ) -> Option<Vec<Formula>> {
@@ -168,9 +173,14 @@ impl Rearranging {
 
     /// Returns one quantifier per group of variables that parts connect. Parts that mention no variable
     /// stay outside.
-    fn components(&mut self, slots: Vec<Slot>, parts: Vec<Formula>, existential: bool) -> Formula {
+    fn components(
+        &mut self,
+        slots: Vec<SlotIndex>,
+        parts: Vec<Formula>,
+        existential: bool,
+    ) -> Formula {
         // Slots that occur in the same part form one group (union-find).
-        let places: FxHashMap<Slot, usize> =
+        let places: FxHashMap<SlotIndex, usize> =
             slots.iter().enumerate().map(|(place, slot)| (*slot, place)).collect();
         let mut leader: Vec<usize> = (0..slots.len()).collect();
         let mut first_of_part = Vec::with_capacity(parts.len());
@@ -189,7 +199,7 @@ impl Rearranging {
             }));
             first_of_part.push(first);
         }
-        let mut groups: Vec<(Vec<Slot>, Vec<Formula>)> =
+        let mut groups: Vec<(Vec<SlotIndex>, Vec<Formula>)> =
             vec![(Vec::new(), Vec::new()); slots.len()];
         // Groups are sorted by the position of their last part.
         let mut last = vec![0; slots.len()];
@@ -222,7 +232,7 @@ impl Rearranging {
     }
 
     /// Whether a formula mentions one of these variables.
-    fn mentions(&mut self, formula: &Formula, slots: &[Slot]) -> bool {
+    fn mentions(&mut self, formula: &Formula, slots: &[SlotIndex]) -> bool {
         let mut is_mentioned = false;
         let work = each_slot(formula, &mut |slot| is_mentioned |= slots.contains(&slot));
         self.spend(work * slots.len().max(1) as u64);
@@ -248,7 +258,7 @@ fn junction(parts: impl IntoIterator<Item = Formula>, conjunction: bool) -> Form
 }
 
 /// Returns a quantifier without rearranging it.
-fn as_it_is(slots: Vec<Slot>, inner: Formula, existential: bool) -> Formula {
+fn as_it_is(slots: Vec<SlotIndex>, inner: Formula, existential: bool) -> Formula {
     let inner = Box::new(inner);
     if existential { Formula::Exists(slots, inner) } else { Formula::Forall(slots, inner) }
 }
@@ -269,7 +279,7 @@ fn size(formula: &Formula) -> u64 {
 
 /// Calls `visit` for every occurrence of a variable in a formula. Returns the number of parts of the
 /// formula.
-fn each_slot(formula: &Formula, visit: &mut dyn FnMut(Slot)) -> u64 {
+fn each_slot(formula: &Formula, visit: &mut dyn FnMut(SlotIndex)) -> u64 {
     let mut variable = |term: &LiftedTerm| {
         if let LiftedTerm::Variable(slot) = term {
             visit(*slot);
@@ -307,7 +317,7 @@ mod tests {
     use super::super::lifted::LiftedAtom;
     use super::*;
 
-    fn atom(predicate: usize, slots: &[Slot]) -> Formula {
+    fn atom(predicate: usize, slots: &[SlotIndex]) -> Formula {
         let arguments = slots.iter().map(|slot| LiftedTerm::Variable(*slot)).collect();
         Formula::Literal { positive: true, atom: LiftedAtom { predicate, arguments } }
     }
@@ -332,7 +342,7 @@ mod tests {
 
     #[track_caller]
     fn check(formula: Formula, expected: &str) {
-        assert_eq!(show(&Rearranging::default().rearrange(formula)), expected);
+        assert_eq!(show(&QuantifierRearrangement::default().rearrange(formula)), expected);
     }
 
     #[test]

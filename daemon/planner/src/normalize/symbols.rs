@@ -4,12 +4,12 @@ use pddl::{Diagnostic, Domain, Name, Problem, TypeExpr, Typed, Types};
 use rustc_hash::FxHashMap;
 
 use super::lifted::{FunctionUse, PredicateUse, TypeIndex, TypeSet};
-use super::quantifiers::Rearranging;
+use super::quantifiers::QuantifierRearrangement;
 use crate::task::ObjectId;
 
 /// Symbol table: numbers of names, and the errors found while names were resolved.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Symbols {
+pub(crate) struct SymbolTable {
     pub(super) objects: Vec<Name>,
     pub(super) predicates: Vec<PredicateUse>,
     pub(super) functions: Vec<FunctionUse>,
@@ -24,14 +24,14 @@ pub(crate) struct Symbols {
     function_ids: FxHashMap<Name, usize>,
     type_ids: FxHashMap<TypeExpr, TypeIndex>,
     hierarchy: Types,
-    pub(super) rearranging: Rearranging,
+    pub(super) rearranging: QuantifierRearrangement,
 }
 
 // === impl Symbols ===
 
-impl Symbols {
-    pub(super) fn new(domain: &Domain, problem: &Problem) -> Symbols {
-        let mut symbols = Symbols {
+impl SymbolTable {
+    pub(super) fn new(domain: &Domain, problem: &Problem) -> SymbolTable {
+        let mut symbols = SymbolTable {
             objects: Vec::new(),
             predicates: Vec::new(),
             functions: Vec::new(),
@@ -44,7 +44,7 @@ impl Symbols {
             function_ids: FxHashMap::default(),
             type_ids: FxHashMap::default(),
             hierarchy: Types::of(domain),
-            rearranging: Rearranging::default(),
+            rearranging: QuantifierRearrangement::default(),
         };
         let declared = problem.objects.iter().map(|declaration| &declaration.object);
         for object in domain.constants.iter().chain(declared) {

@@ -10,7 +10,8 @@
 use pddl::Name;
 
 use super::lifted::{
-    Formula, Lifted, LiftedAtom, LiftedAxiom, LiftedTerm, PredicateUse, Slot, TypeIndex, TypeSet,
+    Formula, Lifted, LiftedAtom, LiftedAxiom, LiftedTerm, PredicateUse, SlotIndex, TypeIndex,
+    TypeSet,
 };
 
 /// Number of bindings from which on a join is split; joining them takes about a second. Smaller joins
@@ -39,8 +40,15 @@ fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
     for axiom in axioms.iter() {
         strata[axiom.head] = axiom.stratum;
     }
-    let mut splitter =
-        Splitter { types, rows, strata, predicates, axioms: Vec::new(), bindings_max, gain_min };
+    let mut splitter = ConditionSplitter {
+        types,
+        rows,
+        strata,
+        predicates,
+        axioms: Vec::new(),
+        bindings_max,
+        gain_min,
+    };
     for axiom in axioms.iter_mut() {
         splitter.formula(&mut axiom.body, &axiom.frame);
     }
@@ -56,7 +64,7 @@ fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
     axioms.append(&mut splitter.axioms);
 }
 
-struct Splitter<'l> {
+struct ConditionSplitter<'l> {
     types: &'l [TypeSet],
     /// Per predicate: number of its facts in the initial state.
     rows: Vec<usize>,
@@ -71,7 +79,7 @@ struct Splitter<'l> {
 
 // === impl Splitter ===
 
-impl Splitter<'_> {
+impl ConditionSplitter<'_> {
     fn formula(&mut self, formula: &mut Formula, frame: &[TypeIndex]) {
         match formula {
             Formula::And(parts) | Formula::Or(parts) => {
@@ -91,7 +99,12 @@ impl Splitter<'_> {
     }
 
     /// Eliminates variables, the cheapest first, until few bindings are left or nothing more is gained.
-    fn exists(&mut self, slots: &mut Vec<Slot>, parts: &mut Vec<Formula>, frame: &[TypeIndex]) {
+    fn exists(
+        &mut self,
+        slots: &mut Vec<SlotIndex>,
+        parts: &mut Vec<Formula>,
+        frame: &[TypeIndex],
+    ) {
         let mut bindings_max = self.bindings_max;
         loop {
             let whole = self.bindings(&scope(parts.iter()), parts.iter(), frame);
@@ -122,13 +135,13 @@ impl Splitter<'_> {
     /// literal.
     fn derive(
         &mut self,
-        slot: Slot,
+        slot: SlotIndex,
         parts: Vec<Formula>,
-        scope: &[Slot],
+        scope: &[SlotIndex],
         frame: &[TypeIndex],
     ) -> Formula {
         let head = self.predicates.len();
-        let parameters: Vec<Slot> = scope.iter().copied().filter(|one| *one != slot).collect();
+        let parameters: Vec<SlotIndex> = scope.iter().copied().filter(|one| *one != slot).collect();
         let mut body = Formula::Exists(vec![slot], Box::new(Formula::And(parts)));
         let mut stratum = 0;
         body.literals(&mut |positive, atom| {
@@ -162,17 +175,17 @@ impl Splitter<'_> {
     /// static predicate bounds its variables together, if that is less than the product of their types.
     fn bindings<'f>(
         &self,
-        scope: &[Slot],
+        scope: &[SlotIndex],
         parts: impl Iterator<Item = &'f Formula>,
         frame: &[TypeIndex],
     ) -> f64 {
-        let size = |slot: &Slot| self.types[frame[*slot as usize]].members.len() as f64;
+        let size = |slot: &SlotIndex| self.types[frame[*slot as usize]].members.len() as f64;
         let mut open = scope.to_vec();
         let mut bindings = 1.0;
         for part in parts {
             let Formula::Literal { positive: true, atom } = part else { continue };
             let rows = self.rows[atom.predicate] as f64;
-            let binds = |slot: &Slot| atom.arguments.contains(&LiftedTerm::Variable(*slot));
+            let binds = |slot: &SlotIndex| atom.arguments.contains(&LiftedTerm::Variable(*slot));
             let alone: f64 = open.iter().filter(|slot| binds(slot)).map(size).product();
             if self.predicates[atom.predicate].is_static() && rows < alone {
                 bindings *= rows;
@@ -184,7 +197,7 @@ impl Splitter<'_> {
 }
 
 /// Returns the free variables of formulas, sorted, without duplicates.
-pub(super) fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<Slot> {
+pub(super) fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<SlotIndex> {
     let mut scope = Vec::new();
     parts.for_each(|part| scope.extend(part.free_slots()));
     scope.sort_unstable();
@@ -193,14 +206,14 @@ pub(super) fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<Slot> {
 }
 
 /// Replaces variables by their positions in `slots`; variables that are missing there are appended.
-pub(super) fn renumber(formula: &mut Formula, slots: &mut Vec<Slot>) {
+pub(super) fn renumber(formula: &mut Formula, slots: &mut Vec<SlotIndex>) {
     formula.slots_mut(&mut |slot| {
         let known = slots.iter().position(|one| one == slot);
         let place = known.unwrap_or_else(|| {
             slots.push(*slot);
             slots.len() - 1
         });
-        *slot = place as Slot;
+        *slot = place as SlotIndex;
     });
 }
 
@@ -213,7 +226,7 @@ mod tests {
     use super::*;
     use crate::ground::ground;
     use crate::limits::{Budget, Cancel};
-    use crate::small_tasks::{cheapest, lifted};
+    use crate::test_tasks::{cheapest, lifted};
 
     /// Returns a task with a chain of four joins, which starts at an object that an action can change.
     fn chain(objects: usize) -> Lifted {

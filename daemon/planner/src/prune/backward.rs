@@ -1,32 +1,32 @@
 //! Backward h²: finds the pairs of literals that can be true together in a state from which the goal is
 //! reachable.
 
-use super::fixpoint::{Direction, Reached, settle};
-use super::pairs::{Pairs, Set};
-use super::view::OperatorView;
-use super::{Exceeded, Prune, Work};
+use super::fixpoint::{AnalysisDirection, ReachablePairs, extend_to_fixpoint};
+use super::operator_views::OperatorView;
+use super::pairs::{LiteralPairs, LiteralSet};
+use super::{Prune, WorkBudget, WorkExceeded};
 use crate::task::Literal;
 
 /// Regression from the goal, through pairs that are forward reachable.
-pub(super) struct Backward<'a>(pub(super) &'a Pairs);
+pub(super) struct Backward<'a>(pub(super) &'a LiteralPairs);
 
 /// Computes the pairs that lead to the goal, among the forward-`reached` ones. Returns `None` if the
 /// initial state does not lead to the goal.
 pub(super) fn reach(
     prune: &Prune<'_>,
-    reached: &Pairs,
-    work: &mut Work<'_>,
-) -> Result<Option<Reached>, Exceeded> {
+    reached: &LiteralPairs,
+    work: &mut WorkBudget<'_>,
+) -> Result<Option<ReachablePairs>, WorkExceeded> {
     let view = &prune.view;
-    let last = Pairs::among(reached.with_all(&view.goal).iter(), reached);
+    let last = LiteralPairs::among(reached.with_all(&view.goal).iter(), reached);
     let order = (0..prune.is_useful.len()).rev();
-    let leading = settle(prune, &Backward(reached), last, order, work)?;
+    let leading = extend_to_fixpoint(prune, &Backward(reached), last, order, work)?;
     let has_initial = leading.pairs.with_all(&view.initial).contains_all(&view.initial);
     Ok(has_initial.then_some(leading))
 }
 
-impl Direction for Backward<'_> {
-    fn allowed(&self) -> &Pairs {
+impl AnalysisDirection for Backward<'_> {
+    fn allowed(&self) -> &LiteralPairs {
         self.0
     }
 
@@ -34,7 +34,11 @@ impl Direction for Backward<'_> {
         operator.after
     }
 
-    fn beyond(&self, operator: &OperatorView<'_>, pairs: &Pairs) -> Option<Set> {
+    fn reachable_literals(
+        &self,
+        operator: &OperatorView<'_>,
+        pairs: &LiteralPairs,
+    ) -> Option<LiteralSet> {
         let mut before = pairs.with_all(operator.after);
         if !before.contains_all(operator.after) {
             return None;

@@ -1,21 +1,21 @@
 //! Fixpoint iteration: applies operators repeatedly until none of them adds a pair.
 
-use super::pairs::{Pairs, Set};
-use super::view::OperatorView;
-use super::{Exceeded, Prune, Work};
+use super::operator_views::OperatorView;
+use super::pairs::{LiteralPairs, LiteralSet};
+use super::{Prune, WorkBudget, WorkExceeded};
 use crate::task::Literal;
 
 /// Result of the reachability analysis in one direction.
-pub(super) struct Reached {
-    pub(super) pairs: Pairs,
+pub(super) struct ReachablePairs {
+    pub(super) pairs: LiteralPairs,
     /// Per operator: whether it can be used.
     pub(super) fired: Vec<bool>,
 }
 
 /// Direction of the analysis: forward or backward.
-pub(super) trait Direction {
+pub(super) trait AnalysisDirection {
     /// Pairs that may be added.
-    fn allowed(&self) -> &Pairs;
+    fn allowed(&self) -> &LiteralPairs;
 
     /// Literals that an operator requires in this direction. It can add nothing new until their pairs
     /// change.
@@ -23,7 +23,11 @@ pub(super) trait Direction {
 
     /// Literals that may be true together on the far side of an operator; `None` if the operator cannot
     /// be used.
-    fn beyond(&self, operator: &OperatorView<'_>, pairs: &Pairs) -> Option<Set>;
+    fn reachable_literals(
+        &self,
+        operator: &OperatorView<'_>,
+        pairs: &LiteralPairs,
+    ) -> Option<LiteralSet>;
 
     /// Literals that an operator may change; only for them are pairs added.
     fn changed<'v>(&self, operator: &OperatorView<'v>) -> impl Iterator<Item = &'v Literal>;
@@ -37,13 +41,13 @@ struct Clock {
 }
 
 /// Extends `pairs` to the fixpoint under all useful operators, which are applied in this `order`.
-pub(super) fn settle(
+pub(super) fn extend_to_fixpoint(
     prune: &Prune<'_>,
-    direction: &impl Direction,
-    mut pairs: Pairs,
+    direction: &impl AnalysisDirection,
+    mut pairs: LiteralPairs,
     order: impl Iterator<Item = usize> + Clone,
-    work: &mut Work<'_>,
-) -> Result<Reached, Exceeded> {
+    work: &mut WorkBudget<'_>,
+) -> Result<ReachablePairs, WorkExceeded> {
     let (operators, literals) = (prune.is_useful.len(), 2 * prune.task.basic_count);
     let mut clock = Clock { now: 0, changed: vec![0; literals], looked: vec![None; operators] };
     let mut fired = vec![false; operators];
@@ -51,11 +55,11 @@ pub(super) fn settle(
         let begun = clock.now;
         for index in order.clone() {
             let operator = prune.view.operator(index);
-            if !prune.is_useful[index] || !clock.must_look(index, direction.needed(&operator)) {
+            if !prune.is_useful[index] || !clock.must_reapply(index, direction.needed(&operator)) {
                 continue;
             }
             let before = clock.now;
-            if let Some(beyond) = direction.beyond(&operator, &pairs) {
+            if let Some(beyond) = direction.reachable_literals(&operator, &pairs) {
                 fired[index] = true;
                 for literal in direction.changed(&operator).filter(|one| beyond.contains(**one)) {
                     let allowed = direction.allowed();
@@ -66,7 +70,7 @@ pub(super) fn settle(
             work.spend((pairs.width() * operator.size()) as u64 + clock.now - before)?;
         }
         if clock.now == begun {
-            return Ok(Reached { pairs, fired });
+            return Ok(ReachablePairs { pairs, fired });
         }
     }
 }
@@ -76,7 +80,7 @@ pub(super) fn settle(
 impl Clock {
     /// Whether the pairs of one of `literals` have changed since the operator was last applied; without
     /// literals, whether any pair has. If so, records that it is applied now.
-    fn must_look(&mut self, operator: usize, literals: &[Literal]) -> bool {
+    fn must_reapply(&mut self, operator: usize, literals: &[Literal]) -> bool {
         let changed = literals.iter().map(|one| self.changed[one.index()]).max();
         let changed = changed.unwrap_or(self.now);
         let must = self.looked[operator].is_none_or(|looked| looked < changed);

@@ -1,27 +1,30 @@
 //! Forward h²: finds the pairs of literals that can be true together in a reachable state.
 
-use super::fixpoint::{Direction, Reached, settle};
-use super::pairs::{Pairs, Set};
-use super::view::OperatorView;
-use super::{Exceeded, Prune, Work};
+use super::fixpoint::{AnalysisDirection, ReachablePairs, extend_to_fixpoint};
+use super::operator_views::OperatorView;
+use super::pairs::{LiteralPairs, LiteralSet};
+use super::{Prune, WorkBudget, WorkExceeded};
 use crate::task::Literal;
 
 /// Progression from the initial state, through pairs that are alive.
-struct Forward<'a>(&'a Pairs);
+struct Forward<'a>(&'a LiteralPairs);
 
 /// Computes the pairs that are reachable through alive pairs. Returns `None` if the goal is
 /// unreachable.
-pub(super) fn reach(prune: &Prune<'_>, work: &mut Work<'_>) -> Result<Option<Reached>, Exceeded> {
+pub(super) fn reach(
+    prune: &Prune<'_>,
+    work: &mut WorkBudget<'_>,
+) -> Result<Option<ReachablePairs>, WorkExceeded> {
     let view = &prune.view;
-    let first = Pairs::among(view.initial.iter().copied(), &prune.alive);
+    let first = LiteralPairs::among(view.initial.iter().copied(), &prune.alive);
     let order = 0..prune.is_useful.len();
-    let reached = settle(prune, &Forward(&prune.alive), first, order, work)?;
+    let reached = extend_to_fixpoint(prune, &Forward(&prune.alive), first, order, work)?;
     let has_goal = reached.pairs.with_all(&view.goal).contains_all(&view.goal);
     Ok(has_goal.then_some(reached))
 }
 
-impl Direction for Forward<'_> {
-    fn allowed(&self) -> &Pairs {
+impl AnalysisDirection for Forward<'_> {
+    fn allowed(&self) -> &LiteralPairs {
         self.0
     }
 
@@ -29,7 +32,11 @@ impl Direction for Forward<'_> {
         operator.preconditions
     }
 
-    fn beyond(&self, operator: &OperatorView<'_>, pairs: &Pairs) -> Option<Set> {
+    fn reachable_literals(
+        &self,
+        operator: &OperatorView<'_>,
+        pairs: &LiteralPairs,
+    ) -> Option<LiteralSet> {
         let mut after = pairs.with_all(operator.preconditions);
         if !after.contains_all(operator.preconditions) {
             return None;

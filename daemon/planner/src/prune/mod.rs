@@ -16,16 +16,16 @@
 mod backward;
 mod fixpoint;
 mod forward;
+mod operator_views;
 mod pairs;
-mod view;
 
 use crate::limits::Cancel;
-use crate::task::{Literal, OperatorId, Operators, Task};
+use crate::task::{Literal, OperatorId, OperatorTable, Task};
 
 use self::backward::Backward;
-use self::fixpoint::Direction as _;
-use self::pairs::{Pairs, Set};
-use self::view::View;
+use self::fixpoint::AnalysisDirection as _;
+use self::operator_views::OperatorViews;
+use self::pairs::{LiteralPairs, LiteralSet};
 
 /// Maximal number of rounds in both directions. The second round usually finds the last changes.
 const ROUNDS_MAX: usize = 8;
@@ -36,14 +36,14 @@ pub(crate) enum Pruned {
     /// Nothing was pruned, or the task is too large for the limits.
     Everything,
     /// A smaller task with the same plans.
-    Smaller(Box<Smaller>),
+    Smaller(Box<PrunedTask>),
     /// No plan exists; this is a proof.
     Nothing,
 }
 
 /// A task with the same plans as the original one, with fewer operators or stronger preconditions.
 #[derive(Debug)]
-pub(crate) struct Smaller {
+pub(crate) struct PrunedTask {
     pub(crate) task: Task,
     /// Per operator: its id in the original task.
     origins: Vec<OperatorId>,
@@ -51,14 +51,14 @@ pub(crate) struct Smaller {
 
 /// Remaining work, in words of 64 pairs.
 #[derive(Debug)]
-pub(super) struct Work<'c> {
+pub(super) struct WorkBudget<'c> {
     left: u64,
     cancel: &'c Cancel,
 }
 
 /// The cap on work is exceeded, or the call was cancelled.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Exceeded;
+pub(super) struct WorkExceeded;
 
 /// Maximal number of pair sets that exist at the same time.
 const SETS: u64 = 4;
@@ -66,27 +66,27 @@ const SETS: u64 = 4;
 /// Prunes a task within `bytes_max` of memory. `work_max` counts words of 64 pairs; one takes a
 /// nanosecond or two.
 pub(crate) fn prune(task: &Task, work_max: u64, bytes_max: usize, cancel: &Cancel) -> Pruned {
-    let words = Pairs::words(task.basic_count).saturating_mul(SETS);
+    let words = LiteralPairs::words(task.basic_count).saturating_mul(SETS);
     if words > work_max / 2 || words.saturating_mul(8) > bytes_max as u64 {
         return Pruned::Everything;
     }
-    let mut work = Work { left: work_max, cancel };
+    let mut work = WorkBudget { left: work_max, cancel };
     Prune::new(task).run(&mut work).unwrap_or(Pruned::Everything)
 }
 
 /// State of the pruning of one task.
 struct Prune<'t> {
     task: &'t Task,
-    view: View,
+    view: OperatorViews,
     /// Per operator: whether a plan may use it, as far as is known.
     is_useful: Vec<bool>,
     /// Pairs that may be true together in a state on the way to the goal, as far as is known.
-    alive: Pairs,
+    alive: LiteralPairs,
 }
 
 // === impl Smaller ===
 
-impl Smaller {
+impl PrunedTask {
     /// Translates a plan of the smaller task into operators of the original one.
     pub(crate) fn original(&self, plan: &[OperatorId]) -> Vec<OperatorId> {
         plan.iter().map(|id| self.origins[id.index()]).collect()
@@ -102,12 +102,12 @@ impl Smaller {
 
 // === impl Work ===
 
-impl Work<'_> {
+impl WorkBudget<'_> {
     /// Subtracts work that is about to be done. Returns an error if the cap is exceeded or the call is
     /// cancelled.
-    fn spend(&mut self, words: u64) -> Result<(), Exceeded> {
+    fn spend(&mut self, words: u64) -> Result<(), WorkExceeded> {
         let left = self.left.checked_sub(words).filter(|_| !self.cancel.is_set());
-        self.left = left.ok_or(Exceeded)?;
+        self.left = left.ok_or(WorkExceeded)?;
         Ok(())
     }
 }
@@ -116,12 +116,12 @@ impl Work<'_> {
 
 impl<'t> Prune<'t> {
     fn new(task: &'t Task) -> Prune<'t> {
-        let view = View::of(task);
+        let view = OperatorViews::of(task);
         let is_useful = vec![true; task.operator_count()];
-        Prune { task, view, is_useful, alive: Pairs::full(task.basic_count) }
+        Prune { task, view, is_useful, alive: LiteralPairs::full(task.basic_count) }
     }
 
-    fn run(mut self, work: &mut Work<'_>) -> Result<Pruned, Exceeded> {
+    fn run(mut self, work: &mut WorkBudget<'_>) -> Result<Pruned, WorkExceeded> {
         let mut first = None;
         for _ in 0..ROUNDS_MAX {
             let before = (self.alive.count(), self.useful());
@@ -145,9 +145,9 @@ impl<'t> Prune<'t> {
     }
 
     /// Builds the smaller task; `reached` are the pairs of the first forward pass.
-    fn smaller(&self, reached: &Pairs) -> Pruned {
+    fn smaller(&self, reached: &LiteralPairs) -> Pruned {
         let alive = self.alive.possible();
-        let mut operators = Operators::default();
+        let mut operators = OperatorTable::default();
         let (mut origins, mut is_stronger) = (Vec::new(), false);
         for (index, operator) in self.task.operators.iter().enumerate() {
             if !self.is_useful[index] {
@@ -165,14 +165,14 @@ impl<'t> Prune<'t> {
             return Pruned::Everything;
         }
         let task = self.task.with_operators(operators);
-        Pruned::Smaller(Box::new(Smaller { task, origins }))
+        Pruned::Smaller(Box::new(PrunedTask { task, origins }))
     }
 
     /// Returns the facts that are true whenever a plan uses an operator, except its preconditions and
     /// the facts that these imply in every reachable state.
-    fn implied(&self, operator: usize, reached: &Pairs, alive: &Set) -> Vec<Literal> {
+    fn implied(&self, operator: usize, reached: &LiteralPairs, alive: &LiteralSet) -> Vec<Literal> {
         let view = self.view.operator(operator);
-        let Some(mut before) = Backward(reached).beyond(&view, &self.alive) else {
+        let Some(mut before) = Backward(reached).reachable_literals(&view, &self.alive) else {
             return Vec::new();
         };
         before.intersect(&self.alive.with_all(view.preconditions));

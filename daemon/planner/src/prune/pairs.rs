@@ -6,24 +6,24 @@ use crate::task::Literal;
 
 /// A set of literals.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Set(FixedBitSet);
+pub(super) struct LiteralSet(FixedBitSet);
 
 /// A symmetric set of pairs: per literal, its partners. A literal is its own partner if it can be true
 /// at all.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Pairs(Vec<Set>);
+pub(super) struct LiteralPairs(Vec<LiteralSet>);
 
 // === impl Set ===
 
-impl Set {
+impl LiteralSet {
     /// Returns the empty set over `count` literals.
-    fn none(count: usize) -> Set {
-        Set(FixedBitSet::with_capacity(count))
+    fn none(count: usize) -> LiteralSet {
+        LiteralSet(FixedBitSet::with_capacity(count))
     }
 
     /// Returns the set of these literals, over `count` literals.
-    fn of(literals: impl IntoIterator<Item = Literal>, count: usize) -> Set {
-        let mut set = Set::none(count);
+    fn of(literals: impl IntoIterator<Item = Literal>, count: usize) -> LiteralSet {
+        let mut set = LiteralSet::none(count);
         literals.into_iter().for_each(|literal| set.insert(literal));
         set
     }
@@ -44,7 +44,7 @@ impl Set {
         self.0.remove(literal.index());
     }
 
-    pub(super) fn intersect(&mut self, other: &Set) {
+    pub(super) fn intersect(&mut self, other: &LiteralSet) {
         self.0.intersect_with(&other.0);
     }
 
@@ -53,14 +53,17 @@ impl Set {
     }
 
     /// Returns the literals that are not in the other set.
-    pub(super) fn without<'s>(&'s self, other: &'s Set) -> impl Iterator<Item = Literal> + 's {
+    pub(super) fn without<'s>(
+        &'s self,
+        other: &'s LiteralSet,
+    ) -> impl Iterator<Item = Literal> + 's {
         self.0.difference(&other.0).map(Literal::from_index)
     }
 }
 
 // === impl Pairs ===
 
-impl Pairs {
+impl LiteralPairs {
     /// Returns the number of words of 64 pairs that a set over this number of facts takes.
     pub(super) fn words(fact_count: usize) -> u64 {
         let count = 2 * fact_count as u64;
@@ -69,22 +72,25 @@ impl Pairs {
 
     /// Returns all pairs of literals of this number of facts, except those of a literal and its
     /// negation.
-    pub(super) fn full(fact_count: usize) -> Pairs {
+    pub(super) fn full(fact_count: usize) -> LiteralPairs {
         let count = 2 * fact_count;
         let all = (0..count).map(Literal::from_index);
         let rows = all.clone().map(|literal| {
-            let mut row = Set::of(all.clone(), count);
+            let mut row = LiteralSet::of(all.clone(), count);
             row.remove(literal.negated());
             row
         });
-        Pairs(rows.collect())
+        LiteralPairs(rows.collect())
     }
 
     /// Returns the pairs of these literals that are `allowed`.
-    pub(super) fn among(literals: impl IntoIterator<Item = Literal>, allowed: &Pairs) -> Pairs {
+    pub(super) fn among(
+        literals: impl IntoIterator<Item = Literal>,
+        allowed: &LiteralPairs,
+    ) -> LiteralPairs {
         let count = allowed.0.len();
-        let set = Set::of(literals, count);
-        let mut pairs = Pairs(vec![Set::none(count); count]);
+        let set = LiteralSet::of(literals, count);
+        let mut pairs = LiteralPairs(vec![LiteralSet::none(count); count]);
         for literal in set.iter() {
             let row = &mut pairs.0[literal.index()];
             row.clone_from(&set);
@@ -104,13 +110,13 @@ impl Pairs {
     }
 
     /// Returns the literals that can be true at all.
-    pub(super) fn possible(&self) -> Set {
+    pub(super) fn possible(&self) -> LiteralSet {
         let all = (0..self.0.len()).map(Literal::from_index);
-        Set::of(all.filter(|one| self.0[one.index()].contains(*one)), self.0.len())
+        LiteralSet::of(all.filter(|one| self.0[one.index()].contains(*one)), self.0.len())
     }
 
     /// Returns the literals that can be true together with each of these, including themselves.
-    pub(super) fn with_all(&self, literals: &[Literal]) -> Set {
+    pub(super) fn with_all(&self, literals: &[Literal]) -> LiteralSet {
         let Some((first, rest)) = literals.split_first() else { return self.possible() };
         let mut with = self.0[first.index()].clone();
         rest.iter().for_each(|literal| with.intersect(&self.0[literal.index()]));
@@ -122,8 +128,8 @@ impl Pairs {
     pub(super) fn insert(
         &mut self,
         literal: Literal,
-        set: &Set,
-        allowed: &Pairs,
+        set: &LiteralSet,
+        allowed: &LiteralPairs,
         mut changed: impl FnMut(Literal),
     ) {
         let mut new = set.clone();

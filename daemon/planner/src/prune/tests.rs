@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use proptest::prelude::*;
 
 use super::*;
-use crate::small_tasks::{task, texts, with_goal};
 use crate::state::{Progression, StateId, StateSpace, all_hold};
+use crate::test_tasks::{task, texts, with_goal};
 
 fn pruned(task: &Task) -> Pruned {
     prune(task, u64::MAX, usize::MAX, &Cancel::new())
@@ -66,7 +66,7 @@ fn what_shuts_the_way_to_the_goal_is_left_out() {
     assert_eq!(asked, 2 + 2, "it asks for the two that are painted before");
 }
 
-fn smaller_step(task: &Task, operator: crate::task::Operator<'_>, arguments: &str) -> bool {
+fn smaller_step(task: &Task, operator: crate::task::GroundOperator<'_>, arguments: &str) -> bool {
     let name = task.schema_names[operator.schema as usize].as_str();
     let own: Vec<_> =
         operator.arguments.iter().map(|one| task.object_names[one.index()].as_str()).collect();

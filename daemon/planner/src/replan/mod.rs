@@ -9,21 +9,21 @@
 //! - The result is that of [`crate::plan()`], except that another one of several equally good plans may
 //!   be returned. Every plan is validated against the texts as they are.
 
-mod known;
+mod known_texts;
 mod repair;
 
 use pddl::{Condition, Diagnostic, Domain, Plan, PlanStep, Problem};
 
-use self::known::{Additions, Known};
-use self::repair::Resumable;
-use crate::ground::{Now, Outgrown, Present, Standing};
+use self::known_texts::{KnownTexts, TextAdditions};
+use self::repair::ResumableTask;
+use crate::ground::{IncrementalGrounding, InitialState, NeedsRegrounding, PresenceMask};
 use crate::limits::{Cancel, Options};
 use crate::normalize::{normalize_named, refuse_nonclassical};
-use crate::outcome::{Outcome, PlanError, Statistics, StopReason};
+use crate::outcome::{PlanError, PlanningOutcome, Statistics, StopReason};
 use crate::plan::{
-    Judge, is_taken_apart, refuse_mistakes, refuse_mistakes_of_goal, refuse_mistakes_of_problem,
+    PlanJudge, is_decomposed, refuse_mistakes, refuse_mistakes_of_goal, refuse_mistakes_of_problem,
 };
-use crate::search::Told;
+use crate::search::SearchProgress;
 use crate::solve::Solver;
 use crate::task::Task;
 use crate::validate::World;
@@ -51,23 +51,23 @@ use crate::validate::World;
 /// ```
 #[derive(Debug, Default)]
 pub struct Replanner {
-    held: Option<Held>,
+    retained: Option<RetainedState>,
 }
 
 /// Result of a call, and how it was found.
 #[derive(Clone, Debug)]
 pub struct Replanned {
     /// Outcome, as of [`crate::plan()`].
-    pub outcome: Outcome,
+    pub outcome: PlanningOutcome,
     /// How much of the old plan is in the new one.
-    pub course: Course,
+    pub plan_reuse: PlanReuse,
     /// How much of the kept ground problem was reused.
-    pub grounding: Grounding,
+    pub grounding_reuse: GroundingReuse,
 }
 
 /// How much of the old plan is in the new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Course {
+pub enum PlanReuse {
     /// The plan is the rest of the old plan.
     Kept,
     /// The plan ends with steps of the old plan.
@@ -81,51 +81,51 @@ pub enum Course {
 
 /// How much of the kept ground problem was reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Grounding {
+pub enum GroundingReuse {
     /// All of it; parts may be masked.
     Kept,
     /// All of it; additions were ground.
     Extended,
     /// None of it: there was none, or it could not be used.
-    Afresh,
+    Full,
     /// No ground problem was needed.
     Unneeded,
 }
 
 /// State that is kept between calls.
 #[derive(Debug)]
-struct Held {
-    known: Known,
-    standing: Standing,
+struct RetainedState {
+    known: KnownTexts,
+    incremental: IncrementalGrounding,
     /// Goal that was checked last and found correct, with the mask of that time.
-    checked: Option<(Condition, Present)>,
+    checked: Option<(Condition, PresenceMask)>,
     /// Mask of the last call, and its state.
-    last: Option<(Present, World)>,
+    last: Option<(PresenceMask, World)>,
 }
 
 /// Difference between texts and the kept state.
-struct Difference {
-    additions: Additions,
-    present: Present,
+struct TextDifference {
+    additions: TextAdditions,
+    present: PresenceMask,
     /// Initial state; `None` if some of its facts are unknown.
-    now: Option<Now>,
+    now: Option<InitialState>,
 }
 
 /// A ground problem, ready for one state.
-struct Ready {
-    now: Now,
-    present: Present,
-    grounding: Grounding,
+struct PreparedGrounding {
+    now: InitialState,
+    present: PresenceMask,
+    grounding: GroundingReuse,
 }
 
 /// State of one call.
-struct Call<'c> {
+struct ReplanningCall<'c> {
     domain: &'c Domain,
     problem: &'c Problem,
     options: &'c Options,
     cancel: &'c Cancel,
     statistics: Statistics,
-    judge: Judge<'c>,
+    judge: PlanJudge<'c>,
 }
 
 // === impl Replanner ===
@@ -146,12 +146,12 @@ impl Replanner {
     ) -> Result<Replanned, PlanError> {
         refuse_nonclassical(domain, problem)?;
         let mut difference = self.difference(domain, problem)?;
-        let mut call = Call::new(domain, problem, options, cancel);
-        if let (Some(held), Some(difference)) = (&mut self.held, &difference) {
+        let mut call = ReplanningCall::new(domain, problem, options, cancel);
+        if let (Some(held), Some(difference)) = (&mut self.retained, &difference) {
             call.judge.world = held.world(difference, problem);
         }
         if let Some(kept) = call.rest(rest) {
-            if let (Some(held), Some(difference)) = (&mut self.held, difference) {
+            if let (Some(held), Some(difference)) = (&mut self.retained, difference) {
                 held.last = call.judge.world.map(|world| (difference.present, world));
             }
             return Ok(kept);
@@ -162,33 +162,33 @@ impl Replanner {
                 // The kept ground problem follows the texts, and is not split. A problem that is ground
                 // only once can be.
                 Err(GroundFailure::Stopped(reason))
-                    if reason.is_limit_of_grounding() && is_taken_apart(domain, problem)? =>
+                    if reason.is_limit_of_grounding() && is_decomposed(domain, problem)? =>
                 {
                     return call.once();
                 }
                 Err(GroundFailure::Stopped(reason)) => {
-                    return Ok(call.nothing(reason, Grounding::Afresh, Vec::new()));
+                    return Ok(call.nothing(reason, GroundingReuse::Full, Vec::new()));
                 }
                 Err(GroundFailure::Refused(error)) => return Err(error),
             };
-            let Ready { now, present, grounding } = ready;
-            let warnings = held.standing.warnings().to_vec();
+            let PreparedGrounding { now, present, grounding } = ready;
+            let warnings = held.incremental.warnings().to_vec();
             let goal = &problem.goal;
-            let task = held.standing.task(&now, &present, goal, options.budget, cancel);
+            let task = held.incremental.task(&now, &present, goal, options.budget, cancel);
             match task {
                 // For example, the goal reads numbers that were not followed; after grounding afresh
                 // they are.
-                Ok(Err(Outgrown)) if grounding != Grounding::Afresh => (),
-                Ok(Err(Outgrown)) => return call.once(),
+                Ok(Err(NeedsRegrounding)) if grounding != GroundingReuse::Full => (),
+                Ok(Err(NeedsRegrounding)) => return call.once(),
                 Ok(Ok(task)) => {
                     let Some(task) = task else {
-                        self.held = Some(held);
+                        self.retained = Some(held);
                         let reason = StopReason::Unsolvable { before_search: true };
                         return Ok(call.nothing(reason, grounding, warnings));
                     };
                     let (replanned, world) = call.solve(&task, rest, grounding, warnings);
                     held.last = world.map(|world| (present, world));
-                    self.held = Some(held);
+                    self.retained = Some(held);
                     return replanned;
                 }
                 Err(reason) => return Ok(call.nothing(reason, grounding, warnings)),
@@ -213,7 +213,7 @@ impl Replanner {
         let problem = &Problem { goal: together, ..problem.clone() };
         refuse_nonclassical(domain, problem)?;
         let difference = self.difference(domain, problem)?;
-        let mut call = Call::new(domain, problem, options, cancel);
+        let mut call = ReplanningCall::new(domain, problem, options, cancel);
         let (mut held, ready) = match self.ready(&mut call, difference) {
             Ok(ready) => ready,
             // A limit ended grounding, so that nothing is proved.
@@ -221,10 +221,10 @@ impl Replanner {
             Err(GroundFailure::Refused(error)) => return Err(error),
         };
         let (positions, facts): (Vec<_>, Vec<_>) = { conditions.iter().enumerate() }
-            .filter_map(|(position, one)| Some((position, held.standing.fact(one)?)))
+            .filter_map(|(position, one)| Some((position, held.incremental.fact(one)?)))
             .unzip();
-        let reached = held.standing.reaches(&ready.now, &ready.present, &facts);
-        self.held = Some(held);
+        let reached = held.incremental.reaches(&ready.now, &ready.present, &facts);
+        self.retained = Some(held);
         let missing = positions.into_iter().zip(reached).filter(|(_, is_reached)| !is_reached);
         Ok(missing.map(|(position, _)| position).collect())
     }
@@ -235,20 +235,20 @@ impl Replanner {
         &mut self,
         domain: &Domain,
         problem: &Problem,
-    ) -> Result<Option<Difference>, PlanError> {
-        let Some(held) = &mut self.held else {
+    ) -> Result<Option<TextDifference>, PlanError> {
+        let Some(held) = &mut self.retained else {
             return refuse_mistakes(domain, problem).map(|()| None);
         };
         let Some(difference) = held.difference(domain, problem) else {
             return refuse_mistakes(domain, problem).map(|()| None);
         };
-        let Difference { additions, present, now } = &difference;
+        let TextDifference { additions, present, now } = &difference;
         let checked = held.checked.as_ref();
         let has_domain = checked.is_some_and(|(_, then)| {
             then.schemas == present.schemas && then.predicates == present.predicates
         });
         let has_state = checked.is_some_and(|(_, then)| then == present)
-            && now.as_ref().is_some_and(|now| held.standing.knows_values(now));
+            && now.as_ref().is_some_and(|now| held.incremental.has_known_values(now));
         let has_goal = checked.is_some_and(|(goal, _)| *goal == problem.goal);
         let has_problem = has_state && has_goal;
         if !has_domain || !additions.are_objects_only() {
@@ -268,96 +268,105 @@ impl Replanner {
     /// Updates the kept state by a difference, or grounds afresh.
     fn ready(
         &mut self,
-        call: &mut Call<'_>,
-        difference: Option<Difference>,
-    ) -> Result<(Held, Ready), GroundFailure> {
-        if let (Some(difference), Some(mut held)) = (difference, self.held.take())
+        call: &mut ReplanningCall<'_>,
+        difference: Option<TextDifference>,
+    ) -> Result<(RetainedState, PreparedGrounding), GroundFailure> {
+        if let (Some(difference), Some(mut held)) = (difference, self.retained.take())
             && let Some(ready) = held.follow(difference, call)?
         {
             return Ok((held, ready));
         }
-        let Call { domain, problem, options, cancel, .. } = *call;
-        let known = Known::of(domain, problem);
+        let ReplanningCall { domain, problem, options, cancel, .. } = *call;
+        let known = KnownTexts::of(domain, problem);
         let (union, state) = known.texts(problem);
         let (lifted, symbols) = normalize_named(union, &state)?;
         let steps = &mut call.statistics.join_steps;
-        let mut standing = Standing::new(lifted, symbols, options.budget, cancel, steps)?;
+        let mut standing =
+            IncrementalGrounding::new(lifted, symbols, options.budget, cancel, steps)?;
         let present = known.everything();
-        let now = standing.now(problem).unwrap_or_default();
+        let now = standing.convert_initial_state(problem).unwrap_or_default();
         let checked = Some((problem.goal.clone(), present.clone()));
-        let held = Held { known, standing, checked, last: None };
-        Ok((held, Ready { now, present, grounding: Grounding::Afresh }))
+        let held = RetainedState { known, incremental: standing, checked, last: None };
+        Ok((held, PreparedGrounding { now, present, grounding: GroundingReuse::Full }))
     }
 }
 
 // === impl Held ===
 
-impl Held {
+impl RetainedState {
     /// Returns the difference between texts and the known ones; `None` if additions and masks cannot
     /// express it.
-    fn difference(&mut self, domain: &Domain, problem: &Problem) -> Option<Difference> {
-        let (additions, present) = self.known.compare(domain, problem, &self.standing).ok()?;
-        let now = if additions.is_empty() { self.standing.now(problem) } else { None };
-        Some(Difference { additions, present, now })
+    fn difference(&mut self, domain: &Domain, problem: &Problem) -> Option<TextDifference> {
+        let (additions, present) = self.known.compare(domain, problem, &self.incremental).ok()?;
+        let now = if additions.is_empty() {
+            self.incremental.convert_initial_state(problem)
+        } else {
+            None
+        };
+        Some(TextDifference { additions, present, now })
     }
 
     /// Returns the initial state of a problem, reusing the model of the last call. Returns `None` if
     /// other parts of the texts have changed.
-    fn world(&mut self, difference: &Difference, problem: &Problem) -> Option<World> {
+    fn world(&mut self, difference: &TextDifference, problem: &Problem) -> Option<World> {
         let (last, world) = self.last.take()?;
         let is_same = difference.additions.is_empty() && difference.present == last;
-        if is_same { world.again(problem) } else { None }
+        if is_same { world.with_problem(problem) } else { None }
     }
 
     /// Updates the kept state. Returns `None` if the texts must be ground afresh.
     fn follow(
         &mut self,
-        difference: Difference,
-        call: &mut Call<'_>,
-    ) -> Result<Option<Ready>, GroundFailure> {
-        let mut grounding = Grounding::Kept;
-        let Difference { additions, mut present, mut now } = difference;
+        difference: TextDifference,
+        call: &mut ReplanningCall<'_>,
+    ) -> Result<Option<PreparedGrounding>, GroundFailure> {
+        let mut grounding = GroundingReuse::Kept;
+        let TextDifference { additions, mut present, mut now } = difference;
         if now.is_none() {
-            grounding = Grounding::Extended;
-            self.known.learn(additions, &mut present);
+            grounding = GroundingReuse::Extended;
+            self.known.add_texts(additions, &mut present);
             if !self.extend(call)? {
                 return Ok(None);
             }
-            now = self.standing.now(call.problem);
+            now = self.incremental.convert_initial_state(call.problem);
         }
-        let fits = |now: &Now| {
-            (self.standing.can_mask_objects() || !present.objects.contains(&false))
-                && self.standing.agrees(now, &present)
+        let fits = |now: &InitialState| {
+            (self.incremental.can_mask_objects() || !present.objects.contains(&false))
+                && self.incremental.keeps_operators_valid(now, &present)
         };
-        Ok(now.filter(fits).map(|now| Ready { now, present, grounding }))
+        Ok(now.filter(fits).map(|now| PreparedGrounding { now, present, grounding }))
     }
 
     /// Grounds the additions. Returns `false` if that is not possible.
-    fn extend(&mut self, call: &mut Call<'_>) -> Result<bool, GroundFailure> {
+    fn extend(&mut self, call: &mut ReplanningCall<'_>) -> Result<bool, GroundFailure> {
         let (union, state) = self.known.texts(call.problem);
         let Ok((lifted, symbols)) = normalize_named(union, &state) else { return Ok(false) };
         let (budget, steps) = (call.options.budget, &mut call.statistics.join_steps);
-        Ok(self.standing.extend(lifted, symbols, budget, call.cancel, steps)?.is_ok())
+        Ok(self.incremental.extend(lifted, symbols, budget, call.cancel, steps)?.is_ok())
     }
 }
 
 // === impl Call ===
 
-impl<'c> Call<'c> {
+impl<'c> ReplanningCall<'c> {
     fn new(
         domain: &'c Domain,
         problem: &'c Problem,
         options: &'c Options,
         cancel: &'c Cancel,
-    ) -> Call<'c> {
-        let (statistics, judge) = (Statistics::default(), Judge::new(domain, problem));
-        Call { domain, problem, options, cancel, statistics, judge }
+    ) -> ReplanningCall<'c> {
+        let (statistics, judge) = (Statistics::default(), PlanJudge::new(domain, problem));
+        ReplanningCall { domain, problem, options, cancel, statistics, judge }
     }
 
     /// Plans without the kept state, as [`crate::plan()`].
     fn once(&self) -> Result<Replanned, PlanError> {
         let outcome = crate::plan(self.domain, self.problem, self.options, self.cancel)?;
-        Ok(Replanned { outcome, course: Course::Planned, grounding: Grounding::Afresh })
+        Ok(Replanned {
+            outcome,
+            plan_reuse: PlanReuse::Planned,
+            grounding_reuse: GroundingReuse::Full,
+        })
     }
 
     /// Returns the rest of the old plan, if it is not empty and still leads to the goal.
@@ -365,13 +374,13 @@ impl<'c> Call<'c> {
         if rest.is_empty() {
             return None;
         }
-        self.judge.hear(Plan { steps: rest.to_vec(), cost: None }, &mut |_| ());
+        self.judge.submit(Plan { steps: rest.to_vec(), cost: None }, &mut |_| ());
         // An old plan that no longer works is not a defect of the planner.
         self.judge.defect = None;
         let plan = Some(self.judge.best.take()?);
         let (stop_reason, statistics) = (StopReason::GoalReached, self.statistics);
         Some(Replanned {
-            outcome: Outcome {
+            outcome: PlanningOutcome {
                 plan,
                 stop_reason,
                 unproven: None,
@@ -379,8 +388,8 @@ impl<'c> Call<'c> {
                 statistics,
                 warnings: Vec::new(),
             },
-            course: Course::Kept,
-            grounding: Grounding::Unneeded,
+            plan_reuse: PlanReuse::Kept,
+            grounding_reuse: GroundingReuse::Unneeded,
         })
     }
 
@@ -389,23 +398,23 @@ impl<'c> Call<'c> {
         mut self,
         task: &Task,
         rest: &[PlanStep],
-        grounding: Grounding,
+        grounding: GroundingReuse,
         warnings: Vec<Diagnostic>,
     ) -> (Result<Replanned, PlanError>, Option<World>) {
         self.statistics.facts = task.fact_count;
         self.statistics.operators = task.operator_count();
         let judge = &mut self.judge;
         let mut resumes = false;
-        let resumable = Resumable::new(task, rest);
+        let resumable = ResumableTask::new(task, rest);
         let searched = resumable.as_ref().map_or(task, |resumable| &resumable.task);
         let mut solver = Solver::new(searched, self.options, self.cancel, &mut self.statistics);
         let reason = solver.run(&mut |told| {
-            let Told::Found(operators) = told else { return };
+            let SearchProgress::Found(operators) = told else { return };
             let (plan, is_resumed) = match &resumable {
                 Some(resumable) => resumable.plan(operators),
                 None => (task.plan(operators), false),
             };
-            if judge.hear(plan, &mut |_| ()) {
+            if judge.submit(plan, &mut |_| ()) {
                 resumes = is_resumed;
             }
         });
@@ -419,10 +428,10 @@ impl<'c> Call<'c> {
             let steps = outcome.plan.as_ref().map_or(&[][..], |plan| &plan.steps);
             let pairs = steps.iter().rev().zip(rest.iter().rev());
             let course = match pairs.take_while(|(new, old)| new == old).count() {
-                0 => Course::Planned,
-                kept => Course::Repaired { kept },
+                0 => PlanReuse::Planned,
+                kept => PlanReuse::Repaired { kept },
             };
-            Replanned { outcome, course, grounding }
+            Replanned { outcome, plan_reuse: course, grounding_reuse: grounding }
         });
         (replanned, world)
     }
@@ -430,14 +439,14 @@ impl<'c> Call<'c> {
     fn nothing(
         self,
         stop_reason: StopReason,
-        grounding: Grounding,
+        grounding: GroundingReuse,
         warnings: Vec<Diagnostic>,
     ) -> Replanned {
         let statistics = self.statistics;
         let (unproven, unprovable) = (None, None);
         let outcome =
-            Outcome { plan: None, stop_reason, unproven, unprovable, statistics, warnings };
-        Replanned { outcome, course: Course::Planned, grounding }
+            PlanningOutcome { plan: None, stop_reason, unproven, unprovable, statistics, warnings };
+        Replanned { outcome, plan_reuse: PlanReuse::Planned, grounding_reuse: grounding }
     }
 }
 

@@ -8,10 +8,10 @@
 use pddl::{Plan, PlanStep};
 use rustc_hash::FxHashMap;
 
-use crate::task::{FactId, Literal, Operator, OperatorId, Task};
+use crate::task::{FactId, GroundOperator, Literal, OperatorId, Task};
 
 /// A task with additional operators at its end: macros for suffixes of an old plan.
-pub(super) struct Resumable<'r> {
+pub(super) struct ResumableTask<'r> {
     pub(super) task: Task,
     /// Index of the first macro operator.
     first: usize,
@@ -22,11 +22,11 @@ pub(super) struct Resumable<'r> {
 
 // === impl Resumable ===
 
-impl<'r> Resumable<'r> {
+impl<'r> ResumableTask<'r> {
     /// Returns the task with a macro operator for each suffix of `rest` that can be regressed: its
     /// steps must be operators of the task without conditional effects. Returns `None` if there is no
     /// such suffix.
-    pub(super) fn new(task: &Task, rest: &'r [PlanStep]) -> Option<Resumable<'r>> {
+    pub(super) fn new(task: &Task, rest: &'r [PlanStep]) -> Option<ResumableTask<'r>> {
         let suffixes = suffixes(task, rest);
         if suffixes.is_empty() {
             return None;
@@ -50,7 +50,7 @@ impl<'r> Resumable<'r> {
         let first = task.operator_count();
         let starts = suffixes.iter().map(|suffix| suffix.start).collect();
         let task = Task { costs_equal: false, ..task.with_operators(operators) };
-        Some(Resumable { task, first, starts, rest })
+        Some(ResumableTask { task, first, starts, rest })
     }
 
     /// Expands operators into a plan. Also returns whether one of them is a macro.
@@ -120,7 +120,7 @@ fn operators(task: &Task, rest: &[PlanStep]) -> Vec<Option<OperatorId>> {
 
 /// Regresses `asked` through an operator: returns the literals that must hold before it. Returns `None`
 /// if that cannot be computed, or if `asked` never holds after the operator.
-fn regressed(task: &Task, asked: &[Literal], operator: Operator<'_>) -> Option<Vec<Literal>> {
+fn regressed(task: &Task, asked: &[Literal], operator: GroundOperator<'_>) -> Option<Vec<Literal>> {
     let is_basic = |literal: &Literal| literal.fact().index() < task.basic_count;
     let comparisons = task.basic_count..task.basic_count + task.comparisons.len();
     let depends_on_facts = |literal: &Literal| literal.fact().index() >= comparisons.end;

@@ -17,7 +17,7 @@ const PLATEAU_MAX: usize = 100;
 const WORK_MAX: usize = 20_000_000;
 
 /// Climbs from the initial state towards the goal.
-pub(crate) struct Climb<'t, 'h> {
+pub(crate) struct HillClimbing<'t, 'h> {
     task: &'t Task,
     ff: &'h mut FastForward<'t>,
     progression: Progression<'t>,
@@ -28,10 +28,10 @@ pub(crate) struct Climb<'t, 'h> {
 }
 
 /// Steps, the state after them, and the estimate of that state.
-type Way = (Vec<OperatorId>, Vec<u64>, u64);
+type ClimbingStep = (Vec<OperatorId>, Vec<u64>, u64);
 
 /// Result of the climb.
-pub(crate) enum Climbed {
+pub(crate) enum ClimbingOutcome {
     /// A plan.
     Plan(Vec<OperatorId>),
     /// The goal is unreachable in the delete relaxation. This is a proof that there is no plan.
@@ -42,31 +42,38 @@ pub(crate) enum Climbed {
 
 // === impl Climb ===
 
-impl<'t, 'h> Climb<'t, 'h> {
-    pub(crate) fn new(task: &'t Task, ff: &'h mut FastForward<'t>) -> Climb<'t, 'h> {
-        Climb { task, ff, progression: Progression::new(task), evaluations: 0, expansions: 0 }
+impl<'t, 'h> HillClimbing<'t, 'h> {
+    pub(crate) fn new(task: &'t Task, ff: &'h mut FastForward<'t>) -> HillClimbing<'t, 'h> {
+        HillClimbing {
+            task,
+            ff,
+            progression: Progression::new(task),
+            evaluations: 0,
+            expansions: 0,
+        }
     }
 
-    pub(crate) fn run(&mut self, cancel: &Cancel) -> Climbed {
+    pub(crate) fn run(&mut self, cancel: &Cancel) -> ClimbingOutcome {
         let mut state = self.progression.initial();
         if all_hold(&state, &self.task.goal) {
-            return Climbed::Plan(Vec::new());
+            return ClimbingOutcome::Plan(Vec::new());
         }
-        let Some(mut estimate) = self.evaluate(&state) else { return Climbed::DeadEnd };
+        let Some(mut estimate) = self.evaluate(&state) else { return ClimbingOutcome::DeadEnd };
         let evaluations_max = (WORK_MAX / self.ff.size().max(1)) as u64;
         let mut plan = Vec::new();
         loop {
             let preferred = self.ff.preferred().to_vec();
-            let found = self.leap(&state, estimate);
-            let found = found.or_else(|| self.ascend(&state, preferred, estimate, cancel));
-            let Some((steps, next, better)) = found else { return Climbed::GaveUp };
+            let found = self.apply_relaxed_plan(&state, estimate);
+            let found =
+                found.or_else(|| self.search_better_state(&state, preferred, estimate, cancel));
+            let Some((steps, next, better)) = found else { return ClimbingOutcome::GaveUp };
             plan.extend(steps);
             (state, estimate) = (next, better);
             if all_hold(&state, &self.task.goal) {
-                return Climbed::Plan(plan);
+                return ClimbingOutcome::Plan(plan);
             }
             if self.evaluations > evaluations_max {
-                return Climbed::GaveUp;
+                return ClimbingOutcome::GaveUp;
             }
         }
     }
@@ -78,7 +85,7 @@ impl<'t, 'h> Climb<'t, 'h> {
 
     /// Applies the steps of the last relaxed plan, one after the other, as long as some are applicable.
     /// Returns `None` if they do not lead to a better estimate.
-    fn leap(&mut self, from: &State, estimate: u64) -> Option<Way> {
+    fn apply_relaxed_plan(&mut self, from: &State, estimate: u64) -> Option<ClimbingStep> {
         let mut left: Vec<OperatorId> = self.ff.relaxed_plan().to_vec();
         left.sort_by_key(|operator| (self.ff.depth(*operator), *operator));
         let (mut state, mut next) = (from.to_vec(), Vec::new());
@@ -105,13 +112,13 @@ impl<'t, 'h> Climb<'t, 'h> {
     }
 
     /// Searches breadth first, by preferred operators only, for a state with a better estimate.
-    fn ascend(
+    fn search_better_state(
         &mut self,
         from: &State,
         preferred: Vec<OperatorId>,
         estimate: u64,
         cancel: &Cancel,
-    ) -> Option<Way> {
+    ) -> Option<ClimbingStep> {
         let mut space = StateSpace::new(from);
         let mut preferred = vec![preferred];
         let mut successor = Vec::new();

@@ -11,9 +11,9 @@
 //! states that are reached again at a lower cost are evaluated again, and only plans below a bound are
 //! returned: this is one stage of LAMA's anytime search.
 
-use super::open::{Entry, OpenList};
+use super::open::{OpenEntry, OpenList};
 use super::types::TypeList;
-use super::{Search, Step};
+use super::{Search, SearchStep};
 use crate::heuristic::{Evaluator, FastForward, LandmarkCount, NOT_NOVEL, Novelty, Weights};
 use crate::limits::Cancel;
 use crate::mutex::MutexGroups;
@@ -54,7 +54,7 @@ const MUTEX_WORK_MAX: u64 = 5_000_000;
 
 /// Parameters of a search.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Manner {
+pub(crate) struct SearchParameters {
     /// Weights of operators in path costs and in the FF heuristic.
     pub(crate) weights: Weights,
     /// Factor of the estimate relative to the path cost. `None` means greedy search: path costs do not
@@ -67,9 +67,9 @@ pub(crate) struct Manner {
 }
 
 /// A best-first search in progress.
-pub(crate) struct Lazy<'t> {
+pub(crate) struct LazySearch<'t> {
     task: &'t Task,
-    manner: Manner,
+    manner: SearchParameters,
     progression: Progression<'t>,
     generator: &'t SuccessorGenerator,
     ff: FastForward<'t>,
@@ -81,7 +81,7 @@ pub(crate) struct Lazy<'t> {
     /// Per state: its landmark count, which is its partition for novelty.
     counts: Vec<u32>,
     /// Per state: the cost of the path to it, in units of the task, and its weight.
-    spent: Vec<Spent>,
+    spent: Vec<PathCost>,
     preferred: Preferred,
     sorted: [OpenList; SORTED],
     types: TypeList,
@@ -96,7 +96,7 @@ pub(crate) struct Lazy<'t> {
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-struct Spent {
+struct PathCost {
     cost: u64,
     weight: u64,
 }
@@ -110,10 +110,10 @@ struct Preferred {
 
 // === impl Manner ===
 
-impl Manner {
+impl SearchParameters {
     /// Returns the parameters of greedy search for a first plan: every step weighs one.
-    pub(crate) fn greedy(lists: &'static [List]) -> Manner {
-        Manner { weights: Weights::Unit, weight: None, bound: u64::MAX, lists }
+    pub(crate) fn greedy(lists: &'static [List]) -> SearchParameters {
+        SearchParameters { weights: Weights::Unit, weight: None, bound: u64::MAX, lists }
     }
 
     fn key(&self, spent: u64, estimate: u64) -> u32 {
@@ -127,17 +127,17 @@ impl Manner {
 
 // === impl Lazy ===
 
-impl<'t> Lazy<'t> {
+impl<'t> LazySearch<'t> {
     pub(crate) fn new(
         task: &'t Task,
         generator: &'t SuccessorGenerator,
         ff: FastForward<'t>,
-        manner: Manner,
+        manner: SearchParameters,
         cancel: &Cancel,
-    ) -> Lazy<'t> {
+    ) -> LazySearch<'t> {
         let mut progression = Progression::new(task);
         let initial = progression.initial();
-        Lazy {
+        LazySearch {
             task,
             manner,
             progression,
@@ -148,7 +148,7 @@ impl<'t> Lazy<'t> {
             space: StateSpace::new(&initial),
             statuses: Vec::new(),
             counts: Vec::new(),
-            spent: vec![Spent::default()],
+            spent: vec![PathCost::default()],
             preferred: Preferred::default(),
             sorted: Default::default(),
             types: TypeList::default(),
@@ -169,20 +169,20 @@ impl<'t> Lazy<'t> {
         Statistics { expansions, evaluations, ..Statistics::default() }
     }
 
-    fn start(&mut self) -> Step {
+    fn start(&mut self) -> SearchStep {
         self.started = true;
         let initial = StateId(0);
         if self.manner.bound == 0 {
-            return Step::Exhausted;
+            return SearchStep::Exhausted;
         }
         if all_hold(self.space.state(initial), &self.task.goal) {
-            return Step::Solved(Vec::new());
+            return SearchStep::Solved(Vec::new());
         }
         self.evaluations += 1;
         let state = self.space.state(initial);
         let Some(estimate) = self.ff.evaluate(state) else {
             self.dead_end_at_start = true;
-            return Step::Exhausted;
+            return SearchStep::Exhausted;
         };
         let candidates = self.ff.relaxed_propositions();
         let mutex = MutexGroups::find(self.task, MUTEX_WORK_MAX, &self.cancel);
@@ -192,13 +192,14 @@ impl<'t> Lazy<'t> {
         let count = self.landmarks.start(relaxation, state, &mut self.statuses);
         self.counts.push(count);
         self.queue(initial, None, estimate);
-        Step::InProgress
+        SearchStep::InProgress
     }
 
     /// Pops an entry from the open list that has had the fewest turns. Returns `None` if all lists are
     /// empty.
-    fn next(&mut self) -> Option<Entry> {
-        let Lazy { sorted, types, manner, turns, space, generator, task, preferred, .. } = self;
+    fn next(&mut self) -> Option<OpenEntry> {
+        let LazySearch { sorted, types, manner, turns, space, generator, task, preferred, .. } =
+            self;
         let mut all = |state, operators: &mut Vec<OperatorId>| {
             generator.applicable(task, space.state(state), operators);
         };
@@ -226,7 +227,7 @@ impl<'t> Lazy<'t> {
     }
 
     /// Stores landmark status, landmark count and path cost of a new state.
-    fn enter(&mut self, id: StateId, parent: StateId, spent: Spent) {
+    fn enter(&mut self, id: StateId, parent: StateId, spent: PathCost) {
         let state = self.space.state(id);
         let relaxation = self.ff.relaxation();
         let count =
@@ -287,46 +288,46 @@ impl<'t> Lazy<'t> {
     }
 
     /// Returns the cost and weight of the path that extends the path to `parent` by one operator.
-    fn spent(&self, parent: StateId, operator: OperatorId) -> Spent {
+    fn spent(&self, parent: StateId, operator: OperatorId) -> PathCost {
         let operator = self.task.operator(operator);
         let before = self.spent[parent.0 as usize];
-        Spent {
+        PathCost {
             cost: before.cost.saturating_add(operator.cost),
             weight: before.weight.saturating_add(self.manner.weights.weight(self.task, operator)),
         }
     }
 }
 
-impl Search for Lazy<'_> {
-    fn step(&mut self) -> Step {
+impl Search for LazySearch<'_> {
+    fn step(&mut self) -> SearchStep {
         if !self.started {
             return self.start();
         }
-        let Some((parent, operator)) = self.next() else { return Step::Exhausted };
+        let Some((parent, operator)) = self.next() else { return SearchStep::Exhausted };
         let spent = self.spent(parent, operator);
         if spent.cost >= self.manner.bound {
-            return Step::InProgress;
+            return SearchStep::InProgress;
         }
         let from = self.space.state(parent);
         if !self.progression.apply(self.task.operator(operator), from, &mut self.successor) {
-            return Step::InProgress;
+            return SearchStep::InProgress;
         }
         let (id, is_new) = self.space.insert(&self.successor, parent, operator);
         if is_new {
             if all_hold(&self.successor, &self.task.goal) {
-                return Step::Solved(self.space.path(id));
+                return SearchStep::Solved(self.space.path(id));
             }
             self.enter(id, parent, spent);
         } else {
             let known = &mut self.spent[id.0 as usize];
             if self.manner.weight.is_none() || spent.weight >= known.weight {
-                return Step::InProgress;
+                return SearchStep::InProgress;
             }
             *known = spent;
             self.space.reparent(id, parent, operator);
         }
         self.evaluate(id, parent);
-        Step::InProgress
+        SearchStep::InProgress
     }
 
     fn expansions(&self) -> u64 {

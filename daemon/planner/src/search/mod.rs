@@ -10,11 +10,11 @@
 
 pub(crate) mod climbing;
 pub(crate) mod improve;
-pub(crate) mod lanes;
 pub(crate) mod lazy;
 pub(crate) mod neighborhood;
 mod open;
 pub(crate) mod optimal;
+pub(crate) mod portfolio;
 mod types;
 
 use crate::limits::{Budget, Cancel};
@@ -23,7 +23,7 @@ use crate::task::OperatorId;
 
 /// Result of one step of a search.
 #[derive(Debug)]
-pub(crate) enum Step {
+pub(crate) enum SearchStep {
     /// Neither a plan nor a proof so far.
     InProgress,
     /// A plan.
@@ -34,7 +34,7 @@ pub(crate) enum Step {
 
 /// Progress event of a search.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Told<'p> {
+pub(crate) enum SearchProgress<'p> {
     /// The search goes on; it has expanded this number of states.
     Searching(u64),
     /// A plan is found.
@@ -47,7 +47,7 @@ const TELL_EVERY: u64 = 1_000;
 /// A search that runs step by step.
 pub(crate) trait Search {
     /// Expands at most one state.
-    fn step(&mut self) -> Step;
+    fn step(&mut self) -> SearchStep;
 
     /// States expanded so far.
     fn expansions(&self) -> u64;
@@ -65,7 +65,7 @@ pub(crate) fn run(
     search: &mut dyn Search,
     budget: Budget,
     cancel: &Cancel,
-    tell: &mut dyn FnMut(Told<'_>),
+    tell: &mut dyn FnMut(SearchProgress<'_>),
 ) -> Result<Vec<OperatorId>, StopReason> {
     let mut tell_at = search.expansions();
     loop {
@@ -79,13 +79,13 @@ pub(crate) fn run(
             return Err(StopReason::Cancelled);
         }
         match search.step() {
-            Step::InProgress => (),
-            Step::Solved(plan) => return Ok(plan),
-            Step::Exhausted => return Err(search.exhausted()),
+            SearchStep::InProgress => (),
+            SearchStep::Solved(plan) => return Ok(plan),
+            SearchStep::Exhausted => return Err(search.exhausted()),
         }
         if search.expansions() >= tell_at {
             tell_at = (search.expansions() / TELL_EVERY + 1) * TELL_EVERY;
-            tell(Told::Searching(search.expansions()));
+            tell(SearchProgress::Searching(search.expansions()));
         }
     }
 }

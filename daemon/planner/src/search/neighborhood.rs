@@ -18,7 +18,7 @@ use crate::task::{OperatorId, Task};
 
 /// Limits of the neighborhood.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Extent {
+pub(crate) struct NeighborhoodLimits {
     /// Maximal number of transitions to generate.
     pub(crate) steps_max: u64,
     /// Maximal number of bytes for states and transitions.
@@ -41,7 +41,7 @@ pub(crate) fn cheaper(
     task: &Task,
     generator: &SuccessorGenerator,
     plan: &[OperatorId],
-    extent: Extent,
+    extent: NeighborhoodLimits,
     cancel: &Cancel,
 ) -> Option<Vec<OperatorId>> {
     let neighborhood = Neighborhood::gather(task, generator, plan, extent, cancel);
@@ -55,7 +55,7 @@ impl<'t> Neighborhood<'t> {
         task: &'t Task,
         generator: &SuccessorGenerator,
         plan: &[OperatorId],
-        extent: Extent,
+        extent: NeighborhoodLimits,
         cancel: &Cancel,
     ) -> Neighborhood<'t> {
         let mut progression = Progression::new(task);
@@ -138,11 +138,16 @@ mod tests {
     use crate::limits::Budget;
     use crate::search::optimal::AStar;
     use crate::search::run;
-    use crate::small_tasks::{task, texts, with_goal};
+    use crate::test_tasks::{task, texts, with_goal};
 
-    const ALL: Extent = Extent { steps_max: u64::MAX, bytes_max: usize::MAX };
+    const ALL: NeighborhoodLimits =
+        NeighborhoodLimits { steps_max: u64::MAX, bytes_max: usize::MAX };
 
-    fn found(task: &Task, plan: &[OperatorId], extent: Extent) -> Option<Vec<OperatorId>> {
+    fn found(
+        task: &Task,
+        plan: &[OperatorId],
+        extent: NeighborhoodLimits,
+    ) -> Option<Vec<OperatorId>> {
         cheaper(task, &SuccessorGenerator::new(task), plan, extent, &Cancel::new())
     }
 
@@ -203,7 +208,7 @@ mod tests {
         let shorter = found(&task, &around, ALL).expect("there is a door");
         assert_eq!(shorter.len(), 1);
         assert_eq!(found(&task, &shorter, ALL), None);
-        assert_eq!(found(&task, &around, Extent { steps_max: 0, ..ALL }), None);
-        assert_eq!(found(&task, &around, Extent { bytes_max: 0, ..ALL }), None);
+        assert_eq!(found(&task, &around, NeighborhoodLimits { steps_max: 0, ..ALL }), None);
+        assert_eq!(found(&task, &around, NeighborhoodLimits { bytes_max: 0, ..ALL }), None);
     }
 }

@@ -10,14 +10,14 @@ use crate::state::StateId;
 use crate::task::OperatorId;
 
 /// An operator to apply in a state.
-pub(super) type Entry = (StateId, OperatorId);
+pub(super) type OpenEntry = (StateId, OperatorId);
 
 /// Sort key of an open list; the lowest comes first.
-pub(super) type Key = (u32, u32, u32);
+pub(super) type SortKey = (u32, u32, u32);
 
 /// A state, and how many of its operators have been returned.
 #[derive(Clone, Copy, Debug)]
-struct Waiting {
+struct QueuedState {
     state: StateId,
     done: u32,
 }
@@ -25,7 +25,7 @@ struct Waiting {
 /// An open list: states by key, first in, first out among equal keys.
 #[derive(Debug, Default)]
 pub(super) struct OpenList {
-    buckets: BTreeMap<Key, VecDeque<Waiting>>,
+    buckets: BTreeMap<SortKey, VecDeque<QueuedState>>,
     count: usize,
     current: Option<Current>,
     /// Operators of the current state.
@@ -35,15 +35,15 @@ pub(super) struct OpenList {
 /// The state that is being expanded: its operators are returned one by one.
 #[derive(Clone, Copy, Debug)]
 struct Current {
-    key: Key,
-    waiting: Waiting,
+    key: SortKey,
+    waiting: QueuedState,
 }
 
 // === impl OpenList ===
 
 impl OpenList {
-    pub(super) fn push(&mut self, key: Key, state: StateId) {
-        self.buckets.entry(key).or_default().push_back(Waiting { state, done: 0 });
+    pub(super) fn push(&mut self, key: SortKey, state: StateId) {
+        self.buckets.entry(key).or_default().push_back(QueuedState { state, done: 0 });
         self.count += 1;
     }
 
@@ -52,8 +52,8 @@ impl OpenList {
     pub(super) fn pop(
         &mut self,
         mut operators: impl FnMut(StateId, &mut Vec<OperatorId>),
-    ) -> Option<Entry> {
-        self.give_way();
+    ) -> Option<OpenEntry> {
+        self.requeue_current();
         loop {
             if self.current.is_none() {
                 self.current = Some(self.take()?);
@@ -77,7 +77,7 @@ impl OpenList {
     }
 
     /// Puts the current state back to the front of its bucket if a better state has been pushed.
-    fn give_way(&mut self) {
+    fn requeue_current(&mut self) {
         let Some(Current { key, waiting }) = self.current else { return };
         let best = self.buckets.first_key_value().map(|(key, _)| *key);
         if best.is_some_and(|best| best < key) {
@@ -100,6 +100,6 @@ impl OpenList {
 
     /// Returns the bytes that the list takes.
     pub(super) fn bytes(&self) -> usize {
-        self.count * size_of::<Waiting>() + self.operators.len() * size_of::<OperatorId>()
+        self.count * size_of::<QueuedState>() + self.operators.len() * size_of::<OperatorId>()
     }
 }

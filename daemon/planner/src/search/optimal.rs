@@ -6,7 +6,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::{Search, Step};
+use super::{Search, SearchStep};
 use crate::heuristic::{Evaluator, Weights};
 use crate::outcome::StopReason;
 use crate::state::{Progression, StateId, StateSpace, all_hold};
@@ -15,7 +15,7 @@ use crate::task::{OperatorId, Task};
 
 /// Entry of the open list: `f`, then `h`, then the newest state; last, the `g` under which it was
 /// queued.
-type Entry = Reverse<(u64, u64, Reverse<StateId>, u64)>;
+type AStarEntry = Reverse<(u64, u64, Reverse<StateId>, u64)>;
 
 /// Estimate of a state that has not been evaluated.
 const UNKNOWN: u64 = u64::MAX;
@@ -35,7 +35,7 @@ pub(crate) struct AStar<'t> {
     distances: Vec<u64>,
     /// Per state: its estimate, or [`UNKNOWN`] until it is evaluated.
     estimates: Vec<u64>,
-    open: BinaryHeap<Entry>,
+    open: BinaryHeap<AStarEntry>,
     bound: u64,
     explorations_max: u64,
     explorations: u64,
@@ -109,7 +109,7 @@ impl<'t> AStar<'t> {
         }
         let explorations_max = self.explorations_max.saturating_sub(self.explorations).max(1);
         self.evaluator.limit(explorations_max, self.bound.saturating_sub(g));
-        let way = self.space.way(id);
+        let way = self.space.transition(id);
         let estimate = self.evaluator.evaluate_after(self.space.state(id), id, way);
         self.explorations += self.evaluator.explorations();
         let estimate = estimate.map_or(DEAD_END, |estimate| estimate.min(DEAD_END - 1));
@@ -143,15 +143,15 @@ impl<'t> AStar<'t> {
 }
 
 impl Search for AStar<'_> {
-    fn step(&mut self) -> Step {
+    fn step(&mut self) -> SearchStep {
         if self.explorations > self.explorations_max {
-            return Step::Exhausted;
+            return SearchStep::Exhausted;
         }
         let Some(Reverse((f, h, Reverse(id), g))) = self.open.pop() else {
-            return Step::Exhausted;
+            return SearchStep::Exhausted;
         };
         if g > self.distances[id.0 as usize] {
-            return Step::InProgress;
+            return SearchStep::InProgress;
         }
         let estimate = self.estimate(id, g);
         let raised = f.max(g.saturating_add(estimate));
@@ -159,12 +159,12 @@ impl Search for AStar<'_> {
             if estimate != DEAD_END {
                 self.queue(id, g, estimate, raised);
             }
-            return Step::InProgress;
+            return SearchStep::InProgress;
         }
         let h = h.max(estimate);
         let state = self.space.state(id);
         if all_hold(state, &self.task.goal) {
-            return Step::Solved(self.space.path(id));
+            return SearchStep::Solved(self.space.path(id));
         }
         self.expansions += 1;
         let mut applicable = std::mem::take(&mut self.applicable);
@@ -173,7 +173,7 @@ impl Search for AStar<'_> {
             self.generate(id, operator, (f, h, g));
         }
         self.applicable = applicable;
-        Step::InProgress
+        SearchStep::InProgress
     }
 
     fn expansions(&self) -> u64 {
@@ -182,7 +182,7 @@ impl Search for AStar<'_> {
 
     fn bytes(&self) -> usize {
         let per_state = self.distances.len() * 16;
-        let open = self.open.len() * size_of::<Entry>();
+        let open = self.open.len() * size_of::<AStarEntry>();
         self.space.bytes() + open + per_state + self.evaluator.bytes()
     }
 

@@ -4,7 +4,7 @@
 
 use rustc_hash::FxHashMap;
 
-use super::open::Entry;
+use super::open::OpenEntry;
 use crate::state::StateId;
 use crate::task::OperatorId;
 
@@ -59,7 +59,7 @@ impl TypeList {
     pub(super) fn pop(
         &mut self,
         mut operators: impl FnMut(StateId, &mut Vec<OperatorId>),
-    ) -> Option<Entry> {
+    ) -> Option<OpenEntry> {
         while !self.open.is_empty() {
             let place = self.draw(self.open.len());
             let index = self.open[place];

@@ -10,12 +10,12 @@ use std::sync::OnceLock;
 
 use pddl::{Condition, Derived, Diagnostic, Domain, Expression};
 
-use super::rules::Rule;
-use super::symbols::{Relation, Relations};
+use super::axiom_rules::AxiomRule;
+use super::symbols::{RelationId, RelationTable};
 
 /// Axioms of a domain, grouped into components.
 #[derive(Debug, Default)]
-pub(super) struct Axioms {
+pub(super) struct AxiomComponents {
     /// Per predicate: its component and its position there; `None` if it is not derived. Empty without
     /// axioms.
     places: Vec<Option<(usize, usize)>>,
@@ -31,7 +31,7 @@ pub(super) struct Axioms {
 /// Derived predicates that are evaluated together.
 #[derive(Debug, Default)]
 pub(super) struct Component {
-    pub(super) relations: Vec<Relation>,
+    pub(super) relations: Vec<RelationId>,
     /// Positions of its axioms in the domain.
     pub(super) axioms: Vec<usize>,
     /// Components that it reads.
@@ -39,37 +39,37 @@ pub(super) struct Component {
     /// Components that read it.
     pub(super) above: Vec<usize>,
     /// Compiled rules; compiled on first use.
-    pub(super) rules: OnceLock<Vec<Rule>>,
+    pub(super) rules: OnceLock<Vec<AxiomRule>>,
 }
 
 /// Predicates and functions that an axiom reads.
 struct Reads<'m> {
-    predicates: &'m Relations,
-    functions: &'m Relations,
-    facts: Vec<Relation>,
+    predicates: &'m RelationTable,
+    functions: &'m RelationTable,
+    facts: Vec<RelationId>,
     /// Subset of `facts` that occurs negated.
-    negated: Vec<Relation>,
-    values: Vec<Relation>,
+    negated: Vec<RelationId>,
+    values: Vec<RelationId>,
     time: bool,
 }
 
 // === impl Axioms ===
 
-impl Axioms {
+impl AxiomComponents {
     /// Returns an error if an axiom depends on its own negation.
     pub(super) fn of(
         domain: &Domain,
-        predicates: &Relations,
-        functions: &Relations,
-    ) -> Result<Axioms, Vec<Diagnostic>> {
+        predicates: &RelationTable,
+        functions: &RelationTable,
+    ) -> Result<AxiomComponents, Vec<Diagnostic>> {
         if domain.derived.is_empty() {
-            return Ok(Axioms::default());
+            return Ok(AxiomComponents::default());
         }
         let head = |axiom: &Derived| {
             let relation = predicates.find(&axiom.predicate, axiom.parameters.len());
             relation.expect("invariant: the model numbers what axioms derive")
         };
-        let heads: Vec<Relation> = domain.derived.iter().map(head).collect();
+        let heads: Vec<RelationId> = domain.derived.iter().map(head).collect();
         let reads: Vec<Reads> = { domain.derived.iter() }
             .map(|axiom| Reads::of(axiom, predicates, functions))
             .collect();
@@ -77,11 +77,11 @@ impl Axioms {
         for (head, reads) in heads.iter().zip(&reads) {
             uses[head.index()].extend(reads.facts.iter().map(|used| used.index()));
         }
-        let mut axioms = Axioms {
+        let mut axioms = AxiomComponents {
             places: vec![None; predicates.len()],
             fact_readers: vec![Vec::new(); predicates.len()],
             value_readers: vec![Vec::new(); functions.len()],
-            ..Axioms::default()
+            ..AxiomComponents::default()
         };
         axioms.place_all(&heads, &pddl::graph::components(&uses));
         for (index, (axiom, reads)) in domain.derived.iter().zip(&reads).enumerate() {
@@ -96,17 +96,17 @@ impl Axioms {
 
     /// Returns the component of a derived predicate and its position there; `None` if it is not
     /// derived.
-    pub(super) fn place(&self, relation: Relation) -> Option<(usize, usize)> {
+    pub(super) fn place(&self, relation: RelationId) -> Option<(usize, usize)> {
         self.places.get(relation.index()).copied().flatten()
     }
 
     /// Returns the components that read the stored facts of a predicate.
-    pub(super) fn fact_readers(&self, relation: Relation) -> &[usize] {
+    pub(super) fn fact_readers(&self, relation: RelationId) -> &[usize] {
         self.fact_readers.get(relation.index()).map_or(&[], Vec::as_slice)
     }
 
     /// Returns the components that read the values of a function.
-    pub(super) fn value_readers(&self, function: Relation) -> &[usize] {
+    pub(super) fn value_readers(&self, function: RelationId) -> &[usize] {
         self.value_readers.get(function.index()).map_or(&[], Vec::as_slice)
     }
 
@@ -116,7 +116,7 @@ impl Axioms {
     }
 
     /// Assigns a place to every derived predicate. Predicates of one cycle get the same component.
-    fn place_all(&mut self, heads: &[Relation], circles: &[usize]) {
+    fn place_all(&mut self, heads: &[RelationId], circles: &[usize]) {
         let mut component_of_circle = BTreeMap::new();
         for head in heads {
             if self.place(*head).is_some() {
@@ -137,7 +137,7 @@ impl Axioms {
 
     /// Registers what an axiom reads. Returns `true` if it reads a predicate of its own component
     /// negated.
-    fn connect(&mut self, axiom: usize, head: Relation, reads: &Reads<'_>) -> bool {
+    fn connect(&mut self, axiom: usize, head: RelationId, reads: &Reads<'_>) -> bool {
         let Some((component, _)) = self.place(head) else { return false };
         self.components[component].axioms.push(axiom);
         for used in &reads.facts {
@@ -156,7 +156,7 @@ impl Axioms {
         if reads.time {
             self.time_readers.push(component);
         }
-        let is_own = |used: &Relation| self.place(*used).is_some_and(|(own, _)| own == component);
+        let is_own = |used: &RelationId| self.place(*used).is_some_and(|(own, _)| own == component);
         reads.negated.iter().any(is_own)
     }
 
@@ -174,7 +174,11 @@ impl Axioms {
 // === impl Reads ===
 
 impl<'m> Reads<'m> {
-    fn of(axiom: &Derived, predicates: &'m Relations, functions: &'m Relations) -> Reads<'m> {
+    fn of(
+        axiom: &Derived,
+        predicates: &'m RelationTable,
+        functions: &'m RelationTable,
+    ) -> Reads<'m> {
         let (facts, negated, values) = (Vec::new(), Vec::new(), Vec::new());
         let mut reads = Reads { predicates, functions, facts, negated, values, time: false };
         reads.condition(&axiom.condition, true);

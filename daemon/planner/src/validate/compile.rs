@@ -4,8 +4,8 @@ use pddl::{ActionSchema, Comparison, Condition, Effect, FluentTerm, Name, Span, 
 use rustc_hash::FxHashMap;
 
 use super::compiled::{
-    Argument, Assign, Change, Compare, Expression, Fact, Fluent, Node, Query, Schema, Slot,
-    Variable,
+    Argument, CompiledAction, CompiledAssign, CompiledComparison, CompiledCondition,
+    CompiledEffect, CompiledExpression, Fact, Fluent, FrameSlot, Query, Variable,
 };
 use super::model::Model;
 use super::symbols::Object;
@@ -15,10 +15,10 @@ use super::symbols::Object;
 const SHARED_MAX: usize = 4_096;
 
 /// Scope of a compilation: the variables, and the slots and unknown names used so far.
-pub(super) struct Scope<'m> {
+pub(super) struct CompilationScope<'m> {
     model: &'m Model,
     /// Variables in scope, innermost last.
-    variables: Vec<(Name, Slot)>,
+    variables: Vec<(Name, FrameSlot)>,
     slot_count: usize,
     /// Numbers of names that the texts do not declare. An unbound variable stands for its own name.
     strangers: FxHashMap<Name, usize>,
@@ -26,9 +26,14 @@ pub(super) struct Scope<'m> {
 
 // === impl Scope ===
 
-impl<'m> Scope<'m> {
-    pub(super) fn new(model: &'m Model) -> Scope<'m> {
-        Scope { model, variables: Vec::new(), slot_count: 0, strangers: FxHashMap::default() }
+impl<'m> CompilationScope<'m> {
+    pub(super) fn new(model: &'m Model) -> CompilationScope<'m> {
+        CompilationScope {
+            model,
+            variables: Vec::new(),
+            slot_count: 0,
+            strangers: FxHashMap::default(),
+        }
     }
 
     /// Returns a frame for everything compiled so far, with all slots unbound.
@@ -43,7 +48,7 @@ impl<'m> Scope<'m> {
     /// Assigns slots to variables and brings them into scope.
     pub(super) fn declare(&mut self, variables: &[Typed]) -> Vec<Variable> {
         let declare = |variable: &Typed| {
-            let slot = Slot(self.slot_count as u32);
+            let slot = FrameSlot(self.slot_count as u32);
             self.slot_count += 1;
             self.variables.push((variable.name.clone(), slot));
             Variable { slot, extension: self.model.extension(&variable.ty) }
@@ -57,39 +62,47 @@ impl<'m> Scope<'m> {
     }
 
     /// Compiles a condition, or its negation if `positive` is false.
-    pub(super) fn node(&mut self, condition: &Condition, positive: bool) -> Node {
+    pub(super) fn node(&mut self, condition: &Condition, positive: bool) -> CompiledCondition {
         match condition {
             Condition::Atom(atom) => {
                 let arguments = self.arguments(&atom.arguments);
                 match self.model.predicates.find(&atom.predicate, arguments.len()) {
-                    Some(relation) => Node::Fact(Fact { relation, arguments }, positive),
+                    Some(relation) => {
+                        CompiledCondition::Fact(Fact { relation, arguments }, positive)
+                    }
                     // The texts cannot make such a fact true.
-                    None => Node::Constant(!positive),
+                    None => CompiledCondition::Constant(!positive),
                 }
             }
             Condition::Equal(left, right, _) => {
-                Node::Equal(self.argument(left), self.argument(right), positive)
+                CompiledCondition::Equal(self.argument(left), self.argument(right), positive)
             }
             Condition::Compare(compare) => {
                 let (left, right) = (self.expression(&compare.left), &compare.right);
                 let right = self.expression(right);
                 let comparison = compare.comparison;
                 if positive {
-                    return Node::Compare(Box::new(Compare { comparison, left, right }), true);
+                    return CompiledCondition::Compare(
+                        Box::new(CompiledComparison { comparison, left, right }),
+                        true,
+                    );
                 }
                 // If a number is undefined, neither the comparison nor its negation holds.
                 let other = |comparison: &Comparison| {
                     let (comparison, left, right) = (*comparison, left.clone(), right.clone());
-                    Node::Compare(Box::new(Compare { comparison, left, right }), true)
+                    CompiledCondition::Compare(
+                        Box::new(CompiledComparison { comparison, left, right }),
+                        true,
+                    )
                 };
-                Node::any(comparison.negated().iter().map(other))
+                CompiledCondition::any(comparison.negated().iter().map(other))
             }
             Condition::Not(inner) => self.node(inner, !positive),
             Condition::And(parts) => self.joined(parts, positive, positive),
             Condition::Or(parts) => self.joined(parts, positive, !positive),
             Condition::Imply(left, right) => {
                 let sides = [self.node(left, !positive), self.node(right, positive)];
-                if positive { Node::any(sides) } else { Node::all(sides) }
+                if positive { CompiledCondition::any(sides) } else { CompiledCondition::all(sides) }
             }
             Condition::Exists(variables, inner) => {
                 self.quantified(variables, inner, positive, positive)
@@ -100,9 +113,10 @@ impl<'m> Scope<'m> {
         }
     }
 
-    fn joined(&mut self, parts: &[Condition], positive: bool, all: bool) -> Node {
-        let nodes: Vec<Node> = parts.iter().map(|part| self.node(part, positive)).collect();
-        if all { Node::all(nodes) } else { Node::any(nodes) }
+    fn joined(&mut self, parts: &[Condition], positive: bool, all: bool) -> CompiledCondition {
+        let nodes: Vec<CompiledCondition> =
+            parts.iter().map(|part| self.node(part, positive)).collect();
+        if all { CompiledCondition::all(nodes) } else { CompiledCondition::any(nodes) }
     }
 
     /// Compiles a quantifier over a condition (over its negation, if `positive` is false). “For all”
@@ -113,30 +127,38 @@ impl<'m> Scope<'m> {
         inner: &Condition,
         positive: bool,
         exists: bool,
-    ) -> Node {
+    ) -> CompiledCondition {
         let declared = self.declare(variables);
         let node = self.node(inner, positive);
         let node = if exists { node } else { node.complement() };
         self.forget(variables.len());
         let queries = existential(declared, node).into_iter();
-        let nodes = queries.map(|query| Node::Exists(Box::new(query), exists));
-        if exists { Node::any(nodes) } else { Node::all(nodes) }
+        let nodes = queries.map(|query| CompiledCondition::Exists(Box::new(query), exists));
+        if exists { CompiledCondition::any(nodes) } else { CompiledCondition::all(nodes) }
     }
 
-    pub(super) fn expression(&mut self, expression: &pddl::Expression) -> Expression {
+    pub(super) fn expression(&mut self, expression: &pddl::Expression) -> CompiledExpression {
         let unknown = |name: &str, span: Span| {
             let function = Name::spanned(name, span);
-            Expression::Unknown(Box::new(FluentTerm { function, arguments: Vec::new(), span }))
+            CompiledExpression::Unknown(Box::new(FluentTerm {
+                function,
+                arguments: Vec::new(),
+                span,
+            }))
         };
         match expression {
-            pddl::Expression::Number(number) => Expression::Number(number.0),
-            pddl::Expression::Fluent(fluent) => Expression::Fluent(Box::new(self.fluent(fluent))),
-            pddl::Expression::Negate(inner) => Expression::Negate(Box::new(self.expression(inner))),
+            pddl::Expression::Number(number) => CompiledExpression::Number(number.0),
+            pddl::Expression::Fluent(fluent) => {
+                CompiledExpression::Fluent(Box::new(self.fluent(fluent)))
+            }
+            pddl::Expression::Negate(inner) => {
+                CompiledExpression::Negate(Box::new(self.expression(inner)))
+            }
             pddl::Expression::Apply(operator, operands) => {
                 let operands = operands.iter().map(|operand| self.expression(operand)).collect();
-                Expression::Apply(*operator, operands)
+                CompiledExpression::Apply(*operator, operands)
             }
-            pddl::Expression::TotalTime(_) => Expression::TotalTime,
+            pddl::Expression::TotalTime(_) => CompiledExpression::TotalTime,
             pddl::Expression::Duration(span) => unknown("?duration", *span),
             pddl::Expression::ContinuousTime(span) => unknown("#t", *span),
         }
@@ -145,7 +167,7 @@ impl<'m> Scope<'m> {
     fn fluent(&mut self, fluent: &FluentTerm) -> Fluent {
         let arguments = self.arguments(&fluent.arguments);
         let function = self.model.functions.find(&fluent.function, arguments.len());
-        Fluent { function, arguments, told: fluent.clone() }
+        Fluent { function, arguments, source_term: fluent.clone() }
     }
 
     fn arguments(&mut self, terms: &[Term]) -> Box<[Argument]> {
@@ -168,22 +190,24 @@ impl<'m> Scope<'m> {
         })
     }
 
-    fn change(&mut self, effect: &Effect) -> Change {
+    fn change(&mut self, effect: &Effect) -> CompiledEffect {
         match effect {
-            Effect::And(parts) => Change::All(parts.iter().map(|part| self.change(part)).collect()),
+            Effect::And(parts) => {
+                CompiledEffect::All(parts.iter().map(|part| self.change(part)).collect())
+            }
             Effect::Add(atom) | Effect::Delete(atom) => {
                 let relation = self.model.predicates.find(&atom.predicate, atom.arguments.len());
                 let relation = relation.expect("invariant: the model numbers what effects change");
                 let arguments = self.arguments(&atom.arguments);
-                Change::Set(Fact { relation, arguments }, matches!(effect, Effect::Add(_)))
+                CompiledEffect::Set(Fact { relation, arguments }, matches!(effect, Effect::Add(_)))
             }
-            Effect::Assign(assign) => Change::Assign(Box::new(Assign {
+            Effect::Assign(assign) => CompiledEffect::Assign(Box::new(CompiledAssign {
                 assignment: assign.assignment,
                 fluent: self.fluent(&assign.fluent),
                 value: self.expression(&assign.value),
             })),
             Effect::When(condition, inner) => {
-                Change::When(Box::new((self.node(condition, true), self.change(inner))))
+                CompiledEffect::When(Box::new((self.node(condition, true), self.change(inner))))
             }
             Effect::Forall(variables, inner) => self.each(variables, inner),
         }
@@ -191,12 +215,14 @@ impl<'m> Scope<'m> {
 
     /// Compiles a universal effect. It is distributed over `and` if a part has its own condition or
     /// variables, so that each part is evaluated for its own bindings only.
-    fn each(&mut self, variables: &[Typed], inner: &Effect) -> Change {
+    fn each(&mut self, variables: &[Typed], inner: &Effect) -> CompiledEffect {
         let is_limited = |part: &Effect| matches!(part, Effect::When(..) | Effect::Forall(..));
         if let Effect::And(parts) = inner
             && parts.iter().any(is_limited)
         {
-            return Change::All(parts.iter().map(|part| self.each(variables, part)).collect());
+            return CompiledEffect::All(
+                parts.iter().map(|part| self.each(variables, part)).collect(),
+            );
         }
         let before = self.variables.len();
         let mut declared = self.declare(variables);
@@ -218,18 +244,18 @@ impl<'m> Scope<'m> {
         self.forget(self.variables.len() - before);
         // Existential quantifiers in the conditions are not merged into the query: the effect happens
         // once per binding, however many ways its condition holds in.
-        Change::Each(Box::new((Query::new(declared, conditions), change)))
+        CompiledEffect::Each(Box::new((Query::new(declared, conditions), change)))
     }
 }
 
 /// Compiles an action schema.
-pub(super) fn schema(model: &Model, action: &ActionSchema) -> Schema {
-    let mut scope = Scope::new(model);
+pub(super) fn schema(model: &Model, action: &ActionSchema) -> CompiledAction {
+    let mut scope = CompilationScope::new(model);
     let parameters: Vec<Typed> = action.all_parameters().cloned().collect();
     let parameters = scope.declare(&parameters);
     let precondition = scope.node(&action.precondition, true);
     let effect = scope.change(&action.effect);
-    Schema {
+    CompiledAction {
         parameters: parameters.into_iter().map(|parameter| parameter.extension).collect(),
         precondition,
         effect,
@@ -242,17 +268,19 @@ pub(super) fn schema(model: &Model, action: &ActionSchema) -> Schema {
 ///
 /// The quantifier is distributed over `or`, and the variables of inner existential quantifiers are
 /// merged.
-fn existential(variables: Vec<Variable>, node: Node) -> Vec<Query> {
+fn existential(variables: Vec<Variable>, node: CompiledCondition) -> Vec<Query> {
     match node {
-        Node::Constant(false) => Vec::new(),
-        Node::Any(parts) if variables.len().saturating_mul(parts.len()) <= SHARED_MAX => {
+        CompiledCondition::Constant(false) => Vec::new(),
+        CompiledCondition::Any(parts)
+            if variables.len().saturating_mul(parts.len()) <= SHARED_MAX =>
+        {
             parts.into_iter().flat_map(|part| existential(variables.clone(), part)).collect()
         }
         other => {
             let (mut variables, mut nodes) = (variables, Vec::new());
             for part in other.into_parts() {
                 match part {
-                    Node::Exists(query, true) => {
+                    CompiledCondition::Exists(query, true) => {
                         variables.extend(query.variables);
                         nodes.extend(query.parts.into_iter().map(|part| part.node));
                     }

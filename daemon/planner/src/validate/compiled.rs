@@ -8,48 +8,48 @@ use std::sync::Arc;
 
 use pddl::{Assignment, Comparison, FluentTerm, Operator};
 
-use super::symbols::{Extension, Object, Relation};
+use super::symbols::{Extension, Object, RelationId};
 
 /// Index of a variable in a frame. Each variable of a compiled text has its own slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Slot(pub(super) u32);
+pub(super) struct FrameSlot(pub(super) u32);
 
 /// An argument: a variable or an object.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Argument {
-    Slot(Slot),
+    Slot(FrameSlot),
     Object(Object),
 }
 
 /// A predicate or a function applied to arguments.
 #[derive(Clone, Debug)]
 pub(super) struct Fact {
-    pub(super) relation: Relation,
+    pub(super) relation: RelationId,
     pub(super) arguments: Box<[Argument]>,
 }
 
 /// A condition.
 #[derive(Clone, Debug)]
-pub(super) enum Node {
+pub(super) enum CompiledCondition {
     Constant(bool),
     /// The fact has this truth value.
     Fact(Fact, bool),
     /// Whether the arguments are the same object has this truth value.
     Equal(Argument, Argument, bool),
     /// Whether the comparison holds has this truth value. It does not hold if a side is undefined.
-    Compare(Box<Compare>, bool),
-    All(Vec<Node>),
-    Any(Vec<Node>),
+    Compare(Box<CompiledComparison>, bool),
+    All(Vec<CompiledCondition>),
+    Any(Vec<CompiledCondition>),
     /// Whether the query has a binding has this truth value.
     Exists(Box<Query>, bool),
 }
 
 /// A comparison of numbers.
 #[derive(Clone, Debug)]
-pub(super) struct Compare {
+pub(super) struct CompiledComparison {
     pub(super) comparison: Comparison,
-    pub(super) left: Expression,
-    pub(super) right: Expression,
+    pub(super) left: CompiledExpression,
+    pub(super) right: CompiledExpression,
 }
 
 /// A conjunctive query: variables, and the parts that must hold for them.
@@ -57,7 +57,7 @@ pub(super) struct Compare {
 pub(super) struct Query {
     pub(super) variables: Vec<Variable>,
     /// At most [`PARTS_MAX`] parts, cheap ones first.
-    pub(super) parts: Vec<Part>,
+    pub(super) parts: Vec<QueryPart>,
 }
 
 /// Maximal number of parts: the evaluation keeps its open parts as the bits of one `u64`.
@@ -66,25 +66,25 @@ pub(super) const PARTS_MAX: usize = 64;
 /// A variable of a query.
 #[derive(Clone, Debug)]
 pub(super) struct Variable {
-    pub(super) slot: Slot,
+    pub(super) slot: FrameSlot,
     pub(super) extension: Arc<Extension>,
 }
 
 /// A conjunct of a query.
 #[derive(Clone, Debug)]
-pub(super) struct Part {
-    pub(super) node: Node,
+pub(super) struct QueryPart {
+    pub(super) node: CompiledCondition,
     /// Variables of the query that occur in the part.
-    pub(super) slots: Box<[Slot]>,
+    pub(super) slots: Box<[FrameSlot]>,
 }
 
 /// A numeric expression.
 #[derive(Clone, Debug)]
-pub(super) enum Expression {
+pub(super) enum CompiledExpression {
     Number(f64),
     Fluent(Box<Fluent>),
-    Negate(Box<Expression>),
-    Apply(Operator, Vec<Expression>),
+    Negate(Box<CompiledExpression>),
+    Apply(Operator, Vec<CompiledExpression>),
     TotalTime,
     /// A time that only durative actions have; it is undefined here.
     Unknown(Box<FluentTerm>),
@@ -94,39 +94,39 @@ pub(super) enum Expression {
 #[derive(Clone, Debug)]
 pub(super) struct Fluent {
     /// Number of the function; `None` if no fluent of this name and arity can have a value.
-    pub(super) function: Option<Relation>,
+    pub(super) function: Option<RelationId>,
     pub(super) arguments: Box<[Argument]>,
     /// The fluent as it is written in the text.
-    pub(super) told: FluentTerm,
+    pub(super) source_term: FluentTerm,
 }
 
 /// An effect.
 #[derive(Clone, Debug)]
-pub(super) enum Change {
-    All(Vec<Change>),
+pub(super) enum CompiledEffect {
+    All(Vec<CompiledEffect>),
     /// Sets the truth value of a fact.
     Set(Fact, bool),
-    Assign(Box<Assign>),
-    When(Box<(Node, Change)>),
+    Assign(Box<CompiledAssign>),
+    When(Box<(CompiledCondition, CompiledEffect)>),
     /// The change for every binding under which all parts hold.
-    Each(Box<(Query, Change)>),
+    Each(Box<(Query, CompiledEffect)>),
 }
 
 /// A numeric effect.
 #[derive(Clone, Debug)]
-pub(super) struct Assign {
+pub(super) struct CompiledAssign {
     pub(super) assignment: Assignment,
     pub(super) fluent: Fluent,
-    pub(super) value: Expression,
+    pub(super) value: CompiledExpression,
 }
 
 /// An action's schema.
 #[derive(Debug)]
-pub(super) struct Schema {
+pub(super) struct CompiledAction {
     /// Types of the parameters. Their slots come first.
     pub(super) parameters: Vec<Arc<Extension>>,
-    pub(super) precondition: Node,
-    pub(super) effect: Change,
+    pub(super) precondition: CompiledCondition,
+    pub(super) effect: CompiledEffect,
     pub(super) slot_count: usize,
 }
 
@@ -144,7 +144,7 @@ impl Argument {
 
 // === impl Slot ===
 
-impl Slot {
+impl FrameSlot {
     pub(super) fn index(self) -> usize {
         self.0 as usize
     }
@@ -152,62 +152,70 @@ impl Slot {
 
 // === impl Node ===
 
-impl Node {
+impl CompiledCondition {
     /// Returns the conjunction, flattened and simplified.
-    pub(super) fn all(nodes: impl IntoIterator<Item = Node>) -> Node {
+    pub(super) fn all(nodes: impl IntoIterator<Item = CompiledCondition>) -> CompiledCondition {
         let mut flat = Vec::new();
         for node in nodes {
             match node {
-                Node::Constant(true) => (),
-                Node::Constant(false) => return node,
-                Node::All(parts) => flat.extend(parts),
+                CompiledCondition::Constant(true) => (),
+                CompiledCondition::Constant(false) => return node,
+                CompiledCondition::All(parts) => flat.extend(parts),
                 other => flat.push(other),
             }
         }
         match flat.len() {
-            0 => Node::Constant(true),
+            0 => CompiledCondition::Constant(true),
             1 => flat.remove(0),
-            _ => Node::All(flat),
+            _ => CompiledCondition::All(flat),
         }
     }
 
     /// Returns the disjunction, flattened and simplified.
-    pub(super) fn any(nodes: impl IntoIterator<Item = Node>) -> Node {
+    pub(super) fn any(nodes: impl IntoIterator<Item = CompiledCondition>) -> CompiledCondition {
         let mut flat = Vec::new();
         for node in nodes {
             match node {
-                Node::Constant(false) => (),
-                Node::Constant(true) => return node,
-                Node::Any(parts) => flat.extend(parts),
+                CompiledCondition::Constant(false) => (),
+                CompiledCondition::Constant(true) => return node,
+                CompiledCondition::Any(parts) => flat.extend(parts),
                 other => flat.push(other),
             }
         }
         match flat.len() {
-            0 => Node::Constant(false),
+            0 => CompiledCondition::Constant(false),
             1 => flat.remove(0),
-            _ => Node::Any(flat),
+            _ => CompiledCondition::Any(flat),
         }
     }
 
     /// Returns the node that holds if and only if this one does not. This is not the negation of PDDL:
     /// if a number is undefined, neither a comparison nor its negation holds.
-    pub(super) fn complement(self) -> Node {
+    pub(super) fn complement(self) -> CompiledCondition {
         match self {
-            Node::Constant(truth) => Node::Constant(!truth),
-            Node::Fact(fact, positive) => Node::Fact(fact, !positive),
-            Node::Equal(left, right, positive) => Node::Equal(left, right, !positive),
-            Node::Compare(compare, positive) => Node::Compare(compare, !positive),
-            Node::All(parts) => Node::any(parts.into_iter().map(Node::complement)),
-            Node::Any(parts) => Node::all(parts.into_iter().map(Node::complement)),
-            Node::Exists(query, exists) => Node::Exists(query, !exists),
+            CompiledCondition::Constant(truth) => CompiledCondition::Constant(!truth),
+            CompiledCondition::Fact(fact, positive) => CompiledCondition::Fact(fact, !positive),
+            CompiledCondition::Equal(left, right, positive) => {
+                CompiledCondition::Equal(left, right, !positive)
+            }
+            CompiledCondition::Compare(compare, positive) => {
+                CompiledCondition::Compare(compare, !positive)
+            }
+            CompiledCondition::All(parts) => {
+                CompiledCondition::any(parts.into_iter().map(CompiledCondition::complement))
+            }
+            CompiledCondition::Any(parts) => {
+                CompiledCondition::all(parts.into_iter().map(CompiledCondition::complement))
+            }
+            CompiledCondition::Exists(query, exists) => CompiledCondition::Exists(query, !exists),
         }
     }
 
     /// Returns the conjuncts.
-    pub(super) fn into_parts(self) -> Vec<Node> {
+    pub(super) fn into_parts(self) -> Vec<CompiledCondition> {
         match self {
-            Node::All(parts) => parts,
-            Node::Constant(true) => Vec::new(),
+            CompiledCondition::All(parts) => parts,
+            CompiledCondition::Constant(true) => Vec::new(),
             other => vec![other],
         }
     }
@@ -215,31 +223,33 @@ impl Node {
     /// Calls `visit` for every argument, including those inside quantifiers.
     pub(super) fn arguments(&self, visit: &mut dyn FnMut(Argument)) {
         match self {
-            Node::Constant(_) => (),
-            Node::Fact(fact, _) => fact.arguments.iter().copied().for_each(visit),
-            Node::Equal(left, right, _) => [*left, *right].into_iter().for_each(visit),
-            Node::Compare(compare, _) => {
+            CompiledCondition::Constant(_) => (),
+            CompiledCondition::Fact(fact, _) => fact.arguments.iter().copied().for_each(visit),
+            CompiledCondition::Equal(left, right, _) => [*left, *right].into_iter().for_each(visit),
+            CompiledCondition::Compare(compare, _) => {
                 compare.left.arguments(visit);
                 compare.right.arguments(visit);
             }
-            Node::All(parts) | Node::Any(parts) => {
+            CompiledCondition::All(parts) | CompiledCondition::Any(parts) => {
                 parts.iter().for_each(|part| part.arguments(visit));
             }
-            Node::Exists(query, _) => {
+            CompiledCondition::Exists(query, _) => {
                 query.parts.iter().for_each(|part| part.node.arguments(visit));
             }
         }
     }
 
     /// Calls `visit` for the relation of every fact.
-    pub(super) fn relations(&self, visit: &mut dyn FnMut(Relation)) {
+    pub(super) fn relations(&self, visit: &mut dyn FnMut(RelationId)) {
         match self {
-            Node::Constant(_) | Node::Equal(..) | Node::Compare(..) => (),
-            Node::Fact(fact, _) => visit(fact.relation),
-            Node::All(parts) | Node::Any(parts) => {
+            CompiledCondition::Constant(_)
+            | CompiledCondition::Equal(..)
+            | CompiledCondition::Compare(..) => (),
+            CompiledCondition::Fact(fact, _) => visit(fact.relation),
+            CompiledCondition::All(parts) | CompiledCondition::Any(parts) => {
                 parts.iter().for_each(|part| part.relations(visit));
             }
-            Node::Exists(query, _) => {
+            CompiledCondition::Exists(query, _) => {
                 query.parts.iter().for_each(|part| part.node.relations(visit));
             }
         }
@@ -248,24 +258,26 @@ impl Node {
     /// Returns a rough rank of the work to evaluate the node.
     fn effort(&self) -> u8 {
         match self {
-            Node::Constant(_) | Node::Equal(..) => 0,
-            Node::Fact(..) => 1,
-            Node::Compare(..) => 2,
-            Node::All(_) | Node::Any(_) => 3,
-            Node::Exists(..) => 4,
+            CompiledCondition::Constant(_) | CompiledCondition::Equal(..) => 0,
+            CompiledCondition::Fact(..) => 1,
+            CompiledCondition::Compare(..) => 2,
+            CompiledCondition::All(_) | CompiledCondition::Any(_) => 3,
+            CompiledCondition::Exists(..) => 4,
         }
     }
 }
 
 // === impl Expression ===
 
-impl Expression {
+impl CompiledExpression {
     fn arguments(&self, visit: &mut dyn FnMut(Argument)) {
         match self {
-            Expression::Number(_) | Expression::TotalTime | Expression::Unknown(_) => (),
-            Expression::Fluent(fluent) => fluent.arguments.iter().copied().for_each(visit),
-            Expression::Negate(inner) => inner.arguments(visit),
-            Expression::Apply(_, operands) => {
+            CompiledExpression::Number(_)
+            | CompiledExpression::TotalTime
+            | CompiledExpression::Unknown(_) => (),
+            CompiledExpression::Fluent(fluent) => fluent.arguments.iter().copied().for_each(visit),
+            CompiledExpression::Negate(inner) => inner.arguments(visit),
+            CompiledExpression::Apply(_, operands) => {
                 operands.iter().for_each(|operand| operand.arguments(visit));
             }
         }
@@ -275,13 +287,13 @@ impl Expression {
 // === impl Query ===
 
 impl Query {
-    pub(super) fn new(variables: Vec<Variable>, mut nodes: Vec<Node>) -> Query {
-        nodes.sort_by_key(Node::effort);
+    pub(super) fn new(variables: Vec<Variable>, mut nodes: Vec<CompiledCondition>) -> Query {
+        nodes.sort_by_key(CompiledCondition::effort);
         if nodes.len() > PARTS_MAX {
             let rest = nodes.split_off(PARTS_MAX - 1);
-            nodes.push(Node::All(rest));
+            nodes.push(CompiledCondition::All(rest));
         }
-        let part = |node: Node| {
+        let part = |node: CompiledCondition| {
             let mut slots = Vec::new();
             node.arguments(&mut |argument| {
                 if let Argument::Slot(slot) = argument
@@ -291,14 +303,14 @@ impl Query {
                     slots.push(slot);
                 }
             });
-            Part { node, slots: slots.into() }
+            QueryPart { node, slots: slots.into() }
         };
         let parts = nodes.into_iter().map(part).collect();
         Query { variables, parts }
     }
 
     /// Whether the object is of the type of the variable in this slot.
-    pub(super) fn accepts(&self, slot: Slot, object: Object) -> bool {
+    pub(super) fn accepts(&self, slot: FrameSlot, object: Object) -> bool {
         let variable = self.variables.iter().find(|variable| variable.slot == slot);
         variable.is_some_and(|variable| variable.extension.contains(object))
     }

@@ -3,14 +3,14 @@
 use pddl::{Assignment, FluentTerm, Name, Span, Term};
 
 use super::FaultReason;
-use super::compiled::{Assign, Change, Fact};
-use super::numbers::combine;
-use super::query::View;
-use super::symbols::{Object, Relation};
+use super::compiled::{CompiledAssign, CompiledEffect, Fact};
+use super::numeric_values::combine;
+use super::query::WorldView;
+use super::symbols::{Object, RelationId};
 
 /// Collected effects of one step.
 #[derive(Debug, Default)]
-pub(super) struct Changes {
+pub(super) struct StepChanges {
     pub(super) deletes: Tuples,
     pub(super) adds: Tuples,
     updates: Vec<Update>,
@@ -19,21 +19,21 @@ pub(super) struct Changes {
 /// Tuples of several predicates, in one array.
 #[derive(Debug, Default)]
 pub(super) struct Tuples {
-    relations: Vec<(Relation, usize)>,
+    relations: Vec<(RelationId, usize)>,
     objects: Vec<Object>,
 }
 
 /// A numeric effect.
 #[derive(Clone, Debug)]
 struct Update {
-    function: Relation,
+    function: RelationId,
     objects: Box<[Object]>,
     assignment: Assignment,
     value: f64,
 }
 
 /// A new value of a fluent.
-pub(super) type NewValue = (Relation, Box<[Object]>, f64);
+pub(super) type NewValue = (RelationId, Box<[Object]>, f64);
 
 // === impl Tuples ===
 
@@ -43,7 +43,7 @@ impl Tuples {
         self.objects.extend(fact.arguments.iter().map(|argument| argument.value(frame)));
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = (Relation, &[Object])> {
+    pub(super) fn iter(&self) -> impl Iterator<Item = (RelationId, &[Object])> {
         let mut rest = self.objects.as_slice();
         self.relations.iter().map(move |(relation, arity)| {
             let (tuple, others) = rest.split_at(*arity);
@@ -56,34 +56,34 @@ impl Tuples {
 // === impl Update ===
 
 impl Update {
-    fn key(&self) -> (Relation, &[Object]) {
+    fn key(&self) -> (RelationId, &[Object]) {
         (self.function, &self.objects)
     }
 }
 
 // === impl View ===
 
-impl View<'_> {
+impl WorldView<'_> {
     pub(super) fn collect(
         self,
-        change: &Change,
+        change: &CompiledEffect,
         frame: &mut [Object],
-        changes: &mut Changes,
+        changes: &mut StepChanges,
     ) -> Result<(), FaultReason> {
         match change {
-            Change::All(parts) => {
+            CompiledEffect::All(parts) => {
                 parts.iter().try_for_each(|part| self.collect(part, frame, changes))
             }
-            Change::Set(fact, true) => {
+            CompiledEffect::Set(fact, true) => {
                 changes.adds.push(fact, frame);
                 Ok(())
             }
-            Change::Set(fact, false) => {
+            CompiledEffect::Set(fact, false) => {
                 changes.deletes.push(fact, frame);
                 Ok(())
             }
-            Change::Assign(assign) => self.collect_assign(assign, frame, changes),
-            Change::When(inner) => {
+            CompiledEffect::Assign(assign) => self.collect_assign(assign, frame, changes),
+            CompiledEffect::When(inner) => {
                 let (condition, then) = &**inner;
                 if self.holds(condition, frame) {
                     self.collect(then, frame, changes)
@@ -91,7 +91,7 @@ impl View<'_> {
                     Ok(())
                 }
             }
-            Change::Each(inner) => {
+            CompiledEffect::Each(inner) => {
                 let (query, then) = &**inner;
                 // The fault that is reported is that of the first binding in the order of the texts.
                 let mut earliest: Option<(Vec<Object>, FaultReason)> = None;
@@ -112,13 +112,13 @@ impl View<'_> {
 
     fn collect_assign(
         self,
-        assign: &Assign,
+        assign: &CompiledAssign,
         frame: &[Object],
-        changes: &mut Changes,
+        changes: &mut StepChanges,
     ) -> Result<(), FaultReason> {
         let value = self.evaluate(&assign.value, frame).map_err(FaultReason::Undefined)?;
         let (assignment, fluent) = (assign.assignment, &assign.fluent);
-        let undefined = || FaultReason::Undefined(self.told(fluent, frame));
+        let undefined = || FaultReason::Undefined(self.ground_fluent(fluent, frame));
         if assignment != Assignment::Assign && self.fluent(fluent, frame).is_none() {
             return Err(undefined());
         }
@@ -129,7 +129,10 @@ impl View<'_> {
     }
 
     /// Returns the new values of the fluents that a step changes.
-    pub(super) fn new_values(self, changes: &mut Changes) -> Result<Vec<NewValue>, FaultReason> {
+    pub(super) fn new_values(
+        self,
+        changes: &mut StepChanges,
+    ) -> Result<Vec<NewValue>, FaultReason> {
         // The sort is stable: updates of one fluent stay in the order of the text.
         changes.updates.sort_by(|left, right| left.key().cmp(&right.key()));
         let (mut values, mut endless, mut conflicts) = (Vec::new(), Vec::new(), Vec::new());
@@ -153,14 +156,14 @@ impl View<'_> {
     }
 
     /// Returns the first of these fluents in the order of names; `None` if there are none.
-    fn first(self, fluents: Vec<(Relation, &[Object])>) -> Option<FluentTerm> {
+    fn first(self, fluents: Vec<(RelationId, &[Object])>) -> Option<FluentTerm> {
         let names = |(function, objects)| self.names(function, objects);
         let (function, objects) = fluents.into_iter().map(names).min()?;
         let arguments = objects.into_iter().map(Term::Object).collect();
         Some(FluentTerm { function, arguments, span: Span::default() })
     }
 
-    fn names(self, function: Relation, objects: &[Object]) -> (Name, Vec<Name>) {
+    fn names(self, function: RelationId, objects: &[Object]) -> (Name, Vec<Name>) {
         let model = &self.world.model;
         let objects = objects.iter().filter_map(|object| model.objects.name(*object)).cloned();
         (model.functions.name(function).clone(), objects.collect())

@@ -6,20 +6,20 @@
 //! - Every plan of this crate is validated before it is returned.
 //! - Time is not supported: durative actions and timed initial literals are faults.
 
+mod axiom_rules;
 mod axioms;
 pub(crate) mod bindings;
 mod compile;
 mod compiled;
 mod effects;
-mod failing;
+mod failing_part;
 mod footprint;
 pub(crate) mod model;
-mod numbers;
+mod numeric_values;
 mod query;
-mod rules;
 mod steps;
 mod symbols;
-mod table;
+mod tuple_table;
 mod world;
 
 pub(crate) use footprint::Footprint;
@@ -52,7 +52,7 @@ pub enum Verdict {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fault {
     /// Place in the plan.
-    pub place: Place,
+    pub place: FaultPlace,
     /// Reason.
     pub reason: FaultReason,
     /// Place in a text: of the step in the plan, or of the metric in the problem.
@@ -61,7 +61,7 @@ pub struct Fault {
 
 /// A place in a plan.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Place {
+pub enum FaultPlace {
     /// A step.
     Step {
         /// Its position, from 0.
@@ -142,7 +142,7 @@ fn run(mut world: World, steps: &[PlanStep], goal: &Condition) -> Result<World, 
     match world.failing(goal) {
         None => Ok(world),
         Some(condition) => Err(Box::new(Fault {
-            place: Place::Goal,
+            place: FaultPlace::Goal,
             reason: FaultReason::Goal(condition),
             span: Span::default(),
         })),
@@ -180,12 +180,12 @@ impl fmt::Display for Fault {
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for FaultPlace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Place::Step { index, step } => write!(f, "step {} {step}", index + 1),
-            Place::Goal => f.write_str("goal"),
-            Place::Metric => f.write_str("metric"),
+            FaultPlace::Step { index, step } => write!(f, "step {} {step}", index + 1),
+            FaultPlace::Goal => f.write_str("goal"),
+            FaultPlace::Metric => f.write_str("metric"),
         }
     }
 }

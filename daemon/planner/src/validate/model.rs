@@ -11,10 +11,10 @@ use pddl::{
 };
 use rustc_hash::FxHashMap;
 
-use super::axioms::Axioms;
+use super::axioms::AxiomComponents;
 use super::compile;
-use super::compiled::Schema;
-use super::symbols::{Extension, Objects, Relations};
+use super::compiled::CompiledAction;
+use super::symbols::{Extension, Objects, RelationTable};
 
 /// The constant part of a [`super::World`].
 #[derive(Debug)]
@@ -24,14 +24,14 @@ pub(crate) struct Model {
     durative: Vec<Name>,
     pub(super) metric: Option<Metric>,
     pub(super) objects: Objects,
-    pub(super) predicates: Relations,
-    pub(super) functions: Relations,
-    pub(super) axioms: Axioms,
+    pub(super) predicates: RelationTable,
+    pub(super) functions: RelationTable,
+    pub(super) axioms: AxiomComponents,
     types: Types,
     /// Per declared type: its objects; computed on first use.
     extensions: FxHashMap<Name, OnceLock<Arc<Extension>>>,
     /// Per position in `actions`: the compiled action.
-    schemas: Vec<OnceLock<Schema>>,
+    schemas: Vec<OnceLock<CompiledAction>>,
     /// Positions in `actions`, by name; names may be overloaded.
     actions_by_name: FxHashMap<Name, Vec<usize>>,
 }
@@ -47,9 +47,9 @@ impl Model {
             durative: domain.durative_actions.iter().map(|action| action.name.clone()).collect(),
             metric: problem.metric.clone(),
             objects: Objects::default(),
-            predicates: Relations::default(),
-            functions: Relations::default(),
-            axioms: Axioms::default(),
+            predicates: RelationTable::default(),
+            functions: RelationTable::default(),
+            axioms: AxiomComponents::default(),
             extensions: types.iter().map(|ty| (ty.clone(), OnceLock::new())).collect(),
             types,
             schemas: domain.actions.iter().map(|_| OnceLock::new()).collect(),
@@ -59,7 +59,7 @@ impl Model {
             model.actions_by_name.entry(action.name.clone()).or_default().push(index);
         }
         model.number(domain, problem);
-        model.axioms = Axioms::of(domain, &model.predicates, &model.functions)?;
+        model.axioms = AxiomComponents::of(domain, &model.predicates, &model.functions)?;
         Ok(model)
     }
 
@@ -95,7 +95,7 @@ impl Model {
     }
 
     /// Returns the compiled action at a position.
-    pub(super) fn schema(&self, index: usize) -> &Schema {
+    pub(super) fn schema(&self, index: usize) -> &CompiledAction {
         let compiled = || compile::schema(self, &self.actions[index]);
         self.schemas[index].get_or_init(compiled)
     }

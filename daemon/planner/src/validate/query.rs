@@ -5,29 +5,29 @@
 
 use std::ops::Range;
 
-use super::compiled::{Argument, Fact, Node, Query, Slot, Variable};
-use super::symbols::{Extension, Object, Relation};
-use super::table::{SCANNED_MAX, Table};
+use super::compiled::{Argument, CompiledCondition, Fact, FrameSlot, Query, Variable};
+use super::symbols::{Extension, Object, RelationId};
+use super::tuple_table::{SCANNED_MAX, TupleTable};
 use super::world::World;
 
 /// Read access to a world. While a component of axioms is being evaluated, its facts so far are
 /// included.
 #[derive(Clone, Copy)]
-pub(super) struct View<'w> {
+pub(super) struct WorldView<'w> {
     pub(super) world: &'w World,
-    growing: Option<(usize, &'w [Table])>,
+    growing: Option<(usize, &'w [TupleTable])>,
 }
 
 /// Callback for every binding. It returns whether to continue, and must restore what it changes in the
 /// frame.
-pub(super) type Visit<'v> = dyn FnMut(&mut [Object]) -> bool + 'v;
+pub(super) type BindingVisitor<'v> = dyn FnMut(&mut [Object]) -> bool + 'v;
 
 /// Maximal number of arguments of a fact for its tuples to be enumerated: the arguments bound by an
 /// enumeration are kept as the bits of one `u64`. Facts with more arguments are only looked up.
 pub(super) const ARITY_MAX: usize = 64;
 
 /// Next step of a query.
-enum Step<'w, 'q> {
+enum QueryStep<'w, 'q> {
     /// Try these choices.
     Choose(Choices<'w, 'q>),
     /// All variables are bound, and all parts hold.
@@ -39,16 +39,16 @@ enum Step<'w, 'q> {
 /// Choices for the next variables.
 enum Choices<'w, 'q> {
     /// Bind the arguments of a fact to each of these rows.
-    Rows(&'w Table, &'w [u32], &'q Fact),
+    Rows(&'w TupleTable, &'w [u32], &'q Fact),
     /// Bind a variable to one object.
-    One(Slot, Object),
+    One(FrameSlot, Object),
     /// Bind a variable to each object of its type.
-    Members(Slot, &'q Extension),
+    Members(FrameSlot, &'q Extension),
 }
 
 /// A choice point of the search. Choice points are kept in a list and not on the call stack, because a
 /// text may have any number of variables.
-struct Level<'w, 'q> {
+struct ChoicePoint<'w, 'q> {
     choices: Choices<'w, 'q>,
     /// Number of choices tried.
     tried: usize,
@@ -60,17 +60,21 @@ struct Level<'w, 'q> {
 
 // === impl View ===
 
-impl<'w> View<'w> {
-    pub(super) fn of(world: &'w World) -> View<'w> {
-        View { world, growing: None }
+impl<'w> WorldView<'w> {
+    pub(super) fn of(world: &'w World) -> WorldView<'w> {
+        WorldView { world, growing: None }
     }
 
-    pub(super) fn growing(world: &'w World, component: usize, tables: &'w [Table]) -> View<'w> {
-        View { world, growing: Some((component, tables)) }
+    pub(super) fn growing(
+        world: &'w World,
+        component: usize,
+        tables: &'w [TupleTable],
+    ) -> WorldView<'w> {
+        WorldView { world, growing: Some((component, tables)) }
     }
 
     /// Returns the facts of a predicate.
-    pub(super) fn table(self, relation: Relation) -> &'w Table {
+    pub(super) fn table(self, relation: RelationId) -> &'w TupleTable {
         match (self.world.model.axioms.place(relation), self.growing) {
             (None, _) => &self.world.facts[relation.index()],
             (Some((component, at)), Some((growing, tables))) if component == growing => &tables[at],
@@ -79,31 +83,42 @@ impl<'w> View<'w> {
     }
 
     /// Whether a condition holds; all its free variables must be bound.
-    pub(super) fn holds(self, node: &Node, frame: &mut [Object]) -> bool {
+    pub(super) fn holds(self, node: &CompiledCondition, frame: &mut [Object]) -> bool {
         match node {
-            Node::Constant(value) => *value,
-            Node::Fact(fact, positive) => {
+            CompiledCondition::Constant(value) => *value,
+            CompiledCondition::Fact(fact, positive) => {
                 let table = self.table(fact.relation);
                 table.contains(|column| fact.arguments[column].value(frame)) == *positive
             }
-            Node::Equal(left, right, positive) => {
+            CompiledCondition::Equal(left, right, positive) => {
                 (left.value(frame) == right.value(frame)) == *positive
             }
-            Node::Compare(compare, positive) => self.compares(compare, frame) == *positive,
-            Node::All(parts) => parts.iter().all(|part| self.holds(part, frame)),
-            Node::Any(parts) => parts.iter().any(|part| self.holds(part, frame)),
-            Node::Exists(query, positive) => self.each(query, frame, &mut |_| false) != *positive,
+            CompiledCondition::Compare(compare, positive) => {
+                self.compares(compare, frame) == *positive
+            }
+            CompiledCondition::All(parts) => parts.iter().all(|part| self.holds(part, frame)),
+            CompiledCondition::Any(parts) => parts.iter().any(|part| self.holds(part, frame)),
+            CompiledCondition::Exists(query, positive) => {
+                self.each(query, frame, &mut |_| false) != *positive
+            }
         }
     }
 
     /// Calls `visit` once for every binding of a query's variables under which all its parts hold,
     /// until it returns `false`. Returns whether it always returned `true`.
-    pub(super) fn each(self, query: &Query, frame: &mut [Object], visit: &mut Visit<'_>) -> bool {
+    pub(super) fn each(
+        self,
+        query: &Query,
+        frame: &mut [Object],
+        visit: &mut BindingVisitor<'_>,
+    ) -> bool {
         let mut open = all_parts(query);
         match self.next_step(query, &mut open, frame) {
-            Step::Stuck => true,
-            Step::Found => visit(frame),
-            Step::Choose(choices) => self.search(query, Level::of(choices, open), frame, visit),
+            QueryStep::Stuck => true,
+            QueryStep::Found => visit(frame),
+            QueryStep::Choose(choices) => {
+                self.search(query, ChoicePoint::of(choices, open), frame, visit)
+            }
         }
     }
 
@@ -114,22 +129,22 @@ impl<'w> View<'w> {
         part: usize,
         rows: Range<usize>,
         frame: &mut [Object],
-        visit: &mut Visit<'_>,
+        visit: &mut BindingVisitor<'_>,
     ) -> bool {
-        let Node::Fact(fact, true) = &query.parts[part].node else { return true };
+        let CompiledCondition::Fact(fact, true) = &query.parts[part].node else { return true };
         let table = self.table(fact.relation);
         let choices = Choices::Rows(table, &table.rows()[rows], fact);
         let open = all_parts(query) & !(1 << part);
-        self.search(query, Level::of(choices, open), frame, visit)
+        self.search(query, ChoicePoint::of(choices, open), frame, visit)
     }
 
     /// Searches depth first through all choices.
     fn search<'q>(
         self,
         query: &'q Query,
-        first: Level<'w, 'q>,
+        first: ChoicePoint<'w, 'q>,
         frame: &mut [Object],
-        visit: &mut Visit<'_>,
+        visit: &mut BindingVisitor<'_>,
     ) -> bool {
         let mut levels = vec![first];
         while let Some(level) = levels.last_mut() {
@@ -139,9 +154,9 @@ impl<'w> View<'w> {
             }
             let mut open = level.open;
             match self.next_step(query, &mut open, frame) {
-                Step::Stuck => (),
-                Step::Choose(choices) => levels.push(Level::of(choices, open)),
-                Step::Found => {
+                QueryStep::Stuck => (),
+                QueryStep::Choose(choices) => levels.push(ChoicePoint::of(choices, open)),
+                QueryStep::Found => {
                     if !visit(frame) {
                         levels.iter_mut().for_each(|level| level.unbind(frame));
                         return false;
@@ -153,7 +168,12 @@ impl<'w> View<'w> {
     }
 
     /// Evaluates every part that has all its variables bound, and selects what to bind next.
-    fn next_step<'q>(self, query: &'q Query, open: &mut u64, frame: &mut [Object]) -> Step<'w, 'q> {
+    fn next_step<'q>(
+        self,
+        query: &'q Query,
+        open: &mut u64,
+        frame: &mut [Object],
+    ) -> QueryStep<'w, 'q> {
         // The part with the fewest choices, and their number.
         let (mut best, mut fewest) = (None, usize::MAX);
         let mut left = *open;
@@ -163,13 +183,15 @@ impl<'w> View<'w> {
             let part = &query.parts[index];
             if part.slots.iter().all(|slot| frame[slot.index()] != Object::UNBOUND) {
                 if !self.holds(&part.node, frame) {
-                    return Step::Stuck;
+                    return QueryStep::Stuck;
                 }
                 *open &= !(1 << index);
                 continue;
             }
             match &part.node {
-                Node::Fact(fact, true) if fewest > 0 && fact.arguments.len() <= ARITY_MAX => {
+                CompiledCondition::Fact(fact, true)
+                    if fewest > 0 && fact.arguments.len() <= ARITY_MAX =>
+                {
                     let table = self.table(fact.relation);
                     let rows = fitting(table, fact, frame);
                     if rows.len() < fewest {
@@ -177,7 +199,7 @@ impl<'w> View<'w> {
                         best = Some((Choices::Rows(table, rows, fact), index));
                     }
                 }
-                Node::Equal(left, right, true) if fewest > 1 => {
+                CompiledCondition::Equal(left, right, true) if fewest > 1 => {
                     if let Some((slot, object)) = one_side(*left, *right, frame) {
                         fewest = 1;
                         best = Some((Choices::One(slot, object), index));
@@ -189,13 +211,13 @@ impl<'w> View<'w> {
         match best {
             Some((choices, part)) => {
                 *open &= !(1 << part);
-                Step::Choose(choices)
+                QueryStep::Choose(choices)
             }
             None => match smallest(query, frame) {
                 Some(variable) => {
-                    Step::Choose(Choices::Members(variable.slot, &variable.extension))
+                    QueryStep::Choose(Choices::Members(variable.slot, &variable.extension))
                 }
-                None => Step::Found,
+                None => QueryStep::Found,
             },
         }
     }
@@ -203,9 +225,9 @@ impl<'w> View<'w> {
 
 // === impl Level ===
 
-impl<'w, 'q> Level<'w, 'q> {
-    fn of(choices: Choices<'w, 'q>, open: u64) -> Level<'w, 'q> {
-        Level { choices, tried: 0, bound: 0, open }
+impl<'w, 'q> ChoicePoint<'w, 'q> {
+    fn of(choices: Choices<'w, 'q>, open: u64) -> ChoicePoint<'w, 'q> {
+        ChoicePoint { choices, tried: 0, bound: 0, open }
     }
 
     /// Binds the next matching choice. Returns whether there is one.
@@ -255,7 +277,7 @@ impl<'w, 'q> Level<'w, 'q> {
 }
 
 /// Binds a variable; returns the bits for [`Level::bound`].
-fn bind_one(slot: Slot, object: Object, frame: &mut [Object]) -> u64 {
+fn bind_one(slot: FrameSlot, object: Object, frame: &mut [Object]) -> u64 {
     frame[slot.index()] = object;
     1
 }
@@ -290,7 +312,7 @@ fn all_parts(query: &Query) -> u64 {
 
 /// Returns a superset of the rows that match a fact's arguments, restricted by the best of its column
 /// indexes.
-fn fitting<'w>(table: &'w Table, fact: &Fact, frame: &[Object]) -> &'w [u32] {
+fn fitting<'w>(table: &'w TupleTable, fact: &Fact, frame: &[Object]) -> &'w [u32] {
     let mut fewest = table.rows();
     for (column, argument) in fact.arguments.iter().enumerate() {
         if fewest.len() <= SCANNED_MAX {
@@ -308,7 +330,7 @@ fn fitting<'w>(table: &'w Table, fact: &Fact, frame: &[Object]) -> &'w [u32] {
 }
 
 /// Returns the unbound variable of an equation and its object, if the other side is bound.
-fn one_side(left: Argument, right: Argument, frame: &[Object]) -> Option<(Slot, Object)> {
+fn one_side(left: Argument, right: Argument, frame: &[Object]) -> Option<(FrameSlot, Object)> {
     match (left, right) {
         (Argument::Slot(slot), other) if frame[slot.index()] == Object::UNBOUND => {
             let object = other.value(frame);

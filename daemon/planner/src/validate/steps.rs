@@ -3,11 +3,11 @@
 use pddl::{ActionSchema, Name, PlanStep, Typed};
 
 use super::FaultReason;
-use super::compiled::Schema;
-use super::effects::Changes;
-use super::failing::Failing;
+use super::compiled::CompiledAction;
+use super::effects::StepChanges;
+use super::failing_part::FailingPartSearch;
 use super::model::Model;
-use super::query::View;
+use super::query::WorldView;
 use super::symbols::Object;
 use super::world::World;
 
@@ -15,7 +15,7 @@ use super::world::World;
 
 impl World {
     /// Finds the action, checks arguments and precondition, and evaluates the effects.
-    pub(super) fn changes(&self, step: &PlanStep) -> Result<Changes, FaultReason> {
+    pub(super) fn changes(&self, step: &PlanStep) -> Result<StepChanges, FaultReason> {
         let mut reason = FaultReason::UnknownAction;
         if self.model.is_durative(&step.action) {
             reason = FaultReason::Durative;
@@ -30,20 +30,20 @@ impl World {
         Err(reason)
     }
 
-    fn changes_by(&self, index: usize, step: &PlanStep) -> Result<Changes, FaultReason> {
+    fn changes_by(&self, index: usize, step: &PlanStep) -> Result<StepChanges, FaultReason> {
         let action = &self.model.actions[index];
         let schema = self.model.schema(index);
         let mut frame = self.frame(action, schema, step)?;
-        if !View::of(self).holds(&schema.precondition, &mut frame) {
-            let mut failing = Failing::new(self);
+        if !WorldView::of(self).holds(&schema.precondition, &mut frame) {
+            let mut failing = FailingPartSearch::new(self);
             failing.bind(action.all_parameters().zip(&step.arguments));
             let part = failing.part(&action.precondition);
             return Err(FaultReason::Precondition(
                 part.unwrap_or_else(|| action.precondition.clone()),
             ));
         }
-        let mut changes = Changes::default();
-        View::of(self).collect(&schema.effect, &mut frame, &mut changes)?;
+        let mut changes = StepChanges::default();
+        WorldView::of(self).collect(&schema.effect, &mut frame, &mut changes)?;
         Ok(changes)
     }
 
@@ -51,7 +51,7 @@ impl World {
     fn frame(
         &self,
         action: &ActionSchema,
-        schema: &Schema,
+        schema: &CompiledAction,
         step: &PlanStep,
     ) -> Result<Vec<Object>, FaultReason> {
         let (expected, found) = (schema.parameters.len(), step.arguments.len());

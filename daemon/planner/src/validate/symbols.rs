@@ -38,13 +38,13 @@ pub(super) enum Extension {
 /// A predicate or a function with a fixed number of arguments. Texts that have not been checked may use
 /// one name with several numbers of arguments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(super) struct Relation(u32);
+pub(super) struct RelationId(u32);
 
 /// Predicates, or functions, that the texts name.
 #[derive(Debug, Default)]
-pub(super) struct Relations {
+pub(super) struct RelationTable {
     entries: Vec<(Name, usize)>,
-    by_name: FxHashMap<Name, Vec<Relation>>,
+    by_name: FxHashMap<Name, Vec<RelationId>>,
 }
 
 // === impl Object ===
@@ -168,7 +168,7 @@ impl Extension {
 
 // === impl Relation ===
 
-impl Relation {
+impl RelationId {
     pub(super) fn index(self) -> usize {
         self.0 as usize
     }
@@ -176,28 +176,28 @@ impl Relation {
 
 // === impl Relations ===
 
-impl Relations {
+impl RelationTable {
     /// Returns the number of a name with this number of arguments, and assigns one if needed.
-    pub(super) fn insert(&mut self, name: &Name, arity: usize) -> Relation {
+    pub(super) fn insert(&mut self, name: &Name, arity: usize) -> RelationId {
         if let Some(relation) = self.find(name, arity) {
             return relation;
         }
-        let relation = Relation(self.entries.len() as u32);
+        let relation = RelationId(self.entries.len() as u32);
         self.entries.push((name.clone(), arity));
         self.by_name.entry(name.clone()).or_default().push(relation);
         relation
     }
 
-    pub(super) fn find(&self, name: &Name, arity: usize) -> Option<Relation> {
+    pub(super) fn find(&self, name: &Name, arity: usize) -> Option<RelationId> {
         let same_name = self.by_name.get(name)?;
         same_name.iter().copied().find(|relation| self.arity(*relation) == arity)
     }
 
-    pub(super) fn name(&self, relation: Relation) -> &Name {
+    pub(super) fn name(&self, relation: RelationId) -> &Name {
         &self.entries[relation.index()].0
     }
 
-    pub(super) fn arity(&self, relation: Relation) -> usize {
+    pub(super) fn arity(&self, relation: RelationId) -> usize {
         self.entries[relation.index()].1
     }
 
@@ -209,7 +209,7 @@ impl Relations {
         self.entries.iter().map(|(_, arity)| *arity)
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = Relation> + use<> {
-        (0..self.entries.len() as u32).map(Relation)
+    pub(super) fn iter(&self) -> impl Iterator<Item = RelationId> + use<> {
+        (0..self.entries.len() as u32).map(RelationId)
     }
 }

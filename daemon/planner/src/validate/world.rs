@@ -9,30 +9,30 @@ use std::collections::HashSet;
 use std::sync::{Arc, OnceLock};
 
 use pddl::{
-    Atom, Condition, Diagnostic, Direction, Domain, FluentTerm, InitElement, Name, PlanStep,
+    Atom, Condition, Diagnostic, Domain, FluentTerm, InitElement, MetricDirection, Name, PlanStep,
     Problem, Term,
 };
 
-use super::compile::Scope;
-use super::failing::Failing;
+use super::compile::CompilationScope;
+use super::failing_part::FailingPartSearch;
 use super::model::Model;
-use super::numbers::Values;
-use super::query::View;
-use super::symbols::{Object, Relation};
-use super::table::Table;
-use super::{Fault, FaultReason, Place};
+use super::numeric_values::FunctionValues;
+use super::query::WorldView;
+use super::symbols::{Object, RelationId};
+use super::tuple_table::TupleTable;
+use super::{Fault, FaultPlace, FaultReason};
 
 /// A state, with the texts that it belongs to. A clone copies the state and shares the texts.
 #[derive(Clone, Debug)]
 pub struct World {
     pub(super) model: Arc<Model>,
     /// Per predicate: facts that are true without axioms.
-    pub(super) facts: Vec<Table>,
+    pub(super) facts: Vec<TupleTable>,
     /// Per component of the axioms: its derived facts, computed on first use. If a component has no
     /// result, no component that reads it has one.
-    pub(super) derived: Vec<OnceLock<Vec<Table>>>,
+    pub(super) derived: Vec<OnceLock<Vec<TupleTable>>>,
     /// Per function: its values.
-    pub(super) values: Vec<Values>,
+    pub(super) values: Vec<FunctionValues>,
     /// Number of steps applied so far.
     pub(super) steps: usize,
 }
@@ -53,12 +53,12 @@ impl World {
     /// Returns the initial state of another problem of the same domain, with the same objects and
     /// metric. Returns `None` if it is not defined, or if the model is still shared with another
     /// `World`.
-    pub(crate) fn again(mut self, problem: &Problem) -> Option<World> {
+    pub(crate) fn with_problem(mut self, problem: &Problem) -> Option<World> {
         let state = initially(Arc::get_mut(&mut self.model)?, problem).ok()?;
         Some(World::of(self.model, state))
     }
 
-    fn of(model: Arc<Model>, (facts, values): (Vec<Table>, Vec<Values>)) -> World {
+    fn of(model: Arc<Model>, (facts, values): (Vec<TupleTable>, Vec<FunctionValues>)) -> World {
         let derived = model.axioms.components.iter().map(|_| OnceLock::new()).collect();
         World { facts, derived, values, model, steps: 0 }
     }
@@ -70,7 +70,7 @@ impl World {
 
     /// Returns the facts that are true here and not in `other`, a state of the same texts. They are
     /// sorted; derived facts come last.
-    pub fn beyond(&self, other: &World) -> Vec<Atom> {
+    pub fn facts_missing_in(&self, other: &World) -> Vec<Atom> {
         if Arc::ptr_eq(&self.model, &other.model) {
             return self.atoms_where(|predicate, tuple| !other.is_true(predicate, tuple));
         }
@@ -80,14 +80,14 @@ impl World {
 
     /// Whether a closed condition holds.
     pub fn holds(&self, condition: &Condition) -> bool {
-        let mut scope = Scope::new(&self.model);
+        let mut scope = CompilationScope::new(&self.model);
         let node = scope.node(condition, true);
-        View::of(self).holds(&node, &mut scope.frame())
+        WorldView::of(self).holds(&node, &mut scope.frame())
     }
 
     /// Returns the smallest failing part of a closed condition; `None` if the condition holds.
     pub fn failing(&self, condition: &Condition) -> Option<Condition> {
-        Failing::new(self).part(condition)
+        FailingPartSearch::new(self).part(condition)
     }
 
     /// Iterates over the true facts, sorted; derived facts come last.
@@ -96,7 +96,7 @@ impl World {
     }
 
     /// Returns the true facts for which `shows` returns `true`.
-    fn atoms_where(&self, shows: impl Fn(Relation, &[Object]) -> bool) -> Vec<Atom> {
+    fn atoms_where(&self, shows: impl Fn(RelationId, &[Object]) -> bool) -> Vec<Atom> {
         let mut derived = Vec::new();
         for predicate in self.model.predicates.iter() {
             if let Some((component, at)) = self.model.axioms.place(predicate) {
@@ -114,8 +114,8 @@ impl World {
     }
 
     /// Whether a fact is true, by itself or by axioms.
-    fn is_true(&self, predicate: Relation, tuple: &[Object]) -> bool {
-        let is_in = |table: &Table| table.contains(|column| tuple[column]);
+    fn is_true(&self, predicate: RelationId, tuple: &[Object]) -> bool {
+        let is_in = |table: &TupleTable| table.contains(|column| tuple[column]);
         is_in(&self.facts[predicate.index()]) || { self.model.axioms.place(predicate) }
             .is_some_and(|(component, at)| is_in(&self.derived(component)[at]))
     }
@@ -132,56 +132,59 @@ impl World {
     /// metric.
     pub fn cost(&self) -> Result<f64, Box<Fault>> {
         let Some(metric) = &self.model.metric else { return Ok(self.steps as f64) };
-        let expression = Scope::new(&self.model).expression(&metric.expression);
-        let value = View::of(self).evaluate(&expression, &[]);
+        let expression = CompilationScope::new(&self.model).expression(&metric.expression);
+        let value = WorldView::of(self).evaluate(&expression, &[]);
         // Zero has two signs in IEEE 754; adding 0.0 makes them equal.
         value.map(|value| value + 0.0).map_err(|fluent| {
             let reason = FaultReason::Undefined(fluent);
-            Box::new(Fault { place: Place::Metric, reason, span: metric.span })
+            Box::new(Fault { place: FaultPlace::Metric, reason, span: metric.span })
         })
     }
 
     /// Whether the metric is to be maximized.
     pub fn maximizes(&self) -> bool {
-        self.model.metric.as_ref().is_some_and(|metric| metric.direction == Direction::Maximize)
+        self.model
+            .metric
+            .as_ref()
+            .is_some_and(|metric| metric.direction == MetricDirection::Maximize)
     }
 
     /// Applies one step. On an error the world stays as it was.
     pub fn apply(&mut self, step: &PlanStep) -> Result<(), Box<Fault>> {
         let fault = |reason| {
-            let place = Place::Step { index: self.steps, step: step.clone() };
+            let place = FaultPlace::Step { index: self.steps, step: step.clone() };
             Box::new(Fault { place, reason, span: step.span })
         };
         let mut changes = self.changes(step).map_err(fault)?;
-        let values = View::of(self).new_values(&mut changes).map_err(fault)?;
+        let values = WorldView::of(self).new_values(&mut changes).map_err(fault)?;
         let model = Arc::clone(&self.model);
         for (predicate, tuple) in changes.deletes.iter() {
             if self.facts[predicate.index()].remove(tuple) {
-                self.unsettle(model.axioms.fact_readers(predicate));
+                self.invalidate(model.axioms.fact_readers(predicate));
             }
         }
         // After the deletes: a fact both deleted and added is true.
         for (predicate, tuple) in changes.adds.iter() {
             if self.facts[predicate.index()].insert(tuple) {
-                self.unsettle(model.axioms.fact_readers(predicate));
+                self.invalidate(model.axioms.fact_readers(predicate));
             }
         }
         for (function, objects, value) in values {
             self.values[function.index()].set(&objects, value);
-            self.unsettle(model.axioms.value_readers(function));
+            self.invalidate(model.axioms.value_readers(function));
         }
         self.steps += 1;
-        self.unsettle(model.axioms.time_readers());
+        self.invalidate(model.axioms.time_readers());
         Ok(())
     }
 
     /// Returns the facts that are true without axioms, sorted.
-    fn claimed(&self) -> Vec<Atom> {
+    fn base_facts(&self) -> Vec<Atom> {
         self.claimed_where(|_, _| true)
     }
 
     /// Returns the facts that are true without axioms and for which `shows` returns `true`, sorted.
-    fn claimed_where(&self, shows: impl Fn(Relation, &[Object]) -> bool) -> Vec<Atom> {
+    fn claimed_where(&self, shows: impl Fn(RelationId, &[Object]) -> bool) -> Vec<Atom> {
         let mut claimed = Vec::new();
         for predicate in self.model.predicates.iter() {
             let facts = self.facts[predicate.index()].tuples();
@@ -193,7 +196,7 @@ impl World {
     }
 
     /// Returns all defined fluents, as atoms with their values, sorted.
-    fn valued(&self) -> Vec<(Atom, f64)> {
+    fn defined_fluents(&self) -> Vec<(Atom, f64)> {
         let functions = &self.model.functions;
         let mut valued = Vec::new();
         for function in functions.iter() {
@@ -206,7 +209,7 @@ impl World {
         valued
     }
 
-    fn atom(&self, predicate: Relation, tuple: &[Object]) -> Option<Atom> {
+    fn atom(&self, predicate: RelationId, tuple: &[Object]) -> Option<Atom> {
         self.named(self.model.predicates.name(predicate), tuple)
     }
 
@@ -224,7 +227,7 @@ impl PartialEq for World {
         if Arc::ptr_eq(&self.model, &other.model) {
             return self.values == other.values && self.facts == other.facts;
         }
-        self.valued() == other.valued() && self.claimed() == other.claimed()
+        self.defined_fluents() == other.defined_fluents() && self.base_facts() == other.base_facts()
     }
 }
 
@@ -242,22 +245,23 @@ fn by_name(left: &Atom, right: &Atom) -> Ordering {
 fn initially(
     model: &mut Model,
     problem: &Problem,
-) -> Result<(Vec<Table>, Vec<Values>), Vec<Diagnostic>> {
+) -> Result<(Vec<TupleTable>, Vec<FunctionValues>), Vec<Diagnostic>> {
     // `total-cost` is zero unless `:init` gives it a value: many domains declare it, and problems omit
     // it.
     let total_cost = model.functions.insert(&Name::new("total-cost"), 0);
-    let mut values: Vec<Values> = model.functions.arities().map(Values::new).collect();
-    let mut facts: Vec<Table> = model.predicates.arities().map(Table::new).collect();
+    let mut values: Vec<FunctionValues> =
+        model.functions.arities().map(FunctionValues::new).collect();
+    let mut facts: Vec<TupleTable> = model.predicates.arities().map(TupleTable::new).collect();
     values[total_cost.index()].set(&[], 0.0);
     let mut tuple = Vec::new();
     // Facts of one predicate are mostly adjacent.
-    let mut last: Option<(&Atom, Relation)> = None;
+    let mut last: Option<(&Atom, RelationId)> = None;
     for element in &problem.init {
         tuple.clear();
         match element {
             InitElement::Atom(atom) => {
                 let arity = atom.arguments.len();
-                let is_same = |(other, _): &(&Atom, Relation)| {
+                let is_same = |(other, _): &(&Atom, RelationId)| {
                     other.predicate == atom.predicate && other.arguments.len() == arity
                 };
                 let predicate = match last.filter(is_same) {
@@ -267,7 +271,7 @@ fn initially(
                 last = Some((atom, predicate));
                 tuple.extend(atom.arguments.iter().map(|term| model.objects.insert(term.name())));
                 if predicate.index() == facts.len() {
-                    facts.push(Table::new(arity));
+                    facts.push(TupleTable::new(arity));
                 }
                 facts[predicate.index()].insert(&tuple);
             }
@@ -277,7 +281,7 @@ fn initially(
                 let function = model.functions.insert(&fluent.function, arity);
                 tuple.extend(fluent.arguments.iter().map(|term| model.objects.insert(term.name())));
                 if function.index() == values.len() {
-                    values.push(Values::new(arity));
+                    values.push(FunctionValues::new(arity));
                 }
                 values[function.index()].set(&tuple, number.0);
             }

@@ -11,7 +11,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use planner::order::deorder;
 use planner::validate::World;
-use planner::{CONFIGURATIONS, Cancel, Effort, News, Options, StopReason, plan, plan_and_tell};
+use planner::{
+    CONFIGURATIONS, Cancel, Effort, Options, PlanningProgress, StopReason, plan, plan_with_progress,
+};
 use proptest::prelude::*;
 
 use crate::brute_force::least_cost_within;
@@ -236,12 +238,12 @@ proptest! {
         for options in ways() {
             let name = (options.configuration.name, options.effort, options.threads);
             let mut told = Vec::new();
-            let mut tell = |news: News<'_>| {
-                if let News::Plan(plan) = news {
+            let mut tell = |news: PlanningProgress<'_>| {
+                if let PlanningProgress::Plan(plan) = news {
                     told.push(plan.cost.map_or(f64::NAN, |cost| cost.0));
                 }
             };
-            let outcome = plan_and_tell(&domain, &problem, &options, &Cancel::new(), &mut tell)
+            let outcome = plan_with_progress(&domain, &problem, &options, &Cancel::new(), &mut tell)
                 .map_err(|err| TestCaseError::fail(err.to_string()))?;
             prop_assert_eq!(outcome.plan.is_some(), truth.is_some(), "{:?}", name);
             prop_assert!(told.is_sorted_by(|one, next| next < one), "{name:?} told {told:?}");

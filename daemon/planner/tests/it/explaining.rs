@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use expect_test::{Expect, expect};
 use pddl::{ActionModel, Domain, Name, Problem};
-use planner::explain::{Explanation, Guard, Known, explain};
+use planner::explain::{ActionGuard, Explanation, ExplanationInput, explain};
 use planner::validate::World;
 use planner::{Cancel, Options};
 use proptest::prelude::*;
@@ -46,10 +46,10 @@ const GUARDS: &[(&str, &str, &str)] = &[
     ("report-temperature--two", "report-temperature", "offers-measure"),
 ];
 
-fn guards(of: &[(&str, &str, &str)]) -> BTreeMap<Name, Guard> {
+fn guards(of: &[(&str, &str, &str)]) -> BTreeMap<Name, ActionGuard> {
     let guard = |(inside, outside, predicate): &(&str, &str, &str)| {
         let (outside, predicate) = (Name::new(outside), Name::new(predicate));
-        (Name::new(inside), Guard { outside, predicate })
+        (Name::new(inside), ActionGuard { outside, predicate })
     };
     of.iter().map(guard).collect()
 }
@@ -73,7 +73,7 @@ fn explained(
     let world = World::initial(domain, problem).expect("makes sense");
     let parts = planner::goal::conjuncts(&world, &goal);
     let guards = guards(of);
-    let known = Known { domain, problem, guards: &guards, former };
+    let known = ExplanationInput { domain, problem, guards: &guards, former };
     explain(known, &parts, &Options::default(), &Cancel::new()).expect("supported")
 }
 

@@ -1,13 +1,15 @@
 //! Proofs of optimality: a plan is proved a cheapest one with respect to the texts, not only among the
 //! steps that are relevant to the goal.
 
-use planner::{Cancel, Effort, Options, Outcome, StopReason, Unprovable, configuration, plan};
+use planner::{
+    Cancel, Effort, Options, PlanningOutcome, StopReason, Unprovable, configuration, plan,
+};
 
 use crate::support::{domain, parse, problem};
 
 /// Plans with a given effort and configuration.
 #[track_caller]
-fn outcome(texts: (&str, &str), effort: Effort, search: &str) -> Outcome {
+fn outcome(texts: (&str, &str), effort: Effort, search: &str) -> PlanningOutcome {
     let (domain, problem) = parse(&domain(texts.0), &problem(texts.1));
     let configuration = configuration(search).expect("there is one");
     let options = Options { effort, configuration, ..Options::default() };
@@ -56,11 +58,11 @@ fn steps_beside_the_goal_that_improve_the_metric_allow_no_proof() {
         ["maximize (score)", "minimize (- 10 (score))", "minimize (- (total-time) (score))"]
     {
         let text = format!("{start} (:goal (home)) (:metric {metric})");
-        unproven(COINS, &text, Unprovable::Pays);
+        unproven(COINS, &text, Unprovable::NegativeCosts);
     }
     let spending = COINS.replace("increase", "decrease");
     let text = format!("{start} (:goal (home)) (:metric minimize (score))");
-    unproven(&spending, &text, Unprovable::Pays);
+    unproven(&spending, &text, Unprovable::NegativeCosts);
 }
 
 #[test]
@@ -71,7 +73,7 @@ fn one_irrelevant_instance_that_pays_is_enough() {
              (:goal (home)) (:metric minimize (score))"
         )
     };
-    unproven(COINS, &text("-1"), Unprovable::Pays);
+    unproven(COINS, &text("-1"), Unprovable::NegativeCosts);
     proven(COINS, &text("0"), 0.0);
 }
 
@@ -91,8 +93,8 @@ fn a_goal_that_holds_at_once_may_be_left_for_a_better_metric() {
             (:metric {metric})"
         )
     };
-    unproven(COINS, &text("maximize (score)"), Unprovable::Pays);
-    unproven(COINS, &text("minimize (- (total-time))"), Unprovable::Pays);
+    unproven(COINS, &text("maximize (score)"), Unprovable::NegativeCosts);
+    unproven(COINS, &text("minimize (- (total-time))"), Unprovable::NegativeCosts);
     proven(COINS, &text("minimize (score)"), 0.0);
 }
 
@@ -108,7 +110,7 @@ fn the_reason_is_the_true_one() {
     let with = |cost: &str| PAY.replace("COST", cost);
     proven(&with("5"), text, 5.0);
     proven(&with("0.000001"), text, 0.000_001);
-    unproven(&with("-5"), text, Unprovable::Pays);
+    unproven(&with("-5"), text, Unprovable::NegativeCosts);
     unproven(&with("(load)"), text, Unprovable::Varies);
     unproven(&with("0.00000015"), text, Unprovable::TooFine);
     for large in ["900000000000000", "10000000000000000000", "1000000000000000000000000000000"] {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use pddl::{Atom, Domain, InitElement, Name, ObjectDeclaration, PlanStep, Problem, Span, Term};
 use planner::validate::World;
-use planner::{Cancel, Course, Grounding, Options, Replanned, Replanner, StopReason};
+use planner::{Cancel, GroundingReuse, Options, PlanReuse, Replanned, Replanner, StopReason};
 use proptest::prelude::*;
 use proptest::sample::Index;
 
@@ -141,19 +141,19 @@ fn answered(
     let options = Options::default();
     let found = replanner.plan(domain, problem, rest, &options, &Cancel::new());
     let found = found.map_err(|err| TestCaseError::fail(err.to_string()))?;
-    let Replanned { outcome, course, grounding } = found;
+    let Replanned { outcome, plan_reuse: course, grounding_reuse: grounding } = found;
     tally.groundings[grounding as usize] += 1;
     match (outcome.plan, least_cost(domain, problem)) {
         (Some(plan), Some(least)) => {
             let cost = plan.cost.map_or(f64::NAN, |cost| cost.0);
             let is_least = (cost - least).abs() < 1e-6;
-            let is_kept = course == Course::Kept;
+            let is_kept = course == PlanReuse::Kept;
             prop_assert!(is_least || is_kept, "{course:?}: found {cost}, least {least}");
             prop_assert!(!rest.is_empty() || outcome.statistics.proven_optimal);
             let course = match course {
-                Course::Kept => 0,
-                Course::Repaired { .. } => 1,
-                Course::Planned => 2,
+                PlanReuse::Kept => 0,
+                PlanReuse::Repaired { .. } => 1,
+                PlanReuse::Planned => 2,
             };
             tally.courses[course] += 1;
             Ok(plan.steps)
@@ -208,20 +208,23 @@ fn a_plan_goes_back_to_what_is_left_of_the_old_one() {
     let mut plan = |place: &str, rest: &[PlanStep]| {
         let (domain, problem) = parse(&domain(ROW), &row(place));
         let found = replanner.plan(&domain, &problem, rest, &options, &cancel).expect("it can");
-        (found.outcome.plan.expect("there is a way").steps, found.course, found.grounding)
+        (found.outcome.plan.expect("there is a way").steps, found.plan_reuse, found.grounding_reuse)
     };
     let (steps, course, grounding) = plan("b", &[]);
-    assert_eq!((steps.len(), course, grounding), (3, Course::Planned, Grounding::Afresh));
+    assert_eq!((steps.len(), course, grounding), (3, PlanReuse::Planned, GroundingReuse::Full));
     let rest = &steps[1..];
     let (kept, course, grounding) = plan("c", rest);
-    assert_eq!((kept.as_slice(), course, grounding), (rest, Course::Kept, Grounding::Unneeded));
+    assert_eq!(
+        (kept.as_slice(), course, grounding),
+        (rest, PlanReuse::Kept, GroundingReuse::Unneeded)
+    );
     // The robot has been pushed back.
     let (repaired, course, grounding) = plan("a", rest);
-    assert_eq!((&repaired[2..], course), (rest, Course::Repaired { kept: 2 }));
-    assert_eq!(grounding, Grounding::Kept);
+    assert_eq!((&repaired[2..], course), (rest, PlanReuse::Repaired { kept: 2 }));
+    assert_eq!(grounding, GroundingReuse::Kept);
     // The robot has been pushed forward: only the last step is still required.
     let (repaired, course, _) = plan("d", rest);
-    assert_eq!((repaired.as_slice(), course), (&rest[1..], Course::Repaired { kept: 1 }));
+    assert_eq!((repaired.as_slice(), course), (&rest[1..], PlanReuse::Repaired { kept: 1 }));
 }
 
 /// Two robots that have to see places; the ways between the places have lengths.
@@ -359,18 +362,21 @@ fn numbers_that_change_are_followed_and_others_are_ground_again() {
         let (domain, problem) = parse(&domain(BATTERY), &battery(length, charge, warmth, goal));
         let found = replanner.plan(&domain, &problem, &[], &options, &cancel).expect("it can");
         let cost = found.outcome.plan.and_then(|plan| plan.cost).map(|cost| cost.0);
-        (cost, found.grounding)
+        (cost, found.grounding_reuse)
     };
-    assert_eq!(again(3, 9, 20, "(at r c)"), (Some(3.0), Grounding::Afresh));
+    assert_eq!(again(3, 9, 20, "(at r c)"), (Some(3.0), GroundingReuse::Full));
     // The charge of the battery is part of the state; nothing depends on the warmth.
-    assert_eq!(again(3, 3, 21, "(at r c)"), (Some(3.0), Grounding::Kept));
-    assert_eq!(again(3, 2, 22, "(at r c)"), (None, Grounding::Kept));
+    assert_eq!(again(3, 3, 21, "(at r c)"), (Some(3.0), GroundingReuse::Kept));
+    assert_eq!(again(3, 2, 22, "(at r c)"), (None, GroundingReuse::Kept));
     // Costs depend on the length of a way.
-    assert_eq!(again(7, 9, 22, "(at r c)"), (Some(4.0), Grounding::Afresh));
-    assert_eq!(again(7, 9, 22, "(and (at r b) (>= (charge r) 7))"), (Some(2.0), Grounding::Kept));
+    assert_eq!(again(7, 9, 22, "(at r c)"), (Some(4.0), GroundingReuse::Full));
+    assert_eq!(
+        again(7, 9, 22, "(and (at r b) (>= (charge r) 7))"),
+        (Some(2.0), GroundingReuse::Kept)
+    );
     // The warmth has not been followed so far.
     let warm = "(and (at r b) (>= (warmth a) 20))";
-    assert_eq!(again(7, 9, 22, warm), (Some(2.0), Grounding::Afresh));
+    assert_eq!(again(7, 9, 22, warm), (Some(2.0), GroundingReuse::Full));
     assert_eq!(again(7, 9, 19, warm).0, None);
 }
 
@@ -392,11 +398,11 @@ fn who_changes_numbers_alone_is_needed_where_they_are_compared() {
         let (domain, problem) = parse(&domain, &problem);
         let found = replanner.plan(&domain, &problem, &[], &Options::default(), &Cancel::new());
         let found = found.expect("it can");
-        (found.outcome.plan.map(|plan| plan.steps.len()), found.grounding)
+        (found.outcome.plan.map(|plan| plan.steps.len()), found.grounding_reuse)
     };
-    assert_eq!(again(0, "(dry a)"), (Some(3), Grounding::Afresh));
-    assert_eq!(again(2, "(and (dry a) (dry b))"), (Some(3), Grounding::Kept));
-    assert_eq!(again(5, "(dry b)"), (Some(1), Grounding::Kept));
+    assert_eq!(again(0, "(dry a)"), (Some(3), GroundingReuse::Full));
+    assert_eq!(again(2, "(and (dry a) (dry b))"), (Some(3), GroundingReuse::Kept));
+    assert_eq!(again(5, "(dry b)"), (Some(1), GroundingReuse::Kept));
 }
 
 #[test]
@@ -424,9 +430,12 @@ fn texts_that_make_no_sense_are_refused_as_ever() {
     let mut again = |parts: &str, text: &str| {
         let (domain, problem) = parse(&domain(parts), text);
         let found = replanner.plan(&domain, &problem, &[], &options, &cancel);
-        (found.map(|found| found.grounding), planner::plan(&domain, &problem, &options, &cancel))
+        (
+            found.map(|found| found.grounding_reuse),
+            planner::plan(&domain, &problem, &options, &cancel),
+        )
     };
-    assert_eq!(again(ROW, &row("b")).0, Ok(Grounding::Afresh));
+    assert_eq!(again(ROW, &row("b")).0, Ok(GroundingReuse::Full));
     let spoiled = [
         (ROW.to_owned(), row("b").replace("(at b)", "(at z)")),
         (ROW.to_owned(), row("b").replace("(:goal (at e))", "(:goal (at z))")),
@@ -439,7 +448,7 @@ fn texts_that_make_no_sense_are_refused_as_ever() {
         assert_eq!(found, Err(plain.expect_err("it makes no sense")), "{parts} {text}");
         assert!(again(ROW, &row("c")).0.is_ok());
     }
-    assert_eq!(again(ROW, &row("b")).0, Ok(Grounding::Kept));
+    assert_eq!(again(ROW, &row("b")).0, Ok(GroundingReuse::Kept));
 }
 
 #[test]
@@ -452,7 +461,7 @@ fn who_asks_for_something_else_every_time_does_not_fill_the_memory() {
         let (domain, problem) = parse(&domain(BATTERY), &battery(3, 9, 20, &goal));
         let found = replanner.plan(&domain, &problem, &[], &options, &cancel).expect("it can");
         assert!(found.outcome.plan.is_some());
-        afresh += u32::from(found.grounding == Grounding::Afresh);
+        afresh += u32::from(found.grounding_reuse == GroundingReuse::Full);
     }
     assert_eq!(afresh, 3, "once at first, and once for every thousand goals");
 }

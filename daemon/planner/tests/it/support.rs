@@ -2,7 +2,7 @@
 
 use expect_test::Expect;
 use pddl::{Domain, Problem};
-use planner::{Cancel, Options, Outcome, PlanError, plan};
+use planner::{Cancel, Options, PlanError, PlanningOutcome, plan};
 
 /// Parses both texts.
 #[track_caller]
@@ -14,7 +14,7 @@ pub(crate) fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
 
 /// Plans without limits.
 #[track_caller]
-pub(crate) fn outcome(domain: &str, problem: &str) -> Result<Outcome, PlanError> {
+pub(crate) fn outcome(domain: &str, problem: &str) -> Result<PlanningOutcome, PlanError> {
     let (domain, problem) = parse(domain, problem);
     plan(&domain, &problem, &Options::default(), &Cancel::new())
 }
@@ -35,11 +35,12 @@ pub(crate) fn domain(parts: &str) -> String {
     format!("(define (domain d) {parts})")
 }
 
-fn describe(result: Result<Outcome, PlanError>, domain: &str, problem: &str) -> String {
+fn describe(result: Result<PlanningOutcome, PlanError>, domain: &str, problem: &str) -> String {
     let mut text = String::new();
     match result {
         Err(PlanError::Unsupported(unsupported)) => {
-            let source = if unsupported.text == planner::Text::Domain { domain } else { problem };
+            let source =
+                if unsupported.text == planner::InputText::Domain { domain } else { problem };
             let place = source.get(unsupported.span.range()).unwrap_or("?");
             text += &format!("unsupported: {}\nat {place}\n", unsupported.feature);
         }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use planner::{Budget, Cancel, Grounding, Options, Replanner, plan};
+use planner::{Budget, Cancel, GroundingReuse, Options, Replanner, plan};
 
 use crate::support::parse;
 
@@ -39,7 +39,10 @@ fn what_is_too_wide_to_ground_is_planned_for_piece_by_piece() {
     let outcome = plan(&domain, &problem, &options, &Cancel::new()).expect("supported");
     let again = Replanner::default().plan(&domain, &problem, &[], &options, &Cancel::new());
     let again = again.expect("supported");
-    assert_eq!((again.outcome.plan, again.grounding), (outcome.plan.clone(), Grounding::Afresh));
+    assert_eq!(
+        (again.outcome.plan, again.grounding_reuse),
+        (outcome.plan.clone(), GroundingReuse::Full)
+    );
     let plan = outcome.plan.unwrap_or_else(|| panic!("no plan: {:?}", outcome.stop_reason));
     // The validator has accepted the plan in the words of the text; both ends are those of the goal.
     let ends = |step: &pddl::PlanStep| {

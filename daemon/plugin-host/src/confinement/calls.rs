@@ -149,7 +149,7 @@ const SOCKET_TYPE: u64 = 0xf;
 
 /// Properties of the confinement that decide which calls are forbidden.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Choice {
+pub(super) struct CallFilterOptions {
     /// Whether sockets of the Internet are allowed.
     pub(super) network: bool,
     /// Whether mounts protect the files of others.
@@ -172,7 +172,7 @@ pub enum CallsError {
     Install(#[from] seccompiler::Error),
 }
 
-type Rules = BTreeMap<i64, Vec<SeccompRule>>;
+type CallRules = BTreeMap<i64, Vec<SeccompRule>>;
 
 /// Returns the architecture of this machine, or `None` if no filters can be made for it.
 pub(super) fn target() -> Option<TargetArch> {
@@ -180,7 +180,7 @@ pub(super) fn target() -> Option<TargetArch> {
 }
 
 /// Installs the filters for this thread, for good.
-pub(super) fn forbid(choice: Choice, target: TargetArch) -> Result<(), CallsError> {
+pub(super) fn forbid(choice: CallFilterOptions, target: TargetArch) -> Result<(), CallsError> {
     let errno = |number: i32| SeccompAction::Errno(number.unsigned_abs());
     let known = numbers(ALLOWED).map(|call| (call, Vec::new())).collect();
     let allowed = SeccompFilter::new(known, errno(libc::ENOSYS), SeccompAction::Allow, target)?;
@@ -207,7 +207,7 @@ pub(super) fn mediated(
     own: u32,
     target: TargetArch,
 ) -> Result<BpfProgram, CallsError> {
-    let mut rules = Rules::new();
+    let mut rules = CallRules::new();
     rules.extend(numbers("connect").map(|call| (call, Vec::new())));
     for call in SIGNALS.split_whitespace() {
         // Programs signal themselves often, for example in `abort` and in runtimes.
@@ -221,8 +221,8 @@ pub(super) fn mediated(
     Ok(seccomp_notify::program(rules, target)?)
 }
 
-fn forbidden(choice: Choice) -> Result<Rules, BackendError> {
-    let mut rules: Rules = numbers(FORBIDDEN).map(|call| (call, Vec::new())).collect();
+fn forbidden(choice: CallFilterOptions) -> Result<CallRules, BackendError> {
+    let mut rules: CallRules = numbers(FORBIDDEN).map(|call| (call, Vec::new())).collect();
     if !choice.has_own_mounts {
         rules.extend(numbers(METADATA).map(|call| (call, Vec::new())));
         rules.extend(numbers(WATCHES).map(|call| (call, Vec::new())));
@@ -248,7 +248,7 @@ fn forbidden(choice: Choice) -> Result<Rules, BackendError> {
 
 /// Forbids sockets of other families, and Unix sockets without a connection, because those reach any socket
 /// with a known address.
-fn sockets(rules: &mut Rules, network: bool) -> Result<(), BackendError> {
+fn sockets(rules: &mut CallRules, network: bool) -> Result<(), BackendError> {
     let mut families = vec![libc::AF_UNIX];
     if network {
         // Libraries ask the kernel for the machine's addresses over netlink.
@@ -270,7 +270,7 @@ fn sockets(rules: &mut Rules, network: bool) -> Result<(), BackendError> {
 }
 
 /// Forbids calls that affect other processes, or that hide this process.
-fn processes(rules: &mut Rules) -> Result<(), BackendError> {
+fn processes(rules: &mut CallRules) -> Result<(), BackendError> {
     for call in ABOUT_PROCESSES.split_whitespace() {
         add(rules, call, vec![vec![is_not(0, 0)?]]);
     }
@@ -290,7 +290,7 @@ fn processes(rules: &mut Rules) -> Result<(), BackendError> {
     Ok(())
 }
 
-fn files(rules: &mut Rules) -> Result<(), BackendError> {
+fn files(rules: &mut CallRules) -> Result<(), BackendError> {
     let fcntl = FCNTL.iter().map(|command| Ok(vec![is(1, u64::from(command.unsigned_abs()))?]));
     let fcntl = fcntl.collect::<Result<Vec<_>, BackendError>>()?;
     add(rules, "fcntl", fcntl.clone());
@@ -329,7 +329,7 @@ fn requests_of_files() -> Result<Vec<Vec<SeccompCondition>>, BackendError> {
 }
 
 /// Forbids a call under any of these conditions. A call that is forbidden unconditionally stays so.
-fn add(rules: &mut Rules, call: &str, any: Vec<Vec<SeccompCondition>>) {
+fn add(rules: &mut CallRules, call: &str, any: Vec<Vec<SeccompCondition>>) {
     let Some(call) = known(call) else { return };
     let added: Result<Vec<_>, _> = any.into_iter().map(SeccompRule::new).collect();
     let added = added.expect("invariant: no rule is without a condition");
@@ -382,7 +382,7 @@ mod tests {
     #[test]
     fn filters_fit_into_the_kernels_bound() {
         let Some(target) = target() else { return };
-        let choice = Choice {
+        let choice = CallFilterOptions {
             network: false,
             has_own_mounts: false,
             truncates_own_only: false,
@@ -399,7 +399,7 @@ mod tests {
     #[test]
     fn memory_that_is_shared_is_forbidden_only_where_it_is_not_counted() {
         for counts_memory in [true, false] {
-            let choice = Choice {
+            let choice = CallFilterOptions {
                 network: false,
                 has_own_mounts: true,
                 truncates_own_only: true,
@@ -424,7 +424,7 @@ mod tests {
         // A filter applies to the thread that installed it, and ends with the thread.
         let confined = std::thread::spawn(move || {
             rustix::thread::set_no_new_privs(true).expect("the kernel lets everybody");
-            let choice = Choice {
+            let choice = CallFilterOptions {
                 network: false,
                 has_own_mounts: false,
                 truncates_own_only: true,

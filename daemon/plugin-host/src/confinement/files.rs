@@ -19,7 +19,7 @@ pub(super) const SOCKETS: i32 = 9;
 
 /// Files that a process may use, by the kind of use.
 #[derive(Debug, Default)]
-pub(super) struct Files<'f> {
+pub(super) struct AccessibleFiles<'f> {
     /// Files and folders that may be read and executed.
     pub(super) read: Vec<&'f PathBuf>,
     /// Files and folders that may be read, written, created and removed.
@@ -32,7 +32,7 @@ pub(super) struct Files<'f> {
 
 /// Restricts this process for good. Returns the version of Landlock that the kernel has, or 0 if it has
 /// none.
-pub(super) fn restrict(files: &Files<'_>) -> Result<i32, RulesetError> {
+pub(super) fn restrict(files: &AccessibleFiles<'_>) -> Result<i32, RulesetError> {
     let all = AccessFs::from_all(KNOWN);
     let ruleset = landlock::Ruleset::default().set_compatibility(CompatLevel::BestEffort);
     let mut ruleset = ruleset.handle_access(all)?.scope(Scope::from_all(KNOWN))?;

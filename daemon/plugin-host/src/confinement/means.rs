@@ -8,16 +8,16 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::calls::{self, Choice};
-use super::files::{self, Files};
-use super::room::{self, Furniture};
+use super::calls::{self, CallFilterOptions};
+use super::files::{self, AccessibleFiles};
+use super::room::{self, RoomContents};
 use super::{PLAIN_DEVICES, SYSTEM, ZERO};
 use crate::rights::Permissions;
 
 /// Means of confinement that the kernel offers.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Means {
+pub struct ConfinementMeans {
     /// Version of Landlock; 0 if there is none.
     pub landlock: i32,
     /// Reason why there are no namespaces for a room; `None` if there are.
@@ -32,7 +32,7 @@ pub struct Means {
 
 /// Use of the means for one plugin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Plan {
+pub(crate) struct ConfinementPlan {
     /// Whether it runs in a namespace room of its own.
     pub(crate) has_room: bool,
     /// Version of Landlock, which hides files and other processes; 0 if there is none.
@@ -53,10 +53,10 @@ pub(crate) struct Plan {
     pub(crate) is_root: bool,
 }
 
-impl Means {
+impl ConfinementMeans {
     /// Confines this process as plugins are confined, step by step, and returns what succeeded. Only for a
     /// process that ends afterwards. `folder` is any folder that exists.
-    pub(crate) fn try_out(folder: &Path) -> Means {
+    pub(crate) fn try_out(folder: &Path) -> ConfinementMeans {
         let why = |error: &dyn std::error::Error| error.to_string();
         let target = calls::target();
         let unknown = || format!("filters are not known for {}", std::env::consts::ARCH);
@@ -64,7 +64,7 @@ impl Means {
             let program = calls::mediated(false, 0, target).map_err(|error| why(&error))?;
             seccomp_notify::listen(&program).map_err(|error| error.to_string())
         });
-        let furniture = Furniture {
+        let furniture = RoomContents {
             shown: SYSTEM.iter().map(PathBuf::from).collect(),
             devices: PLAIN_DEVICES.iter().chain(&[ZERO]).map(PathBuf::from).collect(),
             sockets: Vec::new(),
@@ -72,8 +72,8 @@ impl Means {
             network: false,
         };
         let entered = room::enter(&furniture);
-        let landlock = files::restrict(&Files::default()).unwrap_or(0);
-        let choice = Choice {
+        let landlock = files::restrict(&AccessibleFiles::default()).unwrap_or(0);
+        let choice = CallFilterOptions {
             network: false,
             has_own_mounts: true,
             truncates_own_only: true,
@@ -82,7 +82,7 @@ impl Means {
         let forbidden = target
             .ok_or_else(unknown)
             .and_then(|target| calls::forbid(choice, target).map_err(|error| why(&error)));
-        Means {
+        ConfinementMeans {
             landlock,
             no_namespaces: entered.err().map(|error| why(&error)),
             no_calls: forbidden.err(),
@@ -92,9 +92,9 @@ impl Means {
     }
 
     /// Returns means of which none is available, all for the reason `why`.
-    pub(crate) fn none(why: &str) -> Means {
+    pub(crate) fn none(why: &str) -> ConfinementMeans {
         let why = || Some(why.to_owned());
-        Means {
+        ConfinementMeans {
             landlock: 0,
             no_namespaces: why(),
             no_calls: why(),
@@ -104,8 +104,8 @@ impl Means {
     }
 
     /// Returns the use of the means for a plugin. `is_counted` tells whether it has a control group.
-    pub(crate) fn plan(&self, permissions: &Permissions, is_counted: bool) -> Plan {
-        let mut plan = Plan {
+    pub(crate) fn plan(&self, permissions: &Permissions, is_counted: bool) -> ConfinementPlan {
+        let mut plan = ConfinementPlan {
             has_room: self.no_namespaces.is_none(),
             landlock: self.landlock,
             forbids_calls: self.no_calls.is_none(),
@@ -124,7 +124,7 @@ impl Means {
     }
 }
 
-impl Plan {
+impl ConfinementPlan {
     /// Whether sockets of others with a path are out of reach. A socket in a folder that is shown in the
     /// room can be connected to, although the folder is read-only.
     fn hides_sockets(&self) -> bool {
@@ -152,8 +152,8 @@ impl Plan {
         self.has_room || (self.forbids_calls && self.landlock > 0)
     }
 
-    pub(super) fn choice(&self) -> Choice {
-        Choice {
+    pub(super) fn choice(&self) -> CallFilterOptions {
+        CallFilterOptions {
             network: self.network,
             has_own_mounts: self.has_room,
             truncates_own_only: self.has_room || self.landlock >= files::TRUNCATES,
@@ -199,9 +199,9 @@ impl Plan {
 mod tests {
     use super::*;
 
-    fn means(landlock: i32, namespaces: bool, questions: bool) -> Means {
+    fn means(landlock: i32, namespaces: bool, questions: bool) -> ConfinementMeans {
         let not = |has: bool| (!has).then(|| "for the test".to_owned());
-        Means {
+        ConfinementMeans {
             landlock,
             no_namespaces: not(namespaces),
             no_calls: None,
@@ -221,7 +221,8 @@ mod tests {
             for namespaces in [true, false] {
                 for network in [true, false] {
                     for (is_root, read) in [(true, &[][..]), (false, &[]), (false, &["/srv/a"])] {
-                        let means = Means { is_root, ..means(landlock, namespaces, true) };
+                        let means =
+                            ConfinementMeans { is_root, ..means(landlock, namespaces, true) };
                         let lacks = means.plan(&asking(network, read), false).lacks();
                         assert!(lacks.is_empty(), "{means:?} {network} {read:?}: {lacks:?}");
                     }
@@ -252,14 +253,16 @@ mod tests {
         }
         let shown = means(7, true, false).plan(&asking(false, &["/srv/a"]), true).lacks();
         assert_eq!(shown, ["it can connect to Unix sockets in the folders that `read` names"]);
-        let nothing = Means::none("no kernel at all").plan(&asking(false, &[]), false).lacks();
+        let nothing =
+            ConfinementMeans::none("no kernel at all").plan(&asking(false, &[]), false).lacks();
         assert_eq!(nothing.len(), 6, "{nothing:?}");
-        let files = |means: Means| means.plan(&asking(false, &[]), false).lacks()[0].clone();
+        let files =
+            |means: ConfinementMeans| means.plan(&asking(false, &[]), false).lacks()[0].clone();
         let all = "it can read, change and remove all files of this user";
-        assert_eq!(files(Means::none("no kernel at all")), all);
+        assert_eq!(files(ConfinementMeans::none("no kernel at all")), all);
         assert_eq!(files(means(0, false, true)), all);
         let unfiltered =
-            Means { no_calls: Some("for the test".to_owned()), ..means(7, false, true) };
+            ConfinementMeans { no_calls: Some("for the test".to_owned()), ..means(7, false, true) };
         assert!(files(unfiltered).contains("modes, times and lengths"));
     }
 }

@@ -27,10 +27,10 @@ use rustix::process::{Resource, Rlimit, Signal, getrlimit, setrlimit};
 use rustix::thread::{CapabilitySet, CapabilitySets};
 use serde::{Deserialize, Serialize};
 
-use files::Files;
-pub use means::Means;
-pub(crate) use means::Plan;
-use room::Furniture;
+use files::AccessibleFiles;
+pub use means::ConfinementMeans;
+pub(crate) use means::ConfinementPlan;
+use room::RoomContents;
 
 /// Files and folders of the system that every plugin may read. Of `/etc` only those that programs need,
 /// without keys.
@@ -76,8 +76,8 @@ pub struct Confinement {
     /// Process id of the daemon that started the process; it ends with that daemon.
     pub(crate) parent: u32,
     /// Means of confinement that are used.
-    pub(crate) plan: Plan,
-    pub(crate) limits: Limits,
+    pub(crate) plan: ConfinementPlan,
+    pub(crate) limits: ProcessLimits,
     /// Files and folders that it may read and execute, in addition to the system's.
     pub(crate) read: Vec<PathBuf>,
     /// Devices that it may write to.
@@ -92,7 +92,7 @@ pub struct Confinement {
 
 /// Limits for each of the plugin's processes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Limits {
+pub(crate) struct ProcessLimits {
     /// Bytes of memory.
     pub(crate) memory: u64,
     /// Open files.
@@ -106,7 +106,7 @@ pub(crate) struct Limits {
 /// Report of a process about its confinement, which it sends over its standard input before it becomes the
 /// program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Entered {
+pub(crate) struct ConfinementReport {
     /// Version of Landlock that is in force for it; 0 if none.
     pub(crate) landlock: i32,
 }
@@ -181,7 +181,7 @@ impl Confinement {
             let shown = system.iter().filter(is_shown).chain(&proc).chain(&self.read);
             // Only Landlock can restrict a device to reading, so without it `/dev/zero` is left out.
             let zero = (self.plan.landlock > 0).then(|| PathBuf::from(ZERO));
-            let furniture = Furniture {
+            let furniture = RoomContents {
                 shown: shown.cloned().collect(),
                 devices: devices.iter().cloned().chain(zero).collect(),
                 sockets: self.sockets.clone(),
@@ -195,7 +195,7 @@ impl Confinement {
         }
         self.limit()?;
         drop_capabilities().map_err(|source| limit("its capabilities", source))?;
-        let landlock = files::restrict(&Files {
+        let landlock = files::restrict(&AccessibleFiles {
             read: system.iter().chain([&PathBuf::from(ZERO)]).chain(&self.read).collect(),
             write: devices.iter().chain([&self.home]).collect(),
             sockets: self.sockets.iter().collect(),
@@ -204,7 +204,7 @@ impl Confinement {
         if landlock < self.plan.landlock {
             return Err(ConfinementError::Weaker { is: landlock, was: self.plan.landlock });
         }
-        self.forbid_calls(&Entered { landlock })
+        self.forbid_calls(&ConfinementReport { landlock })
     }
 
     fn end_with_parent(&self) -> Result<(), ConfinementError> {
@@ -220,7 +220,7 @@ impl Confinement {
     }
 
     fn limit(&self) -> Result<(), ConfinementError> {
-        let Limits { memory, files, file_size, tasks } = self.limits;
+        let ProcessLimits { memory, files, file_size, tasks } = self.limits;
         let at_most = |count| Rlimit { current: Some(count), maximum: Some(count) };
         let set = |what, resource, count| {
             setrlimit(resource, at_most(count)).map_err(|errno| limit(what, errno.into()))
@@ -241,7 +241,7 @@ impl Confinement {
 
     /// Last step: installs the filters, and sends the report to the daemon, with the listener for the calls
     /// that the daemon answers.
-    fn forbid_calls(&self, entered: &Entered) -> Result<(), ConfinementError> {
+    fn forbid_calls(&self, entered: &ConfinementReport) -> Result<(), ConfinementError> {
         let target = calls::target().filter(|_| self.plan.forbids_calls);
         if let Some(target) = target {
             calls::forbid(self.plan.choice(), target)?;
@@ -292,5 +292,5 @@ fn limit(what: &'static str, source: std::io::Error) -> ConfinementError {
 /// Finds out what the kernel offers to confine plugins, in a process of its own. Returns [`Means`] in JSON,
 /// for the daemon to read.
 pub fn probe(folder: &Path) -> String {
-    serde_json::to_string(&Means::try_out(folder)).unwrap_or_default()
+    serde_json::to_string(&ConfinementMeans::try_out(folder)).unwrap_or_default()
 }

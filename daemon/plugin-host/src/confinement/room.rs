@@ -35,7 +35,7 @@ const OPEN_FILES: [(&str, &str); 4] = [
 
 /// Contents of a room.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Furniture {
+pub(super) struct RoomContents {
     /// Files and folders that are visible, at the same path. Those that do not exist are left out.
     pub(super) shown: Vec<PathBuf>,
     /// Devices, which can be opened for writing.
@@ -58,24 +58,24 @@ pub struct RoomError {
 
 /// Real files and folders that some paths lead to, and all links on the way.
 #[derive(Debug, Default, PartialEq)]
-struct Places {
+struct ResolvedPaths {
     /// Links, with their targets.
     links: BTreeMap<PathBuf, PathBuf>,
     /// Real files and folders.
-    real: BTreeMap<PathBuf, Kind>,
+    real: BTreeMap<PathBuf, FileKind>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
+enum FileKind {
     Folder,
     File,
 }
 
 /// Enters a room, for good. The process must have a single thread.
-pub(super) fn enter(furniture: &Furniture) -> Result<(), RoomError> {
-    let Furniture { shown, devices, sockets, home, network } = furniture;
-    let seen = Places::of(shown.iter().chain(devices).chain(sockets));
-    let devices = Places::real_ones(devices);
+pub(super) fn enter(furniture: &RoomContents) -> Result<(), RoomError> {
+    let RoomContents { shown, devices, sockets, home, network } = furniture;
+    let seen = ResolvedPaths::of(shown.iter().chain(devices).chain(sockets));
+    let devices = ResolvedPaths::real_ones(devices);
     let (uid, gid) = (rustix::process::getuid().as_raw(), rustix::process::getgid().as_raw());
     let mut namespaces =
         CloneFlags::CLONE_NEWUSER | CloneFlags::CLONE_NEWNS | CloneFlags::CLONE_NEWIPC;
@@ -89,7 +89,7 @@ pub(super) fn enter(furniture: &Furniture) -> Result<(), RoomError> {
     leave(home)?;
     seen.furnish()?;
     protect(&devices)?;
-    bind(home, Kind::Folder)?;
+    bind(home, FileKind::Folder)?;
     let old = flags(&inside(home))? & !MountFlags::RDONLY;
     remount(&inside(home), old | MountFlags::NODEV | MountFlags::NOSUID)?;
     for (link, target) in OPEN_FILES {
@@ -143,14 +143,14 @@ fn tmpfs(at: &Path) -> Result<(), RoomError> {
 
 // === impl Places ===
 
-impl Places {
+impl ResolvedPaths {
     /// Follows paths on the machine. Those that lead nowhere are left out.
-    fn of<'p>(paths: impl Iterator<Item = &'p PathBuf>) -> Places {
-        let mut places = Places::default();
+    fn of<'p>(paths: impl Iterator<Item = &'p PathBuf>) -> ResolvedPaths {
+        let mut places = ResolvedPaths::default();
         for path in paths {
             places.follow(path);
         }
-        let folders = places.real.iter().filter(|(_, kind)| **kind == Kind::Folder);
+        let folders = places.real.iter().filter(|(_, kind)| **kind == FileKind::Folder);
         let folders: Vec<PathBuf> = folders.map(|(folder, _)| folder.clone()).collect();
         // The contents of a visible folder are visible with it.
         let is_within =
@@ -162,7 +162,7 @@ impl Places {
 
     /// Returns the files and folders that paths lead to, with all links resolved.
     fn real_ones(paths: &[PathBuf]) -> Vec<PathBuf> {
-        Places::of(paths.iter()).real.into_keys().collect()
+        ResolvedPaths::of(paths.iter()).real.into_keys().collect()
     }
 
     fn follow(&mut self, path: &Path) {
@@ -190,7 +190,7 @@ impl Places {
                 }
             }
         }
-        let kind = if at.is_dir() { Kind::Folder } else { Kind::File };
+        let kind = if at.is_dir() { FileKind::Folder } else { FileKind::File };
         self.real.insert(at, kind);
         self.links.extend(links);
     }
@@ -222,11 +222,11 @@ fn inside(path: &Path) -> PathBuf {
 }
 
 /// Mounts a file or folder at the same path in the room, with everything that is mounted below it.
-fn bind(path: &Path, kind: Kind) -> Result<(), RoomError> {
+fn bind(path: &Path, kind: FileKind) -> Result<(), RoomError> {
     let (from, to) = (outside(path), inside(path));
     match kind {
-        Kind::Folder => make_folder(&to)?,
-        Kind::File => {
+        FileKind::Folder => make_folder(&to)?,
+        FileKind::File => {
             make_folder(to.parent().unwrap_or(Path::new("/")))?;
             if !to.exists() {
                 fs::File::create(&to).map_err(|error| failed_at("make", &to, error))?;
@@ -347,15 +347,15 @@ mod tests {
         link("3.1", "versions/current").expect("a link");
         link("round", "round").expect("a link");
         let paths = ["v/current/bin/python", "v/3.1", "no/such", "round", "v/../v"].map(at);
-        let places = Places::of(paths[..1].iter());
-        assert_eq!(places.real.get(&at("versions/3.1/bin/python")), Some(&Kind::File));
+        let places = ResolvedPaths::of(paths[..1].iter());
+        assert_eq!(places.real.get(&at("versions/3.1/bin/python")), Some(&FileKind::File));
         let links: Vec<_> = places.links.keys().cloned().collect();
         assert_eq!(links, [at("v"), at("versions/current")]);
-        let places = Places::of(paths[..4].iter());
-        assert_eq!(places.real, BTreeMap::from([(at("versions/3.1"), Kind::Folder)]));
+        let places = ResolvedPaths::of(paths[..4].iter());
+        assert_eq!(places.real, BTreeMap::from([(at("versions/3.1"), FileKind::Folder)]));
         // If their common folder is visible, the links in it are, too.
-        let places = Places::of(paths.iter());
-        assert_eq!(places.real, BTreeMap::from([(at("versions"), Kind::Folder)]));
+        let places = ResolvedPaths::of(paths.iter());
+        assert_eq!(places.real, BTreeMap::from([(at("versions"), FileKind::Folder)]));
         assert_eq!(places.links, BTreeMap::from([(at("v"), PathBuf::from("versions"))]));
     }
 

@@ -3,8 +3,11 @@
 
 use serde_json::json;
 
-use super::config::Config;
-use crate::described::{Command, Feature, NOT_OF_THE_ROOM, Reading, Source, Telegram, Unused};
+use super::config::EntityConfig;
+use crate::description::{
+    DeviceFeature, NOT_OF_THE_ROOM, OutgoingMessage, ReadingMethod, SwitchCommand, UnusedFeature,
+    ValueSource,
+};
 
 /// Components of which nothing can be used, with the reasons.
 const UNUSED: &[(&str, &str)] = &[
@@ -79,20 +82,20 @@ const NOT_THE_ROOM: &[&str] = &[
 /// Returns the features of an entity, or the reason why it has none.
 pub(crate) fn features(
     component: &str,
-    config: &Config,
+    config: &EntityConfig,
     label: &str,
-) -> Result<Vec<Feature>, Unused> {
+) -> Result<Vec<DeviceFeature>, UnusedFeature> {
     let named = || match config.text("name") {
         Some(name) => format!("its {component} `{name}`"),
         None => format!("its {component}"),
     };
-    let because = |problem: String| Unused::because(format!("{}: {problem}", named()));
+    let because = |problem: String| UnusedFeature::because(format!("{}: {problem}", named()));
     if config.is("enabled_by_default") == Some(false) {
-        return Err(Unused::as_usual(format!("{}: it is not enabled by default", named())));
+        return Err(UnusedFeature::as_usual(format!("{}: it is not enabled by default", named())));
     }
     if let Some(category) = config.text("entity_category") {
         let reason = format!("{}: it is about the device itself ({category})", named());
-        return Err(Unused::as_usual(reason));
+        return Err(UnusedFeature::as_usual(reason));
     }
     if let Some((_, reason)) = UNUSED.iter().find(|(unused, _)| *unused == component) {
         return Err(because((*reason).to_owned()));
@@ -114,7 +117,7 @@ pub(crate) fn features(
     for feature in &mut found {
         feature.availability = availability.clone();
         if let (Some(true), Some(command)) = (config.is("retain"), &mut feature.command) {
-            (command.on.is_kept, command.off.is_kept) = (true, true);
+            (command.on.is_retained, command.off.is_retained) = (true, true);
         }
     }
     Ok(found)
@@ -144,7 +147,7 @@ fn rank(label: &str, name: Option<&str>) -> u8 {
     }
 }
 
-fn sensor(config: &Config, label: &str) -> Result<Feature, String> {
+fn sensor(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
     let unit = config.payload("unit_of_measurement", "");
     let class = match config.text("device_class") {
         Some(class) => class,
@@ -153,26 +156,26 @@ fn sensor(config: &Config, label: &str) -> Result<Feature, String> {
     if class == "illuminance" && unit.is_empty() {
         return Err("it has no unit, so its values may be raw".to_owned());
     }
-    let source = config.source("state_topic", "value_template", Reading::Whole)?;
-    Ok(Feature {
+    let source = config.source("state_topic", "value_template", ReadingMethod::Whole)?;
+    Ok(DeviceFeature {
         states: vec![source.ok_or("it has no `state_topic`")?],
         unit,
         expires: config.duration("expire_after"),
         rank: rank(label, config.text("name")),
-        ..Feature::named(class, label)
+        ..DeviceFeature::named(class, label)
     })
 }
 
-fn binary_sensor(config: &Config, label: &str) -> Result<Feature, String> {
+fn binary_sensor(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
     let class = config.text("device_class").ok_or("it does not say its device class")?;
-    let source = config.source("state_topic", "value_template", Reading::Whole)?;
-    Ok(Feature {
+    let source = config.source("state_topic", "value_template", ReadingMethod::Whole)?;
+    Ok(DeviceFeature {
         states: vec![source.ok_or("it has no `state_topic`")?],
         yes: config.words("payload_on", "ON"),
         no: config.words("payload_off", "OFF"),
         expires: config.duration("expire_after"),
         off_delay: config.duration("off_delay"),
-        ..Feature::named(class, label)
+        ..DeviceFeature::named(class, label)
     })
 }
 
@@ -188,12 +191,12 @@ fn class_of_unit(unit: &str) -> Option<&'static str> {
 /// Returns a feature that is switched by two payloads, and reports its state by the same or by two others.
 fn switched(
     class: &str,
-    config: &Config,
+    config: &EntityConfig,
     label: &str,
     payloads: [(&str, &str); 2],
     states: [(&str, &str); 2],
-    source: Option<Source>,
-) -> Result<Feature, String> {
+    source: Option<ValueSource>,
+) -> Result<DeviceFeature, String> {
     let [on, off] = payloads;
     for (payload, _) in payloads {
         // A `null` payload tells Home Assistant that there is no such command.
@@ -201,7 +204,7 @@ fn switched(
             return Err(format!("its `{payload}` is null: it takes no such command"));
         }
     }
-    let command = Command {
+    let command = SwitchCommand {
         on: config.telegram("command_topic", Some("command_template"), on)?,
         off: config.telegram("command_topic", Some("command_template"), off)?,
     };
@@ -213,16 +216,22 @@ fn switched(
     };
     let [yes, no] = [words(states[0], on), words(states[1], off)];
     let states = source.into_iter().collect();
-    Ok(Feature { states, yes, no, command: Some(command), ..Feature::named(class, label) })
+    Ok(DeviceFeature {
+        states,
+        yes,
+        no,
+        command: Some(command),
+        ..DeviceFeature::named(class, label)
+    })
 }
 
-fn switch(config: &Config, label: &str) -> Result<Feature, String> {
-    let source = config.source("state_topic", "value_template", Reading::Whole)?;
+fn switch(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
+    let source = config.source("state_topic", "value_template", ReadingMethod::Whole)?;
     let payloads = [("payload_on", "ON"), ("payload_off", "OFF")];
     switched("switch", config, label, payloads, [("state_on", ""), ("state_off", "")], source)
 }
 
-fn light(config: &Config, label: &str) -> Result<Feature, String> {
+fn light(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
     match config.text("schema").unwrap_or("basic") {
         "basic" | "default" => basic_light(config, label),
         "json" => json_light(config, label),
@@ -231,10 +240,10 @@ fn light(config: &Config, label: &str) -> Result<Feature, String> {
     }
 }
 
-fn basic_light(config: &Config, label: &str) -> Result<Feature, String> {
+fn basic_light(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
     let by =
         if config.has("state_value_template") { "state_value_template" } else { "value_template" };
-    let source = config.source("state_topic", by, Reading::Whole)?;
+    let source = config.source("state_topic", by, ReadingMethod::Whole)?;
     let payloads = [("payload_on", "ON"), ("payload_off", "OFF")];
     let none = ("", "");
     let mut light = switched("light", config, label, payloads, [none, none], source)?;
@@ -255,46 +264,49 @@ fn basic_light(config: &Config, label: &str) -> Result<Feature, String> {
             false => full.to_string(),
         };
         if let Some(command) = &mut light.command {
-            command.on = Telegram::new(topic, text);
+            command.on = OutgoingMessage::new(topic, text);
         }
     }
     Ok(light)
 }
 
-fn json_light(config: &Config, label: &str) -> Result<Feature, String> {
+fn json_light(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
     let text = |state: &str| json!({ "state": state }).to_string();
     let to = config.telegram("command_topic", None, ("", ""))?.topic;
-    let state = config.source("state_topic", "", Reading::At(vec!["state".to_owned()]))?;
-    Ok(Feature {
+    let state = config.source("state_topic", "", ReadingMethod::At(vec!["state".to_owned()]))?;
+    Ok(DeviceFeature {
         states: state.into_iter().collect(),
         yes: vec!["ON".to_owned()],
         no: vec!["OFF".to_owned()],
-        command: Some(Command {
-            on: Telegram::new(&*to, text("ON")),
-            off: Telegram::new(&*to, text("OFF")),
+        command: Some(SwitchCommand {
+            on: OutgoingMessage::new(&*to, text("ON")),
+            off: OutgoingMessage::new(&*to, text("OFF")),
         }),
-        ..Feature::named("light", label)
+        ..DeviceFeature::named("light", label)
     })
 }
 
-fn template_light(config: &Config, label: &str) -> Result<Feature, String> {
+fn template_light(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
     let to = config.telegram("command_topic", None, ("", ""))?.topic;
     let state = match config.has("state_template") {
-        true => config.source("state_topic", "state_template", Reading::Whole)?,
+        true => config.source("state_topic", "state_template", ReadingMethod::Whole)?,
         false => None,
     };
     let on = config.rendered("command_on_template", &[("state", "on".into())], OF_LIGHTS)?;
     let off = config.rendered("command_off_template", &[("state", "off".into())], OF_LIGHTS)?;
-    Ok(Feature {
+    Ok(DeviceFeature {
         states: state.into_iter().collect(),
         yes: vec!["on".to_owned()],
         no: vec!["off".to_owned()],
-        command: Some(Command { on: Telegram::new(&*to, on), off: Telegram::new(&*to, off) }),
-        ..Feature::named("light", label)
+        command: Some(SwitchCommand {
+            on: OutgoingMessage::new(&*to, on),
+            off: OutgoingMessage::new(&*to, off),
+        }),
+        ..DeviceFeature::named("light", label)
     })
 }
 
-fn lock(config: &Config, label: &str) -> Result<Feature, String> {
+fn lock(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
     let code = "it needs a code, and plans contain no codes";
     if config.has("code_format") {
         return Err(code.to_owned());
@@ -302,7 +314,7 @@ fn lock(config: &Config, label: &str) -> Result<Feature, String> {
     if config.text("command_template").is_some_and(|template| wants(template, "code")) {
         return Err(code.to_owned());
     }
-    let source = config.source("state_topic", "value_template", Reading::Whole)?;
+    let source = config.source("state_topic", "value_template", ReadingMethod::Whole)?;
     let payloads = [("payload_lock", "LOCK"), ("payload_unlock", "UNLOCK")];
     let states = [("state_locked", "LOCKED"), ("state_unlocked", "UNLOCKED")];
     let mut lock = switched("lock", config, label, payloads, states, source)?;
@@ -324,7 +336,11 @@ fn wants(template: &str, variable: &str) -> bool {
 }
 
 /// Returns the features for the values of the room that a heater or a humidifier measures.
-fn surroundings(config: &Config, label: &str, otherwise: &str) -> Result<Vec<Feature>, String> {
+fn surroundings(
+    config: &EntityConfig,
+    label: &str,
+    otherwise: &str,
+) -> Result<Vec<DeviceFeature>, String> {
     let degrees = match config.text("temperature_unit") {
         Some("F") => "°F",
         _ => "°C",
@@ -334,22 +350,27 @@ fn surroundings(config: &Config, label: &str, otherwise: &str) -> Result<Vec<Fea
         ("temperature", "current_temperature_topic", "current_temperature_template", degrees),
         ("humidity", "current_humidity_topic", "current_humidity_template", "%"),
     ] {
-        if let Some(source) = config.source(topic, by, Reading::Whole)? {
+        if let Some(source) = config.source(topic, by, ReadingMethod::Whole)? {
             let (states, unit) = (vec![source], unit.to_owned());
             // A separate sensor in the same device is more accurate.
-            found.push(Feature { states, unit, rank: 1, ..Feature::named(class, label) });
+            found.push(DeviceFeature {
+                states,
+                unit,
+                rank: 1,
+                ..DeviceFeature::named(class, label)
+            });
         }
     }
     if found.is_empty() { Err(otherwise.to_owned()) } else { Ok(found) }
 }
 
-fn on_off(component: &str, config: &Config, label: &str) -> Result<Feature, String> {
+fn on_off(component: &str, config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
     let payloads = [("payload_on", "ON"), ("payload_off", "OFF")];
     if component == "fan" {
-        let source = config.source("state_topic", "state_value_template", Reading::Whole)?;
+        let source = config.source("state_topic", "state_value_template", ReadingMethod::Whole)?;
         return switched(component, config, label, payloads, [("", ""), ("", "")], source);
     }
-    let whole = Reading::At(vec!["state".to_owned()]);
+    let whole = ReadingMethod::At(vec!["state".to_owned()]);
     let source = config.source("state_topic", "state_value_template", whole)?;
     let states = [("state_on", ""), ("state_off", "")];
     let mut siren = switched(component, config, label, payloads, states, source)?;
@@ -368,11 +389,15 @@ fn on_off(component: &str, config: &Config, label: &str) -> Result<Feature, Stri
     Ok(siren)
 }
 
-fn open_close(component: &str, config: &Config, label: &str) -> Result<Feature, String> {
+fn open_close(
+    component: &str,
+    config: &EntityConfig,
+    label: &str,
+) -> Result<DeviceFeature, String> {
     if config.is("reports_position") == Some(true) || !config.has("state_topic") {
         return Err("it reports only how far it is open".to_owned());
     }
-    let source = config.source("state_topic", "value_template", Reading::Whole)?;
+    let source = config.source("state_topic", "value_template", ReadingMethod::Whole)?;
     let payloads = [("payload_open", "OPEN"), ("payload_close", "CLOSE")];
     let states = [("state_open", "open"), ("state_closed", "closed")];
     let mut found = switched(component, config, label, payloads, states, source)?;

@@ -7,7 +7,9 @@ use std::time::Duration;
 
 use serde_json::{Map, Value};
 
-use crate::described::{Availability, AvailabilityMode, Reading, Source, Telegram, Voice};
+use crate::description::{
+    Availability, AvailabilityMode, AvailabilityTopic, OutgoingMessage, ReadingMethod, ValueSource,
+};
 use crate::template::Template;
 
 /// Short forms of keys: those of an entity, then those of its device.
@@ -28,13 +30,13 @@ const SHARED: &[&str] = &[
 ];
 
 /// The config of one entity, with long keys.
-pub(crate) struct Config(pub(crate) Map<String, Value>);
+pub(crate) struct EntityConfig(pub(crate) Map<String, Value>);
 
-type Keys = HashMap<&'static str, &'static str>;
+type KeyForms = HashMap<&'static str, &'static str>;
 
 /// Returns the long forms of keys: those of an entity, and those of a device.
-fn long_forms() -> &'static (Keys, Keys) {
-    static FORMS: OnceLock<(Keys, Keys)> = OnceLock::new();
+fn long_forms() -> &'static (KeyForms, KeyForms) {
+    static FORMS: OnceLock<(KeyForms, KeyForms)> = OnceLock::new();
     FORMS.get_or_init(|| {
         let (entity, device) = SHORT.split_once("# device").unwrap_or((SHORT, ""));
         let of =
@@ -43,26 +45,26 @@ fn long_forms() -> &'static (Keys, Keys) {
     })
 }
 
-fn long(map: Map<String, Value>, forms: &Keys) -> Map<String, Value> {
+fn long(map: Map<String, Value>, forms: &KeyForms) -> Map<String, Value> {
     let key = |name: String| forms.get(name.as_str()).map_or(name, |long| (*long).to_owned());
     map.into_iter().map(|(name, value)| (key(name), value)).collect()
 }
 
-impl Config {
+impl EntityConfig {
     /// Reads a text.
     ///
     /// # Errors
     ///
     /// Returns an error if it is not a JSON object.
-    pub(crate) fn read(text: &str) -> Result<Config, String> {
+    pub(crate) fn read(text: &str) -> Result<EntityConfig, String> {
         match serde_json::from_str(text) {
-            Ok(Value::Object(map)) => Ok(Config::of(map)),
+            Ok(Value::Object(map)) => Ok(EntityConfig::of(map)),
             Ok(_) => Err("it is no JSON object".to_owned()),
             Err(error) => Err(error.to_string()),
         }
     }
 
-    fn of(map: Map<String, Value>) -> Config {
+    fn of(map: Map<String, Value>) -> EntityConfig {
         let (of_entity, of_device) = long_forms();
         let mut map = long(map, of_entity);
         if let Some(Value::Object(device)) = map.remove("device") {
@@ -82,17 +84,17 @@ impl Config {
             }
             None => (),
         }
-        Config(map)
+        EntityConfig(map)
     }
 
     /// Returns the components of a message that describes a whole device: the name of each, and its config
     /// merged with the shared keys.
-    pub(crate) fn components(&self) -> Vec<(String, Config)> {
+    pub(crate) fn components(&self) -> Vec<(String, EntityConfig)> {
         let Some(Value::Object(components)) = self.0.get("components") else { return Vec::new() };
         let shared = |key: &&str| Some(((*key).to_owned(), self.0.get(*key)?.clone()));
         let shared: Map<_, _> = SHARED.iter().filter_map(shared).collect();
         let of = |(name, component): (&String, &Value)| {
-            let own = Config::of(component.as_object()?.clone()).0;
+            let own = EntityConfig::of(component.as_object()?.clone()).0;
             // A component with nothing but its platform is to be removed.
             if own.keys().all(|key| key == "platform") && !own.is_empty() {
                 return None;
@@ -103,13 +105,13 @@ impl Config {
                 all.retain(|key, _| !key.starts_with("availability"));
             }
             all.extend(own);
-            Some((name.clone(), Config(all)))
+            Some((name.clone(), EntityConfig(all)))
         };
         components.iter().filter_map(of).collect()
     }
 
     /// Replaces `~` at the beginning and the end of topics by the base topic.
-    pub(crate) fn with_base(mut self) -> Config {
+    pub(crate) fn with_base(mut self) -> EntityConfig {
         let Some(base) = self.0.remove("~") else { return self };
         let Value::String(base) = base else { return self };
         let replace = |text: &mut String| {
@@ -216,14 +218,14 @@ impl Config {
         &self,
         topic: &str,
         template: &str,
-        otherwise: Reading,
-    ) -> Result<Option<Source>, String> {
+        otherwise: ReadingMethod,
+    ) -> Result<Option<ValueSource>, String> {
         let Some(topic) = self.text(topic) else { return Ok(None) };
         if let Some(problem) = mqtt_link::filter_problem(topic) {
             return Err(problem);
         }
-        let reading = self.template(template)?.map_or(otherwise, Reading::Template);
-        Ok(Some(Source { topic: topic.to_owned(), reading }))
+        let reading = self.template(template)?.map_or(otherwise, ReadingMethod::Template);
+        Ok(Some(ValueSource { topic: topic.to_owned(), reading }))
     }
 
     /// Returns the message of a command: a payload, rendered by a template if there is one.
@@ -236,18 +238,18 @@ impl Config {
         topic: &str,
         by: Option<&str>,
         payload: (&str, &str),
-    ) -> Result<Telegram, String> {
+    ) -> Result<OutgoingMessage, String> {
         let to = self.text(topic).ok_or_else(|| format!("it has no `{topic}`"))?;
         if let Some(problem) = mqtt_link::topic_problem(to) {
             return Err(problem);
         }
         let (key, otherwise) = payload;
         let Some(by) = by.filter(|by| self.has(by)) else {
-            return Ok(Telegram::new(to, self.payload(key, otherwise)));
+            return Ok(OutgoingMessage::new(to, self.payload(key, otherwise)));
         };
         let value = self.payload_in_python(key, otherwise);
         let text = self.rendered(by, &[("value", value.into())], &[])?;
-        Ok(Telegram::new(to, text))
+        Ok(OutgoingMessage::new(to, text))
     }
 
     /// Returns the output of a command's template with these variables. The template may also use the
@@ -295,7 +297,7 @@ impl Config {
             Some("any") => AvailabilityMode::Any,
             _ => AvailabilityMode::Latest,
         };
-        Ok(Availability { voices, mode })
+        Ok(Availability { topics: voices, mode })
     }
 }
 
@@ -311,13 +313,17 @@ fn template(
     text(map, key).map(|text| Template::new(text, variables)).transpose()
 }
 
-fn voice(map: &Map<String, Value>, topic: &str, by: &str) -> Result<Option<Voice>, String> {
+fn voice(
+    map: &Map<String, Value>,
+    topic: &str,
+    by: &str,
+) -> Result<Option<AvailabilityTopic>, String> {
     let Some(topic) = text(map, topic) else { return Ok(None) };
     if let Some(problem) = mqtt_link::filter_problem(topic) {
         return Err(format!("its availability: {problem}"));
     }
     let reading = template(map, by, &["value", "value_json"])?;
-    let reading = reading.map_or(Reading::Whole, Reading::Template);
+    let reading = reading.map_or(ReadingMethod::Whole, ReadingMethod::Template);
     let word = |key: &str, otherwise: &str| match map.get(key) {
         Some(Value::String(text)) => text.clone(),
         Some(Value::Bool(true)) => "True".to_owned(),
@@ -325,11 +331,11 @@ fn voice(map: &Map<String, Value>, topic: &str, by: &str) -> Result<Option<Voice
         Some(Value::Null) | None => otherwise.to_owned(),
         Some(other) => other.to_string(),
     };
-    Ok(Some(Voice {
-        source: Source { topic: topic.to_owned(), reading },
+    Ok(Some(AvailabilityTopic {
+        source: ValueSource { topic: topic.to_owned(), reading },
         online: word("payload_available", "online"),
         offline: word("payload_not_available", "offline"),
-        at_first: false,
+        is_online_at_first: false,
     }))
 }
 
@@ -352,19 +358,19 @@ mod tests {
                 r#"{{"~":"{base}","stat_t":"{topic}","avty":[{{"t":"{topic}"}}],"json_attr_t":"{topic}",
                     "pl_on":"~"}}"#
             );
-            let config = Config::read(&text).expect("an object").with_base();
+            let config = EntityConfig::read(&text).expect("an object").with_base();
             assert_eq!(config.text("state_topic"), Some(expected));
             assert_eq!(config.text("json_attributes_topic"), Some(expected));
             assert_eq!(config.text("payload_on"), Some("~"), "it is no topic");
             let availability = config.availability().expect("it is right");
-            assert_eq!(availability.voices[0].source.topic, expected);
+            assert_eq!(availability.topics[0].source.topic, expected);
         }
     }
 
     #[test]
     fn short_keys_are_written_out() {
         let text = r#"{"cmd_on_tpl":"a","ret":true,"dev":{"ids":["x"],"sa":"Kitchen","sn":"7"},"bri_cmd_t":"b"}"#;
-        let config = Config::read(text).expect("an object");
+        let config = EntityConfig::read(text).expect("an object");
         assert_eq!(config.text("command_on_template"), Some("a"));
         assert_eq!(config.text("brightness_command_topic"), Some("b"));
         let device = config.0["device"].as_object().expect("a device");

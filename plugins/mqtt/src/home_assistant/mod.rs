@@ -14,45 +14,50 @@ use std::collections::{BTreeMap, HashMap};
 
 use serde_json::{Map, Value};
 
-use crate::described::{Described, Feature, Unused};
-use config::Config;
+use crate::description::{DescribedDevice, DeviceFeature, UnusedFeature};
+use config::EntityConfig;
 
 /// The most topics that are kept.
 const ENTITIES_MAX: usize = 1 << 16;
 
 /// The descriptions received so far, by topic.
 #[derive(Debug, Default)]
-pub(crate) struct Discovery {
-    texts: BTreeMap<String, Text>,
+pub(crate) struct HomeAssistantDiscovery {
+    texts: BTreeMap<String, TopicEntities>,
 }
 
 /// The content of the last message under a topic.
 #[derive(Debug, Default)]
-struct Text {
-    entities: Vec<Entity>,
+struct TopicEntities {
+    entities: Vec<DescribedEntity>,
     /// The reason why the last message could not be read; then the entities are those of an earlier one.
     problem: Option<String>,
 }
 
 #[derive(Clone, Debug)]
-struct Entity {
+struct DescribedEntity {
     /// Identifiers and connections of its device: at least one.
     keys: Vec<String>,
     device_name: Option<String>,
     /// The name of the entity itself.
     own_name: String,
     area: Option<String>,
-    features: Vec<Feature>,
-    unused: Option<Unused>,
+    features: Vec<DeviceFeature>,
+    unused: Option<UnusedFeature>,
 }
 
-impl Discovery {
+impl HomeAssistantDiscovery {
     /// Handles a discovery message; an empty text withdraws the one before.
     ///
     /// # Errors
     ///
     /// Returns the problem in words if the message cannot be read or too many topics are known.
-    pub(crate) fn hear(&mut self, prefix: &str, topic: &str, text: &str) -> Result<(), String> {
+    pub(crate) fn receive_description(
+        &mut self,
+        prefix: &str,
+        topic: &str,
+        text: &str,
+    ) -> Result<(), String> {
         if text.trim().is_empty() {
             self.texts.remove(topic);
             return Ok(());
@@ -63,7 +68,7 @@ impl Discovery {
         let within = topic.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('/'));
         let component = within.and_then(|within| within.split('/').next()).unwrap_or_default();
         let known = self.texts.entry(topic.to_owned()).or_default();
-        let config = match Config::read(text) {
+        let config = match EntityConfig::read(text) {
             Ok(config) => config,
             Err(problem) => {
                 known.problem = Some(problem.clone());
@@ -80,11 +85,11 @@ impl Discovery {
     }
 
     /// Returns all devices that were described.
-    pub(crate) fn devices(&self) -> Vec<Described> {
-        let mut groups = Groups::default();
+    pub(crate) fn devices(&self) -> Vec<DescribedDevice> {
+        let mut groups = DeviceGroups::default();
         for (topic, text) in &self.texts {
             let trouble = text.problem.as_ref().map(|problem| {
-                Unused::because(format!(
+                UnusedFeature::because(format!(
                     "its last description (`{topic}`) cannot be read: {problem}"
                 ))
             });
@@ -109,8 +114,8 @@ fn object_of<'t>(topic: &'t str, prefix: &str, component: &str) -> &'t str {
     rest.and_then(|rest| rest.strip_suffix("/config")).unwrap_or(topic)
 }
 
-fn unread(object: &str) -> Entity {
-    Entity {
+fn unread(object: &str) -> DescribedEntity {
+    DescribedEntity {
         keys: vec![object.to_owned()],
         device_name: None,
         own_name: object.to_owned(),
@@ -122,31 +127,33 @@ fn unread(object: &str) -> Entity {
 
 /// Entities, grouped into devices.
 #[derive(Default)]
-struct Groups {
-    devices: Vec<Option<Group>>,
+struct DeviceGroups {
+    devices: Vec<Option<DeviceGroup>>,
     /// The index of the device that has an identifier.
     by_key: HashMap<String, usize>,
 }
 
 #[derive(Default)]
-struct Group {
+struct DeviceGroup {
     keys: Vec<String>,
     name: Option<String>,
     own_name: String,
     area: Option<String>,
-    features: Vec<Feature>,
-    unused: Vec<Unused>,
+    features: Vec<DeviceFeature>,
+    unused: Vec<UnusedFeature>,
 }
 
-impl Groups {
-    fn add(&mut self, entity: &Entity, trouble: Option<Unused>) {
+impl DeviceGroups {
+    fn add(&mut self, entity: &DescribedEntity, trouble: Option<UnusedFeature>) {
         let mut known: Vec<usize> =
             entity.keys.iter().filter_map(|key| self.by_key.get(key).copied()).collect();
         known.sort_unstable();
         known.dedup();
         let at = known.first().copied().unwrap_or_else(|| {
-            self.devices
-                .push(Some(Group { own_name: entity.own_name.clone(), ..Group::default() }));
+            self.devices.push(Some(DeviceGroup {
+                own_name: entity.own_name.clone(),
+                ..DeviceGroup::default()
+            }));
             self.devices.len() - 1
         });
         // An entity that shares identifiers with several devices merges them into one.
@@ -175,14 +182,14 @@ impl Groups {
         }
     }
 
-    fn devices(self) -> Vec<Described> {
-        let described = |group: Group| {
+    fn devices(self) -> Vec<DescribedDevice> {
+        let described = |group: DeviceGroup| {
             let mut keys = group.keys.into_iter();
             let id = keys.next().unwrap_or_default();
-            Described {
+            DescribedDevice {
                 name: group.name.unwrap_or(group.own_name),
                 id,
-                also: keys.collect(),
+                other_ids: keys.collect(),
                 area: group.area,
                 features: group.features,
                 unused: group.unused,
@@ -193,39 +200,39 @@ impl Groups {
 }
 
 /// Returns the entities of a message that describes a whole device.
-fn whole(config: &Config, object: &str) -> Vec<Entity> {
+fn whole(config: &EntityConfig, object: &str) -> Vec<DescribedEntity> {
     let components = config.components();
     let is_said = config.0.get("components").and_then(Value::as_object);
     if is_said.is_none_or(Map::is_empty) {
-        let nothing = Unused::because("its description has no components".to_owned());
-        return vec![Entity { unused: Some(nothing), ..about(config, object) }];
+        let nothing = UnusedFeature::because("its description has no components".to_owned());
+        return vec![DescribedEntity { unused: Some(nothing), ..about(config, object) }];
     }
-    let of = |(name, component): (String, Config)| match component.text("platform") {
+    let of = |(name, component): (String, EntityConfig)| match component.text("platform") {
         Some(platform) => {
             let platform = platform.to_owned();
             entity(&platform, component.with_base(), &name)
         }
         None => {
             let reason = format!("its component `{name}` has no `platform`");
-            let unused = Some(Unused::because(reason));
-            Entity { unused, ..about(&component, object) }
+            let unused = Some(UnusedFeature::because(reason));
+            DescribedEntity { unused, ..about(&component, object) }
         }
     };
     components.into_iter().map(of).collect()
 }
 
-fn entity(component: &str, config: Config, object: &str) -> Entity {
+fn entity(component: &str, config: EntityConfig, object: &str) -> DescribedEntity {
     let label = config.text("object_id").or_else(|| config.text("unique_id"));
     let label = label.or_else(|| config.text("name")).unwrap_or(object).to_owned();
     let (features, unused) = match component::features(component, &config, &label) {
         Ok(features) => (features, None),
         Err(unused) => (Vec::new(), Some(unused)),
     };
-    Entity { features, unused, ..about(&config, object) }
+    DescribedEntity { features, unused, ..about(&config, object) }
 }
 
 /// Returns an entity with what the config states of its device; without features.
-fn about(config: &Config, object: &str) -> Entity {
+fn about(config: &EntityConfig, object: &str) -> DescribedEntity {
     let device = config.0.get("device").and_then(Value::as_object);
     // An `object_id` is not unique: entities of other nodes may have the same.
     let own = config.text("unique_id").unwrap_or(object);
@@ -237,7 +244,7 @@ fn about(config: &Config, object: &str) -> Entity {
         let text = device?.get(key)?.as_str()?.trim();
         (!text.is_empty()).then(|| text.to_owned())
     };
-    Entity {
+    DescribedEntity {
         own_name: config.text("name").map_or_else(|| keys[0].clone(), str::to_owned),
         device_name: of_device("name"),
         area: of_device("suggested_area"),

@@ -12,7 +12,7 @@ use minijinja::{Environment, Error, State, Value};
 
 use super::filters::{self, printed};
 use super::numbers::{
-    self, Operator, TEXT_BYTES_MAX, WEIGHT_OF_STEP, calculated, missing, weight, wrong,
+    self, ArithmeticOperator, TEXT_BYTES_MAX, WEIGHT_OF_STEP, calculated, missing, weight, wrong,
 };
 
 /// The most steps of one rendering, and the fuel that it gives to minijinja.
@@ -52,9 +52,9 @@ pub(super) struct Evaluation<'e> {
 
 /// The result of Jinja's `namespace`: its attributes can be set.
 #[derive(Debug, Default)]
-struct Namespace(Mutex<BTreeMap<String, Value>>);
+struct JinjaNamespace(Mutex<BTreeMap<String, Value>>);
 
-impl Object for Namespace {
+impl Object for JinjaNamespace {
     fn get_value(self: &Arc<Self>, key: &Value) -> Option<Value> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get(key.as_str()?).cloned()
     }
@@ -72,7 +72,7 @@ impl<'e> Evaluation<'e> {
 
     /// Returns the output of a template.
     pub(super) fn text(mut self, tree: &Stmt<'_>) -> Result<String, Error> {
-        self.does(tree)?;
+        self.execute(tree)?;
         Ok(self.text)
     }
 
@@ -84,7 +84,7 @@ impl<'e> Evaluation<'e> {
         Ok(())
     }
 
-    fn prints(&mut self, text: &str) -> Result<(), Error> {
+    fn append_output(&mut self, text: &str) -> Result<(), Error> {
         if self.text.len() + text.len() > TEXT_BYTES_MAX {
             return Err(wrong("its text becomes too long"));
         }
@@ -93,27 +93,27 @@ impl<'e> Evaluation<'e> {
     }
 
     fn all(&mut self, statements: &[Stmt<'_>]) -> Result<(), Error> {
-        statements.iter().try_for_each(|statement| self.does(statement))
+        statements.iter().try_for_each(|statement| self.execute(statement))
     }
 
-    fn does(&mut self, statement: &Stmt<'_>) -> Result<(), Error> {
+    fn execute(&mut self, statement: &Stmt<'_>) -> Result<(), Error> {
         self.step()?;
         match statement {
             Stmt::Template(template) => self.all(&template.children),
-            Stmt::EmitRaw(raw) => self.prints(raw.raw),
+            Stmt::EmitRaw(raw) => self.append_output(raw.raw),
             Stmt::EmitExpr(emit) => {
                 let value = self.value(&emit.expr)?;
                 let text = printed(&value);
-                self.prints(&text)
+                self.append_output(&text)
             }
             Stmt::IfCond(choice) => match self.value(&choice.expr)?.is_true() {
                 true => self.all(&choice.true_body),
                 false => self.all(&choice.false_body),
             },
-            Stmt::ForLoop(each) => self.repeats(each),
+            Stmt::ForLoop(each) => self.execute_loop(each),
             Stmt::Set(set) => {
                 let value = self.value(&set.expr)?;
-                self.sets(&set.target, value)
+                self.assign(&set.target, value)
             }
             Stmt::SetBlock(block) => {
                 let before = std::mem::take(&mut self.text);
@@ -124,7 +124,7 @@ impl<'e> Evaluation<'e> {
                 if let Some(filter) = &block.filter {
                     value = self.filtered(filter, value)?;
                 }
-                self.sets(&block.target, value)
+                self.assign(&block.target, value)
             }
             Stmt::FilterBlock(block) => {
                 let before = std::mem::take(&mut self.text);
@@ -132,7 +132,7 @@ impl<'e> Evaluation<'e> {
                 let inner = std::mem::replace(&mut self.text, before);
                 done?;
                 let text = printed(&self.filtered(&block.filter, Value::from(inner))?);
-                self.prints(&text)
+                self.append_output(&text)
             }
             Stmt::WithBlock(block) => {
                 self.scopes.push(BTreeMap::new());
@@ -140,7 +140,7 @@ impl<'e> Evaluation<'e> {
                 for (target, value) in &block.assignments {
                     done = done.and_then(|()| {
                         let value = self.value(value)?;
-                        self.sets(target, value)
+                        self.assign(target, value)
                     });
                 }
                 done = done.and_then(|()| self.all(&block.body));
@@ -152,7 +152,7 @@ impl<'e> Evaluation<'e> {
         }
     }
 
-    fn repeats(&mut self, each: &ForLoop<'_>) -> Result<(), Error> {
+    fn execute_loop(&mut self, each: &ForLoop<'_>) -> Result<(), Error> {
         let iterated = self.value(&each.iter)?;
         let items: Vec<Value> = match iterated.kind() {
             ValueKind::Undefined => Vec::new(),
@@ -162,12 +162,12 @@ impl<'e> Evaluation<'e> {
             ValueKind::String => letters(&iterated).map(Value::from).collect(),
             _ => iterated.try_iter()?.collect(),
         };
-        self.costs(items.len())?;
+        self.charge(items.len())?;
         let mut chosen = Vec::new();
         for item in items {
             self.step()?;
             self.scopes.push(BTreeMap::new());
-            let is_chosen = self.sets(&each.target, item.clone()).and_then(|()| {
+            let is_chosen = self.assign(&each.target, item.clone()).and_then(|()| {
                 each.filter_expr
                     .as_ref()
                     .map_or(Ok(true), |filter| Ok(self.value(filter)?.is_true()))
@@ -187,7 +187,7 @@ impl<'e> Evaluation<'e> {
                 revindex => count - index, revindex0 => count - index - 1,
             };
             self.set("loop", about);
-            let done = self.sets(&each.target, item).and_then(|()| self.all(&each.body));
+            let done = self.assign(&each.target, item).and_then(|()| self.all(&each.body));
             self.scopes.pop();
             done?;
         }
@@ -200,7 +200,7 @@ impl<'e> Evaluation<'e> {
         }
     }
 
-    fn sets(&mut self, target: &Expr<'_>, value: Value) -> Result<(), Error> {
+    fn assign(&mut self, target: &Expr<'_>, value: Value) -> Result<(), Error> {
         let parts = match target {
             Expr::Var(variable) => {
                 self.set(variable.id, value);
@@ -208,7 +208,7 @@ impl<'e> Evaluation<'e> {
             }
             Expr::GetAttr(of) => {
                 let space = self.value(&of.expr)?;
-                let Some(space) = space.downcast_object_ref::<Namespace>() else {
+                let Some(space) = space.downcast_object_ref::<JinjaNamespace>() else {
                     return Err(wrong("only a namespace's attributes can be set"));
                 };
                 if has_namespace(&value) {
@@ -226,30 +226,30 @@ impl<'e> Evaluation<'e> {
         if values.len() != parts.len() {
             return Err(wrong("there are not as many values as variables"));
         }
-        parts.iter().zip(values).try_for_each(|(part, value)| self.sets(part, value))
+        parts.iter().zip(values).try_for_each(|(part, value)| self.assign(part, value))
     }
 
     /// Returns the value of an expression. The size of a computed value is charged, so that nothing nests
     /// or grows without end.
     fn value(&mut self, expression: &Expr<'_>) -> Result<Value, Error> {
         self.step()?;
-        let value = self.made(expression)?;
+        let value = self.evaluate(expression)?;
         let is_made = !matches!(expression, Expr::Const(_) | Expr::Var(_) | Expr::GetAttr(_));
         let is_plain =
             matches!(value.kind(), ValueKind::None | ValueKind::Bool | ValueKind::Number);
         if is_made && !is_plain && !value.is_undefined() {
-            self.costs(weight(&value)?)?;
+            self.charge(weight(&value)?)?;
         }
         Ok(value)
     }
 
     /// Charges `weight` to the budget of this rendering. Returns an error if the budget is exceeded.
-    fn costs(&self, weight: usize) -> Result<(), Error> {
+    fn charge(&self, weight: usize) -> Result<(), Error> {
         let steps = u64::try_from(weight / WEIGHT_OF_STEP).unwrap_or(u64::MAX);
         self.state.consume_fuel(steps)
     }
 
-    fn made(&mut self, expression: &Expr<'_>) -> Result<Value, Error> {
+    fn evaluate(&mut self, expression: &Expr<'_>) -> Result<Value, Error> {
         match expression {
             Expr::Const(constant) => Ok(constant.value.clone()),
             Expr::Var(variable) => Ok(self.variable(variable.id)),
@@ -257,7 +257,9 @@ impl<'e> Evaluation<'e> {
                 let value = self.value(&operation.expr)?;
                 match operation.op {
                     UnaryOpKind::Not => Ok(Value::from(!value.is_true())),
-                    UnaryOpKind::Neg => calculated(Operator::Subtract, &Value::from(0), &value),
+                    UnaryOpKind::Neg => {
+                        calculated(ArithmeticOperator::Subtract, &Value::from(0), &value)
+                    }
                 }
             }
             Expr::BinOp(operation) => {
@@ -268,7 +270,7 @@ impl<'e> Evaluation<'e> {
                     _ => (),
                 }
                 let other = self.value(&operation.right)?;
-                self.operated(&operation.op, one, other)
+                self.apply_operator(&operation.op, one, other)
             }
             Expr::Compare(chain) => {
                 let mut one = self.value(&chain.expr)?;
@@ -334,7 +336,7 @@ impl<'e> Evaluation<'e> {
         }
     }
 
-    fn operated(&mut self, op: &BinOpKind, one: Value, other: Value) -> Result<Value, Error> {
+    fn apply_operator(&mut self, op: &BinOpKind, one: Value, other: Value) -> Result<Value, Error> {
         let operator = match op {
             BinOpKind::ScAnd | BinOpKind::ScOr => return Ok(other),
             BinOpKind::Concat => {
@@ -354,13 +356,13 @@ impl<'e> Evaluation<'e> {
                 }
                 return self.state.apply_filter("format", &arguments);
             }
-            BinOpKind::Add => Operator::Add,
-            BinOpKind::Sub => Operator::Subtract,
-            BinOpKind::Mul => Operator::Multiply,
-            BinOpKind::Div => Operator::Divide,
-            BinOpKind::FloorDiv => Operator::DivideWhole,
-            BinOpKind::Rem => Operator::Remainder,
-            BinOpKind::Pow => Operator::Power,
+            BinOpKind::Add => ArithmeticOperator::Add,
+            BinOpKind::Sub => ArithmeticOperator::Subtract,
+            BinOpKind::Mul => ArithmeticOperator::Multiply,
+            BinOpKind::Div => ArithmeticOperator::Divide,
+            BinOpKind::FloorDiv => ArithmeticOperator::DivideWhole,
+            BinOpKind::Rem => ArithmeticOperator::Remainder,
+            BinOpKind::Pow => ArithmeticOperator::Power,
             BinOpKind::Eq => return Ok(numbers::is_equal(&one, &other).into()),
             BinOpKind::Ne => return Ok((!numbers::is_equal(&one, &other)).into()),
             BinOpKind::Lt => return self.holds(&CompareOpKind::Lt, &one, &other).map(Value::from),
@@ -465,7 +467,7 @@ impl<'e> Evaluation<'e> {
                         attributes.insert(key.to_string(), value);
                     }
                 }
-                Ok(Value::from_object(Namespace(Mutex::new(attributes))))
+                Ok(Value::from_object(JinjaNamespace(Mutex::new(attributes))))
             }
             "min" | "max" if arguments.len() > 1 => {
                 let all = Value::from(arguments.to_vec());
@@ -526,7 +528,7 @@ impl<'e> Evaluation<'e> {
             ValueKind::Undefined => return Err(missing()),
             kind => return Err(wrong(format!("a `{kind}` has no parts"))),
         };
-        let items = taken(items, start, stop, step.unwrap_or(1))?;
+        let items = python_slice(items, start, stop, step.unwrap_or(1))?;
         Ok(match whole.kind() {
             ValueKind::String => items.iter().map(ToString::to_string).collect::<String>().into(),
             _ => Value::from(items),
@@ -535,7 +537,7 @@ impl<'e> Evaluation<'e> {
 }
 
 /// Returns Python's `items[start:stop:step]`.
-fn taken(
+fn python_slice(
     items: Vec<Value>,
     start: Option<i64>,
     stop: Option<i64>,
@@ -563,7 +565,7 @@ fn taken(
 /// Whether a value is a namespace or contains one: such a value could contain itself. The size of every
 /// variable was checked, so this recursion ends.
 fn has_namespace(value: &Value) -> bool {
-    if value.downcast_object_ref::<Namespace>().is_some() {
+    if value.downcast_object_ref::<JinjaNamespace>().is_some() {
         return true;
     }
     let parts = || value.try_iter().into_iter().flatten();

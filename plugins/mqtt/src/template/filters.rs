@@ -4,24 +4,24 @@ use minijinja::value::{Kwargs, Rest, Tuple, ValueKind, from_args};
 use minijinja::{Environment, Error, State, Value};
 use regex::{Regex, RegexBuilder};
 
-use super::numbers::{Number, TEXT_BYTES_MAX, WEIGHT_OF_STEP, missing, weight, wrong};
+use super::numbers::{PythonNumber, TEXT_BYTES_MAX, WEIGHT_OF_STEP, missing, weight, wrong};
 use crate::naming::slug;
 
 /// The largest size of a compiled regular expression, in bytes.
 const PATTERN_BYTES_MAX: usize = 1 << 18;
 
 /// The arguments of a filter: its value first.
-pub(super) struct Given<'g> {
+pub(super) struct FilterArguments<'g> {
     values: &'g [Value],
     named: Kwargs,
 }
 
-pub(super) type Filter = fn(&Given<'_>) -> Result<Value, Error>;
+pub(super) type FilterFn = fn(&FilterArguments<'_>) -> Result<Value, Error>;
 
-pub(super) type Test = fn(&Given<'_>) -> Result<bool, Error>;
+pub(super) type TestFn = fn(&FilterArguments<'_>) -> Result<bool, Error>;
 
 /// The filters of this file; they can be called as functions, too.
-pub(super) const FILTERS: &[(&str, Filter)] = &[
+pub(super) const FILTERS: &[(&str, FilterFn)] = &[
     ("float", float),
     ("int", int),
     ("round", round),
@@ -60,7 +60,7 @@ pub(super) const FILTERS: &[(&str, Filter)] = &[
 ];
 
 /// The tests of this file.
-pub(super) const TESTS: &[(&str, Test)] = &[
+pub(super) const TESTS: &[(&str, TestFn)] = &[
     ("match", |given| matches_at(given, true)),
     ("search", |given| matches_at(given, false)),
     ("contains", is_in),
@@ -77,7 +77,7 @@ pub(super) fn register(environment: &mut Environment<'_>) {
     for (name, filter) in FILTERS {
         environment.add_filter(*name, move |state: &State<'_, '_>, values: Rest<Value>| {
             pay(state, name, &values)?;
-            filter(&Given::of(&values)?)
+            filter(&FilterArguments::of(&values)?)
         });
     }
     // Jinja's own `format`, which does not check the length of its result.
@@ -89,7 +89,7 @@ pub(super) fn register(environment: &mut Environment<'_>) {
     for (name, test) in TESTS {
         environment.add_test(*name, move |state: &State<'_, '_>, values: Rest<Value>| {
             pay(state, name, &values)?;
-            test(&Given::of(&values)?)
+            test(&FilterArguments::of(&values)?)
         });
     }
 }
@@ -114,7 +114,7 @@ pub(super) fn applied(
     if let Err(error) = pay(state, name, arguments) {
         return Some(Err(error));
     }
-    Some(Given::of(arguments).and_then(|given| filter(&given)))
+    Some(FilterArguments::of(arguments).and_then(|given| filter(&given)))
 }
 
 /// Applies a test of this file; `None` if there is no such test.
@@ -127,15 +127,15 @@ pub(super) fn tested(
     if let Err(error) = pay(state, name, arguments) {
         return Some(Err(error));
     }
-    Some(Given::of(arguments).and_then(|given| test(&given)))
+    Some(FilterArguments::of(arguments).and_then(|given| test(&given)))
 }
 
 /// Returns a value as Python prints it; an undefined value gives an empty text.
 pub(super) fn printed(value: &Value) -> String {
-    match Number::of(value) {
+    match PythonNumber::of(value) {
         _ if value.is_undefined() => String::new(),
-        Some(Number::Real(real)) if real.is_nan() => "nan".to_owned(),
-        Some(Number::Real(real)) if real.is_infinite() => {
+        Some(PythonNumber::Real(real)) if real.is_nan() => "nan".to_owned(),
+        Some(PythonNumber::Real(real)) if real.is_infinite() => {
             if real > 0.0 {
                 "inf".to_owned()
             } else {
@@ -146,10 +146,10 @@ pub(super) fn printed(value: &Value) -> String {
     }
 }
 
-impl<'g> Given<'g> {
-    fn of(values: &'g [Value]) -> Result<Given<'g>, Error> {
+impl<'g> FilterArguments<'g> {
+    fn of(values: &'g [Value]) -> Result<FilterArguments<'g>, Error> {
         let (values, named) = from_args(values)?;
-        Ok(Given { values, named })
+        Ok(FilterArguments { values, named })
     }
 
     fn value(&self) -> &Value {
@@ -179,7 +179,7 @@ impl<'g> Given<'g> {
 
 /// Converts as Python's `float(…)`.
 fn real(value: &Value) -> Option<f64> {
-    if let Some(number) = Number::of(value) {
+    if let Some(number) = PythonNumber::of(value) {
         return Some(number.real());
     }
     let text = value.as_str()?.trim();
@@ -207,7 +207,7 @@ fn whole(value: &Value, base: u32) -> Option<i128> {
             return Some(sign * whole);
         }
     }
-    if let Some(Number::Whole(whole)) = Number::of(value) {
+    if let Some(PythonNumber::Whole(whole)) = PythonNumber::of(value) {
         return Some(whole);
     }
     let real = real(value).filter(|real| real.is_finite())?;
@@ -219,11 +219,11 @@ fn of_whole(whole: i128) -> Value {
     i64::try_from(whole).map_or(Value::from(whole), Value::from)
 }
 
-fn float(given: &Given<'_>) -> Result<Value, Error> {
+fn float(given: &FilterArguments<'_>) -> Result<Value, Error> {
     given.or(real(given.value()).map(Value::from), 1, "float")
 }
 
-fn int(given: &Given<'_>) -> Result<Value, Error> {
+fn int(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let base = given.argument(2, "base").and_then(|base| u32::try_from(base).ok()).unwrap_or(10);
     if !(2..=36).contains(&base) {
         return Err(wrong("a base is from 2 to 36"));
@@ -231,7 +231,7 @@ fn int(given: &Given<'_>) -> Result<Value, Error> {
     given.or(whole(given.value(), base).map(of_whole), 1, "int")
 }
 
-fn round(given: &Given<'_>) -> Result<Value, Error> {
+fn round(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let places = given.argument(1, "precision").map_or(Ok(0), i32::try_from)?.clamp(-300, 300);
     let method = given.argument(2, "method").map(|method| method.to_string());
     let rounded = real(given.value()).and_then(|real| {
@@ -264,10 +264,10 @@ fn to_places(real: f64, places: i32) -> f64 {
     format!("{real:.digits$}").parse().unwrap_or(real)
 }
 
-fn boolean(given: &Given<'_>) -> Result<Value, Error> {
+fn boolean(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let value = given.value();
     let word = value.as_str().map(|text| text.trim().to_lowercase());
-    let is_so = match (word.as_deref(), Number::of(value)) {
+    let is_so = match (word.as_deref(), PythonNumber::of(value)) {
         (Some("1" | "true" | "yes" | "on" | "enable"), _) => Some(true),
         (Some("0" | "false" | "no" | "off" | "disable"), _) => Some(false),
         (_, Some(number)) => Some(number.real() != 0.0),
@@ -280,7 +280,7 @@ fn boolean(given: &Given<'_>) -> Result<Value, Error> {
     }
 }
 
-fn default(given: &Given<'_>) -> Result<Value, Error> {
+fn default(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let value = given.value();
     let also_false = given.argument(2, "boolean").is_some_and(|also| also.is_true());
     if value.is_undefined() || (also_false && !value.is_true()) {
@@ -289,7 +289,7 @@ fn default(given: &Given<'_>) -> Result<Value, Error> {
     Ok(value.clone())
 }
 
-fn iif(given: &Given<'_>) -> Result<Value, Error> {
+fn iif(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let if_none = given.argument(3, "if_none").filter(|_| given.value().is_none());
     let (place, name, otherwise) = match given.value().is_true() {
         true => (1, "if_true", true),
@@ -300,7 +300,7 @@ fn iif(given: &Given<'_>) -> Result<Value, Error> {
 }
 
 /// Returns an error for an undefined value, so that the template gives no value.
-fn is_defined(given: &Given<'_>) -> Result<Value, Error> {
+fn is_defined(given: &FilterArguments<'_>) -> Result<Value, Error> {
     if given.value().is_undefined() { Err(missing()) } else { Ok(given.value().clone()) }
 }
 
@@ -311,34 +311,34 @@ fn is_number(value: &Value) -> Result<bool, Error> {
     Ok(real(value).is_some_and(f64::is_finite))
 }
 
-fn abs(given: &Given<'_>) -> Result<Value, Error> {
-    match Number::of(given.value()) {
-        Some(Number::Whole(whole)) => Ok(of_whole(whole.abs())),
-        Some(Number::Real(real)) => Ok(Value::from(real.abs())),
+fn abs(given: &FilterArguments<'_>) -> Result<Value, Error> {
+    match PythonNumber::of(given.value()) {
+        Some(PythonNumber::Whole(whole)) => Ok(of_whole(whole.abs())),
+        Some(PythonNumber::Real(real)) => Ok(Value::from(real.abs())),
         None => Err(wrong(format!("`{}` is no number", printed(given.value())))),
     }
 }
 
 /// Returns the remainder of a division; -1 for a number with a fraction.
-fn rest(given: &Given<'_>, by: i128) -> Result<i128, Error> {
-    match Number::of(given.value()) {
-        Some(Number::Whole(whole)) => Ok(whole.rem_euclid(by)),
+fn rest(given: &FilterArguments<'_>, by: i128) -> Result<i128, Error> {
+    match PythonNumber::of(given.value()) {
+        Some(PythonNumber::Whole(whole)) => Ok(whole.rem_euclid(by)),
         // A number with a fraction is neither odd nor even.
-        Some(Number::Real(real)) if real.fract() != 0.0 => Ok(-1),
-        Some(Number::Real(_)) => {
+        Some(PythonNumber::Real(real)) if real.fract() != 0.0 => Ok(-1),
+        Some(PythonNumber::Real(_)) => {
             Ok(whole(given.value(), 10).map_or(-1, |whole| whole.rem_euclid(by)))
         }
         None => Err(wrong(format!("`{}` is no number", printed(given.value())))),
     }
 }
 
-fn from_json(given: &Given<'_>) -> Result<Value, Error> {
+fn from_json(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let json = given.value().as_str().and_then(|text| serde_json::from_str(text).ok());
     let json = json.map(|json: serde_json::Value| Value::from(minijinja::value::Serde(json)));
     given.or(json, 1, "from_json")
 }
 
-fn to_json(given: &Given<'_>) -> Result<Value, Error> {
+fn to_json(given: &FilterArguments<'_>) -> Result<Value, Error> {
     if given.value().is_undefined() {
         return Err(missing());
     }
@@ -349,18 +349,18 @@ fn to_json(given: &Given<'_>) -> Result<Value, Error> {
     serde_json::to_string(given.value()).map(Value::from).map_err(|error| wrong(error.to_string()))
 }
 
-fn of_one(given: &Given<'_>, of: fn(f64) -> f64) -> Result<Value, Error> {
+fn of_one(given: &FilterArguments<'_>, of: fn(f64) -> f64) -> Result<Value, Error> {
     let result = real(given.value()).map(of).filter(|result| !result.is_nan());
     given.or(result.map(Value::from), 1, "it")
 }
 
-fn of_two(given: &Given<'_>, of: fn(f64, f64) -> f64) -> Result<Value, Error> {
+fn of_two(given: &FilterArguments<'_>, of: fn(f64, f64) -> f64) -> Result<Value, Error> {
     let other = given.argument(1, "amount").as_ref().and_then(real);
     let result = real(given.value()).zip(other).map(|(one, other)| of(one, other));
     given.or(result.map(Value::from), 2, "it")
 }
 
-fn log(given: &Given<'_>) -> Result<Value, Error> {
+fn log(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let base = match given.argument(1, "base") {
         Some(base) => real(&base).ok_or_else(|| wrong("the base of `log` is no number"))?,
         None => std::f64::consts::E,
@@ -375,23 +375,23 @@ fn log(given: &Given<'_>) -> Result<Value, Error> {
 }
 
 /// Returns the numbers of a list or of the arguments.
-fn numbers(given: &Given<'_>) -> Result<Vec<f64>, Error> {
+fn numbers(given: &FilterArguments<'_>) -> Result<Vec<f64>, Error> {
     let values: Vec<Value> = match given.value().kind() {
         ValueKind::Seq => given.value().try_iter()?.collect(),
         _ => given.values.to_vec(),
     };
-    let numbers = values.iter().map(|value| Number::of(value).map(Number::real));
+    let numbers = values.iter().map(|value| PythonNumber::of(value).map(PythonNumber::real));
     numbers.collect::<Option<_>>().ok_or_else(|| wrong("not all of them are numbers"))
 }
 
 #[allow(clippy::cast_precision_loss, reason = "there are not so many")]
-fn average(given: &Given<'_>) -> Result<Value, Error> {
+fn average(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let numbers = numbers(given).ok().filter(|numbers| !numbers.is_empty());
     let mean = numbers.map(|numbers| numbers.iter().sum::<f64>() / numbers.len() as f64);
     given.or(mean.map(Value::from), 1, "average")
 }
 
-fn median(given: &Given<'_>) -> Result<Value, Error> {
+fn median(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let numbers = numbers(given).ok().filter(|numbers| !numbers.is_empty());
     let middle = numbers.map(|mut numbers| {
         numbers.sort_by(f64::total_cmp);
@@ -404,9 +404,9 @@ fn median(given: &Given<'_>) -> Result<Value, Error> {
     given.or(middle.map(Value::from), 1, "median")
 }
 
-fn of_bits(given: &Given<'_>, of: fn(i128, i128) -> i128) -> Result<Value, Error> {
-    let whole = |value: &Value| match Number::of(value) {
-        Some(Number::Whole(whole)) => Ok(whole),
+fn of_bits(given: &FilterArguments<'_>, of: fn(i128, i128) -> i128) -> Result<Value, Error> {
+    let whole = |value: &Value| match PythonNumber::of(value) {
+        Some(PythonNumber::Whole(whole)) => Ok(whole),
         _ if value.is_undefined() => Err(missing()),
         _ => Err(wrong(format!("`{value}` has no bits"))),
     };
@@ -414,7 +414,7 @@ fn of_bits(given: &Given<'_>, of: fn(i128, i128) -> i128) -> Result<Value, Error
     Ok(of_whole(of(whole(given.value())?, whole(&other)?)))
 }
 
-fn ordinal(given: &Given<'_>) -> Result<Value, Error> {
+fn ordinal(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let text = printed(given.value());
     let last: Vec<char> = text.chars().rev().take(2).collect();
     let number: String = last.iter().rev().collect();
@@ -429,7 +429,7 @@ fn ordinal(given: &Given<'_>) -> Result<Value, Error> {
     Ok(Value::from(format!("{text}{ending}")))
 }
 
-fn slugify(given: &Given<'_>) -> Result<Value, Error> {
+fn slugify(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let separator = given.argument(1, "separator").map_or("_".to_owned(), |by| by.to_string());
     if given.value().is_undefined() {
         return Err(missing());
@@ -440,7 +440,7 @@ fn slugify(given: &Given<'_>) -> Result<Value, Error> {
     Ok(Value::from(slug.replace(' ', &separator)))
 }
 
-fn is_in(given: &Given<'_>) -> Result<bool, Error> {
+fn is_in(given: &FilterArguments<'_>) -> Result<bool, Error> {
     let part = given.argument(1, "value").unwrap_or(Value::UNDEFINED);
     match (given.value().as_str(), part.as_str()) {
         (Some(whole), Some(part)) => Ok(whole.contains(part)),
@@ -467,19 +467,19 @@ pub(super) fn pattern(text: &str, ignores_case: bool) -> Result<Regex, Error> {
     })
 }
 
-fn expression(given: &Given<'_>, place: usize) -> Result<Regex, Error> {
+fn expression(given: &FilterArguments<'_>, place: usize) -> Result<Regex, Error> {
     let text = given.argument(1, "find").map(|find| find.to_string()).unwrap_or_default();
     let ignores_case = given.argument(place, "ignorecase").is_some_and(|it| it.is_true());
     pattern(&text, ignores_case)
 }
 
-fn matches_at(given: &Given<'_>, start: bool) -> Result<bool, Error> {
+fn matches_at(given: &FilterArguments<'_>, start: bool) -> Result<bool, Error> {
     let (text, expression) = (printed(given.value()), expression(given, 2)?);
     let found = expression.find(&text);
     Ok(found.is_some_and(|found| !start || found.start() == 0))
 }
 
-fn regex_replace(given: &Given<'_>) -> Result<Value, Error> {
+fn regex_replace(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let (text, expression) = (printed(given.value()), expression(given, 3)?);
     let by = given.argument(2, "replace").map(|by| by.to_string()).unwrap_or_default();
     let by = reference(&by);
@@ -571,11 +571,11 @@ fn found(text: &str, expression: &Regex) -> Result<Vec<Value>, Error> {
     Ok(all)
 }
 
-fn regex_findall(given: &Given<'_>) -> Result<Value, Error> {
+fn regex_findall(given: &FilterArguments<'_>) -> Result<Value, Error> {
     found(&printed(given.value()), &expression(given, 2)?).map(Value::from)
 }
 
-fn regex_findall_index(given: &Given<'_>) -> Result<Value, Error> {
+fn regex_findall_index(given: &FilterArguments<'_>) -> Result<Value, Error> {
     let all = found(&printed(given.value()), &expression(given, 3)?)?;
     let index = given.argument(2, "index").map_or(Ok(0), i64::try_from)?;
     let count = i64::try_from(all.len()).unwrap_or(i64::MAX);

@@ -121,11 +121,11 @@ const CONSTANTS: &[&str] = &["e", "inf", "pi", "tau"];
 /// Returns the problem of the first name that is not known here; `None` if all are known.
 pub(super) fn unknown(tree: &Stmt<'_>, variables: &[&str]) -> Option<String> {
     let variables = variables.iter().map(|name| (*name).to_owned()).collect();
-    let mut search = Search { variables, depth: 0 };
+    let mut search = NameChecker { variables, depth: 0 };
     search.statement(tree)
 }
 
-struct Search {
+struct NameChecker {
     /// The variables defined so far, anywhere in the template.
     variables: Vec<String>,
     depth: usize,
@@ -138,13 +138,13 @@ macro_rules! first {
     };
 }
 
-impl Search {
+impl NameChecker {
     fn all(&mut self, statements: &[Stmt<'_>]) -> Option<String> {
         statements.iter().find_map(|statement| self.statement(statement))
     }
 
     /// Goes one level down. Returns the problem if that is too deep.
-    fn deeper(&mut self, look: impl FnOnce(&mut Search) -> Option<String>) -> Option<String> {
+    fn deeper(&mut self, look: impl FnOnce(&mut NameChecker) -> Option<String>) -> Option<String> {
         if self.depth >= DEPTH_MAX {
             return Some("it is nested too deeply".to_owned());
         }

@@ -50,7 +50,7 @@ fn weigh(value: &Value, depth: usize, left: &mut usize) -> Result<(), Error> {
 
 /// A number as Python has them.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Number {
+pub(super) enum PythonNumber {
     Whole(i128),
     Real(f64),
 }
@@ -63,18 +63,18 @@ pub(super) fn missing() -> Error {
     Error::new(ErrorKind::UndefinedError, "the value that it asks for does not exist")
 }
 
-impl Number {
+impl PythonNumber {
     /// Returns a value that Python calculates with as it is, a number or a boolean; `None` for any other.
-    pub(super) fn of(value: &Value) -> Option<Number> {
+    pub(super) fn of(value: &Value) -> Option<PythonNumber> {
         match value.kind() {
-            ValueKind::Bool => Some(Number::Whole(i128::from(value.is_true()))),
+            ValueKind::Bool => Some(PythonNumber::Whole(i128::from(value.is_true()))),
             ValueKind::Number if value.is_integer() => {
                 Some(i128::try_from(value.clone()).map_or_else(
-                    |_| Number::Real(f64::try_from(value.clone()).unwrap_or(f64::NAN)),
-                    Number::Whole,
+                    |_| PythonNumber::Real(f64::try_from(value.clone()).unwrap_or(f64::NAN)),
+                    PythonNumber::Whole,
                 ))
             }
-            ValueKind::Number => Some(Number::Real(f64::try_from(value.clone()).ok()?)),
+            ValueKind::Number => Some(PythonNumber::Real(f64::try_from(value.clone()).ok()?)),
             _ => None,
         }
     }
@@ -82,23 +82,25 @@ impl Number {
     #[allow(clippy::cast_precision_loss, reason = "as Python does it")]
     pub(super) fn real(self) -> f64 {
         match self {
-            Number::Whole(whole) => whole as f64,
-            Number::Real(real) => real,
+            PythonNumber::Whole(whole) => whole as f64,
+            PythonNumber::Real(real) => real,
         }
     }
 
     fn value(self) -> Value {
         match self {
             // Not as i128: minijinja prints and compares small numbers best.
-            Number::Whole(whole) => i64::try_from(whole).map_or(Value::from(whole), Value::from),
-            Number::Real(real) => Value::from(real),
+            PythonNumber::Whole(whole) => {
+                i64::try_from(whole).map_or(Value::from(whole), Value::from)
+            }
+            PythonNumber::Real(real) => Value::from(real),
         }
     }
 }
 
 /// An arithmetic operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Operator {
+pub(super) enum ArithmeticOperator {
     Add,
     Subtract,
     Multiply,
@@ -109,30 +111,34 @@ pub(super) enum Operator {
 }
 
 /// Applies an arithmetic operator. Returns an error if the values do not support it.
-pub(super) fn calculated(operator: Operator, one: &Value, other: &Value) -> Result<Value, Error> {
+pub(super) fn calculated(
+    operator: ArithmeticOperator,
+    one: &Value,
+    other: &Value,
+) -> Result<Value, Error> {
     if one.is_undefined() || other.is_undefined() {
         return Err(missing());
     }
-    if let (Some(one), Some(other)) = (Number::of(one), Number::of(other)) {
-        return of_numbers(operator, one, other).map(Number::value);
+    if let (Some(one), Some(other)) = (PythonNumber::of(one), PythonNumber::of(other)) {
+        return of_numbers(operator, one, other).map(PythonNumber::value);
     }
     let unsupported =
         || wrong(format!("`{}` and `{}` cannot be calculated with", one.kind(), other.kind()));
     match operator {
-        Operator::Add => match (one.as_str(), other.as_str()) {
+        ArithmeticOperator::Add => match (one.as_str(), other.as_str()) {
             (Some(one), Some(other)) => joined(&[one, other]).map(Value::from),
             _ if one.kind() == ValueKind::Seq && other.kind() == ValueKind::Seq => {
                 Ok(one.try_iter()?.chain(other.try_iter()?).collect::<Value>())
             }
             _ => Err(unsupported()),
         },
-        Operator::Multiply => {
+        ArithmeticOperator::Multiply => {
             let (text, count) = match (one.as_str(), other.as_str()) {
-                (Some(text), None) => (text, Number::of(other)),
-                (None, Some(text)) => (text, Number::of(one)),
+                (Some(text), None) => (text, PythonNumber::of(other)),
+                (None, Some(text)) => (text, PythonNumber::of(one)),
                 _ => return Err(unsupported()),
             };
-            let Some(Number::Whole(count)) = count else { return Err(unsupported()) };
+            let Some(PythonNumber::Whole(count)) = count else { return Err(unsupported()) };
             let count = usize::try_from(count.max(0)).unwrap_or(usize::MAX);
             if text.len().saturating_mul(count) > TEXT_BYTES_MAX {
                 return Err(wrong("the text becomes too long"));
@@ -151,30 +157,38 @@ pub(super) fn joined(texts: &[&str]) -> Result<String, Error> {
     Ok(texts.concat())
 }
 
-fn of_numbers(operator: Operator, one: Number, other: Number) -> Result<Number, Error> {
-    use Number::{Real, Whole};
-    let is_division =
-        matches!(operator, Operator::Divide | Operator::DivideWhole | Operator::Remainder);
+fn of_numbers(
+    operator: ArithmeticOperator,
+    one: PythonNumber,
+    other: PythonNumber,
+) -> Result<PythonNumber, Error> {
+    use PythonNumber::{Real, Whole};
+    let is_division = matches!(
+        operator,
+        ArithmeticOperator::Divide
+            | ArithmeticOperator::DivideWhole
+            | ArithmeticOperator::Remainder
+    );
     if is_division && other.real() == 0.0 {
         return Err(wrong("division by zero"));
     }
     let too_large = || wrong("the number becomes too large");
     if let (Whole(one), Whole(other)) = (one, other) {
         let whole = match operator {
-            Operator::Add => one.checked_add(other),
-            Operator::Subtract => one.checked_sub(other),
-            Operator::Multiply => one.checked_mul(other),
+            ArithmeticOperator::Add => one.checked_add(other),
+            ArithmeticOperator::Subtract => one.checked_sub(other),
+            ArithmeticOperator::Multiply => one.checked_mul(other),
             // Python rounds down, not towards zero.
-            Operator::DivideWhole => one
+            ArithmeticOperator::DivideWhole => one
                 .checked_div_euclid(other)
                 .map(|quotient| quotient - i128::from(other < 0 && one.rem_euclid(other) != 0)),
-            Operator::Remainder => one.checked_rem(other).map(|rest| {
+            ArithmeticOperator::Remainder => one.checked_rem(other).map(|rest| {
                 if rest != 0 && (rest < 0) != (other < 0) { rest + other } else { rest }
             }),
-            Operator::Power if other >= 0 => {
+            ArithmeticOperator::Power if other >= 0 => {
                 u32::try_from(other).ok().and_then(|exponent| one.checked_pow(exponent))
             }
-            Operator::Divide | Operator::Power => {
+            ArithmeticOperator::Divide | ArithmeticOperator::Power => {
                 return of_reals(operator, Whole(one).real(), Whole(other).real());
             }
         };
@@ -183,23 +197,23 @@ fn of_numbers(operator: Operator, one: Number, other: Number) -> Result<Number, 
     of_reals(operator, one.real(), other.real()).map(|number| Real(number.real()))
 }
 
-fn of_reals(operator: Operator, one: f64, other: f64) -> Result<Number, Error> {
+fn of_reals(operator: ArithmeticOperator, one: f64, other: f64) -> Result<PythonNumber, Error> {
     let real = match operator {
-        Operator::Add => one + other,
-        Operator::Subtract => one - other,
-        Operator::Multiply => one * other,
-        Operator::Divide => one / other,
-        Operator::DivideWhole => (one / other).floor(),
-        Operator::Remainder => {
+        ArithmeticOperator::Add => one + other,
+        ArithmeticOperator::Subtract => one - other,
+        ArithmeticOperator::Multiply => one * other,
+        ArithmeticOperator::Divide => one / other,
+        ArithmeticOperator::DivideWhole => (one / other).floor(),
+        ArithmeticOperator::Remainder => {
             let rest = one % other;
             if rest != 0.0 && (rest < 0.0) != (other < 0.0) { rest + other } else { rest }
         }
-        Operator::Power if one < 0.0 && other.fract() != 0.0 => {
+        ArithmeticOperator::Power if one < 0.0 && other.fract() != 0.0 => {
             return Err(wrong("a power of a negative number that is not real"));
         }
-        Operator::Power => one.powf(other),
+        ArithmeticOperator::Power => one.powf(other),
     };
-    Ok(Number::Real(real))
+    Ok(PythonNumber::Real(real))
 }
 
 /// Whether two values are equal. Undefined equals only undefined, and `None` only `None`.
@@ -210,8 +224,8 @@ pub(super) fn is_equal(one: &Value, other: &Value) -> bool {
     if one.is_none() || other.is_none() {
         return one.is_none() && other.is_none();
     }
-    match (Number::of(one), Number::of(other)) {
-        (Some(Number::Whole(one)), Some(Number::Whole(other))) => one == other,
+    match (PythonNumber::of(one), PythonNumber::of(other)) {
+        (Some(PythonNumber::Whole(one)), Some(PythonNumber::Whole(other))) => one == other,
         #[allow(clippy::float_cmp, reason = "as Python does it")]
         (Some(one), Some(other)) => one.real() == other.real(),
         (None, None) => one == other,
@@ -228,8 +242,10 @@ pub(super) fn compared(one: &Value, other: &Value) -> Result<Option<Ordering>, E
     if one.is_undefined() || other.is_undefined() {
         return Err(missing());
     }
-    match (Number::of(one), Number::of(other)) {
-        (Some(Number::Whole(one)), Some(Number::Whole(other))) => Ok(Some(one.cmp(&other))),
+    match (PythonNumber::of(one), PythonNumber::of(other)) {
+        (Some(PythonNumber::Whole(one)), Some(PythonNumber::Whole(other))) => {
+            Ok(Some(one.cmp(&other)))
+        }
         (Some(one), Some(other)) => Ok(one.real().partial_cmp(&other.real())),
         _ => match (one.as_str(), other.as_str()) {
             (Some(one), Some(other)) => Ok(Some(one.cmp(other))),

@@ -6,9 +6,9 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
-use terminal::deadline::Deadline;
-use terminal::pddl_tree::{self, Counts, Outcome, ReadFile, Tree};
-use terminal::report::Report;
+use terminal::limits::LimitWatch;
+use terminal::pddl_tree::{self, FileOutcome, OutcomeCounts, PddlTree, ReadFile};
+use terminal::report::DiagnosticReport;
 use terminal::{exit, output, visible};
 
 use crate::cli::CheckArgs;
@@ -22,11 +22,11 @@ const KINDS: [(&str, &str); 4] = [
 ];
 
 /// Reads the tree, and prints the counts and the files that are refused.
-pub(super) fn run(args: &CheckArgs, folder: &Path, deadline: &Deadline) -> ExitCode {
+pub(super) fn run(args: &CheckArgs, folder: &Path, deadline: &LimitWatch) -> ExitCode {
     let tree = match pddl_tree::read(folder, &mut |_| ()) {
         Ok(tree) => tree,
         Err(failure) => {
-            let mut report = Report::default();
+            let mut report = DiagnosticReport::default();
             report.add_failure(failure);
             let json = args.print.json;
             return deadline.answer(|| output::show(&report, json, "bad-input", exit::BAD_INPUT));
@@ -43,7 +43,7 @@ pub(super) fn run(args: &CheckArgs, folder: &Path, deadline: &Deadline) -> ExitC
 }
 
 /// Formats the table, then the files that are refused, then unsupported features by reason.
-fn people(tree: &Tree, warnings: bool) -> String {
+fn people(tree: &PddlTree, warnings: bool) -> String {
     let mut text = format!(
         "{:<15}{:>8}{:>8}{:>8}{:>13}{:>11}{:>9}\n",
         "", "files", "read", "odd", "unsupported", "no domain", "refused"
@@ -56,12 +56,12 @@ fn people(tree: &Tree, warnings: bool) -> String {
     }
     row(&mut text, "all", tree.counts(None));
     let refused = |file: &ReadFile| match &file.outcome {
-        Outcome::Refused(why) => Some(why.clone()),
+        FileOutcome::Refused(why) => Some(why.clone()),
         _ => None,
     };
     files(&mut text, tree, "refused", &refused);
     let alone = |file: &ReadFile| match &file.outcome {
-        Outcome::Alone(why) => Some(why.clone()),
+        FileOutcome::Alone(why) => Some(why.clone()),
         _ => None,
     };
     files(&mut text, tree, "without a domain", &alone);
@@ -72,15 +72,20 @@ fn people(tree: &Tree, warnings: bool) -> String {
     text
 }
 
-fn row(text: &mut String, name: &str, counts: Counts) {
-    let Counts { files, read, odd, unsupported, alone, refused } = counts;
+fn row(text: &mut String, name: &str, counts: OutcomeCounts) {
+    let OutcomeCounts { files, read, odd, unsupported, alone, refused } = counts;
     let _ = writeln!(
         text,
         "{name:<15}{files:>8}{read:>8}{odd:>8}{unsupported:>13}{alone:>11}{refused:>9}"
     );
 }
 
-fn files(text: &mut String, tree: &Tree, title: &str, why: &dyn Fn(&ReadFile) -> Option<String>) {
+fn files(
+    text: &mut String,
+    tree: &PddlTree,
+    title: &str,
+    why: &dyn Fn(&ReadFile) -> Option<String>,
+) {
     let mut is_first = true;
     for file in &tree.files {
         let Some(why) = why(file) else { continue };
@@ -102,17 +107,17 @@ fn reasons(text: &mut String, title: &str, reasons: BTreeMap<String, usize>) {
 }
 
 /// Counts the files per unsupported feature.
-fn unsupported(tree: &Tree) -> BTreeMap<String, usize> {
+fn unsupported(tree: &PddlTree) -> BTreeMap<String, usize> {
     let features = tree.files.iter().filter_map(|file| match &file.outcome {
-        Outcome::Unsupported(feature) => Some(general(feature)),
+        FileOutcome::Unsupported(feature) => Some(general(feature)),
         _ => None,
     });
     counted(features)
 }
 
 /// Counts the files per warning.
-fn odd(tree: &Tree) -> BTreeMap<String, usize> {
-    let read = tree.files.iter().filter(|file| file.outcome == Outcome::Read);
+fn odd(tree: &PddlTree) -> BTreeMap<String, usize> {
+    let read = tree.files.iter().filter(|file| file.outcome == FileOutcome::Read);
     counted(read.flat_map(|file| {
         let mut kinds: Vec<String> = file.warnings.iter().map(|warning| general(warning)).collect();
         kinds.sort();
@@ -143,7 +148,7 @@ fn general(message: &str) -> String {
     general
 }
 
-fn json_tree(tree: &Tree) -> Value {
+fn json_tree(tree: &PddlTree) -> Value {
     let kinds: serde_json::Map<String, Value> = { KINDS.iter() }
         .map(|(kind, _)| ((*kind).to_owned(), json_counts(tree.counts(Some(kind)))))
         .collect();
@@ -159,8 +164,8 @@ fn json_tree(tree: &Tree) -> Value {
     })
 }
 
-fn json_counts(counts: Counts) -> Value {
-    let Counts { files, read, odd, unsupported, alone, refused } = counts;
+fn json_counts(counts: OutcomeCounts) -> Value {
+    let OutcomeCounts { files, read, odd, unsupported, alone, refused } = counts;
     json!({
         "files": files,
         "read": read,
@@ -174,11 +179,11 @@ fn json_counts(counts: Counts) -> Value {
 /// Describes a file; `None` if it was read without warnings.
 fn json_file(file: &ReadFile) -> Option<Value> {
     let (outcome, why) = match &file.outcome {
-        Outcome::Read if file.warnings.is_empty() => return None,
-        Outcome::Read => ("odd", None),
-        Outcome::Unsupported(why) => ("unsupported", Some(why)),
-        Outcome::Alone(why) => ("no-domain", Some(why)),
-        Outcome::Refused(why) => ("refused", Some(why)),
+        FileOutcome::Read if file.warnings.is_empty() => return None,
+        FileOutcome::Read => ("odd", None),
+        FileOutcome::Unsupported(why) => ("unsupported", Some(why)),
+        FileOutcome::Alone(why) => ("no-domain", Some(why)),
+        FileOutcome::Refused(why) => ("refused", Some(why)),
     };
     Some(json!({
         "file": file.path.display().to_string(),

@@ -4,7 +4,7 @@
 use std::io::{self, BufRead as _, IsTerminal as _};
 use std::process::ExitCode;
 
-use plugin_host::{Package, Right, ShelfError, listed};
+use plugin_host::{Package, PackageStoreError, Right, listed};
 use serde_json::json;
 use terminal::{exit, output};
 
@@ -19,11 +19,12 @@ pub(super) fn run(args: &PluginAllowArgs) -> ExitCode {
         Ok(shelf) => shelf,
         Err(problem) => return failed(problem),
     };
-    if !shelf.at(name).is_dir() {
-        let unknown = ShelfError::Unknown { name: name.clone(), folder: shelf.folder.clone() };
+    if !shelf.package_folder(name).is_dir() {
+        let unknown =
+            PackageStoreError::Unknown { name: name.clone(), folder: shelf.folder.clone() };
         return failed(super::known_or_near(&shelf, name, unknown));
     }
-    let package = match Package::open(&shelf.at(name)) {
+    let package = match Package::open(&shelf.package_folder(name)) {
         Ok(package) => package,
         Err(faults) => return failed(format!("read its package: {}", faults.first())),
     };
@@ -56,7 +57,7 @@ pub(super) fn consent(
     json: bool,
 ) -> Result<Vec<Right>, ExitCode> {
     for right in allowed.iter().filter(|right| !beyond.iter().any(|asked| right.covers(asked))) {
-        output::note(&format!("note: `{name}` does not ask for {right}, or has it already"));
+        output::print_note(&format!("note: `{name}` does not ask for {right}, or has it already"));
     }
     let is_covered = |asked: &&Right| allowed.iter().any(|right| right.covers(asked));
     let missing: Vec<Right> = beyond.iter().filter(|asked| !is_covered(asked)).cloned().collect();
@@ -72,7 +73,7 @@ pub(super) fn consent(
     let wants = wants.concat();
     if !io::stdin().is_terminal() || !io::stderr().is_terminal() {
         let words: Vec<_> = missing.iter().map(|right| format!(" --allow {right}")).collect();
-        output::note(&format!(
+        output::print_note(&format!(
             "error: `{name}` asks for the right\n{wants}and no terminal is here to ask for \
              consent. To allow that: {command}{}",
             words.concat()
@@ -82,13 +83,13 @@ pub(super) fn consent(
     if asked(&format!("`{name}` asks for the right\n{wants}Allow that? [y/N]")) {
         return Ok(beyond.to_vec());
     }
-    output::note("nothing was allowed, and nothing was changed");
+    output::print_note("nothing was allowed, and nothing was changed");
     Err(exit::with(exit::NOT_ALLOWED))
 }
 
 /// Asks a person at the terminal. Any answer but yes counts as no.
 fn asked(question: &str) -> bool {
-    output::note(question);
+    output::print_note(question);
     let mut answer = String::new();
     let heard = io::stdin().lock().read_line(&mut answer);
     let answer = answer.trim();

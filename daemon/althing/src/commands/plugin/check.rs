@@ -7,9 +7,9 @@ use std::process::ExitCode;
 
 use agent::Host;
 use pddl::Domain;
-use plugin_host::{Failed, Faults, Launcher, Package, Right, Trial, Worked};
+use plugin_host::{Launcher, Package, PackageFaults, Right, Trial, TrialFailure, TrialSuccess};
 use serde_json::{Value, json};
-use terminal::report::{Report, Source};
+use terminal::report::{DiagnosticReport, SourceText};
 use terminal::{exit, output};
 
 use super::not_enforced_here;
@@ -20,8 +20,8 @@ use crate::hosting::ITSELF;
 
 /// The results of the packages that have been checked so far.
 #[derive(Default)]
-struct Desk {
-    report: Report,
+struct PackageCheck {
+    report: DiagnosticReport,
     /// A line for each package that is correct.
     text: String,
     json: Vec<Value>,
@@ -38,7 +38,7 @@ async fn check(args: &PluginCheckArgs) -> ExitCode {
         Ok(ecosystem) => ecosystem,
         Err(problem) => return wrong(&format!("failed to {problem}"), json),
     };
-    let mut desk = Desk::default();
+    let mut desk = PackageCheck::default();
     for folder in &args.packages {
         // Messages name a package by its folder, and a plugin sees the absolute path, so the path
         // is resolved.
@@ -77,7 +77,7 @@ fn ecosystem(args: &PluginCheckArgs) -> Result<Option<Ecosystem>, String> {
     file.map(|file| super::load(&file)).transpose()
 }
 
-impl Desk {
+impl PackageCheck {
     async fn try_out(&mut self, package: Package, ecosystem: Option<&Ecosystem>) {
         let host = match ecosystem {
             Some(ecosystem) => Host::new((*ecosystem.domain).clone(), (*ecosystem.problem).clone()),
@@ -87,13 +87,13 @@ impl Desk {
         let requires_confinement =
             ecosystem.is_some_and(|ecosystem| ecosystem.plugins.requires_confinement);
         let (name, within) = (&package.manifest.name, package.manifest.ready_within);
-        if output::notes_reach_a_terminal() {
-            output::note(&format!("starting {name}, which has {within:?} to be ready"));
+        if output::is_stderr_terminal() {
+            output::print_note(&format!("starting {name}, which has {within:?} to be ready"));
         }
         let trial = Trial { package: package.clone(), launcher, host, requires_confinement };
         match trial.run().await {
             Ok(worked) => self.right(&package, Some(&worked)),
-            Err(Failed { why, advice }) => {
+            Err(TrialFailure { why, advice }) => {
                 let faults = package.fault_of_program(format!("it does not start: {why}"), advice);
                 add_faults(faults, &mut self.report);
             }
@@ -116,12 +116,12 @@ impl Desk {
         let _ = writeln!(self.text, "{}", output::folded(&said, 4));
     }
 
-    fn right(&mut self, package: &Package, worked: Option<&Worked>) {
+    fn right(&mut self, package: &Package, worked: Option<&TrialSuccess>) {
         let (name, version) = (&package.manifest.name, &package.manifest.version);
         let mut value = json!({ "plugin": name, "version": version, "started": worked.is_some() });
         let said = match worked {
             None => "nothing is wrong with its files; it was not started".to_owned(),
-            Some(Worked { program, took, agents, not_enforced }) => {
+            Some(TrialSuccess { program, took, agents, not_enforced }) => {
                 value["program"] = json!(program);
                 value["not-enforced"] = json!(not_enforced);
                 value["agents"] = json!(agents);
@@ -159,11 +159,11 @@ fn without_ecosystem(package: &Package) -> Host {
 }
 
 /// Adds the mistakes in a package to a report.
-pub(super) fn add_faults(faults: Faults, report: &mut Report) {
-    let Faults { file, text, found } = faults;
+pub(super) fn add_faults(faults: PackageFaults, report: &mut DiagnosticReport) {
+    let PackageFaults { file, text, found } = faults;
     if text.is_empty() {
         found.into_iter().for_each(|mistake| report.add_general(mistake));
     } else {
-        report.add(&Source::new(file.display().to_string(), text), found);
+        report.add(&SourceText::new(file.display().to_string(), text), found);
     }
 }

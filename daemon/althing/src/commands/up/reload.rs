@@ -14,9 +14,9 @@ use acl::AgentId;
 use terminal::output;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-use super::{Place, read};
+use super::{HostedPart, read};
 use crate::config::{AgentEntry, Ecosystem, Overrides};
-use crate::hosting::{self, Node};
+use crate::hosting::{self, DaemonNode};
 
 /// The current configuration, and how to read it again.
 pub(super) struct Reload {
@@ -27,7 +27,7 @@ pub(super) struct Reload {
     /// The goals that the command line names.
     pub(super) goals: Vec<String>,
     pub(super) ecosystem: Arc<Ecosystem>,
-    pub(super) place: Place,
+    pub(super) place: HostedPart,
     /// The simulated building; `None` if another process has it, or none is needed.
     pub(super) building: Option<Building>,
     /// The stream of SIGHUP; `None` if the daemon does not listen for it.
@@ -38,14 +38,14 @@ pub(super) struct Reload {
 
 /// The reaction of a daemon to SIGHUP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Next {
-    GoesOn,
-    BeginsAnew,
+pub(super) enum ReloadOutcome {
+    Continue,
+    Restart,
 }
 
 /// The differences between the agents of two readings of a file.
 #[derive(Debug, Default, PartialEq, Eq)]
-struct Difference {
+struct AgentChanges {
     come: BTreeSet<AgentId>,
     gone: BTreeSet<AgentId>,
     changed: BTreeSet<AgentId>,
@@ -71,41 +71,41 @@ pub(super) async fn asked_for(hangups: &mut Option<Signal>) {
 impl Reload {
     /// Reads the file and applies the changes that are possible. Reports what it did, or why the
     /// daemon has to restart itself.
-    pub(super) async fn again(&mut self, node: &mut Node) -> Next {
+    pub(super) async fn again(&mut self, node: &mut DaemonNode) -> ReloadOutcome {
         let file = self.file.display().to_string();
         // Mistakes are shown by `read`, with their places.
         let Ok((ecosystem, place)) = read(&self.file, &self.overrides, self.asked.as_deref())
         else {
-            output::note(&format!("SIGHUP: {file} has mistakes; nothing is changed"));
-            return Next::GoesOn;
+            output::print_note(&format!("SIGHUP: {file} has mistakes; nothing is changed"));
+            return ReloadOutcome::Continue;
         };
         if place.daemon != self.place.daemon {
-            output::note(&format!(
+            output::print_note(&format!(
                 "SIGHUP: in {file} this is now daemon `{}`, and no longer `{}`; restart it",
                 place.daemon, self.place.daemon
             ));
-            return Next::GoesOn;
+            return ReloadOutcome::Continue;
         }
         let fixed = fixed(&self.ecosystem, &ecosystem, &self.goals);
         if !fixed.is_empty() {
-            output::note(&format!(
+            output::print_note(&format!(
                 "SIGHUP: {file} was read again\n  this daemon restarts itself, because what has \
                  changed is read at the start only: {}",
                 fixed.join(", ")
             ));
-            return Next::BeginsAnew;
+            return ReloadOutcome::Restart;
         }
         let (old, new) = (built_in(&self.place.agents), built_in(&place.agents));
-        let mut difference = Difference::between(&old, &new);
+        let mut difference = AgentChanges::between(&old, &new);
         let mut said = vec![format!("SIGHUP: {file} was read again")];
         let goals = changed_goals(&self.ecosystem, &ecosystem);
         if !goals.is_empty() {
             said.push(format!("goals from now on: {}", goals.join(", ")));
         }
         let leaving = difference.gone.union(&difference.changed).cloned().collect();
-        node.retire(&leaving).await;
+        node.stop_agents(&leaving).await;
         if let Some(building) = &self.building {
-            said.extend(hosting::refurnish(building, &ecosystem, &leaving));
+            said.extend(hosting::update_devices(building, &ecosystem, &leaving));
         }
         let mut kept = self.place.agents.clone();
         kept.retain(|entry| !leaving.contains(&entry.name));
@@ -115,13 +115,13 @@ impl Reload {
             if !is_new && !difference.changed.contains(&entry.name) {
                 continue;
             }
-            match node.plug_in((*entry).clone()) {
+            match node.add_agent((*entry).clone()) {
                 Ok(()) => kept.push((*entry).clone()),
                 Err(error) => {
                     said.push(format!("`{}` is not started: failed to {error}", entry.name));
                     difference.come.remove(&entry.name);
                     difference.changed.remove(&entry.name);
-                    let again = before.filter(|entry| node.plug_in((**entry).clone()).is_ok());
+                    let again = before.filter(|entry| node.add_agent((**entry).clone()).is_ok());
                     kept.extend(again.map(|entry| (*entry).clone()));
                 }
             }
@@ -130,10 +130,10 @@ impl Reload {
         if said.len() == 1 {
             said.push("nothing that concerns this daemon has changed".to_owned());
         }
-        output::note(&said.join("\n  "));
+        output::print_note(&said.join("\n  "));
         self.place.agents = kept;
         self.ecosystem = Arc::new(ecosystem);
-        Next::GoesOn
+        ReloadOutcome::Continue
     }
 }
 
@@ -148,9 +148,9 @@ fn is_same(one: &AgentEntry, other: &AgentEntry) -> bool {
         && (daemons, driver, config) == (&other.daemons, &other.driver, &other.config)
 }
 
-impl Difference {
-    fn between(old: &[&AgentEntry], new: &[&AgentEntry]) -> Difference {
-        let mut difference = Difference::default();
+impl AgentChanges {
+    fn between(old: &[&AgentEntry], new: &[&AgentEntry]) -> AgentChanges {
+        let mut difference = AgentChanges::default();
         for entry in new {
             match old.iter().find(|other| other.name == entry.name) {
                 None => drop(difference.come.insert(entry.name.clone())),
@@ -203,7 +203,7 @@ fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
             .collect()
     };
     let journals = |of: &Ecosystem| of.journals().cloned().collect::<Vec<_>>();
-    let wish = |of: &Ecosystem, goal: &String| debug(&of.wish(goal).ok());
+    let wish = |of: &Ecosystem, goal: &String| debug(&of.find_goal(goal).ok());
     let goals: Vec<_> =
         asked.iter().filter(|goal| wish(old, goal) != wish(new, goal)).cloned().collect();
     // Rights follow from the agents of each daemon, and are enforced only in a secured ecosystem.

@@ -21,9 +21,9 @@ use terminal::{exit, output};
 use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TrySendError;
 
-use super::{WAITING_MAX, discreet};
+use super::{WAITING_MAX, redact};
 use crate::commands::brief;
-use crate::commands::client::{self, Target};
+use crate::commands::client::{self, ClientTarget};
 use crate::interruption;
 
 /// The version of the format.
@@ -92,7 +92,7 @@ pub(crate) enum RecordingError {
 }
 
 /// The key expression and the content of a message.
-type Heard = (String, Bytes);
+type ReceivedMessage = (String, Bytes);
 
 /// Writes a recording up to a size.
 struct Recorder {
@@ -108,7 +108,7 @@ struct Recorder {
 
 /// Records until Ctrl-C, or until the file has reached its maximum size.
 pub(super) fn run(
-    target: &Target,
+    target: &ClientTarget,
     conversation: Option<String>,
     file: &Path,
     megabytes: u64,
@@ -117,7 +117,7 @@ pub(super) fn run(
     let mut recorder = match opened {
         Ok(recorder) => recorder,
         Err(error) => {
-            output::note(&not_written(file, &error));
+            output::print_note(&not_written(file, &error));
             return exit::with(exit::OUTPUT);
         }
     };
@@ -129,9 +129,9 @@ pub(super) fn run(
         recorder.tell(file);
         match ended {
             Ok(()) => exit::with(exit::DONE),
-            Err(Failure::Unreachable(problem)) => client::unavailable(&problem, false),
-            Err(Failure::Write(error)) => {
-                output::note(&not_written(file, &error));
+            Err(RecordFailure::Unreachable(problem)) => client::unavailable(&problem, false),
+            Err(RecordFailure::Write(error)) => {
+                output::print_note(&not_written(file, &error));
                 exit::with(exit::OUTPUT)
             }
         }
@@ -143,25 +143,25 @@ fn not_written(file: &Path, error: &io::Error) -> String {
     format!("error: failed to write `{}`: {why}", file.display())
 }
 
-enum Failure {
+enum RecordFailure {
     Unreachable(String),
     Write(io::Error),
 }
 
 async fn record(
-    target: &Target,
+    target: &ClientTarget,
     conversation: Option<String>,
     recorder: &mut Recorder,
-) -> Result<(), Failure> {
-    let config = target.config().map_err(Failure::Unreachable)?;
-    let (hear, mut heard) = mpsc::channel::<Heard>(WAITING_MAX);
+) -> Result<(), RecordFailure> {
+    let config = target.config().map_err(RecordFailure::Unreachable)?;
+    let (hear, mut heard) = mpsc::channel::<ReceivedMessage>(WAITING_MAX);
     let missed = Arc::clone(&recorder.missed);
     let tap = substrate_zenoh::tap(config, move |key, payload| {
         keep(&hear, &missed, (key.to_owned(), payload));
     });
-    let _tap = tap.await.map_err(|error| Failure::Unreachable(error.to_string()))?;
+    let _tap = tap.await.map_err(|error| RecordFailure::Unreachable(error.to_string()))?;
     recorder.began = Instant::now();
-    output::note(&format!("recording `{}`; Ctrl-C ends it", target.name));
+    output::print_note(&format!("recording `{}`; Ctrl-C ends it", target.name));
     while let Some((key, payload)) = heard.recv().await {
         let Ok(message) = acl::decode(&payload) else {
             recorder.unread += 1;
@@ -169,8 +169,8 @@ async fn record(
         };
         let is_asked_for =
             conversation.as_ref().is_none_or(|asked| asked == message.conversation_id.as_str());
-        if is_asked_for && !recorder.take(key, &message).map_err(Failure::Write)? {
-            output::note("the recording is as large as it may be (--record-max)");
+        if is_asked_for && !recorder.take(key, &message).map_err(RecordFailure::Write)? {
+            output::print_note("the recording is as large as it may be (--record-max)");
             return Ok(());
         }
     }
@@ -191,7 +191,7 @@ fn private_file(path: &Path) -> io::Result<File> {
 
 /// Queues a message until it is written. If the queue is full, the message is missing in the
 /// recording; it is counted in `missed`.
-fn keep(waiting: &mpsc::Sender<Heard>, missed: &AtomicU64, heard: Heard) {
+fn keep(waiting: &mpsc::Sender<ReceivedMessage>, missed: &AtomicU64, heard: ReceivedMessage) {
     if let Err(TrySendError::Full(_)) = waiting.try_send(heard) {
         missed.fetch_add(1, Ordering::Relaxed);
     }
@@ -213,7 +213,7 @@ impl Recorder {
     /// Writes a message. Returns `false` if there is no room for it.
     fn take(&mut self, key: String, message: &Message) -> io::Result<bool> {
         let at_ms = u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX);
-        let is_written = self.line(&Recorded { at_ms, key, message: discreet(message) })?;
+        let is_written = self.line(&Recorded { at_ms, key, message: redact(message) })?;
         self.written += u64::from(is_written);
         Ok(is_written)
     }
@@ -231,7 +231,10 @@ impl Recorder {
     fn tell(&self, file: &Path) {
         let time = brief(self.began.elapsed());
         let (written, left_out) = (self.written, self.left_out());
-        output::note(&format!("{written} messages in {time}, in {}{left_out}", file.display()));
+        output::print_note(&format!(
+            "{written} messages in {time}, in {}{left_out}",
+            file.display()
+        ));
     }
 
     /// Describes what is missing in the recording.

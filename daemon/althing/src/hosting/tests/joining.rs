@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use ::building::Event;
+use ::building::BuildingEvent;
 
 use super::strangers::{Conduct, Script, Stranger};
 use super::{MODES, Office, Person, entry};
@@ -41,7 +41,7 @@ async fn set_out(office: &Office, person: &mut Person) -> f64 {
     let (_, cost) = plan.rsplit_once(' ').expect("its cost");
     // It has departed, and not arrived anywhere yet.
     tokio::time::sleep(Duration::from_secs(2)).await;
-    assert!(!office.building.truth().any(|event| matches!(event, Event::Moved { .. })));
+    assert!(!office.building.truth().any(|event| matches!(event, BuildingEvent::Moved { .. })));
     cost.parse().expect("a number")
 }
 
@@ -60,7 +60,7 @@ async fn a_much_cheaper_plan_is_adopted_and_the_robot_is_free() {
         // The robot was called back: it has measured nothing, and takes the next goal.
         assert!(person.reaches("(at turtlebot-1 office1)").await, "{mode:?}: {:#?}", person.lines);
         let truth = office.building.truth();
-        let in_vain = |event: &Event| matches!(event, Event::Moved { to, .. } if to == "office2");
+        let in_vain = |event: &BuildingEvent| matches!(event, BuildingEvent::Moved { to, .. } if to == "office2");
         assert!(!truth.any(in_vain), "{mode:?}: {truth:#?}");
         assert_eq!(office.building.place_of("turtlebot-1").as_deref(), Ok("office1"), "{mode:?}");
         office.close().await;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ::building::Event;
+use ::building::BuildingEvent;
 use acl::content::{
     Achieve, BelievedState, GoalStatus, Keep, Reason, Refusal, Report, Request, value,
 };
@@ -412,7 +412,7 @@ async fn a_goal_that_is_true_already_costs_nobody_anything() {
         assert!(person.reaches("(at turtlebot-1 office2)").await, "{:#?}", person.lines);
         assert_eq!(person.lines, ["it holds already"], "{mode:?}");
         let truth = office.building.truth();
-        assert!(!truth.any(|event| matches!(event, Event::Moved { .. })), "{mode:?}");
+        assert!(!truth.any(|event| matches!(event, BuildingEvent::Moved { .. })), "{mode:?}");
         office.close().await;
     }
 }
@@ -458,7 +458,8 @@ async fn a_later_life_of_an_asker_keeps_its_goal_once() {
             let (keyboard, terminal) = Keyboard::with_terminal();
             let id = AgentId::new("camera").expect("a name");
             let switchboard = office.node.switchboard();
-            let berth = supervisor::berth(&id, switchboard, "smart-office", &stopping, false);
+            let berth =
+                supervisor::launch_context(&id, switchboard, "smart-office", &stopping, false);
             let life = Box::new(keyboard).launch(berth);
             let mut asker = Person { terminal, lines: Vec::new() };
             let goal = format!("(at turtlebot-{robot} office1)");

@@ -1,6 +1,6 @@
 //! Robots with a battery, a dock and poses of their own.
 
-use ::building::Event;
+use ::building::BuildingEvent;
 
 use super::{MODES, Mode, Office, entry};
 
@@ -13,8 +13,8 @@ fn robot(more: &str) -> [String; 1] {
     [entry("turtlebot-1", "turtlebot", &config)]
 }
 
-fn recharged(event: &Event) -> bool {
-    matches!(event, Event::Recharged { .. })
+fn recharged(event: &BuildingEvent) -> bool {
+    matches!(event, BuildingEvent::Recharged { .. })
 }
 
 #[tokio::test(start_paused = true)]
@@ -106,7 +106,7 @@ fn patrol() -> [String; 2] {
 
 /// Returns how often the robot has arrived in the corridor.
 fn came(truth: &::building::Truth) -> usize {
-    let is_there = |event: &Event| matches!(event, Event::Moved { to, .. } if to == "corridor");
+    let is_there = |event: &BuildingEvent| matches!(event, BuildingEvent::Moved { to, .. } if to == "corridor");
     truth.occurrences().filter(|occurrence| is_there(&occurrence.event)).count()
 }
 
@@ -133,8 +133,7 @@ async fn a_patrol_under_way_gives_way() {
         assert!(person.reaches("(at turtlebot-1 conf-room)").await, "{:#?}", person.lines);
         // The robot must return to the corridor, and is on its way.
         let departed = |truth: &::building::Truth| {
-            let departs =
-                |event: &Event| matches!(event, Event::Departed { to, .. } if to == "corridor");
+            let departs = |event: &BuildingEvent| matches!(event, BuildingEvent::Departed { to, .. } if to == "corridor");
             truth.occurrences().filter(|occurrence| departs(&occurrence.event)).count() == 2
         };
         office.until("it goes back to its patrol", departed).await;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use building::BuildingHandle;
 
 use super::*;
-use crate::hosting::succession::{look, serve};
+use crate::hosting::building_takeover::{record_robots, serve};
 
 const ROBOT: &str = r#"{ start = "corridor", dock = "corridor", battery = { range = 900.0 } }"#;
 
@@ -25,11 +25,11 @@ async fn a_building_is_served_on_with_its_robots_where_they_were() {
     assert!(charge < 900.0, "it drove: {charge}");
 
     let mut seen = BTreeMap::new();
-    assert!(look(&ecosystem, &used, &mut seen).await);
+    assert!(record_robots(&ecosystem, &used, &mut seen).await);
     let early = serve(&ecosystem, &seen, &socket).await;
     assert!(early.expect("it can be looked at").is_none(), "it is served already");
     drop(server);
-    assert!(!look(&ecosystem, &used, &mut seen).await);
+    assert!(!record_robots(&ecosystem, &used, &mut seen).await);
 
     let _served = serve(&ecosystem, &seen, &socket).await.expect("it can be").expect("it is free");
     assert_eq!(used.place_of("turtlebot-1").await.expect("it is there"), "office1");

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use ::building::Event;
+use ::building::BuildingEvent;
 use acl::content::{BelievedState, ChangeState};
 use agent::Resource;
 use substrate::Ask;
@@ -21,7 +21,7 @@ struct City {
     building: Building,
     network: Network,
     ecosystem: Ecosystem,
-    nodes: BTreeMap<String, Node>,
+    nodes: BTreeMap<String, DaemonNode>,
     mode: Mode,
     folder: TempDir,
 }
@@ -83,7 +83,7 @@ impl City {
 
     async fn start(&mut self, name: &str) {
         let daemon = DaemonId::new(name).expect("a name");
-        let part = Part {
+        let part = NodeOptions {
             ecosystem: &self.ecosystem,
             agents: self.ecosystem.agents_of(&daemon).cloned().collect(),
             daemon,
@@ -91,7 +91,7 @@ impl City {
             building: Some(self.building.handle()),
             state: Some(self.state(name)),
         };
-        let node = Node::open(part, Wire::Memory(self.network.clone())).await;
+        let node = DaemonNode::open(part, MessageTransport::Memory(self.network.clone())).await;
         self.nodes
             .insert(name.to_owned(), node.unwrap_or_else(|error| panic!("failed to {error}")));
     }
@@ -101,7 +101,7 @@ impl City {
         self.network.kill(&DaemonId::new(name).expect("a name"));
         let node = self.nodes.remove(name).expect("it runs");
         let agents: Vec<_> = node.agents().cloned().collect();
-        agents.iter().for_each(|agent| node.unplug(agent));
+        agents.iter().for_each(|agent| node.abort_agent(agent));
         node.drain().await;
     }
 
@@ -129,7 +129,7 @@ impl City {
     fn moves(&self) -> Vec<String> {
         let truth = self.building.truth();
         let moves = truth.occurrences().filter_map(|occurrence| match &occurrence.event {
-            Event::Moved { to, .. } => Some(to.to_string()),
+            BuildingEvent::Moved { to, .. } => Some(to.to_string()),
             _ => None,
         });
         moves.collect()
@@ -250,7 +250,7 @@ async fn who_stands_by_has_heard_what_requests_changed() {
     let mut person = city.person("user");
     let fact = "(connected office1 office2)";
     let change = ChangeState { believe: fact.to_owned(), ..ChangeState::default() };
-    person.terminal.say.send(Said::Set(change)).await.expect("it listens");
+    person.terminal.requests.send(UserRequest::Set(change)).await.expect("it listens");
     person.hears_of("believed").await;
     assert_eq!(city.acting("domain-maintainer"), "alpha");
     city.kill("alpha").await;

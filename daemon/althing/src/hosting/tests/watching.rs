@@ -4,11 +4,11 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
-use ::building::{Event, Truth};
+use ::building::{BuildingEvent, Truth};
 use acl::content::{Inform, Keep, OpenQuestion, PersonsAnswer, Question};
 use acl::{AgentId, Message, Performative};
 use agent::{Agent, Ask, Callbacks, Context, Engagement, Mode, Resource};
-use keyboard::Said;
+use keyboard::UserRequest;
 use substrate::memory::Network;
 
 use super::{MODES, Office, PATIENCE, entry};
@@ -104,7 +104,7 @@ fn visit(office: &Office, name: &str, answers: &[&'static str]) {
 }
 
 fn arrived(truth: &Truth) -> bool {
-    truth.any(|event| matches!(event, Event::Moved { to, .. } if to == "corridor"))
+    truth.any(|event| matches!(event, BuildingEvent::Moved { to, .. } if to == "corridor"))
 }
 
 const ON_MOTION: &str = ", on-motion = { goal = \"(validated ?l)\", priority = 5 }";
@@ -169,8 +169,8 @@ async fn a_question_that_somebody_has_answered_is_closed_elsewhere() {
     assert_eq!(open.count(), 0);
     let keyboard = AgentId::new("there").expect("a name");
     let text = "2718".to_owned();
-    let said = Said::Answer { keyboard, question, text, seal_to: None };
-    there.terminal.say.send(said).await.expect("the keyboard listens");
+    let said = UserRequest::Answer { keyboard, question, text, seal_to: None };
+    there.terminal.requests.send(said).await.expect("the keyboard listens");
     assert!(!there.hears().await);
     assert!(there.lines[0].contains("has no open question"), "{:?}", there.lines);
     office.close().await;
@@ -200,8 +200,8 @@ async fn a_pin_is_nowhere_in_what_is_overheard() {
         .flat_map(|answer| serde_json::from_slice::<Vec<OpenQuestion>>(answer).expect("questions"));
     let is_there = |open: &OpenQuestion| open.keyboard.as_str() == "there";
     let OpenQuestion { keyboard, seal_to, .. } = open.find(is_there).expect("it is open");
-    let said_there = Said::Answer { keyboard, question, text: PIN.to_owned(), seal_to };
-    guest.terminal.say.send(said_there).await.expect("the keyboard listens");
+    let said_there = UserRequest::Answer { keyboard, question, text: PIN.to_owned(), seal_to };
+    guest.terminal.requests.send(said_there).await.expect("the keyboard listens");
     assert!(asker.hears().await, "the robot has read it: {:#?}", asker.lines);
     office.close().await;
 
@@ -219,7 +219,7 @@ async fn a_question_ends_with_the_goal_that_it_was_asked_for() {
     asker.wish("(validated office2)", Keep::Achieve).await;
     let goal = asker.waits(|heard| heard.conversation().cloned()).await;
     let question = there.is_asked().await;
-    asker.terminal.say.send(Said::Cancel(goal)).await.expect("the keyboard listens");
+    asker.terminal.requests.send(UserRequest::Cancel(goal)).await.expect("the keyboard listens");
     let (closed, why) = there.hears_closed().await;
     let expected = "withdrawn: the answer is not needed any more";
     assert_eq!((closed, &*why), (question, expected));

@@ -9,7 +9,7 @@ use building::Layout;
 use substrate::Ask;
 use tokio::sync::mpsc;
 
-use crate::scenario::stage::{self, Set, Stage};
+use crate::scenario::launched::{self, LaunchedScenario, ScenarioSubstrate};
 use crate::scenario::temperatures;
 
 /// Sends one request, and forwards the answers up to the final one.
@@ -52,13 +52,13 @@ fn words(message: &Message) -> (bool, String) {
 }
 
 /// Sends a request for `who` to the Domain Maintainer. Returns its answer.
-pub(super) async fn change(set: &Set, who: &str, request: Request) -> String {
+pub(super) async fn change(set: &LaunchedScenario, who: &str, request: Request) -> String {
     ask(set, who, "domain-maintainer", Protocol::StateChange, request).await.remove(0)
 }
 
 /// Sends a request for `who` to the agent `to`. Returns all answers up to the final one.
 pub(super) async fn ask(
-    set: &Set,
+    set: &LaunchedScenario,
     who: &str,
     to: &'static str,
     protocol: Protocol,
@@ -82,7 +82,7 @@ pub(super) async fn ask(
 }
 
 pub(super) async fn read<T: serde::de::DeserializeOwned>(
-    set: &Set,
+    set: &LaunchedScenario,
     of: &str,
     resource: Resource,
 ) -> T {
@@ -92,10 +92,15 @@ pub(super) async fn read<T: serde::de::DeserializeOwned>(
 }
 
 /// The paper's office, and the name of one of its sensors.
-pub(super) async fn office(mode: Mode) -> (Set, String) {
+pub(super) async fn office(mode: Mode) -> (LaunchedScenario, String) {
     let scenario = Layout::seeded(0);
-    let set =
-        stage::set(&temperatures::setting(&scenario), Stage::Memory, mode).await.expect("a stage");
+    let set = launched::launch_scenario(
+        &temperatures::setting(&scenario),
+        ScenarioSubstrate::Memory,
+        mode,
+    )
+    .await
+    .expect("a stage");
     tokio::time::sleep(Duration::from_secs(3)).await;
     (set, scenario.dying_sensor)
 }

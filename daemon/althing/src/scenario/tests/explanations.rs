@@ -8,23 +8,23 @@ use agent::Mode;
 
 use super::MODES;
 use super::asking::{ask, office};
-use crate::scenario::stage::Set;
+use crate::scenario::launched::LaunchedScenario;
 
 const REASONING: &[&str] =
     &["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
 
 /// Requests a goal. Returns the final report.
-async fn wish(set: &Set, who: &str, goal: &str) -> String {
+async fn wish(set: &LaunchedScenario, who: &str, goal: &str) -> String {
     let achieve = Achieve::new(goal, Keep::Achieve, 0);
     let request = Request::Achieve(achieve);
     let told = ask(set, who, "plan-requester", Protocol::Goal, request).await;
     told.last().cloned().expect("a last word")
 }
 
-fn unplug(set: &Set, which: impl Fn(&str) -> bool) {
+fn unplug(set: &LaunchedScenario, which: impl Fn(&str) -> bool) {
     let agents: Vec<AgentId> = set.node.agents().cloned().collect();
     for agent in agents.iter().filter(|agent| which(agent.as_str())) {
-        set.node.unplug(agent);
+        set.node.abort_agent(agent);
     }
 }
 

@@ -2,15 +2,15 @@
 
 use std::time::Duration;
 
-use ::building::{Device, Layout, SeededScenario};
+use ::building::{BuildingDevice, Layout, SeededScenario};
 use acl::content::{Keep, Outcome, Partition};
 use acl::{AgentId, ConversationId};
 use agent::Mode;
-use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use tokio::time::timeout;
 
 use super::MODES;
-use crate::scenario::stage::{self, Set, Stage};
+use crate::scenario::launched::{self, LaunchedScenario, ScenarioSubstrate};
 use crate::scenario::temperatures;
 
 /// Longer than any goal here takes, in the building's time.
@@ -21,7 +21,7 @@ const ARRIVALS_MAX: usize = 50;
 
 /// The office, and one keyboard per user, so that each receives only the reports of its own goal.
 struct Office {
-    set: Set,
+    set: LaunchedScenario,
     users: Vec<User>,
 }
 
@@ -37,9 +37,13 @@ impl Office {
     }
 
     async fn of(scenario: &SeededScenario, mode: Mode) -> Office {
-        let set = stage::set(&temperatures::setting(scenario), Stage::Memory, mode)
-            .await
-            .expect("the stage");
+        let set = launched::launch_scenario(
+            &temperatures::setting(scenario),
+            ScenarioSubstrate::Memory,
+            mode,
+        )
+        .await
+        .expect("the stage");
         let mut office = Office { set, users: Vec::new() };
         // A goal about every room is reached once all devices are there.
         let all = "(forall (?r - room) (known-temperature ?r))";
@@ -57,8 +61,9 @@ impl Office {
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(&format!("user-{}", self.users.len())).expect("a name");
         self.set.node.launch(id, keyboard, "smart-office");
-        let wish = Wish { goal: goal.to_owned(), keep, priority, partition: Partition::Pursue };
-        terminal.say.send(Said::Wish(wish)).await.expect("the keyboard lives");
+        let wish =
+            GoalRequest { goal: goal.to_owned(), keep, priority, partition: Partition::Pursue };
+        terminal.requests.send(UserRequest::RequestGoal(wish)).await.expect("the keyboard lives");
         self.users.push(User { terminal, goal: None, heard: Vec::new() });
         self.users.len() - 1
     }
@@ -67,13 +72,13 @@ impl Office {
     async fn hears(&mut self, user: usize) -> (Outcome, String) {
         let User { terminal, goal, heard } = &mut self.users[user];
         loop {
-            let next = timeout(PATIENCE, terminal.hear.recv()).await;
+            let next = timeout(PATIENCE, terminal.events.recv()).await;
             let next = next.unwrap_or_else(|_| panic!("user {user} hears no more: {heard:#?}"));
             let (outcome, detail) = match next.expect("the keyboard lives") {
-                Heard::Report(_, report) => (report.outcome, report.detail),
-                Heard::Refused(_, refusal) => (Outcome::Failed, refusal.detail),
-                Heard::Unanswered(_, why) => (Outcome::Failed, why),
-                Heard::Asked(conversation) => {
+                UserEvent::Report(_, report) => (report.outcome, report.detail),
+                UserEvent::Refused(_, refusal) => (Outcome::Failed, refusal.detail),
+                UserEvent::Unanswered(_, why) => (Outcome::Failed, why),
+                UserEvent::Sent(conversation) => {
                     *goal = Some(conversation);
                     continue;
                 }
@@ -111,7 +116,7 @@ impl Office {
     async fn gives_up(&mut self, user: usize) {
         let User { terminal, goal, .. } = &self.users[user];
         let goal = goal.clone().expect("it was asked for");
-        terminal.say.send(Said::Cancel(goal)).await.expect("the keyboard lives");
+        terminal.requests.send(UserRequest::Cancel(goal)).await.expect("the keyboard lives");
     }
 
     fn told(&self, user: usize, words: &str) -> bool {
@@ -190,7 +195,7 @@ async fn a_cancelled_goal_leaves_its_agents_to_others() {
 async fn two_robots_go_side_by_side() {
     let robots = |scenario: &SeededScenario| -> Vec<String> {
         let devices = scenario.layout.devices().iter();
-        let robots = devices.filter(|device| matches!(device, Device::Robot { .. }));
+        let robots = devices.filter(|device| matches!(device, BuildingDevice::Robot { .. }));
         robots.map(|robot| robot.name().to_owned()).collect()
     };
     let scenario = (1..100).map(Layout::seeded).find(|scenario| robots(scenario).len() == 2);

@@ -10,7 +10,7 @@ use acl::{AgentId, Deadline, Message, Performative};
 use agent::{Agent, Callbacks, Context, Engagement};
 use capability::model_digest;
 
-use crate::hosting::Node;
+use crate::hosting::DaemonNode;
 
 /// The behaviour of a guest when it is asked to act.
 #[derive(Clone, Copy, PartialEq)]
@@ -21,19 +21,19 @@ enum Conduct {
     HasABrokenModel,
 }
 
-pub(super) fn one_that_refuses(node: &Node) {
+pub(super) fn one_that_refuses(node: &DaemonNode) {
     enter(node, Conduct::Refuses);
 }
 
-pub(super) fn one_that_is_silent(node: &Node) {
+pub(super) fn one_that_is_silent(node: &DaemonNode) {
     enter(node, Conduct::IsSilent);
 }
 
-pub(super) fn one_that_agrees_and_is_silent(node: &Node) {
+pub(super) fn one_that_agrees_and_is_silent(node: &DaemonNode) {
     enter(node, Conduct::AgreesAndIsSilent);
 }
 
-pub(super) fn one_with_a_broken_model(node: &Node) {
+pub(super) fn one_with_a_broken_model(node: &DaemonNode) {
     enter(node, Conduct::HasABrokenModel);
 }
 
@@ -44,7 +44,7 @@ const MODEL: &str = "(define (agent guest) (:domain smart-office)
         :precondition (located ?s ?r)
         :effect (and (known-temperature ?r) (increase (total-cost) 1))))";
 
-fn enter(node: &Node, conduct: Conduct) {
+fn enter(node: &DaemonNode, conduct: Conduct) {
     let id = AgentId::new("guest").expect("a name");
     node.launch(id, Guest { conduct, beats: 0 }, "smart-office");
 }

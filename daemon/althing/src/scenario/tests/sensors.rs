@@ -3,18 +3,18 @@
 
 use std::time::Duration;
 
-use ::building::{Building, Fault, Quantity};
+use ::building::{Building, DeviceFault, Quantity};
 use acl::content::{Keep, Outcome, Partition};
 use acl::{AgentId, DaemonId};
 use agent::Mode;
-use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use substrate::memory::Network;
 use tempfile::TempDir;
 use tokio::time::{Instant, timeout};
 
 use super::MODES;
 use crate::config::{Ecosystem, Overrides, Variables};
-use crate::hosting::{self, Node, Part, Wire};
+use crate::hosting::{self, DaemonNode, MessageTransport, NodeOptions};
 use crate::plugins;
 
 const ONTOLOGY: &str = include_str!("../../../../../domains/smart-office/domain.pddl");
@@ -27,7 +27,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 
 struct Lab {
     building: Building,
-    node: Node,
+    node: DaemonNode,
     terminal: Terminal,
     _folder: TempDir,
 }
@@ -64,7 +64,7 @@ async fn open(mode: Mode) -> Lab {
     let ecosystem = Ecosystem::load_with(&path, &Variables::new(), &overrides, &plugins::known());
     let ecosystem = ecosystem.unwrap_or_else(|report| panic!("{report:?}"));
     let building = hosting::simulate(&ecosystem).expect("a building");
-    let part = Part {
+    let part = NodeOptions {
         ecosystem: &ecosystem,
         daemon: DaemonId::new("lab").expect("a name"),
         agents: ecosystem.agents.clone(),
@@ -72,7 +72,8 @@ async fn open(mode: Mode) -> Lab {
         building: Some(building.handle()),
         state: None,
     };
-    let node = Node::open(part, Wire::Memory(Network::new())).await.expect("a node");
+    let node =
+        DaemonNode::open(part, MessageTransport::Memory(Network::new())).await.expect("a node");
     let (keyboard, terminal) = Keyboard::with_terminal();
     node.launch(AgentId::new("user").expect("a name"), keyboard, "smart-office");
     // Waits until all action models have been received.
@@ -82,18 +83,19 @@ async fn open(mode: Mode) -> Lab {
 
 impl Lab {
     async fn wish(&self, goal: &str, keep: Keep) {
-        let wish = Wish { goal: goal.to_owned(), keep, priority: 0, partition: Partition::Pursue };
-        self.terminal.say.send(Said::Wish(wish)).await.expect("a keyboard");
+        let wish =
+            GoalRequest { goal: goal.to_owned(), keep, priority: 0, partition: Partition::Pursue };
+        self.terminal.requests.send(UserRequest::RequestGoal(wish)).await.expect("a keyboard");
     }
 
     /// Receives reports until the goal is reached or holds. Returns the observations up to then.
     async fn until_it_holds(&mut self) -> Result<String, String> {
         let mut observed = String::new();
         loop {
-            let heard = timeout(PATIENCE, self.terminal.hear.recv()).await;
+            let heard = timeout(PATIENCE, self.terminal.events.recv()).await;
             let heard = heard.map_err(|_| format!("silence after {observed}"))?;
             match heard.ok_or("the keyboard has ended")? {
-                Heard::Report(_, report) => {
+                UserEvent::Report(_, report) => {
                     observed += &report.observations;
                     match report.outcome {
                         Outcome::Progress => (),
@@ -101,8 +103,8 @@ impl Lab {
                         Outcome::Failed | Outcome::Cancelled => return Err(report.detail),
                     }
                 }
-                Heard::Refused(_, refusal) => return Err(refusal.detail),
-                Heard::Unanswered(_, why) => return Err(why),
+                UserEvent::Refused(_, refusal) => return Err(refusal.detail),
+                UserEvent::Unanswered(_, why) => return Err(why),
                 _ => (),
             }
         }
@@ -162,7 +164,7 @@ async fn who_moves_is_seen_within_a_heartbeat_and_nobody_asked() {
 async fn a_sensor_that_failed_comes_back() {
     for mode in MODES {
         let mut lab = open(mode).await;
-        lab.building.break_device("light-1", Fault::Fails).expect("a device");
+        lab.building.break_device("light-1", DeviceFault::Fails).expect("a device");
         let begun = Instant::now();
         lab.wish("(known-light lab)", Keep::Maintain).await;
         tokio::time::sleep(Duration::from_secs(5)).await;

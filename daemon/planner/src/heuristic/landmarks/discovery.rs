@@ -11,7 +11,7 @@
 use rustc_hash::FxHashMap;
 
 use super::super::relaxation::Relaxation;
-use super::{Graph, Landmark};
+use super::{Landmark, LandmarkGraph};
 use crate::limits::Cancel;
 use crate::state::State;
 use crate::task::Atoms;
@@ -28,13 +28,13 @@ const TEST_WORK_MAX: usize = 60_000_000;
 const WORK_MAX: usize = 200_000_000;
 
 /// Finds the landmarks of a task from its initial state.
-pub(super) struct Discovery<'r> {
+pub(super) struct LandmarkDiscovery<'r> {
     relaxation: &'r Relaxation,
     adding: crate::rows::Rows,
     atoms: &'r Atoms,
     initial: Vec<bool>,
     initially: Vec<u32>,
-    graph: Graph,
+    graph: LandmarkGraph,
     /// Per proposition: the simple landmark of it.
     simple: FxHashMap<u32, u32>,
     /// Per proposition: the disjunctive landmark that contains it.
@@ -49,19 +49,19 @@ pub(super) struct Discovery<'r> {
 
 // === impl Discovery ===
 
-impl<'r> Discovery<'r> {
+impl<'r> LandmarkDiscovery<'r> {
     pub(super) fn new(relaxation: &'r Relaxation, atoms: &'r Atoms, state: &State) -> Self {
         let mut initially = Vec::new();
         relaxation.initial(state, &mut initially);
         let mut initial = vec![false; relaxation.proposition_count()];
         initially.iter().for_each(|proposition| initial[*proposition as usize] = true);
-        Discovery {
+        LandmarkDiscovery {
             relaxation,
             adding: relaxation.adding(),
             atoms,
             initial,
             initially,
-            graph: Graph::default(),
+            graph: LandmarkGraph::default(),
             simple: FxHashMap::default(),
             part_of: FxHashMap::default(),
             waiting: Vec::new(),
@@ -73,7 +73,7 @@ impl<'r> Discovery<'r> {
     }
 
     /// Runs the discovery; `candidates` are the propositions of a relaxed plan.
-    pub(super) fn run(mut self, candidates: &[u32], cancel: &Cancel) -> Graph {
+    pub(super) fn run(mut self, candidates: &[u32], cancel: &Cancel) -> LandmarkGraph {
         for &goal in self.relaxation.goal() {
             let landmark = self.simple_landmark(goal);
             self.graph.landmarks[landmark as usize].is_goal = true;
@@ -113,7 +113,7 @@ impl<'r> Discovery<'r> {
 
     /// Computes the propositions that are reachable while the excluded ones never hold.
     fn reach_without(&mut self, excluded: &[u32]) {
-        let Discovery { relaxation, reached, missing, stack, .. } = self;
+        let LandmarkDiscovery { relaxation, reached, missing, stack, .. } = self;
         reached.fill(false);
         missing.clear();
         missing.extend_from_slice(relaxation.missing());

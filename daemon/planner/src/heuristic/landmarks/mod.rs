@@ -7,7 +7,7 @@
 mod discovery;
 mod orders;
 
-use self::discovery::Discovery;
+use self::discovery::LandmarkDiscovery;
 use super::relaxation::Relaxation;
 use crate::limits::Cancel;
 use crate::mutex::MutexGroups;
@@ -28,7 +28,7 @@ struct Landmark {
 
 /// Landmark graph: the landmarks and their orders.
 #[derive(Clone, Debug, Default)]
-struct Graph {
+struct LandmarkGraph {
     landmarks: Vec<Landmark>,
 }
 
@@ -53,7 +53,7 @@ impl Landmark {
 
 // === impl Graph ===
 
-impl Graph {
+impl LandmarkGraph {
     fn order_greedy_necessary(&mut self, before: u32, after: u32) {
         if before == after {
             return;
@@ -78,7 +78,7 @@ impl LandmarkCount {
         mutex: &MutexGroups,
         cancel: &Cancel,
     ) -> LandmarkCount {
-        let discovery = Discovery::new(relaxation, &task.atoms, state);
+        let discovery = LandmarkDiscovery::new(relaxation, &task.atoms, state);
         let mut graph = discovery.run(candidates, cancel);
         orders::add_reasonable(&mut graph, task, relaxation, mutex);
         let words = graph.landmarks.len().div_ceil(64);

@@ -1,7 +1,7 @@
 //! Reasonable orders: a landmark should be achieved before another if achieving it later would undo the
 //! other (Koehler and Hoffmann, 2000; Richter and Westphal, 2010).
 
-use super::Graph;
+use super::LandmarkGraph;
 use crate::heuristic::relaxation::Relaxation;
 use crate::mutex::MutexGroups;
 use crate::rows::Rows;
@@ -12,7 +12,7 @@ const WORK_MAX: usize = 20_000_000;
 
 /// Adds reasonable orders between simple landmarks, and keeps the graph acyclic.
 pub(super) fn add_reasonable(
-    graph: &mut Graph,
+    graph: &mut LandmarkGraph,
     task: &Task,
     relaxation: &Relaxation,
     mutex: &MutexGroups,
@@ -34,7 +34,7 @@ pub(super) fn add_reasonable(
 }
 
 struct Orders<'g> {
-    graph: &'g mut Graph,
+    graph: &'g mut LandmarkGraph,
     /// Per fact: the mutex groups that contain it.
     groups: Rows,
     /// Per landmark: its fact, if it is a single fact.
@@ -52,7 +52,7 @@ struct Orders<'g> {
 
 impl<'g> Orders<'g> {
     fn new(
-        graph: &'g mut Graph,
+        graph: &'g mut LandmarkGraph,
         task: &'g Task,
         relaxation: &'g Relaxation,
         mutex: &MutexGroups,

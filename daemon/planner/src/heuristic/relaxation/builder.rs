@@ -2,14 +2,14 @@
 
 use rustc_hash::FxHashMap;
 
-use super::dominance::Operators;
-use super::numbers::Numbers;
+use super::dominance::RelaxedOperators;
+use super::numbers::NumericSteps;
 use super::{AXIOM, NO_STEP, Relaxation};
 use crate::rows::Rows;
-use crate::task::{Changes, FactId, Literal, NumericChange, Operator, Task};
+use crate::task::{Changes, FactId, GroundOperator, Literal, NumericChange, Task};
 
 /// Collects relaxed operators.
-pub(super) struct Builder<'t> {
+pub(super) struct RelaxationBuilder<'t> {
     task: &'t Task,
     negated: Vec<FactId>,
     /// Per fact: the proposition that it is false, if some condition requires that.
@@ -18,7 +18,7 @@ pub(super) struct Builder<'t> {
     failing: usize,
     /// Per numeric fluent: indices of the comparisons that read it.
     comparisons: Vec<Vec<usize>>,
-    numbers: Numbers,
+    numbers: NumericSteps,
     /// Per relaxed operator and proposition that it adds: the numeric step that gives its repetitions.
     steps: FxHashMap<(u32, u32), u32>,
     preconditions: Rows,
@@ -29,15 +29,15 @@ pub(super) struct Builder<'t> {
 
 // === impl Builder ===
 
-impl<'t> Builder<'t> {
-    pub(super) fn new(task: &'t Task) -> Builder<'t> {
-        let mut builder = Builder {
+impl<'t> RelaxationBuilder<'t> {
+    pub(super) fn new(task: &'t Task) -> RelaxationBuilder<'t> {
+        let mut builder = RelaxationBuilder {
             task,
             negated: Vec::new(),
             negations: vec![None; task.fact_count],
             failing: 0,
             comparisons: vec![Vec::new(); task.values.len()],
-            numbers: Numbers::new(&task.comparisons),
+            numbers: NumericSteps::new(&task.comparisons),
             steps: FxHashMap::default(),
             preconditions: Rows::default(),
             adds: Rows::default(),
@@ -110,7 +110,7 @@ impl<'t> Builder<'t> {
         all
     }
 
-    pub(super) fn operator(&mut self, origin: u32, operator: Operator<'_>, weight: u64) {
+    pub(super) fn operator(&mut self, origin: u32, operator: GroundOperator<'_>, weight: u64) {
         let preconditions = self.propositions(operator.preconditions.iter());
         let adds = self.added(operator.effect);
         self.push(origin, &preconditions, &adds, weight);
@@ -225,7 +225,8 @@ impl<'t> Builder<'t> {
             let (preconditions, adds) = (&self.preconditions, &self.adds);
             let base_costs = &self.base_costs;
             let is_exempt = |relaxed, proposition| self.steps.contains_key(&(relaxed, proposition));
-            Operators { preconditions, adds, base_costs }.useful_adds(proposition_count, &is_exempt)
+            RelaxedOperators { preconditions, adds, base_costs }
+                .useful_adds(proposition_count, &is_exempt)
         } else {
             std::mem::take(&mut self.adds)
         };

@@ -13,7 +13,7 @@ use crate::rows::Rows;
 const COMPARED_MAX: usize = 8;
 
 /// Relaxed operators, with sorted rows.
-pub(super) struct Operators<'r> {
+pub(super) struct RelaxedOperators<'r> {
     pub(super) preconditions: &'r Rows,
     pub(super) adds: &'r Rows,
     pub(super) base_costs: &'r [u64],
@@ -21,7 +21,7 @@ pub(super) struct Operators<'r> {
 
 // === impl Operators ===
 
-impl Operators<'_> {
+impl RelaxedOperators<'_> {
     /// Returns, per operator, its additions that are not dominated, and those that `is_exempt` accepts:
     /// their costs depend on the state. The costs of propositions stay the same.
     pub(super) fn useful_adds(
@@ -92,7 +92,7 @@ mod tests {
     #[track_caller]
     fn check(preconditions: &[&[u32]], adds: &[&[u32]], base_costs: &[u64], expected: &[&[u32]]) {
         let (preconditions, adds) = (rows(preconditions), rows(adds));
-        let operators = Operators { preconditions: &preconditions, adds: &adds, base_costs };
+        let operators = RelaxedOperators { preconditions: &preconditions, adds: &adds, base_costs };
         let useful = operators.useful_adds(6, &|_, _| false);
         let found: Vec<&[u32]> = (0..useful.len() as u32).map(|one| useful.row(one)).collect();
         assert_eq!(found, expected);

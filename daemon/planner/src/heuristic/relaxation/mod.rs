@@ -10,12 +10,12 @@ mod builder;
 mod dominance;
 mod numbers;
 
-use self::builder::Builder;
-use self::numbers::Numbers;
-use super::queue::CostQueue;
+use self::builder::RelaxationBuilder;
+use self::numbers::NumericSteps;
+use super::cost_queue::CostQueue;
 use crate::rows::Rows;
 use crate::state::{State, is_true, true_facts};
-use crate::task::{FactId, Operator, OperatorId, Task};
+use crate::task::{FactId, GroundOperator, OperatorId, Task};
 
 /// Cost of a proposition that is not reached.
 pub(super) const UNREACHED: u64 = u64::MAX;
@@ -54,7 +54,7 @@ pub(crate) struct Relaxation {
     adds: Rows,
     /// Per addition: the step of `numbers` that gives its repetitions; empty if none is numeric.
     steps: Vec<u32>,
-    numbers: Numbers,
+    numbers: NumericSteps,
     base_costs: Vec<u64>,
     /// Per relaxed operator: the operator that it comes from, or [`AXIOM`].
     origins: Vec<u32>,
@@ -76,7 +76,7 @@ pub(super) struct Exploration {
 
 impl Weights {
     /// Returns the weight of an operator.
-    pub(crate) fn weight(self, task: &Task, operator: Operator<'_>) -> u64 {
+    pub(crate) fn weight(self, task: &Task, operator: GroundOperator<'_>) -> u64 {
         match self {
             Weights::Unit => 1,
             // With equal costs, a cheapest plan is a shortest one.
@@ -103,7 +103,7 @@ impl Relaxation {
     }
 
     fn build(task: &Task, weights: Weights, simplify: bool) -> Relaxation {
-        let mut builder = Builder::new(task);
+        let mut builder = RelaxationBuilder::new(task);
         for (index, operator) in task.operators.iter().enumerate() {
             builder.operator(index as u32, operator, weights.weight(task, operator));
         }

@@ -25,7 +25,7 @@ const REPETITIONS_MAX: u32 = 100_000;
 
 /// Required value of the distance that a comparison stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Wanted {
+enum RequiredDistance {
     AtLeastZero,
     AboveZero,
     Zero,
@@ -34,18 +34,18 @@ enum Wanted {
 
 /// A numeric step: an operator as a means to make one comparison true, or false.
 #[derive(Clone, Debug)]
-struct Step {
+struct NumericStep {
     /// Index of the comparison.
     comparison: u32,
-    wanted: Wanted,
+    wanted: RequiredDistance,
     /// −1 if the distance has to fall, otherwise 1.
     sign: f64,
-    change: Change,
+    change: DistanceChange,
 }
 
 /// Change of the distance by an operator.
 #[derive(Clone, Debug)]
-enum Change {
+enum DistanceChange {
     /// Always this amount; never zero.
     Constant(f64),
     /// Weighted sum of state-dependent changes, as pairs of weight and change number. `is_once` is set
@@ -57,19 +57,19 @@ enum Change {
 
 /// All steps of a relaxation, numbered.
 #[derive(Clone, Debug, Default)]
-pub(in crate::heuristic) struct Numbers {
+pub(in crate::heuristic) struct NumericSteps {
     comparisons: Vec<GroundComparison>,
     /// Per comparison: the coefficient of each fluent; `None` if the comparison is not linear.
     weights: Vec<Option<FxHashMap<u32, f64>>>,
     /// Changes that depend on the state. Several steps can share one.
     changes: Vec<NumericChange>,
-    steps: Vec<Step>,
+    steps: Vec<NumericStep>,
 }
 
 // === impl Numbers ===
 
-impl Numbers {
-    pub(super) fn new(comparisons: &[GroundComparison]) -> Numbers {
+impl NumericSteps {
+    pub(super) fn new(comparisons: &[GroundComparison]) -> NumericSteps {
         let weights = { comparisons.iter() }
             .map(|comparison| {
                 let mut weights = FxHashMap::default();
@@ -78,7 +78,7 @@ impl Numbers {
                 is_linear.then_some(weights)
             })
             .collect();
-        Numbers { comparisons: comparisons.to_vec(), weights, ..Numbers::default() }
+        NumericSteps { comparisons: comparisons.to_vec(), weights, ..NumericSteps::default() }
     }
 
     pub(in crate::heuristic) fn is_empty(&self) -> bool {
@@ -106,19 +106,20 @@ impl Numbers {
     ) -> Option<u32> {
         let (wanted, sign) = wanted(self.comparisons[comparison].comparison, truth);
         let change = self.change(comparison, changes, first);
-        if let Change::Constant(by) = change {
-            let is_either_way = matches!(wanted, Wanted::Zero | Wanted::NotZero);
+        if let DistanceChange::Constant(by) = change {
+            let is_either_way =
+                matches!(wanted, RequiredDistance::Zero | RequiredDistance::NotZero);
             if by == 0.0 || (!is_either_way && by * sign < 0.0) {
                 return None;
             }
         }
         let comparison = comparison as u32;
-        self.steps.push(Step { comparison, wanted, sign, change });
+        self.steps.push(NumericStep { comparison, wanted, sign, change });
         Some(self.steps.len() as u32 - 1)
     }
 
-    fn change(&self, comparison: usize, changes: &[NumericChange], first: u32) -> Change {
-        let Some(weights) = &self.weights[comparison] else { return Change::Unknown };
+    fn change(&self, comparison: usize, changes: &[NumericChange], first: u32) -> DistanceChange {
+        let Some(weights) = &self.weights[comparison] else { return DistanceChange::Unknown };
         let (mut constant, mut parts, mut is_once) = (Some(0.0), Vec::new(), false);
         for (index, change) in (first..).zip(changes) {
             let Some(&weight) = weights.get(&change.fluent) else { continue };
@@ -129,8 +130,8 @@ impl Numbers {
             parts.push((weight, index));
             is_once |= change.assignment == Assignment::Assign;
         }
-        let depends = || Change::Depends { parts: parts.into(), is_once };
-        constant.map_or_else(depends, Change::Constant)
+        let depends = || DistanceChange::Depends { parts: parts.into(), is_once };
+        constant.map_or_else(depends, DistanceChange::Constant)
     }
 
     /// Computes the repetitions of each step from the values of the fluents in a state.
@@ -151,13 +152,13 @@ impl Numbers {
 
 // === impl Step ===
 
-impl Step {
+impl NumericStep {
     /// Returns the repetitions for a distance; `changes` has the current amount of each change.
     fn repetitions(&self, distance: f64, changes: &[f64]) -> u32 {
         match &self.change {
-            Change::Unknown => 1,
-            Change::Constant(by) => times(self.wanted, distance, by * self.sign),
-            Change::Depends { parts, is_once } => {
+            DistanceChange::Unknown => 1,
+            DistanceChange::Constant(by) => times(self.wanted, distance, by * self.sign),
+            DistanceChange::Depends { parts, is_once } => {
                 let by = parts.iter().map(|(weight, index)| weight * changes[*index as usize]);
                 match times(self.wanted, distance, by.sum::<f64>() * self.sign) {
                     more if *is_once && more > 1 => DETOUR,
@@ -169,15 +170,15 @@ impl Step {
 }
 
 /// Returns how often a distance must change by `by` until it has the required value.
-fn times(wanted: Wanted, distance: f64, by: f64) -> u32 {
+fn times(wanted: RequiredDistance, distance: f64, by: f64) -> u32 {
     if distance.is_nan() || by.is_nan() {
         return 1;
     }
     let missing = match wanted {
-        Wanted::NotZero => return 1,
-        Wanted::AtLeastZero | Wanted::Zero => -distance / by,
+        RequiredDistance::NotZero => return 1,
+        RequiredDistance::AtLeastZero | RequiredDistance::Zero => -distance / by,
         // The distance must end strictly above zero.
-        Wanted::AboveZero => (-distance / by).floor() + 1.0,
+        RequiredDistance::AboveZero => (-distance / by).floor() + 1.0,
     };
     if by == 0.0 || missing < -EPSILON {
         return DETOUR;
@@ -185,18 +186,18 @@ fn times(wanted: Wanted, distance: f64, by: f64) -> u32 {
     ((missing - EPSILON).ceil().max(1.0) as u32).min(REPETITIONS_MAX)
 }
 
-fn wanted(comparison: Comparison, truth: bool) -> (Wanted, f64) {
+fn wanted(comparison: Comparison, truth: bool) -> (RequiredDistance, f64) {
     match (comparison, truth) {
-        (Comparison::GreaterOrEqual, true) => (Wanted::AtLeastZero, 1.0),
-        (Comparison::Greater, true) => (Wanted::AboveZero, 1.0),
-        (Comparison::LessOrEqual, true) => (Wanted::AtLeastZero, -1.0),
-        (Comparison::Less, true) => (Wanted::AboveZero, -1.0),
-        (Comparison::GreaterOrEqual, false) => (Wanted::AboveZero, -1.0),
-        (Comparison::Greater, false) => (Wanted::AtLeastZero, -1.0),
-        (Comparison::LessOrEqual, false) => (Wanted::AboveZero, 1.0),
-        (Comparison::Less, false) => (Wanted::AtLeastZero, 1.0),
-        (Comparison::Equal, true) => (Wanted::Zero, 1.0),
-        (Comparison::Equal, false) => (Wanted::NotZero, 1.0),
+        (Comparison::GreaterOrEqual, true) => (RequiredDistance::AtLeastZero, 1.0),
+        (Comparison::Greater, true) => (RequiredDistance::AboveZero, 1.0),
+        (Comparison::LessOrEqual, true) => (RequiredDistance::AtLeastZero, -1.0),
+        (Comparison::Less, true) => (RequiredDistance::AboveZero, -1.0),
+        (Comparison::GreaterOrEqual, false) => (RequiredDistance::AboveZero, -1.0),
+        (Comparison::Greater, false) => (RequiredDistance::AtLeastZero, -1.0),
+        (Comparison::LessOrEqual, false) => (RequiredDistance::AboveZero, 1.0),
+        (Comparison::Less, false) => (RequiredDistance::AtLeastZero, 1.0),
+        (Comparison::Equal, true) => (RequiredDistance::Zero, 1.0),
+        (Comparison::Equal, false) => (RequiredDistance::NotZero, 1.0),
     }
 }
 

@@ -1,0 +1,103 @@
+//! Progress lines for a person that waits for a plan at a terminal.
+
+use std::fmt;
+use std::io::IsTerminal as _;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use terminal::output;
+use terminal::render::plural;
+
+use crate::arguments::PlanArgs;
+
+/// Interval between two progress lines.
+const PROGRESS_INTERVAL: Duration = Duration::from_secs(5);
+
+/// Prints progress lines from time to time, until it is dropped.
+pub(crate) struct ProgressPrinter {
+    stop: Option<mpsc::Sender<()>>,
+    thread: Option<thread::JoinHandle<()>>,
+}
+
+/// The stage that the embedded planner has reached.
+#[derive(Clone, Copy, Default)]
+pub(crate) enum PlanningStage {
+    #[default]
+    Grounding,
+    Preparing {
+        facts: usize,
+        operators: usize,
+    },
+    Searching {
+        expansions: u64,
+    },
+}
+
+/// The current stage. Clones share it.
+#[derive(Clone, Default)]
+pub(crate) struct Progress(Arc<Mutex<PlanningStage>>);
+
+// === impl Progress ===
+
+impl Progress {
+    pub(crate) fn set(&self, stage: PlanningStage) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = stage;
+    }
+
+    /// Returns a function that formats the progress line, given the seconds since the start.
+    pub(crate) fn line(&self) -> impl Fn(u64) -> String + Send + 'static {
+        let Progress(stage) = self.clone();
+        move |seconds| {
+            let stage = *stage.lock().unwrap_or_else(PoisonError::into_inner);
+            format!("{stage}, {seconds} s so far")
+        }
+    }
+}
+
+impl fmt::Display for PlanningStage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            PlanningStage::Grounding => f.write_str("grounding"),
+            PlanningStage::Preparing { facts, operators } => {
+                let (facts, operators) = (plural(facts, "fact"), plural(operators, "operator"));
+                write!(f, "preparing a search over {facts} and {operators}")
+            }
+            PlanningStage::Searching { expansions } => {
+                let expansions = usize::try_from(expansions).unwrap_or(usize::MAX);
+                write!(f, "searching, {} expanded", plural(expansions, "state"))
+            }
+        }
+    }
+}
+
+// === impl Telling ===
+
+impl ProgressPrinter {
+    /// Starts to print, if stderr is a terminal and no JSON is requested; otherwise returns `None`.
+    /// `line` formats a line, given the seconds since the start.
+    pub(crate) fn start(
+        args: &PlanArgs,
+        started: Instant,
+        line: impl Fn(u64) -> String + Send + 'static,
+    ) -> Option<ProgressPrinter> {
+        if args.print.json || !std::io::stderr().is_terminal() {
+            return None;
+        }
+        let (stop, stopped) = mpsc::channel::<()>();
+        let thread = thread::spawn(move || {
+            while stopped.recv_timeout(PROGRESS_INTERVAL) == Err(RecvTimeoutError::Timeout) {
+                output::print_note(&line(started.elapsed().as_secs()));
+            }
+        });
+        Some(ProgressPrinter { stop: Some(stop), thread: Some(thread) })
+    }
+}
+
+impl Drop for ProgressPrinter {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        let _ = self.thread.take().map(thread::JoinHandle::join);
+    }
+}

@@ -1,0 +1,113 @@
+//! Formats the messages that a person receives: lines for people, objects for programs.
+
+use std::process::ExitCode;
+
+use acl::content::{Inform, OpenQuestion, Outcome, Refusal, Report};
+use acl::{Message, Performative};
+use keyboard::UserEvent;
+use serde_json::{Value, json};
+use terminal::output::Color;
+use terminal::styled::Styled;
+use terminal::{exit, output};
+
+/// Prints a message.
+pub(crate) fn print(heard: &UserEvent, json: bool) -> ExitCode {
+    if json {
+        return output::print_json(&object(heard), exit::DONE);
+    }
+    let text: Styled = lines(heard).into_iter().map(|line| line.folded(9).end()).collect();
+    output::print_styled(&text, exit::DONE)
+}
+
+/// Formats a message for people.
+pub(crate) fn lines(heard: &UserEvent) -> Vec<Styled> {
+    match heard {
+        UserEvent::Sent(id) => vec![line(Color::Dim, "asked", id.as_str())],
+        UserEvent::Report(_, report) => of_report(report),
+        UserEvent::Refused(_, refusal) => block(Color::Red, "refused", &refusal.detail),
+        UserEvent::Unanswered(_, why) => block(Color::Red, "no reply", why),
+        UserEvent::Answered(message) => vec![of_message(message)],
+        UserEvent::Question(open) => {
+            let OpenQuestion { question, from, text, left, .. } = open;
+            let left = super::brief(left.0);
+            vec![
+                line(Color::Yellow, "asks", &format!("{from}: {text}")),
+                Styled::line(&format!("           answer {question} TEXT     within {left}")),
+            ]
+        }
+        UserEvent::QuestionClosed(question, why) => {
+            vec![line(Color::Dim, "closed", &format!("question {question}: {why}"))]
+        }
+    }
+}
+
+fn line(color: Color, word: &str, rest: &str) -> Styled {
+    Styled::painted(color, &format!("{word:<8}")).and(" ").and(rest)
+}
+
+/// Formats a text of several lines. Further lines are indented, so that none looks like a line of
+/// this program.
+fn block(color: Color, word: &str, text: &str) -> Vec<Styled> {
+    let mut parts = text.lines();
+    let first = line(color, word, parts.next().unwrap_or_default());
+    std::iter::once(first)
+        .chain(parts.map(|part| Styled::line(&format!("         {part}"))))
+        .collect()
+}
+
+fn of_report(report: &Report) -> Vec<Styled> {
+    let color = match report.outcome {
+        Outcome::Progress => Color::Plain,
+        Outcome::Holds | Outcome::Done => Color::Green,
+        Outcome::Failed | Outcome::Cancelled => Color::Red,
+    };
+    let mut lines = block(color, &report.outcome.to_string(), &report.detail);
+    let steps = report.plan.iter().flat_map(|plan| plan.lines());
+    lines.extend(
+        steps
+            .filter(|line| line.starts_with('('))
+            .map(|line| Styled::line(&format!("           {line}"))),
+    );
+    lines
+}
+
+/// Formats an answer to a message that the user wrote.
+fn of_message(message: &Message) -> Styled {
+    let (from, act) = (&message.sender, message.performative);
+    let said = match act {
+        Performative::Confirm => message
+            .content_as::<Report>()
+            .map(|report| format!("{}: {}", report.outcome, report.detail)),
+        Performative::Refuse | Performative::NotUnderstood => {
+            message.content_as::<Refusal>().map(|refusal| refusal.detail)
+        }
+        Performative::Inform => message.content_as::<Inform>().map(|inform| match inform {
+            Inform::Answer(answer) => answer.text,
+            _ => message.content.to_string(),
+        }),
+        _ => Ok(message.content.to_string()),
+    };
+    let said = said.unwrap_or_else(|_| message.content.to_string());
+    Styled::line(&format!("{:<8} {from}: {said}", act.as_str()))
+}
+
+/// Formats a message for programs.
+pub(crate) fn object(heard: &UserEvent) -> Value {
+    match heard {
+        UserEvent::Sent(id) => json!({ "event": "asked", "conversation": id }),
+        UserEvent::Report(id, report) => {
+            json!({ "event": "report", "conversation": id, "report": report })
+        }
+        UserEvent::Refused(id, refusal) => {
+            json!({ "event": "refused", "conversation": id, "refusal": refusal })
+        }
+        UserEvent::Unanswered(id, why) => {
+            json!({ "event": "unanswered", "conversation": id, "problem": why })
+        }
+        UserEvent::Answered(message) => json!({ "event": "answered", "message": message }),
+        UserEvent::Question(open) => json!({ "event": "question", "question": open }),
+        UserEvent::QuestionClosed(question, why) => {
+            json!({ "event": "question-closed", "question": question, "detail": why })
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! Sends one request or message to a running ecosystem through a keyboard agent of the command, and
+//! follows the answers. Used by `goal`, `act`, `set`, `mode`, `answer` and `send`.
+
+use std::mem;
+use std::process::ExitCode;
+
+use acl::content::{HistoryEntry, Outcome, Report};
+use acl::{AgentId, ConversationId};
+use keyboard::{Keyboard, Terminal, UserEvent, UserRequest};
+use terminal::{exit, output};
+use tokio::signal;
+
+use crate::commands::client::{self, ClientLink};
+use crate::commands::connection_watch::{ConnectionEvent, ConnectionWatch};
+use crate::commands::printed_reports::PrintedReports;
+use crate::commands::{event_output, goals};
+use crate::interruption;
+
+/// The number of the signal of Ctrl-C.
+const SIGINT: i32 = 2;
+
+/// Exit code if the request failed or was refused.
+pub(super) const FAILED: u8 = 1;
+
+/// The effect of Ctrl-C on the request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum InterruptAction {
+    /// The request continues; the user gets this text.
+    Leave(String),
+    /// The goal continues; the user is told how to follow it and how to cancel it, with these
+    /// arguments, by which the ecosystem was found.
+    LeaveGoal(String),
+    /// The request is cancelled, and its final report is waited for; a second Ctrl-C ends the
+    /// command at once.
+    GiveUp,
+}
+
+/// The options of a request.
+pub(super) struct ExchangeOptions<'a> {
+    /// The receiver, if the user has to wait for it.
+    pub(super) to: Option<&'a str>,
+    pub(super) json: bool,
+    pub(super) interrupt: InterruptAction,
+}
+
+/// Sends one request or message, and prints the answers up to the final one.
+pub(super) async fn send_and_follow(
+    link: &ClientLink,
+    said: UserRequest,
+    manner: ExchangeOptions<'_>,
+) -> ExitCode {
+    let json = manner.json;
+    let is_cancel = matches!(said, UserRequest::Cancel(_));
+    let is_to_all = matches!(&said, UserRequest::Send(draft) if draft.to.is_none());
+    let mut terminal = match begin(link, said, &manner).await {
+        Ok(terminal) => terminal,
+        Err(problem) => return client::unavailable(problem, json),
+    };
+    let mut vigil = vigil(link, &manner);
+    let mut about: Option<ConversationId> = None;
+    let mut interrupt = manner.interrupt;
+    let mut holds = false;
+    let mut told = PrintedReports::default();
+    let reader_gone = interruption::reader_gone();
+    tokio::pin!(reader_gone);
+    loop {
+        let heard = tokio::select! {
+            news = news(&mut vigil) => {
+                match news {
+                    ConnectionEvent::Line(line) => output::print_note(&line),
+                    ConnectionEvent::Reconnected => catch_up(link, about.as_ref(), &mut told, json).await,
+                }
+                continue;
+            }
+            heard = terminal.events.recv() => heard,
+            _ = signal::ctrl_c() => {
+                match (&interrupt, &about) {
+                    (InterruptAction::GiveUp, Some(about)) => {
+                        output::print_note("cancelling; Ctrl-C once more leaves without the outcome");
+                        let _ = terminal.requests.send(UserRequest::Cancel(about.clone())).await;
+                        interrupt = InterruptAction::Leave("cancelling it was requested".to_owned());
+                        continue;
+                    }
+                    (left, about) => output::print_note(&left.advice(about.as_ref())),
+                }
+                // An interrupted request is not done, except for a goal that holds already.
+                return if holds { exit::with(exit::DONE) } else { exit::by_signal(SIGINT) };
+            }
+            () = &mut reader_gone => {
+                output::print_note(&interrupt.advice(about.as_ref()));
+                return exit::with(exit::DONE);
+            }
+        };
+        let Some(mut heard) = heard else {
+            return client::unavailable("receive an answer: the keyboard agent has ended", json);
+        };
+        about = about.or_else(|| heard.conversation().cloned());
+        if let UserEvent::Report(about, report) = &mut heard {
+            print_missed(&mut told, about, mem::take(&mut report.history), json);
+            let is_news = told.note(report);
+            holds = heard.is_success();
+            if !is_news {
+                continue;
+            }
+        }
+        let printed = event_output::print(&heard, json);
+        if printed != exit::with(exit::DONE) || output::is_reader_gone() {
+            return printed;
+        }
+        // The number of answers to a message to all agents is unknown.
+        if heard.is_final() && !(is_to_all && matches!(heard, UserEvent::Answered(_))) {
+            return exit::with(code_of(&heard, is_cancel));
+        }
+    }
+}
+
+impl InterruptAction {
+    /// Returns the text for a user that leaves before the end.
+    fn advice(&self, about: Option<&ConversationId>) -> String {
+        match (self, about) {
+            (InterruptAction::Leave(advice), _) => advice.clone(),
+            (InterruptAction::LeaveGoal(reach), Some(id)) => format!(
+                "the goal goes on without this command\n\
+                 its state:   althing goals{reach}\n\
+                 follow it:   althing watch --conversation {id}{reach}\n\
+                 cancel it:   althing goal --cancel {id}{reach}"
+            ),
+            (InterruptAction::LeaveGoal(_), None) => "nothing was requested yet".to_owned(),
+            (InterruptAction::GiveUp, _) => "the action goes on without this command".to_owned(),
+        }
+    }
+}
+
+/// Sends the request. Returns the terminal that receives the answers. The error completes “failed
+/// to …”.
+async fn begin(
+    link: &ClientLink,
+    said: UserRequest,
+    manner: &ExchangeOptions<'_>,
+) -> Result<Terminal, &'static str> {
+    let is_to_all = matches!(&said, UserRequest::Send(draft) if draft.to.is_none());
+    let (keyboard, terminal) = Keyboard::with_terminal();
+    let id = AgentId::new(&client::guest_name("keyboard")).map_err(|_| "name a keyboard")?;
+    await_receiver(link, manner.to).await?;
+    link.node.launch(id, keyboard, link.view.ontology());
+    if is_to_all {
+        // A message to all agents is not resent, so all of them must be reachable first.
+        link.node.switchboard().introduced().await;
+    }
+    let sent = terminal.requests.send(said).await;
+    sent.map_err(|_| "send the request: the keyboard agent has ended")?;
+    Ok(terminal)
+}
+
+/// Starts the watch over leader and link, for goals only.
+fn vigil(link: &ClientLink, manner: &ExchangeOptions<'_>) -> Option<ConnectionWatch> {
+    if !matches!(manner.interrupt, InterruptAction::LeaveGoal(_)) {
+        return None;
+    }
+    let leader = AgentId::new(manner.to?).ok()?;
+    Some(ConnectionWatch::begin(&link.view, leader))
+}
+
+async fn news(vigil: &mut Option<ConnectionWatch>) -> ConnectionEvent {
+    match vigil {
+        Some(vigil) => vigil.news().await,
+        None => std::future::pending().await,
+    }
+}
+
+/// Prints the reports of a goal that the command missed, as far as the Plan Requester keeps them.
+async fn catch_up(
+    link: &ClientLink,
+    about: Option<&ConversationId>,
+    told: &mut PrintedReports,
+    json: bool,
+) {
+    let Some(about) = about else { return };
+    let goals = goals::ask(&link.view).await.unwrap_or_default();
+    if let Some(goal) = goals.into_iter().find(|goal| goal.conversation == *about) {
+        print_missed(told, about, goal.history, json);
+    }
+}
+
+/// Prints the lines of a goal's history that have not been printed.
+fn print_missed(
+    told: &mut PrintedReports,
+    about: &ConversationId,
+    history: Vec<HistoryEntry>,
+    json: bool,
+) {
+    for report in told.missed(history) {
+        event_output::print(&UserEvent::Report(about.clone(), report), json);
+    }
+}
+
+/// Waits until the receiver is seen; tells the user if it is not seen in time.
+async fn await_receiver(link: &ClientLink, to: Option<&str>) -> Result<(), &'static str> {
+    let wanted = to.and_then(|to| AgentId::new(to).ok());
+    let directory = link.view.directory(wanted.as_ref()).await;
+    if directory.iter().next().is_none() {
+        return Err("see any agent of the ecosystem");
+    }
+    if let Some(wanted) = wanted.filter(|wanted| directory.find(wanted).is_none()) {
+        output::print_note(&format!("`{wanted}` is not here yet; the request waits for it"));
+    }
+    Ok(())
+}
+
+fn code_of(heard: &UserEvent, was_cancel: bool) -> u8 {
+    match heard {
+        UserEvent::Report(_, Report { outcome: Outcome::Cancelled, .. }) if was_cancel => {
+            exit::DONE
+        }
+        UserEvent::Unanswered(..) => exit::UNAVAILABLE,
+        heard if heard.is_success() => exit::DONE,
+        _ => FAILED,
+    }
+}

@@ -1,0 +1,251 @@
+//! Turns the merged values into an ecosystem: checks names, references, files, durations and goals.
+//!
+//! Every check continues after a mistake. A mistake is reported at the place of the value that
+//! counts: in the file, or in the environment if that overrides it.
+
+mod agents;
+
+mod files;
+
+mod goals;
+
+mod interfaces;
+
+mod rights;
+
+mod timing;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::Arc;
+
+use ::building::Quantity;
+use acl::{DaemonId, EcosystemId, InvalidName};
+use agent::{Admit, Allowed};
+use pddl::{Diagnostic, Span};
+
+use super::KnownPlugin;
+use super::ecosystem::{BuildingSettings, Ecosystem, PluginSettings, SourceTexts};
+use super::layer::{KeyValueSpan, Layer, SourceMap};
+use super::raw::{RawBuilding, RawConfig, RawEcosystem, RawPlugins};
+use files::PddlFiles;
+pub(crate) use goals::relocate as moved_goal;
+use rights::limited_actions;
+use terminal::report::{DiagnosticReport, SourceText};
+
+/// The data that all checks share: the places of values, and the mistakes so far.
+struct Interpreter<'l> {
+    file: &'l Path,
+    layers: &'l [Layer],
+    known_plugins: &'l [KnownPlugin],
+    report: DiagnosticReport,
+}
+
+/// Turns values into an ecosystem as far as possible. Returns `None` instead of it if its name, its
+/// domain or its map is missing. The report contains `report` and all mistakes.
+pub(super) fn interpret_values(
+    file: &Path,
+    raw: RawConfig,
+    layers: &[Layer],
+    known_plugins: &[KnownPlugin],
+    report: DiagnosticReport,
+) -> (Option<Ecosystem>, DiagnosticReport) {
+    // No `..`, so that a new table cannot be overlooked here.
+    let RawConfig {
+        ecosystem,
+        zenoh,
+        agent,
+        interface,
+        goals,
+        timing,
+        limits,
+        security,
+        rights,
+        plugins,
+        building,
+    } = raw;
+    let RawEcosystem { name, domain, problem, mode, daemons } = ecosystem;
+    let mut meaning = Interpreter { file, layers, known_plugins, report };
+
+    let name = meaning.name(name);
+    let files = meaning.files(domain, problem);
+    let mut daemons = meaning.daemons(&daemons);
+    let limited = limited_actions(&agent);
+    let agents = meaning.agents(agent, files.as_ref());
+    daemons.extend(agents.iter().flat_map(|agent| agent.daemons.clone()));
+    let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
+    daemons.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
+    let goals = meaning.goals(goals);
+    let settings = meaning.settings(&timing, &limits);
+    let security = meaning.security(security, name.as_ref());
+    let mut rights = meaning.rights(&rights, &agents, &limited);
+    // A daemon that runs an interface also brings the agents that the interface borrows.
+    if let Allowed::These(newcomers) = &mut rights.newcomers {
+        newcomers.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
+    }
+    let plugins = meaning.plugins(plugins);
+    let building = meaning.building(building, files.as_ref());
+
+    let mut report = meaning.report;
+    report.sort();
+    let (Some(name), Some(files), Some(file)) = (name, files, layers.get(1)) else {
+        return (None, report);
+    };
+    let ecosystem = Ecosystem {
+        name,
+        domain: Arc::new(files.domain),
+        problem: Arc::new(files.problem),
+        mode,
+        daemons,
+        agents,
+        interfaces,
+        goals,
+        zenoh,
+        settings,
+        security,
+        rights,
+        plugins,
+        building,
+        places: SourceMap::of(layers),
+        sources: SourceTexts { file: Arc::clone(&file.source), map: files.map_source },
+        are_files_sound: files.are_sound,
+    };
+    (Some(ecosystem), report)
+}
+
+// === impl Meaning ===
+
+impl Interpreter<'_> {
+    /// Returns the settings for plugins; a folder is relative to the ecosystem file.
+    fn plugins(&self, raw: RawPlugins) -> PluginSettings {
+        let RawPlugins { folder, admit, confinement } = raw;
+        let beside = |folder: String| self.file.parent().unwrap_or(Path::new("")).join(folder);
+        let admit = match admit.as_str() {
+            "listed" => Admit::Listed,
+            "ask" => Admit::Ask,
+            // The schema allows no other value.
+            _ => Admit::All,
+        };
+        let requires_confinement = confinement == "require";
+        PluginSettings { folder: folder.map(beside), admit, requires_confinement }
+    }
+
+    /// Returns the place of a value with the highest precedence: the environment overrides the
+    /// file.
+    fn place(&self, path: &str) -> Option<(Arc<SourceText>, KeyValueSpan)> {
+        self.layers.iter().rev().find_map(|layer| {
+            layer.places.get(path).map(|place| (Arc::clone(&layer.source), *place))
+        })
+    }
+
+    /// Reports a finding about a value; `make` receives its span.
+    fn about_value(&mut self, path: &str, make: impl FnOnce(Span) -> Diagnostic) {
+        match self.place(path) {
+            Some((source, place)) => self.report.add(&source, [make(place.value)]),
+            None => self.report.add_general(make(Span::default())),
+        }
+    }
+
+    /// Reports a finding about a key or an entry.
+    fn about_key(&mut self, path: &str, make: impl FnOnce(Span) -> Diagnostic) {
+        match self.place(path) {
+            Some((source, place)) => self.report.add(&source, [make(place.key)]),
+            None => self.about_file(make(Span::default())),
+        }
+    }
+
+    /// Reports a finding about the file as a whole.
+    fn about_file(&mut self, diagnostic: Diagnostic) {
+        match self.layers.get(1) {
+            Some(file) => self.report.add(&file.source, [diagnostic]),
+            None => self.report.add_general(diagnostic),
+        }
+    }
+
+    /// Reports that a required key is missing; does nothing if the key is there, because its value
+    /// was wrong and is reported already.
+    fn missing(&mut self, table: &str, key: &str, example: &str) {
+        if self.place(&super::reader::join(table, key)).is_some() {
+            return;
+        }
+        let spoken = super::reader::display_path(table);
+        let message = format!("`{key}` is missing in `{spoken}`");
+        let help = format!("write {key} = \"{example}\"");
+        // The defaults have the table too; the report points to a table that the user has written.
+        let written = self.layers.iter().skip(1).rev().find_map(|layer| {
+            layer.places.get(table).map(|place| (Arc::clone(&layer.source), place.key))
+        });
+        match written {
+            Some((source, span)) => {
+                self.report.add(&source, [Diagnostic::error(span, message).with_help(help)]);
+            }
+            None => {
+                let help = format!("{help} under [{spoken}]");
+                self.about_file(Diagnostic::error(Span::default(), message).with_help(help));
+            }
+        }
+    }
+
+    /// Reports an invalid name.
+    fn invalid_name(&mut self, path: &str, err: &InvalidName) {
+        let message = format!("`{}` cannot be the name of {}", err.name, err.what);
+        self.about_value(path, |span| Diagnostic::error(span, message).with_help(err.rule));
+    }
+
+    fn name(&mut self, name: Option<String>) -> Option<EcosystemId> {
+        let Some(name) = name else {
+            self.missing("ecosystem", "name", "smart-office");
+            return None;
+        };
+        EcosystemId::new(&name).map_err(|err| self.invalid_name("ecosystem.name", &err)).ok()
+    }
+
+    fn daemons(&mut self, names: &[String]) -> BTreeSet<DaemonId> {
+        let mut daemons = BTreeSet::new();
+        for (index, name) in names.iter().enumerate() {
+            let path = format!("ecosystem.daemons.{index}");
+            match DaemonId::new(name) {
+                Ok(daemon) if daemons.insert(daemon.clone()) => (),
+                Ok(daemon) => self.about_value(&path, |span| {
+                    Diagnostic::warning(span, format!("daemon `{daemon}` is listed twice"))
+                }),
+                Err(err) => self.invalid_name(&path, &err),
+            }
+        }
+        daemons
+    }
+
+    /// Reports quantities in the conditions of places that the simulated building does not have.
+    fn quantities(&mut self, conditions: &BTreeMap<String, BTreeMap<String, f64>>) {
+        for (place, values) in conditions {
+            for name in values.keys().filter(|name| Quantity::named(name).is_none()) {
+                let known: Vec<_> = Quantity::all().map(Quantity::name).collect();
+                let message = format!("unknown quantity `{name}`");
+                let help = match pddl::nearest(name, known.iter().copied()) {
+                    Some(nearest) => format!("did you mean `{nearest}`?"),
+                    None => format!("known are {}", known.join(", ")),
+                };
+                self.about_key(&format!("building.conditions.{place}.{name}"), |span| {
+                    Diagnostic::error(span, message).with_help(help)
+                });
+            }
+        }
+    }
+
+    /// Returns the settings of the simulated building; its places must be those of the map.
+    fn building(&mut self, raw: RawBuilding, files: Option<&PddlFiles>) -> BuildingSettings {
+        let RawBuilding { temperatures, conditions, time_scale, socket } = raw;
+        let under = |key: &'static str, place: &String| (format!("{key}.{place}"), place.clone());
+        let temperate = temperatures.keys().map(|place| under("temperatures", place));
+        let conditioned = conditions.keys().map(|place| under("conditions", place));
+        for (path, place) in temperate.chain(conditioned) {
+            if let Some((message, help)) = files.and_then(|files| files.unknown_object(&place)) {
+                let path = format!("building.{path}");
+                self.about_key(&path, |span| Diagnostic::error(span, message).with_help(help));
+            }
+        }
+        self.quantities(&conditions);
+        let beside = |socket: String| self.file.parent().unwrap_or(Path::new("")).join(socket);
+        BuildingSettings { temperatures, conditions, time_scale, socket: socket.map(beside) }
+    }
+}

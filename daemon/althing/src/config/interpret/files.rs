@@ -1,0 +1,216 @@
+//! The files that an ecosystem names: the shared ontology and the map.
+
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+use pddl::{Diagnostic, Document, Domain, Problem};
+use terminal::pddl_files::{self, DomainText};
+use terminal::report::{SourceText, similar_name};
+
+use super::Interpreter;
+
+/// Most objects of a map that are listed in a message.
+const OBJECTS_LISTED_MAX: usize = 12;
+
+/// How many levels above the file's folder are searched for the path that was probably meant.
+const FOLDERS_ABOVE_MAX: usize = 3;
+
+/// Ontology and map, as far as they can be read.
+pub(super) struct PddlFiles {
+    pub(super) domain: Domain,
+    pub(super) problem: Problem,
+    /// The text of the map.
+    pub(super) map_source: Arc<SourceText>,
+    /// The lines of the map that could not be read.
+    damaged: String,
+    /// Whether both are free of errors; otherwise checks against them prove nothing.
+    pub(super) are_sound: bool,
+}
+
+// === impl Meaning ===
+
+impl Interpreter<'_> {
+    /// Reads both files; mistakes in them are reported in their own texts.
+    pub(super) fn files(
+        &mut self,
+        domain: Option<String>,
+        problem: Option<String>,
+    ) -> Option<PddlFiles> {
+        let errors_before = self.errors();
+        let domain = self.named_file("domain", domain, "domain.pddl");
+        let problem = self.named_file("problem", problem, "map.pddl");
+        let domain = domain.map(|source| pddl_files::domain_of(source, &mut self.report));
+        let problem = problem.and_then(|source| {
+            let problem = pddl_files::map_of(&source, domain.as_ref(), &mut self.report)?;
+            let damaged = pddl_files::damaged_lines(
+                &source.text,
+                &pddl::parse_problem(&source.text).diagnostics,
+            );
+            Some((source, problem, damaged.join("\n")))
+        });
+        let are_sound = self.errors() == errors_before;
+        match (domain, problem) {
+            (
+                Some(DomainText { domain: Some(domain), .. }),
+                Some((map_source, problem, damaged)),
+            ) => Some(PddlFiles { domain, problem, map_source, damaged, are_sound }),
+            _ => None,
+        }
+    }
+
+    fn errors(&self) -> usize {
+        self.report.count(pddl::Severity::Error)
+    }
+
+    /// Reads a file that the ecosystem file names relative to itself; `None` with a report if that
+    /// fails.
+    fn named_file(
+        &mut self,
+        key: &str,
+        written: Option<String>,
+        example: &str,
+    ) -> Option<Arc<SourceText>> {
+        let Some(written) = written else {
+            self.missing("ecosystem", key, example);
+            return None;
+        };
+        let folder = self.file.parent().unwrap_or(Path::new(""));
+        let path = folder.join(&written);
+        match SourceText::read_as(&path, &shortened(&path).display().to_string()) {
+            Ok(source) => self.of_kind(key, &written, source),
+            Err(reason) => {
+                let message = format!("`{written}` cannot be read: {reason}");
+                let help = match path_meant(folder, &written) {
+                    Some(path) => format!("did you mean `{path}`?"),
+                    None => "paths are relative to the ecosystem file".to_owned(),
+                };
+                let path = format!("ecosystem.{key}");
+                self.about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
+                None
+            }
+        }
+    }
+}
+
+impl Interpreter<'_> {
+    /// Returns the text unless it is clearly of another kind: domain and map are easily exchanged.
+    fn of_kind(
+        &mut self,
+        key: &str,
+        written: &str,
+        source: Arc<SourceText>,
+    ) -> Option<Arc<SourceText>> {
+        let is = match pddl::parse_document(&source.text).value {
+            Some(Document::Domain(_)) => ("domain", "a domain (types, predicates, functions)"),
+            Some(Document::Problem(_)) => ("problem", "a map (objects and facts)"),
+            Some(Document::ActionModel(_)) => ("model", "the action model of an agent"),
+            None => return Some(source),
+        };
+        if is.0 == key {
+            return Some(source);
+        }
+        let message = format!("`{written}` is {}", is.1);
+        let help = match key {
+            "domain" => "`domain` names the file that begins with (define (domain …",
+            _ => "`problem` names the file that begins with (define (problem …",
+        };
+        let path = format!("ecosystem.{key}");
+        self.about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
+        None
+    }
+}
+
+// === impl Files ===
+
+impl PddlFiles {
+    /// Returns message and help about a name that should be on the map and is not; `None` if it is,
+    /// or may be.
+    pub(super) fn unknown_object(&self, name: &str) -> Option<(String, String)> {
+        if self.objects().any(|object| object == name) || self.is_damaged(name) {
+            return None;
+        }
+        if let Some(object) = self.objects().find(|object| object.eq_ignore_ascii_case(name)) {
+            let help = format!("names are in lower case here: write \"{object}\"");
+            return Some((format!("there is no `{name}` on the map"), help));
+        }
+        let help = match pddl::nearest(name, self.objects()) {
+            Some(nearest) => format!("did you mean `{nearest}`?"),
+            None => format!("the map has {}", self.some_objects()),
+        };
+        Some((format!("there is no `{name}` on the map"), help))
+    }
+
+    /// Whether a name occurs in a part of the map that could not be read.
+    fn is_damaged(&self, name: &str) -> bool {
+        pddl_files::has_word(&self.damaged, name)
+    }
+
+    /// Whether the map or the ontology has an object of that name.
+    pub(super) fn has_object(&self, name: &str) -> bool {
+        self.objects().any(|object| object.eq_ignore_ascii_case(name))
+    }
+
+    /// Lists up to [`OBJECTS_LISTED_MAX`] objects of the map.
+    fn some_objects(&self) -> String {
+        let mut names: Vec<String> =
+            self.objects().take(OBJECTS_LISTED_MAX).map(str::to_owned).collect();
+        let others = self.objects().count() - names.len();
+        if others > 0 {
+            names.push(format!("and {others} others"));
+        }
+        names.join(", ")
+    }
+
+    fn objects(&self) -> impl Iterator<Item = &str> {
+        let declared = self.problem.objects.iter().map(|declaration| &declaration.object);
+        declared.chain(&self.domain.constants).map(|object| object.name.as_str())
+    }
+}
+
+/// Removes `x/..` from a path, for display.
+fn shortened(path: &Path) -> PathBuf {
+    let mut short = PathBuf::new();
+    for component in path.components() {
+        let last = short.components().next_back();
+        match (component, last) {
+            (Component::ParentDir, Some(Component::Normal(_))) => {
+                short.pop();
+            }
+            _ => short.push(component),
+        }
+    }
+    short
+}
+
+/// Returns the path, relative to a folder, that was probably meant: in a folder above, within the
+/// folder that was named, or a file with a similar name.
+fn path_meant(folder: &Path, written: &str) -> Option<String> {
+    let path = folder.join(written);
+    if path.is_dir() {
+        let word = if written.is_empty() { "." } else { written.trim_end_matches('/') };
+        let names = file_names(&path);
+        let pddl = names.iter().find(|name| name.ends_with(".pddl"))?;
+        return Some(format!("{word}/{pddl}"));
+    }
+    let mut above = written.to_owned();
+    for _ in 0..FOLDERS_ABOVE_MAX {
+        above.insert_str(0, "../");
+        if folder.join(&above).is_file() {
+            return Some(above);
+        }
+    }
+    let wanted = path.file_name()?.to_string_lossy().into_owned();
+    let near = similar_name(path.parent()?, &wanted)?;
+    let parent = Path::new(written).parent().filter(|parent| !parent.as_os_str().is_empty());
+    Some(parent.map_or(near.clone(), |parent| format!("{}/{near}", parent.display())))
+}
+
+/// Returns the names in a folder, sorted, because their order is otherwise arbitrary.
+fn file_names(folder: &Path) -> Vec<String> {
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let entries = std::fs::read_dir(here).into_iter().flatten().flatten();
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}

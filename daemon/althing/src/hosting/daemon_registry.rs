@@ -1,0 +1,266 @@
+//! The order in which the daemons of one machine connect: each newcomer connects to the daemons
+//! that are present.
+//!
+//! Two daemons must never connect to each other at once: Zenoh may close both links then. So
+//! daemons enter one at a time, under a lock, and no daemon connects to those that enter later. A
+//! newcomer is linked as soon as it listens, whatever its name is, and also to daemons that do not
+//! find it in their ecosystem file.
+//!
+//! Zenoh reconnects to a lost peer forever. A daemon that restarts connects by itself, so stale
+//! reconnects must not reach it. Therefore other daemons connect to each incarnation by a path of
+//! its own, a symbolic link to the daemon's socket, and the next incarnation removes that link
+//! before it listens.
+//!
+//! The runtime folder holds for each daemon, beside its socket,
+//!
+//! - `NAME.here`, the *ticket*: locked as long as the daemon runs; it holds the incarnation, and is
+//!   empty once the daemon has left in good order;
+//! - `NAME.INCARNATION`, the link by which other daemons connect to it.
+
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, Read as _};
+use std::os::unix::fs::{FileExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use acl::DaemonId;
+use substrate_zenoh::REST;
+
+use super::folders::{FolderError, socket_in};
+
+/// The lock file that lets one daemon enter at a time.
+const LOCK_FILE: &str = "entrance.lock";
+
+/// How long a daemon waits for the lock. Its holder reads a few small files; only a process that
+/// was stopped meanwhile holds it for longer.
+const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
+const DOOR_PERIOD: Duration = Duration::from_millis(2);
+const _: () = assert!(DOOR_PERIOD.as_millis() < LOCK_TIMEOUT.as_millis());
+
+/// How often a newcomer waits again because another daemon has left meanwhile. A service that exits
+/// as soon as it has started, and is restarted again and again, must not keep all others out.
+const RESTS_MAX: usize = 8;
+
+/// The extension of the file that shows that a daemon is present.
+const PRESENCE_EXTENSION: &str = "here";
+
+/// Digits of an incarnation: its start time in microseconds, as ten hexadecimal digits, which
+/// repeat after twelve days. The path of the link must not be longer than that of the socket.
+const LIFE_DIGITS: usize = 10;
+
+/// The reason why a daemon cannot enter. Completes “failed to …”.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub(crate) enum RegisterError {
+    /// No path is possible for its socket.
+    #[error("{0}")]
+    Folder(#[from] FolderError),
+    /// A file or folder cannot be used.
+    #[error("use {}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// The error of the system.
+        #[source]
+        source: io::Error,
+    },
+    /// Another running process is this daemon.
+    #[error("start as `{daemon}`: a daemon of this name is running here already")]
+    Taken {
+        /// The name.
+        daemon: DaemonId,
+    },
+}
+
+/// A daemon's presence among the others of its machine. Dropping it records that the daemon has
+/// left.
+#[derive(Debug)]
+pub(crate) struct PresenceGuard {
+    /// The ticket file; the lock on it lasts until the kernel closes it.
+    ticket: File,
+    /// The path by which daemons that enter later connect to this one.
+    life: PathBuf,
+    /// The paths by which this daemon connects to those that entered earlier.
+    pub(crate) others: Vec<PathBuf>,
+}
+
+/// The contents of a ticket file.
+struct PresenceFile {
+    daemon: String,
+    /// Whether the file is locked.
+    is_here: bool,
+    /// The incarnation; empty if the daemon has left in good order.
+    life: String,
+    /// Time of the last change of the file.
+    since: SystemTime,
+}
+
+/// Enters, but not before [`REST`] has passed since another daemon left. If the previous
+/// incarnation of this daemon did not record that it left, it crashed; it is taken to have left
+/// now, because the restart may have followed at once. When another daemon crashed is not known, so
+/// that is not waited for.
+///
+/// # Errors
+///
+/// Returns an error if a daemon of this name is present, or if the folder cannot be used.
+pub(crate) async fn register_daemon(
+    folder: &Path,
+    daemon: &DaemonId,
+) -> Result<PresenceGuard, RegisterError> {
+    for _ in 0..RESTS_MAX {
+        let rest = {
+            let _door = acquire_lock(folder).await?;
+            clean_up_crashed(folder, daemon)?;
+            let rest = remaining_delay(&presence_files(folder)?, SystemTime::now());
+            if rest.is_zero() {
+                return PresenceGuard::begin(folder, daemon);
+            }
+            rest
+        };
+        tokio::time::sleep(rest).await;
+    }
+    let _door = acquire_lock(folder).await?;
+    PresenceGuard::begin(folder, daemon)
+}
+
+/// Waits for the lock. It is released when the file is dropped.
+async fn acquire_lock(folder: &Path) -> Result<File, RegisterError> {
+    let path = folder.join(LOCK_FILE);
+    let door = open(&path)?;
+    let passing = async {
+        loop {
+            match door.try_lock() {
+                Ok(()) => return Ok(()),
+                Err(TryLockError::WouldBlock) => tokio::time::sleep(DOOR_PERIOD).await,
+                Err(TryLockError::Error(source)) => return Err(source),
+            }
+        }
+    };
+    match tokio::time::timeout(LOCK_TIMEOUT, passing).await {
+        Ok(passed) => passed.map_err(|source| RegisterError::Io { path, source })?,
+        // Two daemons that enter at once may connect to each other, and retry if that fails.
+        // Staying away for ever because another process is suspended would be worse.
+        Err(_) => tracing::warn!(door = %path.display(), "another process keeps the lock"),
+    }
+    Ok(door)
+}
+
+/// Records that the previous incarnation of this daemon has left now if it crashed, and removes the
+/// link by which other daemons still try to connect to it. The caller holds the lock.
+fn clean_up_crashed(folder: &Path, daemon: &DaemonId) -> Result<(), RegisterError> {
+    let path = socket_in(folder, daemon.as_str())?.with_extension(PRESENCE_EXTENSION);
+    let failed = |source| RegisterError::Io { path: path.clone(), source };
+    let ticket = match read(&path) {
+        Ok(ticket) => ticket.filter(|ticket| !ticket.is_here && !ticket.life.is_empty()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        Err(error) => return Err(failed(error)),
+    };
+    let Some(PresenceFile { life, .. }) = ticket else { return Ok(()) };
+    // The link may have been removed already.
+    let _ = fs::remove_file(path.with_extension(life));
+    open(&path)?.set_len(0).map_err(failed)
+}
+
+/// Returns how long a newcomer has yet to wait.
+fn remaining_delay(tickets: &[PresenceFile], now: SystemTime) -> Duration {
+    let said = tickets.iter().filter(|ticket| !ticket.is_here && ticket.life.is_empty());
+    // A clock that was set back must not keep a daemon away for longer.
+    let past = said.map(|ticket| now.duration_since(ticket.since).unwrap_or_default());
+    past.min().map_or(Duration::ZERO, |past| REST.saturating_sub(past))
+}
+
+/// Returns the tickets of all daemons that are or were present. The caller holds the lock, because
+/// testing whether a ticket is locked locks it for a moment.
+fn presence_files(folder: &Path) -> Result<Vec<PresenceFile>, RegisterError> {
+    let failed = |source| RegisterError::Io { path: folder.to_owned(), source };
+    let mut tickets = Vec::new();
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        if path.extension().is_some_and(|extension| extension == PRESENCE_EXTENSION) {
+            tickets.extend(read(&path).map_err(|source| RegisterError::Io { path, source })?);
+        }
+    }
+    Ok(tickets)
+}
+
+/// Reads the ticket in this file; `None` if the file name is not a daemon's name.
+fn read(path: &Path) -> io::Result<Option<PresenceFile>> {
+    let stem = path.file_stem().and_then(|stem| stem.to_str());
+    let Some(daemon) = stem.filter(|stem| DaemonId::new(stem).is_ok()) else { return Ok(None) };
+    let mut file = File::open(path)?;
+    let is_here = match file.try_lock_shared() {
+        Ok(()) => false,
+        Err(TryLockError::WouldBlock) => true,
+        Err(TryLockError::Error(source)) => return Err(source),
+    };
+    let mut life = String::new();
+    file.read_to_string(&mut life)?;
+    if !is_life(&life) {
+        life.clear();
+    }
+    let since = file.metadata()?.modified()?;
+    Ok(Some(PresenceFile { daemon: daemon.to_owned(), is_here, life, since }))
+}
+
+/// Opens a file that only this user can open: another user that could lock it could keep daemons
+/// out.
+fn open(path: &Path) -> Result<File, RegisterError> {
+    let mut options = OpenOptions::new();
+    let opened = options.read(true).write(true).create(true).mode(0o600).open(path);
+    opened.map_err(|source| RegisterError::Io { path: path.to_owned(), source })
+}
+
+/// Returns the incarnation of a daemon that starts now.
+fn name_life(now: SystemTime) -> String {
+    let micros = now.duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
+    let digits = format!("{micros:0LIFE_DIGITS$x}");
+    digits[digits.len() - LIFE_DIGITS..].to_owned()
+}
+
+fn is_life(text: &str) -> bool {
+    text.len() == LIFE_DIGITS && text.bytes().all(|byte| byte.is_ascii_hexdigit())
+}
+
+// === impl Stay ===
+
+impl PresenceGuard {
+    /// Begins an incarnation. The caller holds the lock.
+    fn begin(folder: &Path, daemon: &DaemonId) -> Result<PresenceGuard, RegisterError> {
+        let socket = socket_in(folder, daemon.as_str())?;
+        let path = socket.with_extension(PRESENCE_EXTENSION);
+        let ticket = open(&path)?;
+        let failed = |source| RegisterError::Io { path: path.clone(), source };
+        ticket.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => RegisterError::Taken { daemon: daemon.clone() },
+            TryLockError::Error(source) => failed(source),
+        })?;
+        let mut others = Vec::new();
+        for PresenceFile { daemon: other, is_here, life, .. } in presence_files(folder)? {
+            if is_here && !life.is_empty() && other != daemon.as_str() {
+                others.push(folder.join(format!("{other}.{life}")));
+            }
+        }
+        let name = name_life(SystemTime::now());
+        let life = socket.with_extension(&name);
+        // The ticket is written first: if the process dies here, the next incarnation finds in it
+        // the path of the link to remove.
+        ticket.set_len(0).map_err(failed)?;
+        ticket.write_all_at(name.as_bytes(), 0).map_err(failed)?;
+        let target = socket.file_name().unwrap_or_default();
+        std::os::unix::fs::symlink(target, &life)
+            .map_err(|source| RegisterError::Io { path: life.clone(), source })?;
+        others.sort();
+        Ok(PresenceGuard { ticket, life, others })
+    }
+}
+
+impl Drop for PresenceGuard {
+    fn drop(&mut self) {
+        // If this fails, the next incarnation waits as if this one had crashed.
+        let _ = fs::remove_file(&self.life);
+        let _ = self.ticket.set_len(0);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,34 @@
+//! Restarts this program in place, under the same process id, when the process has lost its
+//! membership among the other daemons. Its state is read from disk and from the Journals, as after
+//! any crash.
+
+use std::ffi::CString;
+use std::os::unix::ffi::OsStringExt as _;
+
+use nix::unistd::execv;
+
+/// Restarts this program; returns only if that fails.
+pub(crate) fn restart_process() {
+    give_up_sockets();
+    // Arguments came from C strings, so they contain no zero byte.
+    let arguments: Vec<_> =
+        std::env::args_os().filter_map(|each| CString::new(each.into_vec()).ok()).collect();
+    // Executes the file of the running program, also if the file at its path has been replaced.
+    // `std::process` is not used: it first resets SIGPIPE to its default, and this process would
+    // die of that signal, because other daemons have closed the links to which its other threads
+    // write.
+    let Err(error) = execv(c"/proc/self/exe", &arguments);
+    tracing::error!(%error, "failed to restart this daemon; some others may not see it");
+}
+
+/// Removes the lock files beside the sockets, so that the next incarnation can take the sockets.
+/// Zenoh holds a lock on each of these files, and their descriptors are the only ones that are not
+/// closed on `exec`; a new file of the same name can be locked again.
+fn give_up_sockets() {
+    let Ok(open) = std::fs::read_dir("/proc/self/fd") else { return };
+    let targets = open.flatten().filter_map(|entry| std::fs::read_link(entry.path()).ok());
+    for path in targets.filter(|path| path.to_string_lossy().ends_with(".sock.lock")) {
+        // If that fails, the next incarnation reports that it could not open its socket.
+        let _ = std::fs::remove_file(path);
+    }
+}

@@ -1,0 +1,300 @@
+//! Launches a scenario: a building, and its agents in this process or in several.
+
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::Duration;
+
+use ::building::{Building, Server};
+use acl::{AgentId, DaemonId, Message};
+use agent::Mode;
+use bytes::Bytes;
+use substrate::memory::Network;
+use tempfile::TempDir;
+use tokio::io::{AsyncBufReadExt as _, BufReader};
+use tokio::process::{Child, Command};
+use tokio::sync::mpsc;
+
+use super::setting::{REASONING, Setting};
+use crate::config::{self, AgentEntry, Ecosystem, Overrides, Variables};
+use crate::hosting::{self, DaemonNode, MessageTransport, NodeOptions};
+use crate::plugins;
+
+/// How long a process may take until it is ready. On an idle machine it takes less than 0.2 s.
+const READY_WITHIN: Duration = Duration::from_secs(30);
+
+/// The place where the agents of a scenario run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ScenarioSubstrate {
+    /// In this process, on a network in memory.
+    Memory,
+    /// In this process, on Zenoh.
+    Zenoh,
+    /// In one process per machine, on Zenoh.
+    Processes,
+}
+
+/// A scenario with its launched agents; dropping it ends all of them.
+pub(crate) struct LaunchedScenario {
+    pub(crate) building: Building,
+    pub(crate) ecosystem: Ecosystem,
+    /// The node in this process: all agents, or only the user's keyboard.
+    pub(crate) node: DaemonNode,
+    pub(crate) processes: Vec<(String, Child)>,
+    /// How a process is started.
+    program: DaemonLauncher,
+    wire: MessageTransport,
+    _server: Option<Server>,
+    _folder: TempDir,
+}
+
+/// A receiver of all messages on the network; it stops receiving when this is dropped.
+pub(crate) struct MessageListener {
+    pub(crate) heard: mpsc::Receiver<Message>,
+    _tap: Option<substrate_zenoh::Tap>,
+}
+
+/// Most messages that wait to be read: more than a small building sends in a minute.
+const HEARD_MAX: usize = 16_384;
+
+/// Launches the agents. The error is a message for the user.
+pub(crate) async fn launch_scenario(
+    setting: &Setting,
+    stage: ScenarioSubstrate,
+    mode: Mode,
+) -> Result<LaunchedScenario, String> {
+    let folder = tempfile::Builder::new()
+        .prefix("althing-")
+        .tempdir()
+        .map_err(|error| format!("failed to make a folder for the scenario: {error}"))?;
+    let socket =
+        (stage == ScenarioSubstrate::Processes).then(|| folder.path().join("building.sock"));
+    let file = setting
+        .write(folder.path(), socket.as_deref())
+        .map_err(|error| format!("failed to write the scenario's files: {error}"))?;
+    let overrides = Overrides::default().mode(Some(mode));
+    // The environment is ignored, so that a seed yields the same building everywhere.
+    let ecosystem = Ecosystem::load_with(&file, &Variables::new(), &overrides, &plugins::known())
+        .map_err(|error| format!("the scenario's own files are wrong: {error:?}"))?;
+    let building = Building::new(setting.at_first.clone(), ecosystem.building.time_scale)
+        .map_err(|error| format!("failed to {error}"))?;
+    let program = DaemonLauncher::new(file, folder.path(), mode)?;
+    let at_first: Vec<AgentEntry> = { ecosystem.agents.iter() }
+        .filter(|entry| !setting.comes_later(entry.name.as_str()))
+        .cloned()
+        .collect();
+    let mut server = None;
+    let mut processes = Vec::new();
+    if let Some(socket) = &socket {
+        let served = ::building::serve(building.handle(), socket).await;
+        server = Some(served.map_err(|error| format!("failed to {error}"))?);
+        processes = program.spawn_all(&daemons(&ecosystem, &at_first)).await?;
+    }
+    let wire = wire(&ecosystem, stage, folder.path())?;
+    let node = open_node(&ecosystem, &building, stage, mode, (at_first, wire.clone())).await?;
+    Ok(LaunchedScenario {
+        building,
+        ecosystem,
+        node,
+        processes,
+        program,
+        wire,
+        _server: server,
+        _folder: folder,
+    })
+}
+
+/// Returns the initial daemons: all except those that host only agents that are launched later.
+fn daemons(ecosystem: &Ecosystem, at_first: &[AgentEntry]) -> Vec<DaemonId> {
+    let hosts = |entries: &[AgentEntry], daemon: &DaemonId| {
+        entries.iter().any(|entry| entry.daemons.contains(daemon))
+    };
+    let is_there =
+        |daemon: &&DaemonId| hosts(at_first, daemon) || !hosts(&ecosystem.agents, daemon);
+    ecosystem.daemons.iter().filter(is_there).cloned().collect()
+}
+
+/// Returns the transport of the node in this process.
+fn wire(
+    ecosystem: &Ecosystem,
+    stage: ScenarioSubstrate,
+    folder: &Path,
+) -> Result<MessageTransport, String> {
+    let daemon = node_name(stage)?;
+    let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
+    match stage {
+        ScenarioSubstrate::Memory => return Ok(MessageTransport::Memory(Network::new())),
+        ScenarioSubstrate::Zenoh => config.listen = vec![socket_endpoint(folder, daemon.as_str())?],
+        ScenarioSubstrate::Processes => {
+            config.mode = substrate_zenoh::Mode::Client;
+            let meeting = folder.join(ecosystem.name.as_str());
+            config.connect = vec![socket_endpoint(&meeting, REASONING)?];
+        }
+    }
+    Ok(MessageTransport::Zenoh(Box::new(config)))
+}
+
+fn node_name(stage: ScenarioSubstrate) -> Result<DaemonId, String> {
+    let name = if stage == ScenarioSubstrate::Processes { "spectator" } else { "theater" };
+    DaemonId::new(name).map_err(|error| error.to_string())
+}
+
+async fn open_node(
+    ecosystem: &Ecosystem,
+    building: &Building,
+    stage: ScenarioSubstrate,
+    mode: Mode,
+    (agents, wire): (Vec<AgentEntry>, MessageTransport),
+) -> Result<DaemonNode, String> {
+    let agents = if stage == ScenarioSubstrate::Processes { Vec::new() } else { agents };
+    let (daemon, building) = (node_name(stage)?, Some(building.handle()));
+    let part = NodeOptions { ecosystem, daemon, agents, mode, building, state: None };
+    DaemonNode::open(part, wire).await.map_err(|error| format!("failed to {error}"))
+}
+
+/// Returns the endpoint of a daemon's socket.
+fn socket_endpoint(folder: &Path, daemon: &str) -> Result<String, String> {
+    let path = hosting::socket_in(folder, daemon).map_err(|error| format!("failed to {error}"))?;
+    Ok(format!("unixsock-stream/{}", path.display()))
+}
+
+/// How `althing up` is started for the scenario.
+struct DaemonLauncher {
+    path: PathBuf,
+    file: PathBuf,
+    folder: PathBuf,
+    mode: Mode,
+}
+
+impl DaemonLauncher {
+    fn new(file: PathBuf, folder: &Path, mode: Mode) -> Result<DaemonLauncher, String> {
+        let path = std::env::current_exe()
+            .map_err(|error| format!("failed to find this program to start it again: {error}"))?;
+        Ok(DaemonLauncher { path, file, folder: folder.to_owned(), mode })
+    }
+
+    /// Starts one `althing up` per daemon, and waits until all are ready.
+    async fn spawn_all(&self, daemons: &[DaemonId]) -> Result<Vec<(String, Child)>, String> {
+        let mut processes = Vec::new();
+        for daemon in daemons {
+            processes.push((daemon.to_string(), self.spawn(daemon)?));
+        }
+        for (daemon, child) in &mut processes {
+            let ready = tokio::time::timeout(READY_WITHIN, until_ready(child)).await;
+            ready
+                .map_err(|_| format!("daemon `{daemon}` was not ready within {READY_WITHIN:?}"))?
+                .map_err(|problem| format!("daemon `{daemon}` {problem}"))?;
+        }
+        Ok(processes)
+    }
+
+    fn spawn(&self, daemon: &DaemonId) -> Result<Child, String> {
+        let mode = match self.mode {
+            Mode::Centralized => "centralized",
+            Mode::Decentralized => "decentralized",
+        };
+        let mut command = Command::new(&self.path);
+        for setting in config::variables().keys() {
+            command.env_remove(setting);
+        }
+        command
+            .arg("up")
+            .arg(&self.file)
+            .args(["--daemon", daemon.as_str(), "--mode", mode, "--until-stdin-ends"])
+            .env("ALTHING_RUNTIME_DIR", &self.folder)
+            .env("ALTHING_STATE_DIR", self.folder.join("state"))
+            // The pipe stays open as long as this process runs: however it ends, the daemons end
+            // too.
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .kill_on_drop(true)
+            .spawn()
+            .map_err(|error| format!("failed to start daemon `{daemon}`: {error}"))
+    }
+}
+
+/// Reads the output until the daemon reports that it is ready. Later output is read and discarded,
+/// so that the daemon never blocks on it.
+async fn until_ready(child: &mut Child) -> Result<(), String> {
+    let stdout = child.stdout.take().ok_or("has no output")?;
+    let mut lines = BufReader::new(stdout).lines();
+    while let Ok(Some(line)) = lines.next_line().await {
+        if line.contains(crate::commands::READY) {
+            tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
+            return Ok(());
+        }
+    }
+    let status = child.wait().await.map_err(|error| error.to_string())?;
+    Err(format!("ended with {status} before it was ready"))
+}
+
+impl LaunchedScenario {
+    /// Kills an agent: the agent itself in this process, or the process of its machine by SIGKILL.
+    pub(crate) async fn kill(&mut self, agent: &AgentId) -> Result<(), String> {
+        if self.processes.is_empty() {
+            self.node.abort_agent(agent);
+            return Ok(());
+        }
+        let daemon = self.entry(agent)?.daemons.first().map(ToString::to_string);
+        let process = self.processes.iter_mut().find(|(name, _)| Some(name) == daemon.as_ref());
+        let (_, child) = process.ok_or_else(|| format!("no process hosts `{agent}`"))?;
+        child.kill().await.map_err(|error| format!("failed to kill the process: {error}"))
+    }
+
+    /// Launches an agent that was not there initially: in this process, or by starting the process
+    /// of its machine.
+    pub(crate) async fn plug_in(&mut self, agent: &AgentId) -> Result<(), String> {
+        let entry = self.entry(agent)?.clone();
+        if self.processes.is_empty() {
+            return self.node.add_agent(entry).map_err(|error| format!("failed to {error}"));
+        }
+        let is_there =
+            |daemon: &DaemonId| self.processes.iter().any(|(name, _)| name == daemon.as_str());
+        match entry.daemons.into_iter().find(|daemon| !is_there(daemon)) {
+            Some(daemon) => self.processes.extend(self.program.spawn_all(&[daemon]).await?),
+            None => return Err(format!("`{agent}` needs a machine that is not there yet")),
+        }
+        Ok(())
+    }
+
+    fn entry(&self, agent: &AgentId) -> Result<&AgentEntry, String> {
+        let entry = self.ecosystem.agents.iter().find(|entry| entry.name == *agent);
+        entry.ok_or_else(|| format!("the scenario has no `{agent}`"))
+    }
+
+    /// Subscribes to all messages on the network, as a foreign tool would.
+    pub(crate) async fn listen(&self) -> Result<MessageListener, String> {
+        let (tell, heard) = mpsc::channel(HEARD_MAX);
+        // Messages that are not read in time are lost, as for any foreign tool.
+        let hear = move |payload: &Bytes| {
+            if let Ok(message) = acl::decode(payload) {
+                let _ = tell.try_send(message);
+            }
+        };
+        let endpoint = match &self.wire {
+            MessageTransport::Memory(network) | MessageTransport::Unreliable(network, _) => {
+                network.tap(move |_, payload| hear(payload));
+                return Ok(MessageListener { heard, _tap: None });
+            }
+            MessageTransport::Zenoh(config) => {
+                config.listen.first().or(config.connect.first()).cloned()
+            }
+        };
+        let name = DaemonId::new("stranger").map_err(|error| error.to_string())?;
+        let mut config = substrate_zenoh::Config::new(self.ecosystem.name.clone(), name);
+        config.mode = substrate_zenoh::Mode::Client;
+        config.connect.extend(endpoint);
+        let tap = substrate_zenoh::tap(config, move |_, payload| hear(&payload)).await;
+        let tap = tap.map_err(|error| format!("failed to {error}"))?;
+        Ok(MessageListener { heard, _tap: Some(tap) })
+    }
+
+    /// Ends all agents and processes.
+    pub(crate) async fn shut_down(mut self) {
+        self.node.drain().await;
+        for (_, child) in &mut self.processes {
+            // These are child processes, ended by their handles; some may have been killed before.
+            let _ = child.start_kill();
+            let _ = child.wait().await;
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! A helper agent that reports when all expected agents are in the composite domain.
+
+use std::collections::BTreeSet;
+
+use acl::AgentId;
+use acl::content::{Inform, Snapshot};
+use agent::{Agent, Ask, Callbacks, Context, Presence, Resource, Work};
+use tokio::sync::oneshot;
+
+/// Waits for the expected agents.
+pub(super) struct ReadinessProbe {
+    expected: BTreeSet<String>,
+    seen: Option<oneshot::Sender<()>>,
+    asking: Option<Work>,
+}
+
+impl Agent for ReadinessProbe {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on_broadcast(acl::Performative::Inform, Self::informed)
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        self.look(ctx);
+    }
+
+    fn presence(&mut self, _presence: &Presence, ctx: &mut Context<Self>) {
+        self.look(ctx);
+    }
+}
+
+impl ReadinessProbe {
+    /// Creates an agent that waits for `expected`; `seen` is notified when all are there.
+    pub(super) fn new(expected: BTreeSet<String>, seen: oneshot::Sender<()>) -> ReadinessProbe {
+        ReadinessProbe { expected, seen: Some(seen), asking: None }
+    }
+
+    fn informed(&mut self, message: acl::Message, ctx: &mut Context<Self>) {
+        if let Ok(Inform::Epoch(_)) = message.content_as::<Inform>() {
+            self.look(ctx);
+        }
+    }
+
+    /// Queries the composite domain for the agents that can be planned with.
+    fn look(&mut self, ctx: &mut Context<Self>) {
+        if self.seen.is_none() {
+            return;
+        }
+        let ask = Ask {
+            daemon: None,
+            resource: Resource::Domain,
+            agent: AgentId::new("domain-maintainer").ok(),
+        };
+        let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        self.asking = Some(ctx.run(asked, |usher: &mut Self, answers, _| {
+            let snapshot =
+                answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
+            let Some(snapshot) = snapshot else { return };
+            let is_here = |name: &String| snapshot.offers.contains_key(name.as_str());
+            // The domain contains a sensor on a robot only when its robot is there too.
+            if usher.expected.iter().all(is_here)
+                && let Some(seen) = usher.seen.take()
+            {
+                // The receiver is gone if the scenario has ended.
+                let _ = seen.send(());
+            }
+        }));
+    }
+}

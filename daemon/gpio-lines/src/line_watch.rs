@@ -1,0 +1,178 @@
+//! Watches an input line, also while its chip is unplugged and plugged in.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+
+use crate::{GpioBoard, InputLine, InputSettings, LineError};
+
+/// Interval of checks whether a chip is back, or still present. The latter is needed because kernels before
+/// 6.6 do not wake a process that waits for edges of a chip that is unplugged.
+const PRESENCE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Interval of reading a line if its chip reports no edges. A door takes longer to open and close.
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
+
+/// State of a line that is watched.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LineState {
+    /// The line has not been read yet.
+    Unknown,
+    /// The line is present; whether it is active.
+    Present(bool),
+    /// The line cannot be read now, with the reason; it completes “failed to …”.
+    Unavailable(String),
+}
+
+/// Watch on a line; dropping it ends the watch.
+pub struct LineWatch {
+    state: watch::Receiver<LineState>,
+    task: JoinHandle<()>,
+}
+
+impl LineWatch {
+    /// Returns a receiver for the state of the line and its changes.
+    pub fn state(&self) -> watch::Receiver<LineState> {
+        self.state.clone()
+    }
+}
+
+impl Drop for LineWatch {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+/// Starts to watch a line, on a Tokio runtime.
+pub fn watch_line(board: Arc<dyn GpioBoard>, input: InputSettings) -> LineWatch {
+    let (said, state) = watch::channel(LineState::Unknown);
+    let input = Arc::new(input);
+    let task = tokio::spawn(async move {
+        loop {
+            let problem = match open(&board, &input).await {
+                Ok(line) => publish_states(line.into(), &said).await,
+                Err(problem) => problem,
+            };
+            publish_state(&said, LineState::Unavailable(problem));
+            tokio::time::sleep(PRESENCE_CHECK_INTERVAL).await;
+        }
+    });
+    LineWatch { state, task }
+}
+
+async fn open(
+    board: &Arc<dyn GpioBoard>,
+    input: &Arc<InputSettings>,
+) -> Result<Box<dyn InputLine>, String> {
+    let (board, input) = (Arc::clone(board), Arc::clone(input));
+    run_blocking(move || board.input(&input)).await
+}
+
+/// Publishes the state of a line while it is present. Returns the reason why it is not present any more.
+async fn publish_states(line: Arc<dyn InputLine>, said: &watch::Sender<LineState>) -> String {
+    let pause = if line.reports_edges() { PRESENCE_CHECK_INTERVAL } else { POLL_INTERVAL };
+    loop {
+        let read = Arc::clone(&line);
+        match run_blocking(move || read.value()).await {
+            Ok(value) => publish_state(said, LineState::Present(value)),
+            Err(problem) => return problem,
+        }
+        while let Ok(edges) = tokio::time::timeout(pause, line.edges()).await {
+            match edges {
+                Ok(edges) => edges
+                    .into_iter()
+                    .for_each(|value| publish_state(said, LineState::Present(value))),
+                Err(problem) => return problem.to_string(),
+            }
+        }
+    }
+}
+
+fn publish_state(said: &watch::Sender<LineState>, state: LineState) {
+    said.send_if_modified(|known| {
+        let is_news = *known != state;
+        *known = state;
+        is_news
+    });
+}
+
+/// Runs work that may block on a bus, on a thread that may block.
+pub(crate) async fn run_blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, LineError> + Send + 'static,
+) -> Result<T, String> {
+    let done = tokio::task::spawn_blocking(work).await.map_err(|error| error.to_string())?;
+    done.map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::MemoryBoard;
+
+    const PATIENCE: Duration = Duration::from_secs(20);
+
+    fn input(is_active_low: bool) -> InputSettings {
+        let line = "door".to_owned().try_into().expect("a name");
+        InputSettings { line, is_active_low, bias: None, debounce: None }
+    }
+
+    async fn is(state: &mut watch::Receiver<LineState>, expected: LineState) {
+        let is_so = tokio::time::timeout(PATIENCE, state.wait_for(|now| *now == expected))
+            .await
+            .is_ok_and(|state| state.is_ok());
+        assert!(is_so, "{:?} is not {expected:?}", state.borrow());
+    }
+
+    #[tokio::test]
+    async fn a_line_is_followed_through_edges_unplugging_and_plugging_in() {
+        for is_active_low in [false, true] {
+            let bench = MemoryBoard::default();
+            let followed = watch_line(Arc::new(bench.clone()), input(is_active_low));
+            let mut state = followed.state();
+            let away = "find a line named `door`; looked on all chips: \
+                        this machine has none that this user may open";
+            is(&mut state, LineState::Unavailable(away.to_owned())).await;
+            bench.plug("door", is_active_low);
+            is(&mut state, LineState::Present(false)).await;
+            for is_active in [true, false, true] {
+                bench.set("door", is_active != is_active_low);
+                is(&mut state, LineState::Present(is_active)).await;
+            }
+            bench.unplug("door");
+            let gone = "wait for the line `door`: No such device (os error 19)";
+            is(&mut state, LineState::Unavailable(gone.to_owned())).await;
+            bench.plug("door", !is_active_low);
+            is(&mut state, LineState::Present(true)).await;
+        }
+    }
+
+    #[tokio::test]
+    async fn a_chip_that_tells_nobody_is_looked_at() {
+        let bench = MemoryBoard::default();
+        bench.plug("door", false);
+        bench.disable_edge_reports();
+        let followed = watch_line(Arc::new(bench.clone()), input(false));
+        let mut state = followed.state();
+        is(&mut state, LineState::Present(false)).await;
+        bench.set("door", true);
+        is(&mut state, LineState::Present(true)).await;
+        bench.unplug("door");
+        let gone = "read the line `door`: No such device (os error 19)";
+        is(&mut state, LineState::Unavailable(gone.to_owned())).await;
+    }
+
+    #[tokio::test]
+    async fn who_is_dropped_lets_go() {
+        let bench = MemoryBoard::default();
+        bench.plug("door", false);
+        let followed = watch_line(Arc::new(bench.clone()), input(false));
+        is(&mut followed.state(), LineState::Present(false)).await;
+        let second = watch_line(Arc::new(bench.clone()), input(false));
+        let used = "use the line `door`: another agent of Althing uses it already";
+        is(&mut second.state(), LineState::Unavailable(used.to_owned())).await;
+        drop(followed);
+        is(&mut second.state(), LineState::Present(false)).await;
+    }
+}

@@ -1,0 +1,187 @@
+//! A desk: the agent that accepts goals of one ecosystem for the other.
+//!
+//! The desk accepts goals over the predicates of its rule, translates them, and requests them from the
+//! other ecosystem's Plan Requester. It passes back how they stand, in texts of its own. It refuses a goal
+//! of an agent that comes from another ecosystem itself: otherwise two desks could pass one goal to each
+//! other for ever.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use acl::content::{Achieve, Outcome, Reason, Refusal, Report, Request};
+use acl::{AgentId, EcosystemId, Message, Performative, ReplyToken};
+use agent::{Agent, Callbacks, Context, Engagement, Work};
+use keyboard::GoalRequest;
+use pddl::{Domain, Problem};
+
+use super::export;
+use super::proxy_device::InterfaceCounters;
+use super::rate_limiter::RateLimiter;
+use super::remote_client::{RemoteClient, RemoteRequest, RemoteUpdate};
+use super::translate::Translator;
+use super::vocabulary::InterfaceVocabulary;
+
+/// Maximum number of goals that one desk follows at a time.
+const GOALS_MAX: usize = 64;
+
+pub(super) struct GoalGateway {
+    /// The ecosystem that is to achieve the goals.
+    pub(super) far: EcosystemId,
+    /// Predicates, by near name, that goals may contain.
+    pub(super) goals: BTreeSet<String>,
+    /// Vocabulary, near name = far name.
+    pub(super) words: InterfaceVocabulary,
+    pub(super) near: (Arc<Domain>, Arc<Problem>),
+    pub(super) revocable: bool,
+    pub(super) voice: RemoteClient,
+    pub(super) outward: Arc<RateLimiter>,
+    pub(super) counters: Arc<InterfaceCounters>,
+    /// Open goals, by initiator and token: tokens of different initiators may be equal.
+    pub(super) open: BTreeMap<RequestKey, Work>,
+}
+
+/// Initiator of a request, and the token that it gave it.
+pub(super) type RequestKey = (AgentId, ReplyToken);
+
+impl Agent for GoalGateway {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on(Performative::Request, Self::requested)
+            .on(Performative::Cancel, Self::cancelled)
+    }
+}
+
+impl GoalGateway {
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        let achieve = match message.content_as::<Request>() {
+            Ok(Request::Achieve(achieve)) => achieve,
+            Ok(_) => {
+                let detail = "this agent takes goals: `achieve`";
+                return ctx.refuse(&engagement, Reason::Incapable, detail);
+            }
+            Err(error) => return ctx.not_understood(&message, error.to_string()),
+        };
+        match self.admit(&message, achieve) {
+            Ok(wish) => self.forward(engagement, wish, ctx),
+            Err(refusal) => ctx.answer(&engagement, Performative::Refuse, &refusal),
+        }
+    }
+
+    /// Translates a goal. Returns a refusal if it must not pass.
+    fn admit(&self, message: &Message, achieve: Achieve) -> Result<GoalRequest, Refusal> {
+        let GoalGateway { far, goals, words, near, outward, counters, .. } = self;
+        if !message.via.is_empty() {
+            counters.loops.fetch_add(1, Ordering::Relaxed);
+            let detail = "it comes from another ecosystem itself, and is not passed on";
+            return Err(Refusal::new(Reason::Conflict, detail));
+        }
+        let Achieve { goal, keep, priority, partition } = achieve;
+        let translator = Translator::of_ontology(words, (&near.0, &near.1));
+        let goal = export::goal(&goal, goals, &translator).map_err(|why| {
+            counters.unexported.fetch_add(1, Ordering::Relaxed);
+            Refusal::new(Reason::BadContent, why)
+        })?;
+        if self.open.len() >= GOALS_MAX {
+            let detail = format!("{GOALS_MAX} goals have passed and are not reached yet");
+            return Err(Refusal::new(Reason::Busy, detail));
+        }
+        if !outward.try_acquire() {
+            counters.over_rate.fetch_add(1, Ordering::Relaxed);
+            let rate = outward.per_second();
+            let detail = format!("{rate} messages a second may pass to `{far}`; ask again later");
+            return Err(Refusal::new(Reason::Busy, detail));
+        }
+        Ok(GoalRequest { goal, keep, priority, partition })
+    }
+
+    fn forward(&mut self, engagement: Engagement, wish: GoalRequest, ctx: &mut Context<Self>) {
+        self.counters.passed.fetch_add(1, Ordering::Relaxed);
+        let (voice, revocable) = (self.voice.clone(), self.revocable);
+        let asked = async move { voice.request_goal(wish, revocable).await };
+        let asking = request_key(&engagement);
+        let work = ctx.run(asked, move |desk: &mut Self, asked, ctx| {
+            desk.await_update(engagement, asked, ctx);
+        });
+        self.open.insert(asking, work);
+    }
+
+    /// Waits for the next report on a goal.
+    fn await_update(
+        &mut self,
+        engagement: Engagement,
+        mut asked: RemoteRequest,
+        ctx: &mut Context<Self>,
+    ) {
+        let asking = request_key(&engagement);
+        let next = async move {
+            let news = asked.next().await;
+            (news, asked)
+        };
+        let work = ctx.run(next, move |desk: &mut Self, (news, asked), ctx| {
+            desk.answer(&engagement, &news, ctx);
+            if news.is_final() {
+                desk.open.remove(&self::request_key(&engagement));
+            } else {
+                desk.await_update(engagement, asked, ctx);
+            }
+        });
+        self.open.insert(asking, work);
+    }
+
+    /// Passes on how a goal stands, without the other ecosystem's texts.
+    fn answer(&mut self, engagement: &Engagement, news: &RemoteUpdate, ctx: &mut Context<Self>) {
+        let far = &self.far;
+        match news {
+            RemoteUpdate::Report(report) => {
+                let detail = match report.outcome {
+                    Outcome::Progress => format!("`{far}` works on it"),
+                    Outcome::Holds | Outcome::Done => format!("`{far}` says that it holds"),
+                    Outcome::Failed => format!("`{far}` cannot reach it"),
+                    Outcome::Cancelled => format!("`{far}` has given it up"),
+                };
+                ctx.answer(engagement, Performative::Confirm, &Report::new(report.outcome, detail));
+            }
+            RemoteUpdate::Refused(refusal) => {
+                ctx.refuse(engagement, refusal.reason, format!("`{far}` declines"));
+            }
+            RemoteUpdate::Unanswered => {
+                let detail = format!("no agent of `{far}` answers");
+                ctx.refuse(engagement, Reason::Unanswered, detail);
+            }
+        }
+    }
+
+    fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let Some(exchange) = message.exchange().cloned() else { return };
+        // Dropping the work also cancels the goal in the other ecosystem.
+        if self.open.remove(&(message.sender.clone(), exchange)).is_some() {
+            let report = Report::new(Outcome::Cancelled, "given up as asked");
+            ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+        }
+    }
+}
+
+fn request_key(engagement: &Engagement) -> RequestKey {
+    (engagement.initiator.clone(), engagement.exchange.clone())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Tokens are counted by their initiator: two initiators may give the same one.
+    #[test]
+    fn what_two_call_the_same_is_two_things() {
+        let of = |asker: &str| {
+            let text = format!(
+                r#"{{"version":1,"id":"{asker}.1","performative":"request","sender":"{asker}",
+                "incarnation":1,"content":{{}},"conversation_id":"c","reply_with":"r-1"}}"#
+            );
+            request_key(&Engagement::of(&acl::decode(text.as_bytes()).expect("a message")))
+        };
+        assert_eq!(of("anna"), of("anna"));
+        assert_ne!(of("anna"), of("bert"));
+    }
+}

@@ -1,0 +1,285 @@
+//! Proxy agents: an agent of another ecosystem, as far as this one may know it.
+//!
+//! A proxy agent is an actuator like any other here, with heartbeats, tokens and bids of its own. A request
+//! to it is passed to the real agent through the Plan Executor of that agent's ecosystem ([`Voice`]). Each
+//! side has a conversation of its own. Only a step in translated names passes to the far side, and only its
+//! outcome passes back.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use acl::content::{Method, Methods, Outcome, Reason, Refusal, Report};
+use acl::{Deadline, EcosystemId, Performative};
+use actuator::{
+    BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult, OwnFact,
+};
+use agent::{Sight, Sighted};
+use pddl::{ActionModel, Domain, InitElement, Name, Problem};
+use tokio::time::Instant;
+
+use super::export::{self, EcosystemFiles, ExcludedAction, ExportedModel};
+use super::rate_limiter::RateLimiter;
+use super::remote_client::{RemoteClient, RemoteUpdate};
+use super::translate::{self, Translator};
+use super::vocabulary::{AgentMapping, InterfaceVocabulary};
+
+/// Time for the far side's Plan Executor in addition to the method's own: discovery, agreement and
+/// confirmation there, and the same on this side.
+const METHOD_MARGIN: Duration = Duration::from_secs(10);
+
+/// Everything that one rule passes between the two ecosystems.
+pub(super) struct ProxyContext {
+    pub(super) mapping: AgentMapping,
+    pub(super) performatives: BTreeSet<Performative>,
+    /// Vocabulary, far name = near name.
+    pub(super) vocabulary: InterfaceVocabulary,
+    /// The ecosystem of the real agent.
+    pub(super) far: EcosystemId,
+    pub(super) far_files: (Arc<Domain>, Arc<Problem>),
+    pub(super) near_files: (Arc<Domain>, Arc<Problem>),
+    /// Client that makes requests in the far ecosystem.
+    pub(super) voice: RemoteClient,
+    /// Rate limits to the far side, and from it.
+    pub(super) far_limit: Arc<RateLimiter>,
+    pub(super) near_limit: Arc<RateLimiter>,
+    pub(super) counters: Arc<InterfaceCounters>,
+}
+
+/// Numbers of requests and agents that passed or did not, for the operator.
+#[derive(Debug, Default)]
+pub struct InterfaceCounters {
+    /// Requests passed on.
+    pub passed: AtomicU64,
+    /// Requests refused because of the rate limit.
+    pub over_rate: AtomicU64,
+    /// Requests that name a symbol that is not exported.
+    pub unexported: AtomicU64,
+    /// Agents and goals that would have returned to the ecosystem they come from.
+    pub loops: AtomicU64,
+}
+
+// === impl Crossing ===
+
+impl ProxyContext {
+    pub(super) fn passes(&self, performative: Performative) -> bool {
+        self.performatives.contains(&performative)
+    }
+
+    /// Returns the proxy agent's model of the agent.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the agent cannot be represented at all.
+    pub(super) fn export(&self, sighted: &Sighted) -> Result<ExportedModel, String> {
+        let shores = EcosystemFiles {
+            far: (&self.far_files.0, &self.far_files.1),
+            near: (&self.near_files.0, &self.near_files.1),
+        };
+        let Sighted { model, methods, .. } = sighted;
+        let mut exported = export::export(&self.vocabulary, &self.mapping, shores, model, methods)?;
+        if !self.passes(Performative::Request) {
+            exported.model.actions.clear();
+        }
+        Ok(exported)
+    }
+
+    fn translator<'t>(&'t self, model: &ActionModel) -> Translator<'t> {
+        let far = (&*self.far_files.0, &*self.far_files.1);
+        Translator::of_model(&self.vocabulary, &self.mapping, far, model)
+    }
+
+    /// Translates a step to the far side. The error names what is not exported.
+    fn to_far_step(&self, action: &str) -> Result<String, String> {
+        let step = pddl::parse_step(action).into_result();
+        let step = step.map_err(|_| "the action cannot be read".to_owned())?;
+        let AgentMapping { agent, proxy: mirror, actions, .. } = &self.mapping;
+        let actions: BTreeMap<String, Name> =
+            actions.iter().map(|(far, near)| (near.as_str().to_owned(), Name::new(far))).collect();
+        let words = self.vocabulary.reversed();
+        translate::step(&step, &actions, (mirror, agent), &words).map(|step| step.to_string())
+    }
+}
+
+// === impl Mirror ===
+
+/// Device of the actuator that is a proxy agent.
+pub(super) struct ProxyDevice {
+    context: Arc<ProxyContext>,
+    sight: Sight,
+    sighted: Sighted,
+    exported: ExportedModel,
+}
+
+impl ProxyDevice {
+    /// Returns a proxy of the agent as it is observed now.
+    pub(super) fn new(
+        crossing: Arc<ProxyContext>,
+        sight: Sight,
+        sighted: Sighted,
+        exported: ExportedModel,
+    ) -> ProxyDevice {
+        report_left_out(&crossing, &exported.excluded);
+        ProxyDevice { context: crossing, sight, sighted, exported }
+    }
+
+    /// Updates the proxy from the latest observation. If the agent is gone, nothing changes here;
+    /// `crossing` ends the proxy agent.
+    fn update(&mut self) {
+        let Some(sighted) = self.sight.borrow_and_update().clone() else { return };
+        if sighted.digest != self.sighted.digest {
+            match self.context.export(&sighted) {
+                Ok(exported) => {
+                    if exported.excluded != self.exported.excluded {
+                        report_left_out(&self.context, &exported.excluded);
+                    }
+                    self.exported = exported;
+                }
+                Err(why) => {
+                    let mirror = &self.context.mapping.proxy;
+                    tracing::warn!(%mirror, why, "it offers nothing that can be expressed here");
+                    self.exported.model.actions.clear();
+                }
+            }
+        }
+        self.sighted = sighted;
+    }
+
+    fn observed(&self, observations: &str) -> Vec<InitElement> {
+        if !self.context.passes(Performative::Inform) {
+            return Vec::new();
+        }
+        let translator = self.context.translator(&self.sighted.model);
+        let said = pddl::parse_init_elements(observations).value.unwrap_or_default();
+        said.iter().filter_map(|fact| translator.fact(fact)).collect()
+    }
+}
+
+fn report_left_out(crossing: &ProxyContext, left_out: &[ExcludedAction]) {
+    for left_out in left_out {
+        tracing::warn!(mirror = %crossing.mapping.proxy, "{left_out}");
+    }
+}
+
+impl Device for ProxyDevice {
+    type Yield = Report;
+
+    fn describe(&self) -> Description {
+        let method = |(name, timeout): (&String, &Duration)| {
+            let method = Method {
+                method: name.clone(),
+                arguments: BTreeMap::new(),
+                timeout: Deadline(timeout.saturating_add(METHOD_MARGIN)),
+            };
+            (name.clone(), method)
+        };
+        let offered = |(name, _): &(&String, &Duration)| {
+            self.exported.model.actions.iter().any(|action| action.name == name.as_str())
+        };
+        let methods: Methods = self.exported.timeouts.iter().filter(offered).map(method).collect();
+        Description { model: self.exported.model.clone(), methods }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        if !self.context.passes(Performative::Inform) {
+            return self.exported.model.init.iter().cloned().map(OwnFact::from).collect();
+        }
+        let now = Instant::now();
+        let translator = self.context.translator(&self.sighted.model);
+        let current = self.sighted.facts.iter().filter_map(|(fact, until)| {
+            let known_for = until.map(|until| until.saturating_duration_since(now));
+            let is_over = known_for.is_some_and(|left| left.is_zero());
+            let fact = translator.fact(fact).filter(|_| !is_over)?;
+            Some(OwnFact { fact, known_for })
+        });
+        // A heartbeat is complete: a fact that it does not contain is false.
+        current.chain(self.exported.constant_facts.iter().cloned().map(OwnFact::from)).collect()
+    }
+
+    fn check_call(&mut self, call: &MethodCall) -> Option<Refusal> {
+        let ProxyContext { counters, far_limit: outward, .. } = &*self.context;
+        if let Err(why) = self.context.to_far_step(&call.action) {
+            counters.unexported.fetch_add(1, Ordering::Relaxed);
+            return Some(Refusal::new(Reason::Incapable, why));
+        }
+        if outward.try_acquire() {
+            return None;
+        }
+        let count = counters.over_rate.fetch_add(1, Ordering::Relaxed) + 1;
+        tracing::warn!(mirror = %self.context.mapping.proxy, count, "too many messages");
+        let detail = format!(
+            "{} messages a second may pass to `{}`, and that limit is reached; ask again later",
+            outward.per_second(),
+            self.context.far
+        );
+        Some(Refusal::new(Reason::Busy, detail))
+    }
+
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<Report, MethodFailure>> {
+        let crossing = Arc::clone(&self.context);
+        let step = match crossing.to_far_step(&call.action) {
+            Ok(step) => step,
+            Err(why) => return Box::pin(std::future::ready(Err(MethodFailure::Driver(why)))),
+        };
+        Box::pin(async move {
+            crossing.counters.passed.fetch_add(1, Ordering::Relaxed);
+            let revocable = crossing.passes(Performative::Cancel);
+            let mut asked = crossing.voice.request_action(step, revocable).await;
+            loop {
+                let news = asked.next().await;
+                if news.is_final() {
+                    return method_result(&crossing, news);
+                }
+            }
+        })
+    }
+
+    fn on_success(&mut self, _call: &MethodCall, report: Report) -> MethodResult {
+        self.update();
+        let detail = format!("done by `{}`", self.context.far);
+        MethodResult { detail, observations: self.observed(&report.observations) }
+    }
+
+    fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<ProxyDevice>>> {
+        let mut sight = self.sight.clone();
+        let inward = Arc::clone(&self.context.near_limit);
+        Some(Box::pin(async move {
+            if sight.changed().await.is_err() {
+                // The observer has ended, and the proxy agent ends too.
+                return std::future::pending().await;
+            }
+            // Observations that are replaced during this wait are never announced.
+            inward.acquire().await;
+            let stir: DeviceEvent<ProxyDevice> = Box::new(|mirror| {
+                mirror.update();
+                Vec::new()
+            });
+            stir
+        }))
+    }
+
+    fn makes_bids(&self) -> bool {
+        self.context.passes(Performative::Cfp)
+    }
+}
+
+/// Converts the end of a request to a result, without the other ecosystem's texts.
+fn method_result(crossing: &ProxyContext, news: RemoteUpdate) -> Result<Report, MethodFailure> {
+    let far = &crossing.far;
+    let reason = news.reason();
+    match news {
+        RemoteUpdate::Report(report) if report.outcome == Outcome::Done => Ok(report),
+        RemoteUpdate::Report(report) if report.outcome == Outcome::Cancelled => {
+            Err(MethodFailure::Driver(format!("go on: `{far}` has given it up")))
+        }
+        RemoteUpdate::Report(_) => Err(MethodFailure::Driver(format!("have it done by `{far}`"))),
+        RemoteUpdate::Refused(_) => {
+            let why = reason.map(|reason| format!(" ({reason:?})")).unwrap_or_default();
+            Err(MethodFailure::Driver(format!("have it done by `{far}`, which declined{why}")))
+        }
+        RemoteUpdate::Unanswered => {
+            Err(MethodFailure::Driver(format!("hear from `{far}` in time")))
+        }
+    }
+}

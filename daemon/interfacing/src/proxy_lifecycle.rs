@@ -1,0 +1,145 @@
+//! Lifecycle of a proxy agent: it exists while the real agent is present, and leaves when that leaves.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use acl::{EcosystemId, Incarnation};
+use actuator::Actuator;
+use agent::{Blueprint, Landing, Launch as _, Sight, Sighted};
+use serde_json::Value;
+
+use super::proxy_device::{ProxyContext, ProxyDevice};
+
+/// Maximum number of ecosystems on an agent's route. An ecosystem that lends on what has been lent twice
+/// before cannot oversee what it lends.
+const VIA_MAX: usize = 3;
+
+/// Pause before a proxy agent is started again that ended by itself, because its name is taken.
+const RESTART_DELAY: Duration = Duration::from_secs(5);
+
+/// Keeps the proxy agent of one agent running until the daemon drains.
+pub(super) async fn run_proxy(crossing: Arc<ProxyContext>, mut sight: Sight, near: Landing) {
+    let stopping = near.stopping.clone();
+    loop {
+        let sighted = tokio::select! {
+            biased;
+            () = stopping.cancelled() => return,
+            sighted = wait_until_present(&mut sight) => match sighted {
+                Some(sighted) => sighted,
+                None => return,
+            },
+        };
+        let life = (sighted.incarnation, sighted.digest.clone());
+        let Some(via) = route(&crossing, &sighted, near.switchboard.ecosystem()) else {
+            crossing.counters.loops.fetch_add(1, Ordering::Relaxed);
+            wait_until_changed(&mut sight, life).await;
+            continue;
+        };
+        let exported = match crossing.export(&sighted) {
+            Ok(exported) => exported,
+            Err(why) => {
+                tracing::warn!(agent = %crossing.mapping.agent, why, "it gets no proxy agent");
+                wait_until_changed(&mut sight, life).await;
+                continue;
+            }
+        };
+        let incarnation = sighted.incarnation;
+        let device = ProxyDevice::new(Arc::clone(&crossing), sight.clone(), sighted, exported);
+        if !run_incarnation(&crossing, device, via, incarnation, &mut sight, &near).await {
+            tokio::select! {
+                biased;
+                () = stopping.cancelled() => return,
+                () = tokio::time::sleep(RESTART_DELAY) => (),
+            }
+        }
+    }
+}
+
+/// Runs one incarnation of a proxy agent. Returns `true` if it ended because the real agent left.
+async fn run_incarnation(
+    crossing: &ProxyContext,
+    device: ProxyDevice,
+    via: Vec<EcosystemId>,
+    incarnation: Incarnation,
+    sight: &mut Sight,
+    near: &Landing,
+) -> bool {
+    let id = &crossing.mapping.proxy;
+    let blueprint = Blueprint {
+        id: id.clone(),
+        driver: String::new(),
+        config: Arc::new(Value::Null),
+        host: Arc::clone(&near.host),
+    };
+    let agent = match Actuator::new(&blueprint, device) {
+        Ok(agent) => Box::new(agent),
+        Err(error) => {
+            tracing::error!(%id, "failed to {error}");
+            return false;
+        }
+    };
+    let stopping = near.stopping.child_token();
+    let mut life = agent.launch(near.berth(id, via, &stopping));
+    tracing::info!(%id, of = %crossing.mapping.agent, far = %crossing.far, "has a proxy agent");
+    let ended = tokio::select! {
+        biased;
+        ended = &mut life => ended,
+        () = wait_until_gone(sight, incarnation) => {
+            tracing::info!(%id, of = %crossing.mapping.agent, far = %crossing.far, "has left");
+            // The proxy agent cancels its request, withdraws its presence, and ends.
+            stopping.cancel();
+            let _ = life.await;
+            return true;
+        }
+    };
+    match ended {
+        Ok(Ok(())) => (),
+        Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),
+        // The panic itself has been printed on stderr, with its place.
+        Err(error) => tracing::error!(%id, %error, "the proxy agent broke off"),
+    }
+    false
+}
+
+/// Returns the route of an agent up to here; `None` if it must not be represented here.
+fn route(
+    crossing: &ProxyContext,
+    sighted: &Sighted,
+    near: &EcosystemId,
+) -> Option<Vec<EcosystemId>> {
+    let mut via = sighted.via.clone();
+    via.push(crossing.far.clone());
+    let agent = &crossing.mapping.agent;
+    if via.contains(near) {
+        tracing::warn!(%agent, ?via, "comes from here itself: it gets no proxy agent");
+        return None;
+    }
+    if via.len() > VIA_MAX {
+        tracing::warn!(%agent, ?via, "came through too many ecosystems: it gets no proxy agent");
+        return None;
+    }
+    Some(via)
+}
+
+/// Waits until the agent is present. Returns `None` if the observer has ended.
+async fn wait_until_present(sight: &mut Sight) -> Option<Sighted> {
+    sight.wait_for(Option::is_some).await.ok()?.clone()
+}
+
+/// Waits until the agent is gone, or another incarnation of it is present.
+async fn wait_until_gone(sight: &mut Sight, incarnation: Incarnation) {
+    let is_gone =
+        |sighted: &Option<Sighted>| sighted.as_ref().is_none_or(|it| it.incarnation != incarnation);
+    // An observer that has ended counts as a missing agent.
+    let _ = sight.wait_for(is_gone).await;
+}
+
+/// Waits until the agent has another incarnation or model, or is gone: the present one cannot be
+/// represented.
+async fn wait_until_changed(sight: &mut Sight, (incarnation, digest): (Incarnation, String)) {
+    let is_other = |sighted: &Option<Sighted>| {
+        sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
+    };
+    let _ = sight.wait_for(is_other).await;
+}

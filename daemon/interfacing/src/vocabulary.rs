@@ -1,0 +1,101 @@
+//! The vocabulary of one direction: the near name of each far symbol. Symbols without an entry do not pass.
+
+use std::collections::BTreeMap;
+
+use acl::{AgentId, EcosystemId};
+use pddl::Name;
+
+use crate::interface_config::{InterfaceEntry, RuleEntry};
+
+/// Near names of far symbols.
+///
+/// *Far* is the side where an agent runs, *near* the side of its proxy agent.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct InterfaceVocabulary {
+    /// Types.
+    pub types: BTreeMap<String, Name>,
+    /// Predicates.
+    pub predicates: BTreeMap<String, Name>,
+    /// Functions.
+    pub functions: BTreeMap<String, Name>,
+    /// Objects.
+    pub objects: BTreeMap<String, Name>,
+}
+
+/// Direction of a rule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RuleDirection {
+    /// An agent of the other ecosystem is represented here.
+    Import,
+    /// An agent of this ecosystem is represented there.
+    Export,
+}
+
+/// Content of one rule about an agent, from the far side to the near one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AgentMapping {
+    /// Far name of the agent.
+    pub agent: AgentId,
+    /// Name of its proxy agent.
+    pub proxy: AgentId,
+    /// Predicate that holds of the exported objects. Actions of the proxy agent require it, because each
+    /// side has objects that the other does not know.
+    pub guard: Name,
+    /// Actions, far name = near name.
+    pub actions: BTreeMap<String, Name>,
+    /// Cost of an action in plans, by its near name.
+    pub costs: BTreeMap<String, f64>,
+}
+
+// === impl Words ===
+
+impl InterfaceVocabulary {
+    /// Returns the vocabulary of an interface for one direction.
+    pub fn of(entry: &InterfaceEntry, way: RuleDirection) -> InterfaceVocabulary {
+        let turned = |table: &BTreeMap<String, String>| far_to_near(table, way);
+        InterfaceVocabulary {
+            types: turned(&entry.types),
+            predicates: turned(&entry.predicates),
+            functions: turned(&entry.functions),
+            objects: turned(&entry.objects),
+        }
+    }
+
+    /// Returns the vocabulary for the opposite direction.
+    pub fn reversed(&self) -> InterfaceVocabulary {
+        let reversed = |table: &BTreeMap<String, Name>| -> BTreeMap<String, Name> {
+            table.iter().map(|(far, near)| (near.as_str().to_owned(), Name::new(far))).collect()
+        };
+        InterfaceVocabulary {
+            types: reversed(&self.types),
+            predicates: reversed(&self.predicates),
+            functions: reversed(&self.functions),
+            objects: reversed(&self.objects),
+        }
+    }
+}
+
+// === impl Passage ===
+
+impl AgentMapping {
+    /// Returns the content of a rule about an agent of the ecosystem `far`; `None` if the rule is about
+    /// goals.
+    pub fn of(rule: &RuleEntry, far: &EcosystemId, way: RuleDirection) -> Option<AgentMapping> {
+        Some(AgentMapping {
+            agent: rule.agent.clone()?,
+            proxy: rule.proxy_name.clone(),
+            guard: Name::new(&format!("shared-with-{far}")),
+            actions: far_to_near(&rule.actions, way),
+            costs: rule.costs.clone(),
+        })
+    }
+}
+
+/// Converts a table “own = other” to “far = near”.
+fn far_to_near(table: &BTreeMap<String, String>, way: RuleDirection) -> BTreeMap<String, Name> {
+    let entry = |(ours, theirs): (&String, &String)| match way {
+        RuleDirection::Import => (theirs.clone(), Name::new(ours)),
+        RuleDirection::Export => (ours.clone(), Name::new(theirs)),
+    };
+    table.iter().map(entry).collect()
+}

@@ -1,0 +1,336 @@
+//! Parentheses: from tokens to a tree, without recursion.
+//!
+//! - Reads tokens from `lexer`, and makes the entries that `sexpr` gives access to.
+//! - Bounds the nesting, so that recursion over the result cannot overflow the stack.
+//! - Repairs what it can, so that one missing parenthesis gives one diagnostic and does not spoil
+//!   the rest of the file.
+
+use crate::diagnostic::{Diagnostic, DiagnosticList};
+use crate::lexer::{self, LexToken};
+use crate::sexpr::{NESTING_MAX, NodeKind, StoredNode};
+use crate::tree::Span;
+
+/// Words that begin a section of a `(define …)` and occur nowhere else.
+const SECTIONS: &[&str] = &[
+    ":domain",
+    ":requirements",
+    ":types",
+    ":constants",
+    ":predicates",
+    ":functions",
+    ":derived",
+    ":action",
+    ":durative-action",
+    ":objects",
+    ":init",
+    ":goal",
+    ":metric",
+];
+
+/// Words that begin a part of an action and occur nowhere else.
+const PARTS: &[&str] = &[":parameters", ":precondition", ":condition", ":duration", ":effect"];
+
+/// Builds a tree.
+pub(crate) struct ForestBuilder<'t, 'd> {
+    text: &'t str,
+    entries: Vec<StoredNode>,
+    /// Open lists, outermost first.
+    open: Vec<u32>,
+    /// Number of open parentheses inside a list that is nested too deep.
+    open_skipped: usize,
+    /// End of the last token.
+    end: usize,
+    /// Whether the last token was a word.
+    after_word: bool,
+    /// Whether the last token was a `)` without an open list.
+    after_stray: bool,
+    /// Place of such a `)` if nothing has come after it so far.
+    stray: Option<usize>,
+    problems: &'d mut DiagnosticList,
+}
+
+impl<'t, 'd> ForestBuilder<'t, 'd> {
+    pub(crate) fn new(text: &'t str, problems: &'d mut DiagnosticList) -> ForestBuilder<'t, 'd> {
+        ForestBuilder {
+            text,
+            // Competition files have one token per five to eight bytes.
+            entries: Vec::with_capacity(text.len() / 6),
+            open: Vec::new(),
+            open_skipped: 0,
+            end: 0,
+            after_word: false,
+            after_stray: false,
+            stray: None,
+            problems,
+        }
+    }
+
+    /// Reads the whole text; returns the nodes in its order.
+    pub(crate) fn read(mut self) -> Vec<StoredNode> {
+        if u32::try_from(self.text.len()).is_err() {
+            let message = "the text is longer than 4 GiB";
+            self.problems.push(Diagnostic::error(Span::default(), message));
+            return Vec::new();
+        }
+        let mut rest = self.text.strip_prefix('\u{feff}').unwrap_or(self.text).as_bytes();
+        while let Ok((left, token)) = lexer::token(rest) {
+            rest = left;
+            let before = self.end;
+            self.end = self.text.len() - left.len();
+            if let Some(comment) = self.foreign_comment(token) {
+                rest = rest.get(comment - self.end..).unwrap_or_default();
+                self.end = comment;
+                continue;
+            }
+            self.take(token, before);
+        }
+        self.finish();
+        self.entries
+    }
+
+    /// Reports a comment in the style of another language that begins with this word, and returns
+    /// its end; `None` if it is none.
+    fn foreign_comment(&mut self, token: LexToken) -> Option<usize> {
+        let LexToken::Symbol(length) = token else { return None };
+        let start = self.end - length;
+        let word = &self.text.as_bytes()[start..self.end];
+        let mark = match word {
+            // `#t` is the time in a continuous effect.
+            [b'#', b't' | b'T'] => return None,
+            [b'#', ..] => 1,
+            [b'/', b'/' | b'*', ..] => 2,
+            _ => return None,
+        };
+        let is_block = word.starts_with(b"/*");
+        let rest = &self.text[start..];
+        let length = match is_block {
+            true => rest.find("*/").map_or(rest.len(), |end| end + 2),
+            false => rest.find(['\n', '\r']).unwrap_or(rest.len()),
+        };
+        let mark = &rest[..mark];
+        self.problems.push(
+            Diagnostic::error(
+                Span::new(start, start + mark.len()),
+                format!("`{mark}` begins no comment in PDDL"),
+            )
+            .with_help("begin each line of a comment with `;`"),
+        );
+        Some(start + length)
+    }
+
+    /// Adds a token; `before` is the end of the token before it.
+    fn take(&mut self, token: LexToken, before: usize) {
+        let touches_word = self.after_word
+            && matches!(token, LexToken::Symbol(length) if self.end - length == before);
+        self.after_word = matches!(token, LexToken::Symbol(_));
+        if let LexToken::Open | LexToken::Symbol(_) = token {
+            self.report_stray();
+        }
+        match token {
+            LexToken::Symbol(length) if touches_word && self.open_skipped == 0 => {
+                self.report_touching(self.end - length);
+                self.symbol(length);
+            }
+            LexToken::Open if self.open_skipped > 0 => self.open_skipped += 1,
+            LexToken::Open => self.open(),
+            LexToken::Close if self.open_skipped > 0 => self.close_skipped(),
+            LexToken::Close => self.close(),
+            LexToken::Symbol(_) if self.open_skipped > 0 => {}
+            LexToken::Symbol(length) => self.symbol(length),
+        }
+    }
+
+    fn push(&mut self, start: usize, kind: NodeKind) {
+        let Span { start, end } = Span::new(start, self.end);
+        let next = self.entries.len() as u32 + 1;
+        let depth = u8::try_from(self.open.len()).unwrap_or(u8::MAX);
+        self.entries.push(StoredNode { start, end, next, kind, depth });
+    }
+
+    fn open(&mut self) {
+        self.after_stray = false;
+        if self.open.len() < NESTING_MAX {
+            self.push(self.end - 1, NodeKind::List);
+            self.open.push(self.entries.len() as u32 - 1);
+            return;
+        }
+        self.open_skipped = 1;
+        self.push(self.end - 1, NodeKind::Damaged);
+        self.problems.push(too_deep(Span::new(self.end - 1, self.end)));
+    }
+
+    fn close(&mut self) {
+        if let Some(index) = self.open.pop() {
+            self.end_list(index, self.entries.len() as u32, self.end);
+        } else if !self.after_stray {
+            self.after_stray = true;
+            self.stray = Some(self.end - 1);
+        }
+    }
+
+    /// Reports a `)` that closes nothing, once a token comes after it.
+    fn report_stray(&mut self) {
+        if let Some(start) = self.stray.take() {
+            self.problems.push(
+                Diagnostic::error(Span::new(start, start + 1), "`)` closes nothing")
+                    .with_help("remove it, or add the `(` that it belongs to"),
+            );
+        }
+    }
+
+    fn report_touching(&mut self, start: usize) {
+        let variable = &self.text[start..self.end];
+        let touching = Diagnostic::warning(
+            Span::new(start, self.end),
+            format!("`{variable}` touches the word before it"),
+        );
+        self.problems.push(touching.with_help("write a space between them"));
+    }
+
+    fn close_skipped(&mut self) {
+        self.open_skipped -= 1;
+        if let (0, Some(damaged)) = (self.open_skipped, self.entries.last_mut()) {
+            damaged.end = Span::new(0, self.end).end;
+        }
+    }
+
+    fn symbol(&mut self, length: usize) {
+        self.after_stray = false;
+        let start = self.end - length;
+        if self.text.as_bytes()[start] == b':' {
+            self.repair_before_part(start);
+            self.repair_before_section(start);
+        }
+        self.push(start, NodeKind::Symbol);
+    }
+
+    fn end_list(&mut self, index: u32, next: u32, end: usize) {
+        let entry = &mut self.entries[index as usize];
+        entry.next = next;
+        entry.end = Span::new(0, end).end;
+    }
+
+    /// Repairs parentheses before a section. A section occurs only in a `(define …)`: if it begins
+    /// deeper, parentheses are missing; if it begins outside, there is one too many.
+    fn repair_before_section(&mut self, start: usize) {
+        let word = &self.text[start..self.end];
+        let heads_a_list = self.open.last().is_some_and(|i| *i as usize + 1 == self.entries.len());
+        let is_in_place = self.open.len() == 2;
+        if is_in_place
+            || !heads_a_list
+            || !SECTIONS.iter().any(|known| known.eq_ignore_ascii_case(word))
+        {
+            return;
+        }
+        let list = self.entries.len() - 1;
+        let section = Span::new(self.entries[list].start as usize, self.end);
+        if self.open.len() > 2 && self.is_define(self.open[0]) {
+            let unclosed: Vec<u32> = self.open.drain(1..self.open.len() - 1).collect();
+            self.close_before(&unclosed, list as u32, section, &format!("({word}"));
+        } else if self.open.len() == 1 {
+            self.reopen_before(section, word);
+        }
+    }
+
+    /// Repairs parentheses before a part of an action. Such a part occurs only in an action: if it
+    /// begins deeper, parentheses are missing.
+    fn repair_before_part(&mut self, start: usize) {
+        let word = &self.text[start..self.end];
+        let is_part = PARTS.iter().any(|known| known.eq_ignore_ascii_case(word));
+        let in_action = self.open.len() > 2
+            && self.is_define(self.open[0])
+            && (self.has_head(self.open[1], ":action")
+                || self.has_head(self.open[1], ":durative-action"));
+        if is_part && in_action {
+            let unclosed: Vec<u32> = self.open.drain(2..).collect();
+            let part = Span::new(start, self.end);
+            self.close_before(&unclosed, self.entries.len() as u32, part, word);
+        }
+    }
+
+    /// Closes lists before the entry `next`, which is at `place` and cannot be inside them.
+    fn close_before(&mut self, unclosed: &[u32], next: u32, place: Span, word: &str) {
+        let end = self.text[..place.start as usize].trim_end().len();
+        let opener = unclosed.first().map_or(0, |index| self.entries[*index as usize].start);
+        for index in unclosed {
+            self.end_list(*index, next, end);
+        }
+        let missing = ")".repeat(unclosed.len());
+        self.problems.push(
+            Diagnostic::error(Span { start: opener, end: opener + 1 }, "unclosed `(`")
+                .with_label("opened here")
+                .with_help(format!("add `{missing}` before `{word}`"))
+                .with_note(place, format!("`{word}` begins while it is still open")),
+        );
+    }
+
+    fn reopen_before(&mut self, section: Span, word: &str) {
+        let index = self.open[0];
+        let Some(define) = self.last_root_before(index).filter(|root| self.is_define(*root)) else {
+            return;
+        };
+        let end = self.entries[define as usize].end as usize;
+        self.open.insert(0, define);
+        self.problems.push(
+            Diagnostic::error(Span::new(end - 1, end), "this `)` closes `(define` too early")
+                .with_help("remove it")
+                .with_note(section, format!("`({word}` stands outside of `(define`")),
+        );
+    }
+
+    fn last_root_before(&self, index: u32) -> Option<u32> {
+        // The entry before a root ends the root before it. Only `(define` can be that root; the
+        // grammar reports a `(define` that is followed by anything else.
+        let first = self.entries.first()?;
+        (index > 0 && first.next == index).then_some(0)
+    }
+
+    fn is_define(&self, index: u32) -> bool {
+        self.has_head(index, "define")
+    }
+
+    fn has_head(&self, index: u32, word: &str) -> bool {
+        let Some(head) = self.entries.get(index as usize + 1) else { return false };
+        let found = &self.text[head.start as usize..head.end as usize];
+        head.kind == NodeKind::Symbol && found.eq_ignore_ascii_case(word)
+    }
+
+    fn finish(&mut self) {
+        if let Some(start) = self.stray.take() {
+            // Everything before it is complete: an extra parenthesis at the end does no harm.
+            let place = Span::new(start, start + 1);
+            let extra = match self.entries.is_empty() {
+                true => Diagnostic::error(place, "`)` closes nothing"),
+                false => Diagnostic::warning(place, "`)` after the end closes nothing"),
+            };
+            self.problems.push(extra.with_help("remove it"));
+        }
+        let count = self.open.len() + self.open_skipped;
+        if let Some(damaged) = self.entries.last_mut().filter(|_| self.open_skipped > 0) {
+            damaged.end = Span::new(0, self.end).end;
+        }
+        let Some(innermost) = self.open.last() else { return };
+        let start = self.entries[*innermost as usize].start as usize;
+        let mut diagnostic = Diagnostic::error(Span::new(start, start + 1), "unclosed `(`")
+            .with_label("opened here");
+        diagnostic.help = Some(match count {
+            1 => "add `)` at the end".to_owned(),
+            _ => format!("{count} are open at the end of the text"),
+        });
+        if let [outermost, _, ..] = self.open[..] {
+            let start = self.entries[outermost as usize].start as usize;
+            diagnostic = diagnostic.with_note(Span::new(start, start + 1), "the outermost is here");
+        }
+        self.problems.push(diagnostic);
+        while let Some(index) = self.open.pop() {
+            self.end_list(index, self.entries.len() as u32, self.end);
+        }
+    }
+}
+
+/// Reports that the node at `place` would exceed the allowed nesting.
+pub(crate) fn too_deep(place: Span) -> Diagnostic {
+    let message = format!("parentheses nested more than {NESTING_MAX} deep are not supported");
+    Diagnostic::unsupported(place, message)
+        .with_help("split the condition, for example with a derived predicate")
+}

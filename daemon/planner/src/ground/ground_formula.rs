@@ -1,0 +1,245 @@
+//! Ground conditions as trees: simplified while they are built, then expanded into conjunctions of
+//! literals.
+//!
+//! A disjunction is multiplied out while that stays small; beyond that it becomes an auxiliary fact,
+//! derived by one axiom per alternative. Equal disjunctions share one fact.
+
+use rustc_hash::FxHashMap;
+
+use crate::task::{FactId, Literal};
+
+/// A ground condition. `And` and `Or` have at least two parts, and no part has the kind of its parent.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) enum GroundFormula {
+    True,
+    False,
+    Literal(Literal),
+    And(Vec<GroundFormula>),
+    Or(Vec<GroundFormula>),
+}
+
+/// An axiom over raw facts.
+#[derive(Clone, Debug)]
+pub(super) struct RawAxiom {
+    pub(super) head: FactId,
+    pub(super) body: Vec<Literal>,
+    pub(super) stratum: usize,
+}
+
+/// Auxiliary facts, which stand for disjunctions, and the axioms that derive them.
+#[derive(Debug)]
+pub(super) struct Auxiliaries {
+    known: FxHashMap<(usize, Vec<GroundFormula>), FactId>,
+    next: usize,
+    pub(super) axioms: Vec<RawAxiom>,
+}
+
+// === impl Tree ===
+
+impl GroundFormula {
+    pub(super) fn and(parts: impl IntoIterator<Item = GroundFormula>) -> GroundFormula {
+        let mut flat = Vec::new();
+        for part in parts {
+            match part {
+                GroundFormula::True => (),
+                GroundFormula::False => return GroundFormula::False,
+                GroundFormula::And(inner) => flat.extend(inner),
+                other => flat.push(other),
+            }
+        }
+        GroundFormula::tidy(flat, GroundFormula::True, GroundFormula::And)
+    }
+
+    pub(super) fn or(parts: impl IntoIterator<Item = GroundFormula>) -> GroundFormula {
+        let mut flat = Vec::new();
+        for part in parts {
+            match part {
+                GroundFormula::False => (),
+                GroundFormula::True => return GroundFormula::True,
+                GroundFormula::Or(inner) => flat.extend(inner),
+                other => flat.push(other),
+            }
+        }
+        GroundFormula::tidy(flat, GroundFormula::False, GroundFormula::Or)
+    }
+
+    /// Returns the negation.
+    pub(super) fn negated(&self) -> GroundFormula {
+        match self {
+            GroundFormula::True => GroundFormula::False,
+            GroundFormula::False => GroundFormula::True,
+            GroundFormula::Literal(literal) => GroundFormula::Literal(literal.negated()),
+            GroundFormula::And(parts) => {
+                GroundFormula::or(parts.iter().map(GroundFormula::negated))
+            }
+            GroundFormula::Or(parts) => {
+                GroundFormula::and(parts.iter().map(GroundFormula::negated))
+            }
+        }
+    }
+
+    fn tidy(
+        mut flat: Vec<GroundFormula>,
+        empty: GroundFormula,
+        many: impl Fn(Vec<GroundFormula>) -> GroundFormula,
+    ) -> GroundFormula {
+        if flat.len() <= FEW_PARTS {
+            let mut position = 1;
+            while position < flat.len() {
+                if flat[..position].contains(&flat[position]) {
+                    flat.remove(position);
+                } else {
+                    position += 1;
+                }
+            }
+        } else {
+            let mut seen = rustc_hash::FxHashSet::default();
+            flat.retain(|part| seen.insert(part.clone()));
+        }
+        match flat.len() {
+            0 => empty,
+            1 => flat.swap_remove(0),
+            _ => many(flat),
+        }
+    }
+}
+
+// === impl Auxiliaries ===
+
+impl Auxiliaries {
+    /// Returns an empty set; new facts are numbered from `next` on.
+    pub(super) fn new(next: usize) -> Auxiliaries {
+        Auxiliaries { known: FxHashMap::default(), next, axioms: Vec::new() }
+    }
+
+    /// Returns the number of auxiliary facts.
+    pub(super) fn len(&self) -> usize {
+        self.known.len()
+    }
+
+    /// Returns the end of the fact numbers.
+    pub(super) fn end(&self) -> usize {
+        self.next
+    }
+
+    /// Sorts the axioms by head, and removes duplicates.
+    pub(super) fn tidy(&mut self) {
+        let key = |axiom: &RawAxiom| (axiom.head, axiom.stratum);
+        self.axioms.sort_by(|left, right| {
+            key(left).cmp(&key(right)).then_with(|| left.body.cmp(&right.body))
+        });
+        self.axioms.dedup_by(|left, right| key(left) == key(right) && left.body == right.body);
+    }
+
+    /// Expands a tree into at most `alternatives_max` conjunctions, of which at least one holds exactly
+    /// where the tree holds. Axioms made for this purpose get `stratum`.
+    pub(super) fn conjunctions(
+        &mut self,
+        tree: &GroundFormula,
+        alternatives_max: usize,
+        stratum: usize,
+    ) -> Vec<Vec<Literal>> {
+        let mut all = self.expand(tree, alternatives_max, stratum);
+        for literals in &mut all {
+            literals.sort_unstable();
+            literals.dedup();
+        }
+        // The literals of one fact are adjacent, the positive one first.
+        all.retain(|literals| !literals.windows(2).any(|pair| pair[0].negated() == pair[1]));
+        all
+    }
+
+    fn expand(&mut self, tree: &GroundFormula, max: usize, stratum: usize) -> Vec<Vec<Literal>> {
+        match tree {
+            GroundFormula::True => vec![Vec::new()],
+            GroundFormula::False => Vec::new(),
+            GroundFormula::Literal(literal) => vec![vec![*literal]],
+            GroundFormula::And(parts) => {
+                let mut whole = vec![Vec::new()];
+                for part in parts {
+                    let alternatives = self.expand(part, max / whole.len(), stratum);
+                    let pairs = whole.iter().flat_map(|left: &Vec<Literal>| {
+                        alternatives.iter().map(move |right| [left.as_slice(), right].concat())
+                    });
+                    whole = pairs.collect();
+                    if whole.is_empty() {
+                        break;
+                    }
+                }
+                whole
+            }
+            GroundFormula::Or(parts) => {
+                if parts.len() > max {
+                    return vec![vec![self.fact(parts, stratum)]];
+                }
+                let all: Vec<Vec<Literal>> =
+                    parts.iter().flat_map(|part| self.expand(part, max, stratum)).collect();
+                if all.len() > max { vec![vec![self.fact(parts, stratum)]] } else { all }
+            }
+        }
+    }
+
+    /// Returns the auxiliary fact of a disjunction, and creates it if needed.
+    fn fact(&mut self, parts: &[GroundFormula], stratum: usize) -> Literal {
+        let key = (stratum, parts.to_vec());
+        if let Some(&fact) = self.known.get(&key) {
+            return Literal::new(fact, true);
+        }
+        let head = FactId::from_index(self.next);
+        self.next += 1;
+        self.known.insert(key, head);
+        for part in parts {
+            for body in self.conjunctions(part, AUXILIARY_ALTERNATIVES_MAX, stratum) {
+                self.axioms.push(RawAxiom { head, body, stratum });
+            }
+        }
+        Literal::new(head, true)
+    }
+}
+
+/// Up to this number, parts are compared pairwise; beyond it, they are hashed.
+const FEW_PARTS: usize = 8;
+
+/// Maximal number of conjunctions for one part of a disjunction, before it gets an auxiliary fact too.
+const AUXILIARY_ALTERNATIVES_MAX: usize = 4;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn literal(fact: usize) -> GroundFormula {
+        GroundFormula::Literal(Literal::new(FactId::from_index(fact), true))
+    }
+
+    /// `(a0 or b0) and (a1 or b1) and …`
+    fn pairs(count: usize) -> GroundFormula {
+        GroundFormula::and(
+            (0..count).map(|index| GroundFormula::or([literal(2 * index), literal(2 * index + 1)])),
+        )
+    }
+
+    #[track_caller]
+    fn check(tree: &GroundFormula, conjunctions: usize, axioms: usize) {
+        let mut auxiliaries = Auxiliaries::new(1_000);
+        let all = auxiliaries.conjunctions(tree, 8, 0);
+        assert_eq!((all.len(), auxiliaries.axioms.len()), (conjunctions, axioms));
+    }
+
+    #[test]
+    fn small_disjunctions_are_multiplied_out() {
+        check(&pairs(3), 8, 0);
+    }
+
+    #[test]
+    fn large_ones_become_facts_that_equal_ones_share() {
+        check(&pairs(10), 8, 14);
+        check(&GroundFormula::and([pairs(10), pairs(10)]), 8, 14);
+    }
+
+    #[test]
+    fn contradictions_and_tautologies_vanish() {
+        check(&GroundFormula::and([literal(1), literal(1).negated()]), 0, 0);
+        check(&GroundFormula::or([GroundFormula::True, literal(1)]), 1, 0);
+        check(&GroundFormula::or([GroundFormula::False, literal(1)]), 1, 0);
+    }
+}

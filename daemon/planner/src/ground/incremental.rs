@@ -1,0 +1,495 @@
+//! Incremental grounding: a ground problem that is kept while its texts change. Removed objects and
+//! actions are masked; only additions are ground.
+//!
+//! - No fact is static here, as the world may change any of them, and nothing is dropped as irrelevant.
+//!   [`Standing::task`] simplifies for one state and goal, in one pass.
+//! - Objects, predicates and schemas keep their numbers; new ones get the numbers after them.
+//! - Each predicate has room for more facts than it has now. If the room is used up, or if a change
+//!   cannot be expressed this way, the result is [`Outgrown`], and the caller grounds the texts afresh.
+
+use pddl::{Atom, InitElement, Term};
+
+use super::action_relation;
+use super::finish::{RawInitialState, finish};
+use super::ground_fluents::GroundFluents;
+use super::ground_formula::RawAxiom;
+use super::grounding_meter::GroundingMeter;
+use super::object_sets::ObjectSets;
+use super::raw_instances::{FactLayout, RawInstances, RawTask};
+use super::reach::{PreviousCounts, ReachableTuples, initial_relations, reach_on};
+use super::relation::Relation;
+use super::relaxed_reachability::{RelaxationIndex, RelaxedReachable};
+use super::relevant_operators::RelevanceIndex;
+use crate::limits::{Budget, Cancel};
+use crate::normalize::lifted::{
+    Closed, Formula, Lifted, LiftedAtom, LiftedSchema, PredicateIndex, TypeSet,
+};
+use crate::normalize::{SymbolTable, closed, initial_values};
+use crate::operators::OperatorTable;
+use crate::outcome::StopReason;
+use crate::task::{Literal, ObjectId, Task};
+
+/// A ground problem that follows changes of its texts.
+#[derive(Debug)]
+pub(crate) struct IncrementalGrounding {
+    lifted: Lifted,
+    symbols: SymbolTable,
+    values: GroundFluents,
+    reached: ReachableTuples,
+    instances: RawInstances,
+    relaxation_index: Option<RelaxationIndex>,
+    relevance_index: Option<RelevanceIndex>,
+    /// Whether some condition quantifies over objects. If so, objects cannot be masked.
+    is_quantified: bool,
+    /// Number of comparisons and auxiliaries of the texts; those of goals are numbered after them.
+    invented_facts: usize,
+}
+
+/// Mask: which objects, schemas and predicates exist now.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct PresenceMask {
+    /// Per object: whether it exists.
+    pub(crate) objects: Vec<bool>,
+    /// Per schema: whether it exists.
+    pub(crate) schemas: Vec<bool>,
+    /// Per declared predicate: whether it exists.
+    pub(crate) predicates: Vec<bool>,
+}
+
+/// Initial state of a problem (`:init`), as numbers.
+#[derive(Debug, Default)]
+pub(crate) struct InitialState {
+    /// Facts, each as a predicate and a row of its relation.
+    facts: Vec<(PredicateIndex, usize)>,
+    values: Vec<(usize, Vec<ObjectId>, f64)>,
+}
+
+/// The change cannot be followed by masks and additions; the problem must be ground afresh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct NeedsRegrounding;
+
+/// Spare facts per predicate, in addition to twice the present number.
+const ROOM: usize = 8;
+
+/// Cap on comparisons, disjunctions and types that earlier goals have left behind; beyond it, the
+/// problem is ground afresh. It keeps a caller with ever new goals from filling the memory.
+const LEFTOVERS_MAX: usize = 1_000;
+
+/// Room for facts of predicates that are declared later.
+const ROOM_FOR_PREDICATES: usize = 512;
+
+// === impl Standing ===
+
+impl IncrementalGrounding {
+    /// Grounds a lifted task. `join_steps` is set to the work done in any case.
+    pub(crate) fn new(
+        mut lifted: Lifted,
+        symbols: SymbolTable,
+        budget: Budget,
+        cancel: &Cancel,
+        join_steps: &mut u64,
+    ) -> Result<IncrementalGrounding, StopReason> {
+        let mut work = GroundingMeter::new(budget, cancel);
+        make_changeable(&mut lifted);
+        let mut values = GroundFluents::new(&lifted);
+        let relations = initial_relations(&lifted);
+        let reached = reach_on(&lifted, &values, relations, PreviousCounts::default(), &mut work);
+        *join_steps = work.steps;
+        let mut reached = reached?;
+        let sizes = reached.relations[..lifted.predicates.len()].iter();
+        let mut drawn = RawInstances::new(sizes.map(|one| room(one.len())), ROOM_FOR_PREDICATES);
+        let rows = vec![0; lifted.schemas.len()];
+        drawn.add_instances(&lifted, &mut reached, &mut values, &rows, &mut work)?;
+        let is_quantified = is_quantified(&lifted);
+        let made_up = drawn.invented_fact_count();
+        let (flow, sources) = (None, None);
+        Ok(IncrementalGrounding {
+            lifted,
+            symbols,
+            values,
+            reached,
+            instances: drawn,
+            relaxation_index: flow,
+            relevance_index: sources,
+            is_quantified,
+            invented_facts: made_up,
+        })
+    }
+
+    /// Returns the number of an object; `None` if it is unknown.
+    pub(crate) fn object(&self, name: &pddl::Name) -> Option<ObjectId> {
+        self.symbols.known_object(name)
+    }
+
+    /// Returns warnings about constructs that the author of the domain probably did not intend.
+    pub(crate) fn warnings(&self) -> &[pddl::Diagnostic] {
+        &self.instances.warnings
+    }
+
+    /// Whether objects can be masked, which requires that no condition quantifies over objects.
+    pub(crate) fn can_mask_objects(&self) -> bool {
+        !self.is_quantified
+    }
+
+    /// Whether all values in `:init` belong to functions and objects that had a value when this was
+    /// ground.
+    pub(crate) fn has_known_values(&self, now: &InitialState) -> bool {
+        self.values.has_tuples(&now.values)
+    }
+
+    /// Converts `:init`. Returns `None` if it has facts or values that are unknown here.
+    pub(crate) fn convert_initial_state(
+        &mut self,
+        problem: &pddl::Problem,
+    ) -> Option<InitialState> {
+        let (symbols, relations) = (&mut self.symbols, &self.reached.relations);
+        let mut facts = Vec::with_capacity(problem.init.len());
+        let mut objects = Vec::new();
+        // Facts of one predicate are mostly adjacent.
+        let mut last: Option<(&Atom, PredicateIndex)> = None;
+        for element in &problem.init {
+            let InitElement::Atom(atom) = element else { continue };
+            let arity = atom.arguments.len();
+            let is_same = |(other, _): &(&Atom, usize)| {
+                other.predicate == atom.predicate && other.arguments.len() == arity
+            };
+            let predicate = match last.filter(is_same) {
+                Some((_, predicate)) => predicate,
+                None => symbols.known_predicate(&atom.predicate, arity)?,
+            };
+            last = Some((atom, predicate));
+            objects.clear();
+            for term in &atom.arguments {
+                let Term::Object(name) = term else { return None };
+                objects.push(symbols.known_object(name)?);
+            }
+            facts.push((predicate, relations[predicate].find(&objects)?));
+        }
+        let values = initial_values(symbols, problem);
+        symbols.take_problems().is_empty().then_some(InitialState { facts, values })
+    }
+
+    /// Whether the operators are still valid under these values: numeric fluents may have other values,
+    /// but must have one where they had one; all other functions must have the same values.
+    pub(crate) fn keeps_operators_valid(&self, now: &InitialState, present: &PresenceMask) -> bool {
+        !self.lifted.costs.varies
+            && self.values.keeps_expressions_valid(&self.lifted, &now.values, &present.objects)
+    }
+
+    /// Grounds additions. `lifted` repeats the known parts in the same order, followed by the new ones.
+    pub(crate) fn extend(
+        &mut self,
+        mut lifted: Lifted,
+        symbols: SymbolTable,
+        budget: Budget,
+        cancel: &Cancel,
+        join_steps: &mut u64,
+    ) -> Result<Result<(), NeedsRegrounding>, StopReason> {
+        let before = PreviousCounts {
+            objects: self.lifted.objects.len(),
+            schemas: self.lifted.schemas.len(),
+        };
+        let known = self.lifted.predicates.len();
+        let mut work = GroundingMeter::new(budget, cancel);
+        make_changeable(&mut lifted);
+        if !self.values.add_values(&lifted, before.objects) {
+            return Ok(Err(NeedsRegrounding));
+        }
+        let mut relations = std::mem::take(&mut self.reached.relations);
+        let schemas = relations.split_off(known);
+        relations.extend(lifted.predicates[known..].iter().map(|one| Relation::new(one.arity)));
+        relations.extend(schemas);
+        let new = lifted.schemas[before.schemas..].iter();
+        relations.extend(new.map(|schema| Relation::new(schema.parameter_count)));
+        relations.iter_mut().for_each(Relation::forget_statistics);
+        let sizes: Vec<usize> = relations.iter().map(Relation::len).collect();
+        for (predicate, arguments) in &lifted.init {
+            relations[*predicate].insert(arguments);
+        }
+        let reached = reach_on(&lifted, &self.values, relations, before, &mut work);
+        *join_steps = work.steps;
+        self.reached = reached?;
+        let lengths = || self.reached.relations.iter().map(Relation::len);
+        if !self.instances.has_room(lengths().take(lifted.predicates.len()), room) {
+            return Ok(Err(NeedsRegrounding));
+        }
+        let grew: Vec<bool> = lengths().zip(sizes.iter()).map(|(now, then)| now > *then).collect();
+        let objects_grew = lifted.objects.len() > before.objects;
+        let mut rows = vec![0; lifted.schemas.len()];
+        let mut settled = vec![false; lifted.schemas.len()];
+        for (index, schema) in lifted.schemas[..before.schemas].iter().enumerate() {
+            settled[index] = is_settled(schema, &grew, objects_grew);
+            if settled[index] {
+                rows[index] = sizes[action_relation(&lifted, index)];
+            }
+        }
+        let operators = &self.instances.operators;
+        let stays = |index: &usize| settled[operators.get(*index).schema as usize];
+        self.instances.operators = chosen(operators, (0..operators.len()).filter(stays));
+        self.instances.add_instances(
+            &lifted,
+            &mut self.reached,
+            &mut self.values,
+            &rows,
+            &mut work,
+        )?;
+        self.is_quantified = is_quantified(&lifted);
+        (self.lifted, self.symbols) = (lifted, symbols);
+        (self.relaxation_index, self.relevance_index) = (None, None);
+        Ok(Ok(()))
+    }
+
+    /// Builds the task of one state and goal. Returns `None` if the goal can never hold. Returns
+    /// [`Outgrown`] if the goal reads numbers that are not followed, or if earlier goals have left too
+    /// much behind.
+    pub(crate) fn task(
+        &mut self,
+        now: &InitialState,
+        present: &PresenceMask,
+        goal: &pddl::Condition,
+        budget: Budget,
+        cancel: &Cancel,
+    ) -> Result<Result<Option<Task>, NeedsRegrounding>, StopReason> {
+        let mut work = GroundingMeter::new(budget, cancel);
+        let types = self.symbols.types.len() - self.lifted.types.len();
+        if self.instances.invented_fact_count() - self.invented_facts + types > LEFTOVERS_MAX {
+            return Ok(Err(NeedsRegrounding));
+        }
+        let goal = closed(&mut self.symbols, goal);
+        let mut is_followed = self.symbols.take_problems().is_empty();
+        goal.formula.functions(&mut |index| is_followed &= self.lifted.functions[index].read);
+        if !is_followed {
+            return Ok(Err(NeedsRegrounding));
+        }
+        let Some(goal) = self.goal(&goal, present, &mut work)? else { return Ok(Ok(None)) };
+        let (layout, holds, possible) = self.possible(now, present);
+        let operators = self.wanted(&layout, &goal, &possible);
+        let can = |axiom: &&_| is_possible(&layout, &possible.facts, axiom);
+        let raw = RawTask {
+            operators,
+            axioms: self.instances.axioms().filter(can).cloned().collect(),
+            comparisons: self.instances.comparisons.all.clone(),
+            goal: Some(goal),
+            layout,
+            has_negative_cost: self.pays(&possible),
+            warnings: Vec::new(),
+        };
+        let never = possible.facts.iter().map(|can| !can).collect();
+        let start = RawInitialState {
+            initial: holds,
+            never,
+            values: self.values.fluent_values(&self.lifted, &now.values),
+        };
+        let relations = &self.reached.relations;
+        finish(&self.lifted, relations, start, raw, &mut work).map(Ok)
+    }
+
+    /// Returns, per fact, whether it is relaxed reachable. Unknown facts are not.
+    pub(crate) fn reaches(
+        &mut self,
+        now: &InitialState,
+        present: &PresenceMask,
+        facts: &[(PredicateIndex, Vec<ObjectId>)],
+    ) -> Vec<bool> {
+        let (layout, _, possible) = self.possible(now, present);
+        let can = |(predicate, objects): &(PredicateIndex, Vec<ObjectId>)| {
+            let row = self.reached.relations[*predicate].find(objects);
+            row.is_some_and(|row| possible.facts[layout.offsets[*predicate] + row])
+        };
+        facts.iter().map(can).collect()
+    }
+
+    /// Converts a condition that is a single fact into numbers; `None` for other conditions and unknown
+    /// names.
+    pub(crate) fn fact(&mut self, condition: &pddl::Condition) -> Option<(usize, Vec<ObjectId>)> {
+        let pddl::Condition::Atom(atom) = condition else { return None };
+        let objects = atom.arguments.iter().map(|term| match term {
+            pddl::Term::Object(name) => self.symbols.known_object(name),
+            pddl::Term::Variable(_) => None,
+        });
+        let objects = objects.collect::<Option<Vec<_>>>()?;
+        let predicate = self.symbols.predicate(&atom.predicate, objects.len());
+        self.symbols.take_problems();
+        Some((predicate?, objects))
+    }
+
+    /// Returns the layout, the facts that hold, by raw fact, and what is relaxed reachable from them.
+    fn possible(
+        &mut self,
+        now: &InitialState,
+        present: &PresenceMask,
+    ) -> (FactLayout, Vec<bool>, RelaxedReachable) {
+        let layout = self.instances.layout();
+        let mut holds = vec![false; layout.comparison_offset];
+        for (predicate, row) in &now.facts {
+            holds[layout.offsets[*predicate] + row] = true;
+        }
+        let masked = self.masked(present);
+        let RawInstances { operators, .. } = &self.instances;
+        let flow = self.relaxation_index.take().filter(|flow| flow.covers(&layout, operators));
+        let flow = flow
+            .unwrap_or_else(|| RelaxationIndex::new(&layout, operators, self.instances.axioms()));
+        let possible = flow.relaxed_reachable(&layout, &holds, &masked);
+        self.relaxation_index = Some(flow);
+        (layout, holds, possible)
+    }
+
+    /// Returns the operators that are relaxed applicable and relevant to the goal.
+    fn wanted(
+        &mut self,
+        layout: &FactLayout,
+        goal: &[Literal],
+        possible: &RelaxedReachable,
+    ) -> OperatorTable {
+        let RawInstances { operators, .. } = &self.instances;
+        let sources =
+            self.relevance_index.take().filter(|sources| sources.covers(layout, operators));
+        let new = || RelevanceIndex::new(layout, operators, self.instances.axioms());
+        let sources = sources.unwrap_or_else(new);
+        let wanted = sources.wanted(layout, goal, &possible.operators);
+        self.relevance_index = Some(sources);
+        chosen(operators, wanted.into_iter())
+    }
+
+    /// Whether some relaxed-applicable operator has a negative cost, relevant or not.
+    fn pays(&self, possible: &RelaxedReachable) -> bool {
+        let mut all = self.instances.operators.iter().zip(&possible.operators);
+        all.any(|(operator, can)| *can && f64::from_bits(operator.cost) < 0.0)
+    }
+
+    /// Grounds a goal over the objects that exist now.
+    fn goal(
+        &mut self,
+        goal: &Closed,
+        present: &PresenceMask,
+        work: &mut GroundingMeter<'_>,
+    ) -> Result<Option<Vec<Literal>>, StopReason> {
+        let count = self.lifted.objects.len();
+        let here = |set: &TypeSet| {
+            let members = set.members.iter().copied();
+            TypeSet::new(members.filter(|one| present.objects[one.index()]).collect(), count)
+        };
+        let mut reached = ReachableTuples {
+            sets: ObjectSets::of(self.symbols.types.iter().map(here).collect()),
+            relations: std::mem::take(&mut self.reached.relations),
+        };
+        let drawn =
+            self.instances.ground_goal(&self.lifted, goal, &mut reached, &mut self.values, work);
+        self.reached.relations = reached.relations;
+        drawn
+    }
+
+    /// Returns, per operator, whether its schema or one of its objects no longer exists.
+    fn masked(&self, present: &PresenceMask) -> Vec<bool> {
+        let is_here = |object: &ObjectId| present.objects[object.index()];
+        let all = self.instances.operators.iter();
+        all.map(|operator| {
+            !present.schemas[operator.schema as usize] || !operator.arguments.iter().all(is_here)
+        })
+        .collect()
+    }
+}
+
+/// Returns the maximal number of facts of a predicate that has `facts` now.
+fn room(facts: usize) -> usize {
+    2 * facts + ROOM
+}
+
+/// Marks all basic predicates as changeable, because the world may change any fact.
+fn make_changeable(lifted: &mut Lifted) {
+    for predicate in lifted.predicates.iter_mut().filter(|predicate| !predicate.derived) {
+        (predicate.added, predicate.deleted) = (true, true);
+    }
+}
+
+/// Returns a table with some of the operators, by their numbers.
+fn chosen(operators: &OperatorTable, numbers: impl Iterator<Item = usize>) -> OperatorTable {
+    let mut chosen = OperatorTable::default();
+    for operator in numbers.map(|number| operators.get(number)) {
+        chosen.push_with(operator, operator.preconditions.iter().copied());
+    }
+    chosen
+}
+
+/// Whether all facts that an axiom requires to be true are reachable.
+fn is_possible(layout: &FactLayout, facts: &[bool], axiom: &RawAxiom) -> bool {
+    let mut asked = axiom.body.iter().filter(|literal| literal.is_positive());
+    asked.all(|literal| facts[layout.dense(literal.fact())])
+}
+
+/// Whether the operators of a schema's old tuples are still right after predicates, and perhaps the set
+/// of objects, have grown.
+///
+/// The facts that a tuple's precondition requires existed when the tuple was found, and so did the
+/// facts that it adds. Facts in negative or conditional parts, and facts that it deletes, may exist
+/// only now.
+fn is_settled(schema: &LiftedSchema, grew: &[bool], objects_grew: bool) -> bool {
+    let mut required = Vec::new();
+    let mut is_settled = settled_conjunct(&schema.precondition, grew, objects_grew, &mut required);
+    let mut condition = |formula: &Formula| {
+        formula.literals(&mut |_, atom| is_settled &= !grew[atom.predicate]);
+        is_settled &= !(objects_grew && ranges(formula));
+    };
+    schema.effects.iter().for_each(|effect| condition(&effect.condition));
+    schema.numeric.iter().for_each(|change| condition(&change.condition));
+    let deletes = schema.effects.iter().filter(|effect| !effect.adds);
+    for effect in deletes {
+        is_settled &= !grew[effect.atom.predicate] || required.contains(&&effect.atom);
+    }
+    let mut variables = schema.effects.iter().map(|effect| &effect.variables);
+    let mut numeric = schema.numeric.iter().map(|change| &change.variables);
+    let is_universal = variables.any(|one| !one.is_empty()) || numeric.any(|one| !one.is_empty());
+    is_settled && !(objects_grew && is_universal)
+}
+
+/// As [`is_settled`], for a part of a precondition. Collects the atoms that it requires in any case.
+fn settled_conjunct<'s>(
+    formula: &'s Formula,
+    grew: &[bool],
+    objects_grew: bool,
+    required: &mut Vec<&'s LiftedAtom>,
+) -> bool {
+    match formula {
+        Formula::And(parts) => {
+            let mut is_settled = true;
+            for part in parts {
+                is_settled &= settled_conjunct(part, grew, objects_grew, required);
+            }
+            is_settled
+        }
+        Formula::Literal { positive: true, atom } => {
+            required.push(atom);
+            true
+        }
+        other => {
+            let mut is_settled = !(objects_grew && ranges(other));
+            other.literals(&mut |_, atom| is_settled &= !grew[atom.predicate]);
+            is_settled
+        }
+    }
+}
+
+/// Whether a formula quantifies over objects.
+fn ranges(formula: &Formula) -> bool {
+    match formula {
+        Formula::Exists(..) | Formula::Forall(..) => true,
+        Formula::And(parts) | Formula::Or(parts) => parts.iter().any(ranges),
+        _ => false,
+    }
+}
+
+/// Whether some quantifier could refer to an object that no longer exists.
+fn is_quantified(lifted: &Lifted) -> bool {
+    let in_schema = |schema: &LiftedSchema| {
+        let mut effects = schema.effects.iter();
+        let mut numeric = schema.numeric.iter();
+        ranges(&schema.precondition)
+            || effects.any(|effect| {
+                ranges(&effect.condition)
+                    || !effect.variables.is_empty() && (effect.adds || !effect.condition.is_true())
+            })
+            || numeric.any(|change| ranges(&change.condition) || !change.variables.is_empty())
+    };
+    lifted.schemas.iter().any(in_schema)
+        || lifted.axioms.iter().any(|axiom| axiom.frame.len() > axiom.parameter_count)
+}

@@ -1,0 +1,48 @@
+//! Sets of objects that variables range over, stored without duplicates.
+
+use rustc_hash::FxHashMap;
+
+use crate::normalize::lifted::{Lifted, TypeIndex, TypeSet};
+
+/// The sets of all types, under their type numbers, followed by sets that static facts narrow down.
+#[derive(Debug)]
+pub(super) struct ObjectSets {
+    sets: Vec<TypeSet>,
+    known: FxHashMap<Vec<u64>, TypeIndex>,
+}
+
+// === impl Sets ===
+
+impl ObjectSets {
+    pub(super) fn new(lifted: &Lifted) -> ObjectSets {
+        ObjectSets::of(lifted.types.clone())
+    }
+
+    /// Creates a store with these sets, numbered in this order.
+    pub(super) fn of(sets: Vec<TypeSet>) -> ObjectSets {
+        let known = sets.iter().enumerate().map(|(index, set)| (set.bits().to_vec(), index));
+        ObjectSets { known: known.collect(), sets }
+    }
+
+    #[inline]
+    pub(super) fn get(&self, index: TypeIndex) -> &TypeSet {
+        &self.sets[index]
+    }
+
+    /// Returns the number of the set with these bits, and adds it if it is new.
+    pub(super) fn intern(&mut self, bits: Vec<u64>) -> TypeIndex {
+        if let Some(&known) = self.known.get(&bits) {
+            return known;
+        }
+        self.sets.push(TypeSet::from_bits(bits.clone()));
+        self.known.insert(bits, self.sets.len() - 1);
+        self.sets.len() - 1
+    }
+
+    /// Returns the number of the intersection of two sets.
+    pub(super) fn both(&mut self, left: TypeIndex, right: TypeIndex) -> TypeIndex {
+        let (left, right) = (self.get(left).bits(), self.get(right).bits());
+        let bits = left.iter().zip(right).map(|(left, right)| left & right).collect();
+        self.intern(bits)
+    }
+}

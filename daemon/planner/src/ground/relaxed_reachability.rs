@@ -1,0 +1,150 @@
+//! Relaxed reachability from a state, over raw facts and operators that have been ground before.
+//!
+//! Every operator, conditional effect and axiom counts its unreached preconditions (Dowling and
+//! Gallier, 1984), so each literal is visited once per query. The index is built once for many states.
+
+use super::ground_formula::RawAxiom;
+use super::raw_instances::FactLayout;
+use crate::operators::OperatorTable;
+use crate::rows::Rows;
+use crate::task::{FactId, Literal};
+
+/// Index of the delete relaxation: which facts each step requires and adds.
+#[derive(Debug)]
+pub(super) struct RelaxationIndex {
+    /// Per fact: the steps that require it.
+    waiting: Rows,
+    /// Per step: the number of facts that it requires.
+    needs: Vec<u32>,
+    /// Per step: the facts that it adds.
+    adds: Rows,
+    /// Per step: the operator it belongs to, or [`NO_OPERATOR`] for axioms.
+    operators: Vec<u32>,
+    facts: usize,
+    operator_count: usize,
+}
+
+const NO_OPERATOR: u32 = u32::MAX;
+
+/// Relaxed-reachable facts, by dense index, and relaxed-applicable operators.
+pub(super) struct RelaxedReachable {
+    pub(super) facts: Vec<bool>,
+    pub(super) operators: Vec<bool>,
+}
+
+/// Steps under construction.
+struct StepIndexBuilder<'l> {
+    layout: &'l FactLayout,
+    preconditions: Rows,
+    adds: Rows,
+    operators: Vec<u32>,
+    asked: Vec<u32>,
+    added: Vec<u32>,
+}
+
+// === impl Flow ===
+
+impl RelaxationIndex {
+    pub(super) fn new<'a>(
+        layout: &FactLayout,
+        operators: &OperatorTable,
+        axioms: impl Iterator<Item = &'a RawAxiom>,
+    ) -> RelaxationIndex {
+        let mut steps = StepIndexBuilder {
+            layout,
+            preconditions: Rows::default(),
+            adds: Rows::default(),
+            operators: Vec::new(),
+            asked: Vec::new(),
+            added: Vec::new(),
+        };
+        for (index, operator) in operators.iter().enumerate() {
+            let index = index as u32;
+            steps.add(index, operator.preconditions, &[], operator.effect.adds);
+            for one in operator.conditional.iter() {
+                steps.add(index, operator.preconditions, one.conditions, one.effect.adds);
+            }
+        }
+        for axiom in axioms {
+            steps.add(NO_OPERATOR, &axiom.body, &[], &[axiom.head]);
+        }
+        let StepIndexBuilder { preconditions, adds, operators: of, .. } = steps;
+        let facts = layout.dense_end();
+        let needs = (0..preconditions.len() as u32).map(|step| preconditions.row(step).len());
+        RelaxationIndex {
+            needs: needs.map(|count| count as u32).collect(),
+            waiting: preconditions.inverted(facts),
+            adds,
+            operators: of,
+            facts,
+            operator_count: operators.len(),
+        }
+    }
+
+    /// Whether the index still covers all facts and operators.
+    pub(super) fn covers(&self, layout: &FactLayout, operators: &OperatorTable) -> bool {
+        self.facts == layout.dense_end() && self.operator_count == operators.len()
+    }
+
+    /// Computes what is relaxed reachable from a state, without the operators that are `masked`.
+    pub(super) fn relaxed_reachable(
+        &self,
+        layout: &FactLayout,
+        initial: &[bool],
+        masked: &[bool],
+    ) -> RelaxedReachable {
+        let mut facts = vec![false; self.facts];
+        facts[..initial.len()].copy_from_slice(initial);
+        // Comparisons are assumed to be reachable.
+        facts[layout.comparison_offset..layout.comparison_end()].fill(true);
+        let mut operators = vec![false; self.operator_count];
+        let mut missing = self.needs.clone();
+        let mut queue: Vec<u32> =
+            (0..facts.len() as u32).filter(|fact| facts[*fact as usize]).collect();
+        let mut fire = |step: u32, facts: &mut [bool], queue: &mut Vec<u32>| {
+            let operator = self.operators[step as usize];
+            if operator != NO_OPERATOR {
+                if masked[operator as usize] {
+                    return;
+                }
+                operators[operator as usize] = true;
+            }
+            for &fact in self.adds.row(step) {
+                if !std::mem::replace(&mut facts[fact as usize], true) {
+                    queue.push(fact);
+                }
+            }
+        };
+        for (step, _) in self.needs.iter().enumerate().filter(|(_, needs)| **needs == 0) {
+            fire(step as u32, &mut facts, &mut queue);
+        }
+        while let Some(fact) = queue.pop() {
+            for &step in self.waiting.row(fact) {
+                missing[step as usize] -= 1;
+                if missing[step as usize] == 0 {
+                    fire(step, &mut facts, &mut queue);
+                }
+            }
+        }
+        RelaxedReachable { facts, operators }
+    }
+}
+
+// === impl Steps ===
+
+impl StepIndexBuilder<'_> {
+    fn add(&mut self, operator: u32, first: &[Literal], second: &[Literal], adds: &[FactId]) {
+        let StepIndexBuilder { layout, asked, added, .. } = self;
+        let dense = |fact: FactId| layout.dense(fact) as u32;
+        let positive = first.iter().chain(second).filter(|literal| literal.is_positive());
+        asked.clear();
+        asked.extend(positive.map(|literal| dense(literal.fact())));
+        asked.sort_unstable();
+        asked.dedup();
+        added.clear();
+        added.extend(adds.iter().map(|fact| dense(*fact)));
+        self.preconditions.push(asked);
+        self.adds.push(added);
+        self.operators.push(operator);
+    }
+}

@@ -1,0 +1,128 @@
+//! Size of a planning problem: the numbers of its facts, operators and axioms once it is ground,
+//! without a search.
+//!
+//! The steps are [`prepare`], [`Prepared::ground`], then [`Ground::extent`] or [`Ground::groups`]. They
+//! are separate calls so that a caller with a clock can measure each.
+
+use pddl::{Domain, Problem};
+
+use crate::ground::ground;
+use crate::limits::{Budget, Cancel};
+use crate::mutex::MutexGroups;
+use crate::normalize::lifted::Lifted;
+use crate::normalize::{normalize, split_wide};
+use crate::outcome::{PlanError, StopReason};
+use crate::plan::refuse_mistakes;
+use crate::task::Task;
+
+/// A domain and a problem after normalization, with numbers in place of names: the input of grounding.
+#[derive(Clone, Debug)]
+pub struct NormalizedProblem(Lifted);
+
+/// A ground problem, or the reason why grounding ended without one.
+#[derive(Clone, Debug)]
+pub struct GroundProblem {
+    task: Result<Task, StopReason>,
+    join_steps: u64,
+}
+
+/// Size of the mutex groups of a problem. Counts, not times: they are the same in every run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MutexGroupCounts {
+    /// Number of mutex groups: sets of two or more facts of which at most one is true in any reachable
+    /// state.
+    pub groups: usize,
+    /// Number of finite-domain variables that suffice to encode all facts, if each variable stands for
+    /// the facts of one group.
+    pub variables: usize,
+}
+
+/// Size of a ground problem. Counts, not times: they are the same in every run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ProblemSize {
+    /// Basic facts: those that operators change. Facts that cannot change or are irrelevant are not
+    /// counted.
+    pub facts: usize,
+    /// Derived facts, which follow from axioms.
+    pub derived: usize,
+    /// Comparison facts, which follow from numeric fluents.
+    pub comparisons: usize,
+    /// Numeric fluents that operators change.
+    pub fluents: usize,
+    /// Ground actions.
+    pub operators: usize,
+    /// Conditional effects of all operators together.
+    pub conditional_effects: usize,
+    /// Ground axioms.
+    pub axioms: usize,
+    /// Join steps: candidate tuples that grounding looked at.
+    pub join_steps: u64,
+    /// Why grounding ended without a ground problem: a cap, or a proof that no plan exists. `None` if
+    /// there is a ground problem.
+    pub stop_reason: Option<StopReason>,
+}
+
+/// Checks a domain and a problem, and replaces their names by numbers.
+pub fn prepare(domain: &Domain, problem: &Problem) -> Result<NormalizedProblem, PlanError> {
+    refuse_mistakes(domain, problem)?;
+    let mut lifted = normalize(domain, problem)?;
+    split_wide(&mut lifted);
+    Ok(NormalizedProblem(lifted))
+}
+
+// === impl Prepared ===
+
+impl NormalizedProblem {
+    /// Grounds the problem within `budget`. A limit or a proof of unsolvability is not an error here;
+    /// it is the stop reason of the [`Extent`].
+    pub fn ground(&self, budget: Budget, cancel: &Cancel) -> Result<GroundProblem, PlanError> {
+        let mut join_steps = 0;
+        let task = match ground(&self.0, budget, cancel, &mut join_steps) {
+            Ok(grounded) => grounded.task.ok_or(StopReason::Unsolvable { before_search: true }),
+            Err(reason) => Err(reason),
+        };
+        Ok(GroundProblem { task, join_steps })
+    }
+}
+
+// === impl Ground ===
+
+impl GroundProblem {
+    /// Returns the size of the ground problem.
+    pub fn extent(&self) -> ProblemSize {
+        let extent = match &self.task {
+            Ok(task) => ProblemSize::of(task),
+            Err(reason) => ProblemSize { stop_reason: Some(*reason), ..ProblemSize::default() },
+        };
+        ProblemSize { join_steps: self.join_steps, ..extent }
+    }
+
+    /// Finds the mutex groups with at most `work_max` units of work; one unit takes about ten
+    /// nanoseconds.
+    pub fn groups(&self, work_max: u64, cancel: &Cancel) -> MutexGroupCounts {
+        let Ok(task) = &self.task else { return MutexGroupCounts::default() };
+        let found = MutexGroups::find(task, work_max, cancel);
+        MutexGroupCounts { groups: found.groups().len(), variables: found.variables().len() }
+    }
+}
+
+// === impl Extent ===
+
+impl ProblemSize {
+    fn of(task: &Task) -> ProblemSize {
+        ProblemSize {
+            facts: task.basic_count,
+            derived: task.fact_count - task.basic_count - task.comparisons.len(),
+            comparisons: task.comparisons.len(),
+            fluents: task.values.len(),
+            operators: task.operator_count(),
+            conditional_effects: task
+                .operators
+                .iter()
+                .map(|one| one.conditional.iter().len())
+                .sum(),
+            axioms: task.axioms.len(),
+            ..ProblemSize::default()
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! View of the operators for both directions: their literals of basic facts, before and after.
+
+use crate::task::{FactId, GroundOperator, Literal, Task};
+
+/// Views of all operators of a task, in one array.
+#[derive(Debug)]
+pub(super) struct OperatorViews {
+    fact_count: usize,
+    literals: Vec<Literal>,
+    /// Per operator, the end of its parts. The first row is a sentinel of zeros.
+    rows: Vec<ViewRow>,
+    pub(super) initial: Vec<Literal>,
+    pub(super) goal: Vec<Literal>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct ViewRow {
+    preconditions: usize,
+    sure: usize,
+    possible: usize,
+    after: usize,
+    free: usize,
+}
+
+/// View of one operator.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OperatorView<'v> {
+    /// Preconditions.
+    pub(super) preconditions: &'v [Literal],
+    /// Literals that it makes true in any case.
+    pub(super) sure: &'v [Literal],
+    /// Literals that it may make true, by conditional effects.
+    pub(super) possible: &'v [Literal],
+    /// Literals that hold after it: those of `sure`, and preconditions that it does not change.
+    pub(super) after: &'v [Literal],
+    /// Both literals of facts that it may change and that are not in its precondition: either may hold
+    /// before it.
+    pub(super) free: &'v [Literal],
+}
+
+// === impl View ===
+
+impl OperatorViews {
+    pub(super) fn of(task: &Task) -> OperatorViews {
+        let is_basic = |literal: &Literal| literal.fact().index() < task.basic_count;
+        let mut is_true = vec![false; task.basic_count];
+        task.initial.iter().for_each(|fact| is_true[fact.index()] = true);
+        let literal =
+            |(index, truth): (usize, &bool)| Literal::new(FactId::from_index(index), *truth);
+        let initial = is_true.iter().enumerate().map(literal).collect();
+        let mut view = OperatorViews {
+            fact_count: task.basic_count,
+            literals: Vec::new(),
+            rows: vec![ViewRow::default()],
+            initial,
+            goal: task.goal.iter().copied().filter(is_basic).collect(),
+        };
+        task.operators.iter().for_each(|operator| view.push(operator));
+        view
+    }
+
+    fn push(&mut self, operator: GroundOperator<'_>) {
+        let basic = self.fact_count;
+        let is_basic = |literal: &Literal| literal.fact().index() < basic;
+        let preconditions: Vec<Literal> =
+            operator.preconditions.iter().copied().filter(is_basic).collect();
+        let (sure, possible) = outcomes(operator);
+        let speak_of = |sorted: &[Literal], literal: &Literal| {
+            sorted.binary_search_by_key(&literal.fact(), |one| one.fact()).is_ok()
+        };
+        let is_kept = |one: &Literal| !speak_of(&sure, one) && !speak_of(&possible, one);
+        let kept = preconditions.iter().copied().filter(is_kept);
+        let after: Vec<Literal> = sure.iter().copied().chain(kept).collect();
+        let unasked = sure.iter().chain(&possible).filter(|one| !speak_of(&preconditions, one));
+        let free: Vec<Literal> = unasked.flat_map(|one| [*one, one.negated()]).collect();
+        let mut end = |list: &[Literal]| {
+            self.literals.extend_from_slice(list);
+            self.literals.len()
+        };
+        self.rows.push(ViewRow {
+            preconditions: end(&preconditions),
+            sure: end(&sure),
+            possible: end(&possible),
+            after: end(&after),
+            free: end(&free),
+        });
+    }
+
+    pub(super) fn operator(&self, index: usize) -> OperatorView<'_> {
+        let (from, to) = (&self.rows[index], &self.rows[index + 1]);
+        OperatorView {
+            preconditions: &self.literals[from.free..to.preconditions],
+            sure: &self.literals[to.preconditions..to.sure],
+            possible: &self.literals[to.sure..to.possible],
+            after: &self.literals[to.possible..to.after],
+            free: &self.literals[to.after..to.free],
+        }
+    }
+}
+
+/// Returns the literals that an operator makes true in any case, and those that it may make true; each
+/// sorted.
+fn outcomes(operator: GroundOperator<'_>) -> (Vec<Literal>, Vec<Literal>) {
+    let literals = |facts: &[FactId], positive| -> Vec<Literal> {
+        facts.iter().map(|fact| Literal::new(*fact, positive)).collect()
+    };
+    let tidy = |literals: &mut Vec<Literal>| {
+        literals.sort_unstable();
+        literals.dedup();
+    };
+    let mut sure = literals(operator.effect.adds, true);
+    tidy(&mut sure);
+    let mut possible = Vec::new();
+    for one in operator.conditional.iter() {
+        possible.extend(literals(one.effect.adds, true));
+        possible.extend(literals(one.effect.deletes, false));
+    }
+    tidy(&mut possible);
+    // Adds take precedence over deletes.
+    possible.retain(|one| sure.binary_search(&Literal::new(one.fact(), true)).is_err());
+    let mut deletes = literals(operator.effect.deletes, false);
+    deletes.retain(|delete| sure.binary_search(&delete.negated()).is_err());
+    let (uncertain, certain): (Vec<_>, Vec<_>) =
+        deletes.into_iter().partition(|delete| possible.binary_search(&delete.negated()).is_ok());
+    possible.retain(|one| certain.binary_search(one).is_err());
+    possible.extend(uncertain);
+    sure.extend(certain);
+    tidy(&mut sure);
+    tidy(&mut possible);
+    (sure, possible)
+}
+
+// === impl OperatorView ===
+
+impl OperatorView<'_> {
+    /// Returns roughly the number of rows of pairs that one application of it reads and writes.
+    pub(super) fn size(&self) -> usize {
+        self.preconditions.len() + self.after.len() + self.possible.len() + self.free.len() + 2
+    }
+}

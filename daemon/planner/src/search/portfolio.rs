@@ -1,0 +1,86 @@
+//! Two searches in parallel, in lockstep: after every round of steps they wait for each other, so that
+//! the result does not depend on the speed of the machine.
+
+use super::lazy::{LazySearch, List, SearchParameters};
+use super::{Search, SearchProgress, SearchStep};
+use crate::configuration::EXPLORATION_LISTS;
+use crate::heuristic::{FastForward, Weights};
+use crate::limits::{Budget, Cancel};
+use crate::outcome::{Statistics, StopReason};
+use crate::successors::SuccessorGenerator;
+use crate::task::{OperatorId, Task};
+
+/// Steps of a search per round: some milliseconds of work.
+const ROUND: usize = 500;
+
+type SearchResult = Result<Vec<OperatorId>, StopReason>;
+
+/// Runs the given search and one with the lists of [`CURIOUS`] in parallel. The first to find a plan or
+/// a proof ends both; if both end in the same round, the given one counts.
+pub(crate) fn run<'t>(
+    task: &'t Task,
+    generator: &'t SuccessorGenerator,
+    ff: FastForward<'t>,
+    lists: &'static [List],
+    budget: Budget,
+    cancel: &Cancel,
+    tell: &mut dyn FnMut(SearchProgress<'_>),
+) -> (SearchResult, Statistics) {
+    let other = FastForward::new(task, Weights::Unit);
+    let mut lanes = [
+        LazySearch::new(task, generator, ff, SearchParameters::greedy(lists), cancel),
+        LazySearch::new(
+            task,
+            generator,
+            other,
+            SearchParameters::greedy(EXPLORATION_LISTS),
+            cancel,
+        ),
+    ];
+    let found = loop {
+        if let Some(reason) = limit(&lanes, budget, cancel) {
+            break Err(reason);
+        }
+        tell(SearchProgress::Searching(lanes.iter().map(Search::expansions).sum()));
+        let [greedy, curious] = &mut lanes;
+        let (first, second) = std::thread::scope(|scope| {
+            let beside = scope.spawn(|| round(curious));
+            let first = round(greedy);
+            // A panic of the second thread is passed on, as if it had happened on this thread.
+            let second = beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            (first, second)
+        });
+        if let Some(found) = first.or(second) {
+            break found;
+        }
+    };
+    let statistics = Statistics {
+        expansions: lanes.iter().map(Search::expansions).sum(),
+        evaluations: lanes.iter().map(|lane| lane.statistics().evaluations).sum(),
+        ..Statistics::default()
+    };
+    (found, statistics)
+}
+
+fn round(lane: &mut LazySearch<'_>) -> Option<SearchResult> {
+    for _ in 0..ROUND {
+        match lane.step() {
+            SearchStep::InProgress => (),
+            SearchStep::Solved(plan) => return Some(Ok(plan)),
+            SearchStep::Exhausted => return Some(Err(lane.exhausted())),
+        }
+    }
+    None
+}
+
+fn limit(lanes: &[LazySearch<'_>; 2], budget: Budget, cancel: &Cancel) -> Option<StopReason> {
+    let expansions: u64 = lanes.iter().map(Search::expansions).sum();
+    let bytes: usize = lanes.iter().map(Search::bytes).sum();
+    if expansions >= budget.expansions_max {
+        Some(StopReason::ExpansionLimit { limit: budget.expansions_max })
+    } else if bytes > budget.memory_max_bytes {
+        Some(StopReason::MemoryLimit { limit: budget.memory_max_bytes })
+    } else {
+        cancel.is_set().then_some(StopReason::Cancelled)
+    }
+}

@@ -1,0 +1,118 @@
+//! Small tasks, random or written by hand, for unit tests of code that reads ground tasks.
+
+use pddl::{Domain, Plan, Problem};
+use proptest::prelude::*;
+
+use crate::ground::ground;
+use crate::limits::{Budget, Cancel, Effort, Options};
+use crate::normalize::lifted::Lifted;
+use crate::normalize::normalize;
+use crate::outcome::Statistics;
+use crate::search::SearchProgress;
+use crate::solve::Solver;
+use crate::task::Task;
+
+/// Parses a domain and a problem.
+pub(crate) fn parsed(domain: &str, problem: &str) -> (Domain, Problem) {
+    let domain = pddl::parse_domain(domain).into_result().expect("a domain");
+    let problem = pddl::parse_problem(problem).into_result().expect("a problem");
+    (domain, problem)
+}
+
+/// Returns the lifted task of two texts.
+pub(crate) fn lifted(domain: &str, problem: &str) -> Lifted {
+    let (domain, problem) = parsed(domain, problem);
+    normalize(&domain, &problem).expect("supported")
+}
+
+/// Returns the ground task of two texts; `None` if its goal is unreachable.
+pub(crate) fn grounded(domain: &str, problem: &str) -> Option<Task> {
+    let lifted = lifted(domain, problem);
+    ground(&lifted, Budget::default(), &Cancel::new(), &mut 0).expect("no limit").task
+}
+
+/// Returns a cheapest plan with its cost; `None` if there is no plan.
+pub(crate) fn cheapest(lifted: &Lifted) -> Option<Plan> {
+    let cancel = Cancel::new();
+    let task = ground(lifted, Budget::default(), &cancel, &mut 0).expect("no limit").task?;
+    let options = Options { effort: Effort::Optimal, ..Options::default() };
+    let mut statistics = Statistics::default();
+    let mut cheapest = None;
+    Solver::new(&task, &options, &cancel, &mut statistics).run(&mut |told| {
+        if let SearchProgress::Found(plan) = told {
+            cheapest = Some(task.plan(plan));
+        }
+    });
+    cheapest
+}
+
+pub(crate) fn task(domain: &str, problem: &str) -> Task {
+    grounded(domain, problem).expect("a goal in reach")
+}
+
+/// Generates action bodies and initial facts for [`reached`].
+pub(crate) fn texts() -> impl Strategy<Value = (Vec<String>, Vec<&'static str>)> {
+    let initial =
+        prop_oneof![Just("(z)"), Just("(p a)"), Just("(q b)"), Just("(r a b)"), Just("(r b a)"),];
+    (proptest::collection::vec(action(), 1..4), proptest::collection::vec(initial, 0..4))
+}
+
+/// Returns the ground task of such texts; `None` if its goal is unreachable. Every fact is relevant to
+/// some part of the goal, and most such goals are reachable in the delete relaxation.
+pub(crate) fn reached(actions: &[String], initial: &[&str]) -> Option<Task> {
+    let goal = "(or (z) (not (z)) (exists (?x ?y) (and (p ?x) (q ?x) (r ?x ?y))))";
+    with_goal(actions, initial, goal)
+}
+
+/// As [`reached`], with a given goal.
+pub(crate) fn with_goal(actions: &[String], initial: &[&str], goal: &str) -> Option<Task> {
+    let named = actions.iter().enumerate();
+    let actions: Vec<String> =
+        named.map(|(index, action)| format!("(:action act{index} {action})")).collect();
+    let domain = format!(
+        "(define (domain d) (:constants a b) (:predicates (z) (p ?x) (q ?x) (r ?x ?y)) {})",
+        actions.join(" ")
+    );
+    let initial = initial.join(" ");
+    let problem = format!("(define (problem p) (:domain d) (:init {initial}) (:goal {goal}))");
+    grounded(&domain, &problem)
+}
+
+/// Generates an atom from a small set; its arguments are constants or the parameter `?v0`.
+fn atom() -> impl Strategy<Value = String> {
+    let term = || prop_oneof![Just("?v0"), Just("?v1"), Just("a"), Just("b")];
+    prop_oneof![
+        Just("(z)".to_owned()),
+        term().prop_map(|one| format!("(p {one})")),
+        term().prop_map(|one| format!("(q {one})")),
+        (term(), term()).prop_map(|(one, two)| format!("(r {one} {two})")),
+    ]
+}
+
+fn literal() -> impl Strategy<Value = String> {
+    (atom(), proptest::bool::weighted(0.3))
+        .prop_map(|(atom, not)| if not { format!("(not {atom})") } else { atom })
+}
+
+/// Generates an action that mostly moves: it deletes only facts that are among its preconditions.
+fn action() -> impl Strategy<Value = String> {
+    let conditional = (literal(), atom(), atom())
+        .prop_map(|(when, gone, new)| format!("(when {when} (and (not {gone}) {new}))"));
+    let parts = (
+        proptest::collection::vec(atom(), 0..3),
+        proptest::collection::vec(literal(), 0..2),
+        proptest::collection::vec(literal(), 0..3),
+        proptest::collection::vec(conditional, 0..3),
+    );
+    parts.prop_map(|(moved, asked, effects, conditional)| {
+        let deletes: Vec<String> = moved.iter().map(|atom| format!("(not {atom})")).collect();
+        format!(
+            ":parameters (?v0 ?v1) :precondition (and {} {}) :effect (and {} {} {})",
+            moved.join(" "),
+            asked.join(" "),
+            deletes.join(" "),
+            effects.join(" "),
+            conditional.join(" ")
+        )
+    })
+}

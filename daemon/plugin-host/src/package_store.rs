@@ -1,0 +1,512 @@
+//! The plugin folder of a machine: one folder per package, and marker files with decisions of people.
+//!
+//! Every change is one rename in that folder, so a daemon that reads it at any moment sees the old or the
+//! new state. Names that begin with a dot are no packages:
+//!
+//! - `.NAME.disabled`: the package is disabled.
+//! - `.NAME.rights`: the rights that a person has allowed it, one in a line.
+//! - `.NAME.before`: the version before the last upgrade.
+//! - `.NAME.failed`: an upgrade that was rolled back.
+//!
+//! A user that can write to the folder controls which programs run here. So the folder and everything in it
+//! is created for this user alone, whatever the umask is, and a folder that others can write to is refused.
+
+use std::fs::{self, DirBuilder, OpenOptions, Permissions};
+use std::io::{self, Write as _};
+use std::os::unix::fs::{
+    DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _,
+};
+use std::path::{Path, PathBuf};
+
+use crate::manifest::PackageManifest;
+use crate::package::{Package, PackageFaults};
+use crate::rights::{Right, listed};
+
+/// Largest number of packages on one machine; further ones are ignored.
+const PACKAGES_MAX: usize = 256;
+
+/// Mode of a folder that only this user can enter.
+const FOLDER_MODE: u32 = 0o700;
+/// Bits of a mode with which the group or other users can write.
+const OTHERS_WRITE: u32 = 0o022;
+/// All bits of a mode.
+const MODE: u32 = 0o7777;
+
+/// Marker file: rights have to be allowed in this plugin folder. It is written when a daemon first checks
+/// the folder; packages that ran there before keep the rights that they used.
+const ASKED: &str = ".rights-are-asked";
+
+/// The plugin folder.
+#[derive(Clone, Debug)]
+pub struct PackageStore {
+    /// Path of the folder.
+    pub folder: PathBuf,
+}
+
+/// Reason why an operation on a package failed. Completes “failed to …”.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PackageStoreError {
+    /// The package to be added has mistakes.
+    #[error("add the package, which has a mistake: {}", .0.first())]
+    Faulty(Box<PackageFaults>),
+    /// There is no package of this name.
+    #[error("find a plugin `{name}` in {}", folder.display())]
+    Unknown {
+        /// Name of the package.
+        name: String,
+        /// The plugin folder.
+        folder: PathBuf,
+    },
+    /// The package asks for rights that were not allowed.
+    #[error("let `{name}` use {}: that is not allowed yet", listed(asks))]
+    NotAllowed {
+        /// Name of the package.
+        name: String,
+        /// Rights that it asks for and that were not allowed.
+        asks: Vec<Right>,
+    },
+    /// Other users can change files of the plugin folder.
+    #[error("use {}: {who} can write to it, and could run anything here: {cure}", path.display())]
+    Writable {
+        /// The folder, or a file or folder in it.
+        path: PathBuf,
+        /// Description of the users that can write, for the message.
+        who: &'static str,
+        /// Command that corrects it.
+        cure: String,
+    },
+    /// A file operation failed.
+    #[error("{doing} {}: {source}", path.display())]
+    Io {
+        /// The operation.
+        doing: &'static str,
+        /// Its path.
+        path: PathBuf,
+        /// The error.
+        #[source]
+        source: io::Error,
+    },
+}
+
+impl PackageStore {
+    /// Returns the names of the packages, sorted.
+    pub fn names(&self) -> Vec<String> {
+        let Ok(entries) = fs::read_dir(&self.folder) else { return Vec::new() };
+        let folders = entries.flatten().filter(|entry| entry.path().is_dir());
+        let names = folders.filter_map(|entry| entry.file_name().into_string().ok());
+        let mut names: Vec<_> = names.filter(|name| !name.starts_with('.')).collect();
+        names.sort();
+        names.truncate(PACKAGES_MAX);
+        names
+    }
+
+    /// Returns the folder of a package of this name.
+    pub fn package_folder(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    fn aside(&self, name: &str, what: &str) -> PathBuf {
+        self.folder.join(format!(".{name}.{what}"))
+    }
+
+    /// Whether a person has disabled the package.
+    pub fn is_disabled(&self, name: &str) -> bool {
+        self.aside(name, "disabled").exists()
+    }
+
+    /// Disables or enables a package. Enabling it also starts it again if it was given up.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no package of this name, or the folder cannot be written.
+    pub fn set_disabled(&self, name: &str, is_disabled: bool) -> Result<(), PackageStoreError> {
+        self.known(name)?;
+        let mark = self.aside(name, "disabled");
+        // Also written when it is then removed: a daemon that watches the folder sees the change.
+        write(&mark, "")?;
+        if !is_disabled {
+            fs::remove_file(&mark).map_err(|source| failed("remove", &mark, source))?;
+        }
+        Ok(())
+    }
+
+    /// Creates the folder if it does not exist.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if it cannot be created, or other users can write to it.
+    pub fn make(&self) -> Result<(), PackageStoreError> {
+        let mut folder = DirBuilder::new();
+        let made = folder.recursive(true).mode(FOLDER_MODE).create(&self.folder);
+        made.map_err(|source| failed("make", &self.folder, source))?;
+        self.check_writers()
+    }
+
+    /// Checks that only this user and root can change the folder.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if another user owns the folder or can write to it. A folder that does not exist is
+    /// no error.
+    pub fn check_writers(&self) -> Result<(), PackageStoreError> {
+        others_cannot_write(&self.folder)
+    }
+
+    /// Checks that only this user and root can change the files of a package.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error with the first file or folder that another user can write to or owns.
+    pub(crate) fn check_writers_of(&self, name: &str) -> Result<(), PackageStoreError> {
+        others_cannot_write(&self.package_folder(name))?;
+        let mut folders = vec![self.package_folder(name)];
+        while let Some(folder) = folders.pop() {
+            for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+                others_cannot_write(&entry.path())?;
+                if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                    folders.push(entry.path());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the rights that a person has allowed a package.
+    pub fn allowed(&self, name: &str) -> Vec<Right> {
+        let text = fs::read_to_string(self.aside(name, "rights")).unwrap_or_default();
+        // A line that is no right is ignored.
+        text.lines().filter_map(|line| line.trim().parse().ok()).collect()
+    }
+
+    /// Adds rights that a person allows a package.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no package of this name, or the folder cannot be written.
+    pub fn allow(&self, name: &str, rights: &[Right]) -> Result<(), PackageStoreError> {
+        self.known(name)?;
+        self.note_rights(name, rights)
+    }
+
+    fn note_rights(&self, name: &str, rights: &[Right]) -> Result<(), PackageStoreError> {
+        let mut all = self.allowed(name);
+        all.retain(|known| !rights.iter().any(|right| right.covers(known)));
+        all.extend(
+            rights
+                .iter()
+                .filter(|right| !all.iter().any(|it| it.covers(right)))
+                .cloned()
+                .collect::<Vec<_>>(),
+        );
+        let text: String = all.iter().map(|right| format!("{right}\n")).collect();
+        let (place, new) = (self.aside(name, "rights"), self.aside(name, "rights-new"));
+        write(&new, &text)?;
+        fs::rename(&new, &place).map_err(|source| failed("write", &place, source))
+    }
+
+    /// Allows packages the rights that they already use. This happens once per plugin folder, for folders
+    /// from the time before rights had to be allowed. `has_run` tells which packages have run here.
+    pub(crate) fn allow_rights_in_use(
+        &self,
+        has_run: impl Fn(&str) -> bool,
+    ) -> Result<(), PackageStoreError> {
+        let mark = self.folder.join(ASKED);
+        if mark.exists() || !self.folder.exists() {
+            return Ok(());
+        }
+        for name in self.names().iter().filter(|name| has_run(name)) {
+            if let Ok(package) = Package::open(&self.package_folder(name)) {
+                let asks = package.manifest.permissions.asks();
+                let rights = listed(&asks);
+                tracing::info!(plugin = name, rights, "keeps the rights that it has used so far");
+                self.note_rights(name, &asks)?;
+            }
+        }
+        write(&mark, "Packages that ask for more than the least wait until a person allows it.\n")
+    }
+
+    /// Returns the rights that a new version of an installed package may use without consent: those that
+    /// were allowed, or, in a folder from the time before rights had to be allowed, those that the
+    /// installed version asks for.
+    pub fn kept_rights(&self, name: &str) -> Vec<Right> {
+        let mut kept = self.allowed(name);
+        if !self.folder.join(ASKED).exists()
+            && let Ok(package) = Package::open(&self.package_folder(name))
+        {
+            kept.extend(package.manifest.permissions.asks());
+        }
+        kept
+    }
+
+    /// Installs a package; an installed package of the same name is replaced and kept as `.NAME.before`,
+    /// for a rollback. `allowed` are the rights that a person allows now.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the package has mistakes, asks for rights that were not allowed, or cannot be
+    /// copied.
+    pub fn add(
+        &self,
+        from: &Path,
+        allowed: &[Right],
+    ) -> Result<PackageManifest, PackageStoreError> {
+        let package =
+            Package::open(from).map_err(|faults| PackageStoreError::Faulty(Box::new(faults)))?;
+        let name = package.manifest.name.clone();
+        self.make()?;
+        let asks = package.manifest.permissions.asks();
+        let known = [self.kept_rights(&name).as_slice(), allowed].concat();
+        let beyond = package.manifest.permissions.beyond(&known);
+        if !beyond.is_empty() {
+            return Err(PackageStoreError::NotAllowed { name, asks: beyond });
+        }
+        let (new, before) = (self.aside(&name, "new"), self.aside(&name, "before"));
+        self.clear(&new)?;
+        copy(from, &new)?;
+        let place = self.package_folder(&name);
+        // Noted before the package is in place, so that a daemon that reads the folder meanwhile finds the
+        // rights.
+        self.note_rights(&name, &asks)?;
+        if place.exists() {
+            self.clear(&before)?;
+            fs::rename(&place, &before).map_err(|source| failed("put aside", &place, source))?;
+        }
+        fs::rename(&new, &place).map_err(|source| failed("put in place", &place, source))?;
+        Ok(package.manifest)
+    }
+
+    /// Removes a package, with its earlier versions, rights and marker files.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no package of this name, or it cannot be removed.
+    pub fn remove(&self, name: &str) -> Result<(), PackageStoreError> {
+        self.known(name)?;
+        // One rename hides it: a daemon never sees a package that is half removed.
+        let gone = self.aside(name, "removed");
+        self.clear(&gone)?;
+        let place = self.package_folder(name);
+        fs::rename(&place, &gone).map_err(|source| failed("remove", &place, source))?;
+        for what in ["removed", "before", "failed", "disabled", "rights"] {
+            self.clear(&self.aside(name, what))?;
+        }
+        Ok(())
+    }
+
+    /// Restores the version before the last upgrade. Returns `false` if there is none.
+    pub(crate) fn roll_back(&self, name: &str) -> Result<bool, PackageStoreError> {
+        let (place, before) = (self.package_folder(name), self.aside(name, "before"));
+        if !before.exists() {
+            return Ok(false);
+        }
+        let failed_one = self.aside(name, "failed");
+        self.clear(&failed_one)?;
+        fs::rename(&place, &failed_one).map_err(|source| failed("put aside", &place, source))?;
+        fs::rename(&before, &place).map_err(|source| failed("put back", &before, source))?;
+        Ok(true)
+    }
+
+    /// Removes the version before the last upgrade, because the new one works. There is no rollback any
+    /// more.
+    pub(crate) fn discard_previous(&self, name: &str) {
+        // A version that cannot be removed does no harm.
+        let _ = self.clear(&self.aside(name, "before"));
+    }
+
+    fn known(&self, name: &str) -> Result<(), PackageStoreError> {
+        let is_known =
+            !name.is_empty() && !name.contains('/') && self.package_folder(name).is_dir();
+        let unknown =
+            || PackageStoreError::Unknown { name: name.to_owned(), folder: self.folder.clone() };
+        is_known.then_some(()).ok_or_else(unknown)
+    }
+
+    fn clear(&self, path: &Path) -> Result<(), PackageStoreError> {
+        let removed = match fs::symlink_metadata(path) {
+            Ok(metadata) if metadata.is_dir() => fs::remove_dir_all(path),
+            Ok(_) => fs::remove_file(path),
+            Err(_) => Ok(()),
+        };
+        removed.map_err(|source| failed("remove", path, source))
+    }
+}
+
+fn failed(doing: &'static str, path: &Path, source: io::Error) -> PackageStoreError {
+    PackageStoreError::Io { doing, path: path.to_owned(), source }
+}
+
+/// Writes a file that only this user can read, whatever the umask is.
+fn write(file: &Path, text: &str) -> Result<(), PackageStoreError> {
+    let opened = OpenOptions::new().create(true).truncate(true).write(true).mode(0o600).open(file);
+    let written = opened.and_then(|mut file| file.write_all(text.as_bytes()));
+    written.map_err(|source| failed("write", file, source))
+}
+
+fn others_cannot_write(path: &Path) -> Result<(), PackageStoreError> {
+    let Ok(metadata) = fs::symlink_metadata(path) else { return Ok(()) };
+    // A link has no mode of its own, and its target is no part of the package.
+    if metadata.is_symlink() {
+        return Ok(());
+    }
+    let shown = path.display();
+    let own = rustix::process::geteuid().as_raw();
+    let (who, cure) = match metadata.mode() & OTHERS_WRITE {
+        0 if metadata.uid() == own || metadata.uid() == 0 => return Ok(()),
+        0 => ("another user owns it and", format!("chown -R {own} {shown}")),
+        _ => ("other users", format!("chmod -R go-w {shown}")),
+    };
+    Err(PackageStoreError::Writable { path: path.to_owned(), who, cure })
+}
+
+/// Copies a folder with everything in it, links as links. Only this user can write to the copy.
+fn copy(from: &Path, to: &Path) -> Result<(), PackageStoreError> {
+    let made = DirBuilder::new().mode(FOLDER_MODE).create(to);
+    made.map_err(|source| failed("make", to, source))?;
+    let entries = fs::read_dir(from).map_err(|source| failed("read", from, source))?;
+    for entry in entries.flatten() {
+        let (path, to) = (entry.path(), to.join(entry.file_name()));
+        let metadata =
+            fs::symlink_metadata(&path).map_err(|source| failed("read", &path, source))?;
+        let copied = if metadata.is_dir() {
+            copy(&path, &to)?;
+            Ok(())
+        } else if metadata.is_symlink() {
+            fs::read_link(&path).and_then(|target| std::os::unix::fs::symlink(target, &to))
+        } else if metadata.is_file() {
+            let mode = metadata.mode() & MODE & !OTHERS_WRITE & 0o777;
+            fs::copy(&path, &to)
+                .and_then(|_| fs::set_permissions(&to, Permissions::from_mode(mode)))
+        } else {
+            Ok(())
+        };
+        copied.map_err(|source| failed("copy", &path, source))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn package(folder: &Path, version: &str) -> PathBuf {
+        let path = folder.join("lamp");
+        fs::create_dir_all(&path).expect("a folder");
+        let text =
+            format!("name = \"lamp\"\nversion = \"{version}\"\nprotocol = \"1\"\nrun = [\"sh\"]\n");
+        fs::write(path.join("plugin.toml"), text).expect("a file");
+        path
+    }
+
+    fn version(shelf: &PackageStore) -> String {
+        Package::open(&shelf.package_folder("lamp")).expect("it is whole").manifest.version
+    }
+
+    #[test]
+    fn packages_are_added_upgraded_taken_back_and_removed() {
+        let (source, place) =
+            (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let shelf = PackageStore { folder: place.path().join("plugins") };
+        assert!(shelf.names().is_empty(), "the folder is not there yet");
+        shelf.add(&package(source.path(), "1.0"), &[]).expect("added");
+        assert_eq!((shelf.names(), version(&shelf)), (vec!["lamp".to_owned()], "1.0".to_owned()));
+        shelf.add(&package(source.path(), "2.0"), &[]).expect("upgraded");
+        assert_eq!(version(&shelf), "2.0");
+        assert!(shelf.roll_back("lamp").expect("renamed"));
+        assert_eq!(version(&shelf), "1.0");
+        assert!(!shelf.roll_back("lamp").expect("nothing"), "there is no way back from here");
+        shelf.set_disabled("lamp", true).expect("written");
+        assert!(shelf.is_disabled("lamp"));
+        shelf.set_disabled("lamp", false).expect("removed");
+        assert!(!shelf.is_disabled("lamp"));
+        shelf.remove("lamp").expect("removed");
+        let left = fs::read_dir(&shelf.folder).expect("a folder").count();
+        assert_eq!((shelf.names().len(), left), (0, 0));
+        let error = shelf.remove("lamp").expect_err("it is gone");
+        assert!(error.to_string().starts_with("find a plugin `lamp` in "), "{error}");
+    }
+
+    fn asking(folder: &Path, permissions: &str) -> PathBuf {
+        let path = package(folder, "1.0");
+        let manifest = path.join("plugin.toml");
+        let text = fs::read_to_string(&manifest).expect("a file");
+        fs::write(manifest, format!("{text}[permissions]\n{permissions}\n")).expect("a file");
+        path
+    }
+
+    #[test]
+    fn more_than_the_least_is_allowed_by_a_person_and_kept_until_it_grows() {
+        let source = tempfile::tempdir().expect("a folder");
+        let shelf = PackageStore { folder: source.path().join("plugins") };
+        let path = asking(source.path(), "network = true\ndevices = [\"/dev/i2c-1\"]");
+        let error = shelf.add(&path, &[Right::Network]).expect_err("half of it");
+        assert!(error.to_string().contains("devices=/dev/i2c-1: that is not allowed"), "{error}");
+        assert!(shelf.names().is_empty());
+        let device = Right::Device("/dev/i2c-1".into());
+        shelf.add(&path, &[Right::Network, device.clone()]).expect("all of it");
+        shelf.add(&path, &[]).expect("it asks for no more than before");
+        let path = asking(source.path(), "network = true\nmemory = \"1GiB\"");
+        let error = shelf.add(&path, &[]).expect_err("it has grown");
+        assert!(error.to_string().contains("use memory=1GiB"), "{error}");
+        shelf.allow("lamp", &[Right::Memory(1 << 30)]).expect("written");
+        shelf.add(&path, &[]).expect("it was allowed before");
+        shelf.remove("lamp").expect("removed");
+        assert_eq!(shelf.allowed("lamp"), []);
+    }
+
+    #[test]
+    fn what_has_run_before_anybody_was_asked_keeps_its_rights_and_nothing_else_does() {
+        let place = tempfile::tempdir().expect("a folder");
+        let shelf = PackageStore { folder: place.path().to_owned() };
+        asking(place.path(), "network = true");
+        shelf.allow_rights_in_use(|_| false).expect("written");
+        assert_eq!(shelf.allowed("lamp"), [], "it was copied by hand");
+        shelf.allow_rights_in_use(|_| true).expect("not again");
+        assert_eq!(shelf.allowed("lamp"), []);
+        fs::remove_file(place.path().join(ASKED)).expect("ours");
+        assert_eq!(shelf.kept_rights("lamp"), [Right::Network]);
+        shelf.allow_rights_in_use(|name| name == "lamp").expect("written");
+        assert_eq!(shelf.allowed("lamp"), [Right::Network]);
+    }
+
+    /// The test sets modes explicitly: the umask would be that of the whole test process.
+    #[test]
+    fn nobody_else_can_write_what_is_made_here_and_where_somebody_can_it_is_refused() {
+        let source = tempfile::tempdir().expect("a folder");
+        let shelf = PackageStore { folder: source.path().join("plugins") };
+        let path = package(source.path(), "1.0");
+        fs::write(path.join("agent"), "").expect("a file");
+        let open = |path: &Path| {
+            fs::set_permissions(path, Permissions::from_mode(0o777)).expect("our own");
+        };
+        open(&path);
+        open(&path.join("agent"));
+        shelf.add(&path, &[]).expect("added");
+        let mode = |path: PathBuf| fs::symlink_metadata(path).expect("there").mode() & 0o777;
+        let modes = [
+            shelf.folder.clone(),
+            shelf.package_folder("lamp"),
+            shelf.package_folder("lamp").join("agent"),
+        ]
+        .map(mode);
+        assert_eq!(modes, [0o700, 0o700, 0o755]);
+        assert_eq!(mode(shelf.aside("lamp", "rights")), 0o600);
+        shelf.check_writers_of("lamp").expect("nobody");
+        open(&shelf.package_folder("lamp").join("agent"));
+        let error = shelf.check_writers_of("lamp").expect_err("anybody").to_string();
+        assert!(error.contains("chmod -R go-w ") && error.contains("agent"), "{error}");
+        open(&shelf.folder);
+        let error = shelf.add(&path, &[]).expect_err("anybody").to_string();
+        assert!(error.contains("plugins: other users can write to it"), "{error}");
+    }
+
+    #[test]
+    fn what_is_not_whole_is_not_added() {
+        let source = tempfile::tempdir().expect("a folder");
+        let shelf = PackageStore { folder: source.path().join("plugins") };
+        let path = package(source.path(), "");
+        let error = shelf.add(&path, &[]).expect_err("no version");
+        assert!(error.to_string().contains("plugin.toml:2:11: the version is empty"), "{error}");
+        assert!(shelf.names().is_empty());
+    }
+}

@@ -1,0 +1,87 @@
+//! Measures what a plugin takes, four times a second, on a thread that may block on disks.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use crate::cgroup::{CgroupUsage, PluginCgroup};
+use crate::usage::{self, DiskUsage, GroupUsage};
+
+/// Shortest interval between counts of a plugin's files on disk.
+const KEPT_EVERY: Duration = Duration::from_secs(1);
+/// After a count, none is made for this many times its duration.
+const KEPT_SHARE: u32 = 20;
+
+/// Resources that a plugin takes at one moment.
+#[derive(Debug, Default)]
+pub(crate) struct ResourceSample {
+    /// Process group of the plugin.
+    pub(crate) group: i32,
+    /// Data folder of the plugin.
+    pub(crate) home: PathBuf,
+    pub(crate) usage: GroupUsage,
+    /// Usage of its control group, if it has one.
+    pub(crate) cgroup_usage: Option<CgroupUsage>,
+    /// Files on disk; `None` if they were not counted this time.
+    pub(crate) disk_usage: Option<DiskUsage>,
+}
+
+impl ResourceSample {
+    /// Returns the bytes of memory that the plugin holds. The count of its control group is preferred: it
+    /// counts shared memory once, and also memory that belongs to no process. Otherwise it is the sum over
+    /// its processes.
+    pub(crate) fn memory(&self) -> u64 {
+        self.cgroup_usage.map_or(self.usage.memory, |taken| taken.memory)
+    }
+}
+
+/// Measures one incarnation of a plugin.
+pub(crate) struct ResourceSampler {
+    group: i32,
+    home: PathBuf,
+    file_max: u64,
+    next_kept: Instant,
+}
+
+impl ResourceSampler {
+    pub(crate) fn new(group: i32, home: PathBuf, file_max: u64) -> ResourceSampler {
+        ResourceSampler { group, home, file_max, next_kept: Instant::now() }
+    }
+
+    /// Measures the plugin now.
+    pub(crate) async fn sample(&mut self, counted: Option<&PluginCgroup>) -> ResourceSample {
+        let (group, home, file_max) = (self.group, self.home.clone(), self.file_max);
+        let counts = Instant::now() >= self.next_kept;
+        let looking = tokio::task::spawn_blocking(move || {
+            let usage = usage::usage(group);
+            let began = Instant::now();
+            let kept = counts.then(|| usage::measure_disk(&home, group, file_max));
+            (
+                ResourceSample { group, home, usage, cgroup_usage: None, disk_usage: kept },
+                began.elapsed(),
+            )
+        });
+        // The thread pool is gone when the runtime shuts down. Then nothing is measured any more.
+        let Ok((look, took)) = looking.await else { return ResourceSample::default() };
+        if counts {
+            self.next_kept = Instant::now() + KEPT_EVERY.max(took * KEPT_SHARE);
+        }
+        ResourceSample { cgroup_usage: counted.map(PluginCgroup::measure), ..look }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_count_of_a_control_group_decides() {
+        // Two processes that share memory.
+        let usage = GroupUsage { memory: 200, ..GroupUsage::default() };
+        let look = ResourceSample { usage, ..ResourceSample::default() };
+        assert_eq!(look.memory(), 200);
+        let taken = Some(CgroupUsage { memory: 110, ..CgroupUsage::default() });
+        assert_eq!(ResourceSample { cgroup_usage: taken, ..look }.memory(), 110);
+    }
+}

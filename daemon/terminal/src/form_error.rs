@@ -1,0 +1,135 @@
+//! Parses the error messages of serde about the form of a text, so that a caller can word them for the
+//! author of the text. Serde uses terms of Rust: “invalid type: map, expected a sequence”.
+
+use std::borrow::Cow;
+
+/// An error in the form of a text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FormError<'a> {
+    /// An unknown key, and the keys that are allowed there.
+    UnknownKey {
+        /// The key.
+        key: &'a str,
+        /// The allowed keys.
+        known: Vec<&'a str>,
+    },
+    /// A required key is missing.
+    MissingKey(&'a str),
+    /// A word that is not one of those allowed there.
+    UnknownWord {
+        /// The word.
+        word: &'a str,
+        /// The allowed words.
+        known: Vec<&'a str>,
+    },
+    /// A value of another kind than expected.
+    Kind {
+        /// Serde's description of the value, for [`got`].
+        got: &'a str,
+        /// Serde's name of the expected type, for [`kind`].
+        wanted: &'a str,
+    },
+    /// A value that matches none of the allowed forms.
+    NoForm,
+}
+
+impl<'a> FormError<'a> {
+    /// Parses a message of serde, or of a format that uses serde. Returns `None` if it is none of these
+    /// errors.
+    pub fn of(said: &'a str) -> Option<FormError<'a>> {
+        let said = without_place(said.trim());
+        if let Some(rest) = said.strip_prefix("unknown field ") {
+            let (key, known) = first_and_rest(rest)?;
+            return Some(FormError::UnknownKey { key, known });
+        }
+        if let Some(rest) = said.strip_prefix("missing field ") {
+            return Some(FormError::MissingKey(first_and_rest(rest)?.0));
+        }
+        if let Some(rest) = said.strip_prefix("unknown variant ") {
+            let (word, known) = first_and_rest(rest)?;
+            return Some(FormError::UnknownWord { word, known });
+        }
+        if said.starts_with("data did not match any variant") {
+            return Some(FormError::NoForm);
+        }
+        let invalid = ["invalid type: ", "invalid value: ", "invalid length "];
+        let rest = invalid.iter().find_map(|prefix| said.strip_prefix(prefix))?;
+        let (got, wanted) = rest.rsplit_once(", expected ")?;
+        Some(FormError::Kind { got, wanted })
+    }
+}
+
+/// Removes the place that `serde_json` appends.
+fn without_place(said: &str) -> &str {
+    match said.rsplit_once(" at line ") {
+        Some((before, place)) if place.contains(" column ") => before,
+        _ => said,
+    }
+}
+
+/// Returns the first word in backquotes, and the others.
+fn first_and_rest(text: &str) -> Option<(&str, Vec<&str>)> {
+    let mut quoted = text.split('`').skip(1).step_by(2);
+    Some((quoted.next()?, quoted.collect()))
+}
+
+/// Describes a Rust type as a kind of value, for an author.
+pub fn kind(wanted: &str) -> Cow<'_, str> {
+    let whole = |to: u32| Cow::from(format!("a whole number from 0 to {to}"));
+    match wanted {
+        "f32" | "f64" => "a number".into(),
+        "u8" => whole(u8::MAX.into()),
+        "u16" => whole(u16::MAX.into()),
+        "u32" | "u64" | "usize" => "a whole number, 0 or more".into(),
+        "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number".into(),
+        "a boolean" => "true or false".into(),
+        "a string" | "path string" | "a borrowed string" => "a text in quotes".into(),
+        "a sequence" => "a list in [ ]".into(),
+        "a map" | "string or map" => "a table in { }".into(),
+        wanted if wanted.starts_with("struct ") => "a table in { }".into(),
+        wanted if wanted.starts_with("internally tagged enum ") => "a table in { }".into(),
+        wanted if wanted.starts_with("enum ") => "one of its words in quotes".into(),
+        wanted => wanted.into(),
+    }
+}
+
+/// Describes a value that serde names, for an author.
+pub fn got(said: &str) -> String {
+    let within = |prefix: &str| said.strip_prefix(prefix).map(|rest| rest.trim_matches('`'));
+    match said {
+        "sequence" => "a list".to_owned(),
+        "map" => "a table".to_owned(),
+        "null" | "unit value" => "empty".to_owned(),
+        said => None
+            .or_else(|| said.strip_prefix("string ").map(|text| format!("the text {text}")))
+            .or_else(|| within("integer ").map(str::to_owned))
+            .or_else(|| within("floating point ").map(str::to_owned))
+            .or_else(|| within("boolean ").map(str::to_owned))
+            .unwrap_or_else(|| said.to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_serde_says_is_taken_apart() {
+        let key = FormError::UnknownKey { key: "rooom", known: vec!["room", "name"] };
+        let word = FormError::UnknownWord { word: "requst", known: vec!["request", "cancel"] };
+        let list = FormError::Kind { got: "map", wanted: "a sequence" };
+        for (said, expected) in [
+            ("unknown field `rooom`, expected `room` or `name`", Some(key)),
+            ("missing field `name`\n", Some(FormError::MissingKey("name"))),
+            (
+                "unknown variant `requst`, expected `request` or `cancel` at line 1 column 26",
+                Some(word),
+            ),
+            ("invalid type: map, expected a sequence at line 2 column 0", Some(list)),
+            ("data did not match any variant of untagged enum A", Some(FormError::NoForm)),
+            ("`soon` is no duration", None),
+        ] {
+            assert_eq!(FormError::of(said), expected, "{said}");
+        }
+    }
+}

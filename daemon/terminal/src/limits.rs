@@ -1,0 +1,158 @@
+//! Limits of time and memory that hold from the first byte read, whatever the process is doing.
+//!
+//! - The planner counts its own work and memory, and ends by itself where it can. Reading, checking and
+//!   normalising a text count nothing; so a thread of this module checks the clock and the memory of the
+//!   whole process.
+//! - When the time is over it asks the planner to stop. If there is no answer within a grace period, it
+//!   prints the answer and ends the process: the best plan reported so far, or that there is none.
+
+use std::process::ExitCode;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use planner::{Cancel, StopReason};
+
+/// How often the memory of the process is checked.
+const MEMORY_CHECK_INTERVAL: Duration = Duration::from_millis(20);
+
+/// Minimum time after the limit that the planner may take for its answer.
+const GRACE_MIN: Duration = Duration::from_millis(300);
+
+/// Memory of the process in addition to what the planner counts: its code and its texts.
+const BESIDE_BYTES: u64 = 64 << 20;
+
+/// Handle of a limit, which is watched until the answer is given.
+pub struct LimitWatch {
+    answer: Arc<AnswerLock>,
+    /// Dropping it ends the watching thread.
+    _stop: mpsc::Sender<()>,
+}
+
+/// State of the one answer of the process.
+#[derive(Default)]
+struct AnswerLock(Mutex<AnswerState>);
+
+#[derive(Default)]
+struct AnswerState {
+    /// Whether the process itself has begun to answer.
+    is_given: bool,
+    /// The best plan reported so far.
+    best: Option<String>,
+}
+
+/// Prints the answer of a process that is ended: the reason, and the best plan. Returns the exit code.
+pub type LimitReporter = Box<dyn FnOnce(StopReason, Option<String>) -> u8 + Send>;
+
+/// Limits of a process.
+pub struct RunLimits {
+    /// Maximum run time.
+    pub time: Option<Duration>,
+    /// Maximum memory of the planner's tables, in bytes.
+    pub memory_bytes: usize,
+}
+
+impl RunLimits {
+    /// Returns a limit of time, and half of the available memory.
+    pub fn of_time(time: Option<Duration>) -> RunLimits {
+        let available = machine::memory_available().map_or(u64::MAX, |available| available / 2);
+        RunLimits { time, memory_bytes: usize::try_from(available).unwrap_or(usize::MAX) }
+    }
+}
+
+/// Returns a function that prints the reason of an ended command: one line, or a JSON object with a status.
+pub fn refusal(json: bool) -> LimitReporter {
+    Box::new(move |reason, _| {
+        let (status, words) = match reason {
+            StopReason::MemoryLimit { limit } => {
+                ("out-of-memory", format!("out of memory at {} MiB", limit >> 20))
+            }
+            _ => ("out-of-time", "out of time (--time-limit)".to_owned()),
+        };
+        let code = reason.exit_code();
+        match json {
+            true => drop(crate::output::print_json(&serde_json::json!({ "status": status }), code)),
+            false => crate::output::print_note(&words),
+        }
+        code
+    })
+}
+
+// === impl Deadline ===
+
+impl LimitWatch {
+    /// Starts the watching thread, which sets `cancel` when the time is over.
+    pub fn start(
+        limits: RunLimits,
+        started: Instant,
+        cancel: Cancel,
+        give: LimitReporter,
+    ) -> LimitWatch {
+        let answer = Arc::new(AnswerLock::default());
+        let (stop, stopped) = mpsc::channel();
+        let shared = Arc::clone(&answer);
+        thread::spawn(move || {
+            if let Some(reason) = watch(&limits, started, &cancel, &stopped) {
+                shared.give(reason, give);
+            }
+        });
+        LimitWatch { answer, _stop: stop }
+    }
+
+    /// Stores a plan that has been found.
+    pub fn record_plan(&self, plan: String) {
+        self.answer.lock_state().best = Some(plan);
+    }
+
+    /// Gives the answer. If the watching thread is giving one already, this blocks until it ends the
+    /// process.
+    pub fn answer(&self, answer: impl FnOnce() -> ExitCode) -> ExitCode {
+        self.answer.lock_state().is_given = true;
+        answer()
+    }
+}
+
+/// Waits until a limit is exceeded. Returns `None` if the process has answered before.
+fn watch(
+    limits: &RunLimits,
+    started: Instant,
+    cancel: &Cancel,
+    stopped: &mpsc::Receiver<()>,
+) -> Option<StopReason> {
+    let bytes_max = limits.memory_bytes as u64;
+    let bytes_max = bytes_max.saturating_add((bytes_max / 4).max(BESIDE_BYTES));
+    let grace = limits.time.map(|time| GRACE_MIN.max(time / 10));
+    loop {
+        if stopped.recv_timeout(MEMORY_CHECK_INTERVAL) != Err(RecvTimeoutError::Timeout) {
+            return None;
+        }
+        if machine::memory_resident().is_some_and(|bytes| bytes > bytes_max) {
+            return Some(StopReason::MemoryLimit { limit: limits.memory_bytes });
+        }
+        let (Some(time), Some(grace)) = (limits.time, grace) else { continue };
+        if started.elapsed() >= time {
+            cancel.set();
+        }
+        if started.elapsed() >= time.saturating_add(grace) {
+            return Some(StopReason::Cancelled);
+        }
+    }
+}
+
+// === impl Answer ===
+
+impl AnswerLock {
+    fn lock_state(&self) -> MutexGuard<'_, AnswerState> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn give(&self, reason: StopReason, give: LimitReporter) {
+        // The lock is held until the process ends, so that there is no second answer.
+        let mut given = self.lock_state();
+        if !given.is_given {
+            let code = give(reason, given.best.take());
+            std::process::exit(i32::from(code));
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! Requests that change the running ecosystem: the state, the plan metric, the available actions, and
+//! observations (docs/design.md, “Action models”).
+//!
+//! A request is confirmed, with remarks about facts that do not count now and about agents that
+//! contradict it; or it is refused as a whole, with the reason.
+
+use acl::content::{
+    ActionOf, ChangeActions, ChangeMetric, ChangeState, Observation, Outcome, Reason, Refusal,
+    Report, Request,
+};
+use acl::{AgentId, Message, Performative};
+use agent::upkeep;
+use agent::{Context, Engagement};
+use capability::{Change, Effects, Known, Owner};
+use pddl::{Diagnostic, InitElement, Name, Severity, check_init_elements};
+
+use crate::{AnnouncementScope, DomainMaintainer};
+
+/// Result of an accepted request: the resulting change, and the text of the answer.
+type AcceptedChange = (Change, String);
+
+/// Maximum number of remarks in an answer.
+const REMARKS_MAX: usize = 8;
+
+impl DomainMaintainer {
+    pub(crate) fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        upkeep::compose(self, ctx);
+        self.check_replicas(ctx);
+        let engagement = Engagement::of(&message);
+        let asker = &message.sender;
+        let request = message.content_as::<Request>();
+        let taken = match request {
+            Ok(Request::ChangeState(change)) => self.change_state(asker, &change, ctx),
+            Ok(Request::ChangeMetric(change)) => self.change_metric(&change),
+            Ok(Request::ChangeActions(change)) => self.change_actions(change),
+            Ok(Request::Observe(observed)) => self.observe(asker, &observed),
+            Ok(Request::Keep(handed)) => return self.receive_handover(&message, &handed, ctx),
+            Ok(_) => Err(Refusal::new(
+                Reason::Incapable,
+                "a Domain Maintainer takes `change-state`, `change-metric`, `change-actions` and \
+                 `observe`",
+            )),
+            Err(error) => return ctx.not_understood(&message, error.to_string()),
+        };
+        match taken {
+            Ok((change, detail)) => {
+                self.announcement_scope = self.announcement_scope.max(AnnouncementScope::Changes);
+                upkeep::conclude(self, &change, ctx);
+                // A repeated request changes nothing here. Elsewhere it prolongs facts, or makes them
+                // newer than those of another agent.
+                if change.is_empty() {
+                    self.announce_requests(ctx);
+                }
+                let report = Report::new(Outcome::Done, detail);
+                ctx.answer(&engagement, Performative::Confirm, &report);
+            }
+            Err(refusal) => ctx.answer(&engagement, Performative::Refuse, &refusal),
+        }
+    }
+
+    fn change_state(
+        &mut self,
+        asker: &AgentId,
+        change: &ChangeState,
+        ctx: &mut Context<Self>,
+    ) -> Result<AcceptedChange, Refusal> {
+        let effects = Effects::read(change).map_err(|mistakes| bad_content(&mistakes))?;
+        if change.owner.is_none() {
+            self.check_against_domain(change, &effects)?;
+        }
+        let living = change.owner.as_ref().and_then(|owner| ctx.find(owner));
+        let owner = Owner::Agent(change.owner.as_ref().unwrap_or(asker).clone());
+        let notes = self.remarks(&effects.believe, &owner);
+        let now = self.upkeep.moment();
+        let maintainer = &mut self.upkeep.maintainer;
+        let changed = match living {
+            Some(owner) => maintainer.confirm(&owner.agent, Some(owner.incarnation), &effects, now),
+            None => maintainer.set(&owner, &effects, now),
+        };
+        let changed = changed.map_err(|declined| declined.refusal())?;
+        let detail = if changed.is_empty() { "it was so already" } else { "believed" };
+        Ok((changed, with_remarks(detail, notes)))
+    }
+
+    /// Checks the facts of a person's request against the present domain. A fact with an undeclared
+    /// predicate would be stored and never seen again. The facts of an agent are not checked: they may
+    /// arrive before the agent's declarations.
+    fn check_against_domain(&self, change: &ChangeState, effects: &Effects) -> Result<(), Refusal> {
+        let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
+        let texts = [(&change.believe, &effects.believe), (&change.retract, &effects.retract)];
+        for (text, facts) in texts {
+            let diagnostics = check_init_elements(&snapshot.domain, &snapshot.problem, facts);
+            let mistake = diagnostics.iter().find(|found| found.severity == Severity::Error);
+            if let Some(mistake) = mistake {
+                return Err(Refusal::new(Reason::BadContent, mistake.located(text)));
+            }
+        }
+        Ok(())
+    }
+
+    fn change_metric(&mut self, change: &ChangeMetric) -> Result<AcceptedChange, Refusal> {
+        let read = |text: &String| pddl::parse_metric(text).into_result();
+        let metric = change.metric.as_ref().map(read).transpose();
+        let metric = metric.map_err(|mistakes| bad_content(&mistakes))?;
+        let detail = match &metric {
+            Some(metric) => format!("plans are measured by `{metric}` from now on"),
+            None => "plans are measured as the map says again".to_owned(),
+        };
+        let now = self.upkeep.moment();
+        let changed = self.upkeep.maintainer.measure(metric, now);
+        Ok((changed.map_err(|declined| declined.refusal())?, detail))
+    }
+
+    fn change_actions(&mut self, change: ChangeActions) -> Result<AcceptedChange, Refusal> {
+        let ChangeActions { withhold, give_back } = change;
+        if withhold.is_empty() && give_back.is_empty() {
+            return Err(Refusal::new(Reason::BadContent, "it names no action to change"));
+        }
+        let of = |of: ActionOf| (Name::new(&of.action), of.agent);
+        let withhold: Vec<_> = withhold.into_iter().map(of).collect();
+        let give_back: Vec<_> = give_back.into_iter().map(of).collect();
+        let now = self.upkeep.moment();
+        let changed = self.upkeep.maintainer.change_actions(&withhold, &give_back, now);
+        let changed = changed.map_err(|declined| declined.refusal())?;
+        let parts = [("withheld", withhold), ("given back", give_back)];
+        let parts = parts.into_iter().filter(|(_, of)| !of.is_empty()).map(|(what, of)| {
+            let names: Vec<String> = of.iter().map(describe_action).collect();
+            format!("{what}: {}", names.join(", "))
+        });
+        Ok((changed, parts.collect::<Vec<_>>().join("; ")))
+    }
+
+    fn observe(
+        &mut self,
+        asker: &AgentId,
+        observed: &Observation,
+    ) -> Result<AcceptedChange, Refusal> {
+        let now = self.upkeep.moment();
+        let known = Known::read(observed, now).map_err(|mistakes| bad_content(&mistakes))?;
+        if known.is_empty() {
+            return Err(Refusal::new(Reason::BadContent, "it states no fact"));
+        }
+        let facts: Vec<InitElement> = known.iter().map(|known| known.fact.clone()).collect();
+        let notes = self.remarks(&facts, &Owner::Agent(asker.clone()));
+        let changed = self.upkeep.maintainer.observe(asker, &known, now);
+        Ok((changed.map_err(|declined| declined.refusal())?, with_remarks("believed", notes)))
+    }
+
+    /// Returns remarks about facts that do not count now, and about agents that contradict them.
+    fn remarks(&self, facts: &[InitElement], speaker: &Owner) -> Vec<String> {
+        let maintainer = &self.upkeep.maintainer;
+        let mut notes = Vec::new();
+        for fact in facts {
+            if let Some(misfit) = maintainer.misfit(fact) {
+                notes.push(format!("`{fact}` does not count as long as {misfit}"));
+            }
+            for (owner, said) in maintainer.contradicting(fact, speaker) {
+                notes.push(format!("{owner} says `{said}`, and its next heartbeat overrides this"));
+            }
+        }
+        notes
+    }
+}
+
+fn bad_content(mistakes: &[Diagnostic]) -> Refusal {
+    let lines: Vec<_> = mistakes.iter().map(ToString::to_string).collect();
+    Refusal::new(Reason::BadContent, lines.join("; "))
+}
+
+fn with_remarks(detail: &str, mut notes: Vec<String>) -> String {
+    let rest = notes.len().saturating_sub(REMARKS_MAX);
+    notes.truncate(REMARKS_MAX);
+    if rest > 0 {
+        notes.push(format!("{rest} more remarks"));
+    }
+    std::iter::once(detail.to_owned()).chain(notes).collect::<Vec<_>>().join("; ")
+}
+
+fn describe_action((action, agent): &(Name, Option<AgentId>)) -> String {
+    match agent {
+        Some(agent) => format!("`{action}` of `{agent}`"),
+        None => format!("`{action}` of all agents"),
+    }
+}

@@ -1,0 +1,161 @@
+//! Hand-over after a partition: a Domain Maintainer that becomes a standby sends the leader what
+//! requests changed while both led, each in its partition (docs/design.md, “Fail-over”).
+//!
+//! No agent repeats requested changes by itself, so the hand-over is tried until it is confirmed. If
+//! both sides changed the same thing, the change of the remaining leader stands.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use acl::content::{
+    Keeping, Outcome, Reason, Record, Refusal, Report, Request, RequestedSince, value,
+};
+use acl::{DaemonId, Deadline, Message, Performative, Protocol};
+use agent::upkeep;
+use agent::{Answer, Context, Engagement, Opening};
+use capability::{Moment, RequestsSince};
+
+use crate::{AnnouncementScope, DomainMaintainer, REQUESTED};
+
+/// Interval between tries to hand over, and their maximum number. The new leader may have left in the
+/// same moment, and a partition may last minutes.
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
+const RETRIES_MAX: u32 = 600;
+
+/// How long all replicas must see each other before none of them has anything to hand over.
+const REUNITED_AFTER: Duration = Duration::from_secs(10);
+
+/// Other replicas of this agent.
+#[derive(Debug, Default)]
+pub(crate) struct KnownReplicas {
+    /// Daemons on which replicas were present; a daemon that is missing now has not come back.
+    seen_on: BTreeSet<DaemonId>,
+    /// Since when all of them are present.
+    complete_since: Option<Moment>,
+}
+
+impl DomainMaintainer {
+    /// Checks whether another leader may be active in another partition, and if so begins to note
+    /// changes. To be called before anything is changed, so that no change is left out.
+    pub(crate) fn check_replicas(&mut self, ctx: &Context<Self>) {
+        let (directory, own) = (ctx.directory(), ctx.switchboard().daemon());
+        let daemons = directory.all(ctx.id()).iter().map(|resident| &resident.daemon);
+        let here: BTreeSet<_> = daemons.filter(|daemon| *daemon != own).cloned().collect();
+        let now = self.upkeep.moment();
+        let KnownReplicas { seen_on: met, complete_since: together } = &mut self.known_replicas;
+        if !met.is_subset(&here) {
+            *together = None;
+            self.upkeep.maintainer.part();
+        } else if !here.is_empty() {
+            *met = here;
+            let since = *together.get_or_insert(now);
+            if self.is_leading && now.since(since) >= REUNITED_AFTER {
+                self.upkeep.maintainer.reunite();
+            }
+        }
+    }
+
+    /// Stands down: sends the noted changes to the new leader.
+    pub(crate) fn stand_down(&mut self, ctx: &mut Context<Self>) {
+        let changed = self.upkeep.maintainer.stand_down(self.upkeep.moment());
+        if changed != RequestedSince::default() {
+            self.hand_over(changed, 0, ctx);
+        }
+    }
+
+    fn hand_over(&mut self, changed: RequestedSince, times: u32, ctx: &mut Context<Self>) {
+        if self.is_leading {
+            // This replica leads again.
+            self.reconcile(&changed, ctx);
+            return;
+        }
+        let acts = ctx.find(ctx.id()).map(|resident| resident.incarnation);
+        if acts.is_none_or(|life| life == ctx.incarnation()) {
+            // The new leader is not known here yet.
+            return retry_handover(changed, times, ctx);
+        }
+        let record = self.keeper.write(REQUESTED.to_owned(), value(&changed));
+        let opening = Opening {
+            to: Some(ctx.id().clone()),
+            performative: Performative::Request,
+            protocol: Protocol::StateChange,
+            conversation: ctx.new_conversation(),
+            content: value(&Request::Keep(Keeping { records: vec![record] })),
+        };
+        let mut changed = Some(changed);
+        let patience = ctx.settings().answer_deadline;
+        ctx.open(opening, patience, move |_: &mut Self, answer, ctx| {
+            let Some(changed) = changed.take() else { return };
+            match answer {
+                Answer::Message(message) if message.performative == Performative::Confirm => (),
+                _ => retry_handover(changed, times, ctx),
+            }
+        });
+    }
+
+    /// Takes the changes of another incarnation of this agent that has become a standby.
+    pub(crate) fn receive_handover(
+        &mut self,
+        message: &Message,
+        handed: &Keeping,
+        ctx: &mut Context<Self>,
+    ) {
+        if message.sender != *ctx.id() || message.incarnation == ctx.incarnation() {
+            // If the sender leads again, the message has come back to itself; the sender tries again.
+            let detail = "a Domain Maintainer takes changes over only from its own standby";
+            let refusal = Refusal::new(Reason::Incapable, detail);
+            return ctx.answer(&Engagement::of(message), Performative::Refuse, &refusal);
+        }
+        let engagement = Engagement::of(message);
+        for Record { body, .. } in handed.records.iter().filter(|record| record.key == REQUESTED) {
+            match serde_json::from_value(body.clone()) {
+                Ok(changed) => self.reconcile(&changed, ctx),
+                Err(error) => return ctx.not_understood(message, error.to_string()),
+            }
+        }
+        let report = Report::new(Outcome::Done, "taken over");
+        ctx.answer(&engagement, Performative::Confirm, &report);
+    }
+
+    fn reconcile(&mut self, changed: &RequestedSince, ctx: &mut Context<Self>) {
+        let now = self.upkeep.moment();
+        let read = RequestsSince::read(changed, now).map_err(|mistakes| {
+            mistakes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+        });
+        let taken = read.and_then(|read| {
+            let taken = self.upkeep.maintainer.reconcile(&read, now);
+            taken.map_err(|declined| declined.to_string())
+        });
+        match taken {
+            Ok(change) => {
+                tracing::info!("takes over the requests of another leader, after a partition");
+                self.announcement_scope = AnnouncementScope::Full;
+                upkeep::conclude(self, &change, ctx);
+                self.announce_requests(ctx);
+            }
+            Err(why) => tracing::warn!(why, "the requests of another leader cannot be taken over"),
+        }
+    }
+}
+
+/// Tries again after [`AGAIN`], up to [`TIMES_MAX`] times.
+fn retry_handover(changed: RequestedSince, times: u32, ctx: &mut Context<DomainMaintainer>) {
+    if times >= RETRIES_MAX {
+        return tracing::warn!("no leader takes over what was requested here");
+    }
+    ctx.after(RETRY_INTERVAL, move |maintainer: &mut DomainMaintainer, ctx| {
+        maintainer.hand_over(with_time_passed(changed, RETRY_INTERVAL), times + 1, ctx);
+    });
+}
+
+/// Returns the changes with their remaining times reduced by `by`; expired facts are dropped.
+fn with_time_passed(mut changed: RequestedSince, by: Duration) -> RequestedSince {
+    changed.facts.retain_mut(|fact| match &mut fact.known_for {
+        None => true,
+        Some(Deadline(left)) => {
+            *left = left.saturating_sub(by);
+            !left.is_zero()
+        }
+    });
+    changed
+}

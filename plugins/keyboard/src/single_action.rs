@@ -1,0 +1,140 @@
+//! Makes a plan of one step from a ground action that a person typed, and checks it against the Domain
+//! Maintainer's state: a mistake is reported before any agent is asked to act.
+//!
+//! The Plan Executor executes it like any plan: it checks the precondition, gives the actuator a token
+//! that is executed at most once, and notifies the Domain Maintainer of the changes.
+
+use std::time::Duration;
+
+use acl::AgentId;
+use acl::content::{Execute, Offer, Offers, Snapshot};
+use pddl::{Condition, Plan, PlanStep, Problem, Severity};
+
+/// Returns a plan of one step, and the time limit of its method.
+///
+/// # Errors
+///
+/// Returns an error, as text for a person, if the action is not valid or not offered.
+pub(crate) fn one_step_plan(
+    snapshot: Snapshot,
+    action: &str,
+) -> Result<(Execute, Duration), String> {
+    let step = pddl::parse_step(action).into_result().map_err(|found| first(&found, action))?;
+    let domain = pddl::parse_domain(&snapshot.domain);
+    let domain = domain.into_result().map_err(|found| first(&found, &snapshot.domain))?;
+    let problem = pddl::parse_problem(&snapshot.problem);
+    let problem = problem.into_result().map_err(|found| first(&found, &snapshot.problem))?;
+    let (agent, offer) = offer_of(&step, &snapshot.offers)?;
+    let timeout = offer.method.as_ref().map_or(Duration::ZERO, |method| method.timeout.0);
+    let inside = PlanStep { action: offer.inside.as_str().into(), ..step };
+    let plan = Plan { steps: vec![inside], cost: None };
+    let found = pddl::check_plan(&domain, &problem, &plan);
+    if let Some(mistake) = found.iter().find(|found| found.severity == Severity::Error) {
+        return Err(mistake.located(action));
+    }
+    // An empty goal: the person wants the action, not a state.
+    let problem = Problem { goal: Condition::And(Vec::new()), ..problem };
+    let offers = snapshot.offers.into_iter().filter(|(other, _)| *other == agent).collect();
+    let execute = Execute {
+        domain: snapshot.domain,
+        problem: problem.to_string(),
+        plan: plan.to_string(),
+        epoch: snapshot.epoch,
+        term: 0,
+        round: 1,
+        done: Vec::new(),
+        offers,
+        knowledge: snapshot.knowledge,
+    };
+    Ok((execute, timeout))
+}
+
+/// Returns the agent that is to act and its offer of the action.
+fn offer_of(step: &PlanStep, offers: &Offers) -> Result<(AgentId, Offer), String> {
+    let named = step.arguments.first().map_or("", |name| name.as_str());
+    let hint = |word: &str, known: Vec<&str>| {
+        let near = pddl::nearest(word, known.iter().copied());
+        let near = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
+        if known.is_empty() {
+            "no agent here offers actions".to_owned()
+        } else {
+            format!("{near}there is: {}", known.join(", "))
+        }
+    };
+    let Some((agent, actions)) = offers.get_key_value(named) else {
+        let known = offers.keys().map(AgentId::as_str).collect();
+        return Err(format!(
+            "the first argument of an action is the agent that acts, and no agent `{named}` \
+             offers actions here; {}",
+            hint(named, known)
+        ));
+    };
+    let action = step.action.as_str();
+    let offer = actions.get(action).cloned().ok_or_else(|| {
+        let known = actions.keys().map(String::as_str).collect();
+        format!("`{agent}` does not offer `{action}`; {}", hint(action, known))
+    })?;
+    Ok((agent.clone(), offer))
+}
+
+fn first(found: &[pddl::Diagnostic], text: &str) -> String {
+    found.first().map_or_else(|| "unreadable".to_owned(), |found| found.located(text))
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::Deadline;
+    use acl::content::Method;
+
+    use super::*;
+
+    fn snapshot() -> Snapshot {
+        let method = Method {
+            method: "navigate_to".into(),
+            arguments: Default::default(),
+            timeout: Deadline(Duration::from_secs(7)),
+        };
+        let offer = Offer { inside: "move--r".into(), guard: String::new(), method: Some(method) };
+        let robot = AgentId::new("r2").expect("a name");
+        let domain = "(define (domain d) (:types robot place)
+            (:action move--r :agent ?r - robot :parameters (?from ?to - place) :effect ()))";
+        let problem = "(define (problem p) (:domain d)
+            (:objects r2 - robot hall office1 - place) (:init) (:goal (and)))";
+        Snapshot {
+            epoch: 3,
+            revision: 4,
+            domain: domain.into(),
+            digest: String::new(),
+            problem: problem.into(),
+            offers: [(robot, [("move".to_owned(), offer)].into())].into(),
+            guards: [].into(),
+            former: Vec::new(),
+            knowledge: [].into(),
+            conflicts: [].into(),
+        }
+    }
+
+    #[track_caller]
+    fn check_mistake(action: &str, expected: &str) {
+        let problem = one_step_plan(snapshot(), action).expect_err("a mistake");
+        assert!(problem.contains(expected), "{problem}");
+    }
+
+    #[test]
+    fn an_action_is_a_plan_of_one_step() {
+        let (execute, timeout) =
+            one_step_plan(snapshot(), "(move r2 hall office1)").expect("offered");
+        assert_eq!(execute.plan.trim(), "(move--r r2 hall office1)");
+        assert_eq!((execute.epoch, timeout), (3, Duration::from_secs(7)));
+        assert!(pddl::parse_problem(&execute.problem).is_ok(), "{}", execute.problem);
+    }
+
+    #[test]
+    fn a_mistake_is_told_before_anyone_acts() {
+        check_mistake("(move r2 hall office1", "1:");
+        check_mistake("(move r3 hall office1)", "did you mean `r2`?");
+        check_mistake("(mov r2 hall office1)", "did you mean `move`?");
+        check_mistake("(move r2 hall offce1)", "`office1`");
+        check_mistake("(move r2 hall)", "1:");
+    }
+}

@@ -1,0 +1,288 @@
+//! Device classes: the names that devices use for what they measure or switch, and the PDDL names for each.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use actuator::OnOffPredicates;
+use serde::Deserialize;
+
+/// The built-in table of classes.
+const BUILT_IN: &str = include_str!("classes.toml");
+
+/// All classes, by name.
+#[derive(Clone, Debug)]
+pub(crate) struct DeviceClasses(BTreeMap<String, DeviceClass>);
+
+/// The PDDL names of a device class. A class is a measured number, a yes or no, or a switch; see
+/// [`Class::kind`].
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) struct DeviceClass {
+    /// Other names of the class that devices use.
+    #[serde(default)]
+    also: Vec<String>,
+    /// The PDDL type of an agent that has it.
+    pub(crate) agent: String,
+    /// The action that measures it.
+    action: Option<String>,
+    /// The predicate that its value is known in a room.
+    known: Option<String>,
+    /// The function of a room that has its value.
+    value: Option<String>,
+    /// The unit of that value.
+    unit: Option<String>,
+    /// The predicate of a room that is true if the answer is yes.
+    yes: Option<String>,
+    /// Whether the device reports the inverse of the predicate: for a contact, devices report yes for
+    /// *open*, and the predicate is *closed*.
+    #[serde(default)]
+    pub(crate) inverted: bool,
+    /// The predicate of a room that is true if the device is switched on.
+    state: Option<String>,
+    /// The predicate of the device itself that is true if it is on, or if the answer is yes.
+    own: Option<String>,
+    /// The predicate that the device is in a room; used if the ontology derives `yes` from it and `own`.
+    at: Option<String>,
+    /// Whether `state` is true of a room only if all such devices in it are on. If `false`, one is enough.
+    #[serde(default)]
+    all: bool,
+    /// The actions that switch it on and off.
+    on: Option<String>,
+    off: Option<String>,
+}
+
+/// The kind of a class, with the PDDL names that the kind needs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum ClassKind<'c> {
+    /// A measured number.
+    Number { action: &'c str, known: &'c str, value: &'c str, unit: &'c str },
+    /// A yes or no that is detected. `own` has the predicates `own` and `at` of the class, if it has both.
+    YesOrNo { action: &'c str, known: &'c str, yes: &'c str, own: Option<(&'c str, &'c str)> },
+    /// A switch.
+    Switch { words: OnOffPredicates<'c>, on: &'c str, off: &'c str },
+}
+
+impl DeviceClasses {
+    /// Returns the built-in classes, with the entries of `said` added; they override built-in ones.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if an entry cannot be read, lacks names, or has a name that PDDL does not allow.
+    pub(crate) fn with(said: &serde_json::Value) -> Result<DeviceClasses, String> {
+        let mut classes: BTreeMap<String, DeviceClass> =
+            toml::from_str(BUILT_IN).expect("invariant: a test reads what is built in");
+        if !said.is_null() {
+            let more: BTreeMap<String, DeviceClass> = serde_json::from_value(said.clone())
+                .map_err(|error| format!("classes: {error}"))?;
+            // A name that an entry of `said` uses no longer stands for a built-in class.
+            let said: BTreeSet<&String> =
+                more.iter().flat_map(|(name, class)| class.also.iter().chain([name])).collect();
+            for class in classes.values_mut() {
+                class.also.retain(|name| !said.contains(name));
+            }
+            classes.extend(more);
+        }
+        for class in classes.values_mut() {
+            if class.state.is_some() && class.own.is_none() {
+                class.own = Some(format!("{}-on", class.agent));
+            }
+        }
+        for (name, class) in &classes {
+            if class.kind().is_none() {
+                return Err(format!(
+                    "classes.{name}: write action, known, value and unit for a number, \
+                     action, known and yes for a yes or no, or state, on and off for a switch"
+                ));
+            }
+        }
+        let unsayable =
+            classes.iter().find_map(|(name, class)| Some((name, class.invalid_name()?)));
+        match unsayable {
+            Some((name, word)) => Err(format!(
+                "classes.{name}: `{word}` cannot be a name in PDDL; use a-z, 0-9, - and _"
+            )),
+            None => Ok(DeviceClasses(classes)),
+        }
+    }
+
+    /// Returns the own name of the class that devices call `called`; `None` if there is none. Upper and
+    /// lower case are the same.
+    pub(crate) fn find(&self, called: &str) -> Option<&str> {
+        let called = called.to_ascii_lowercase();
+        if let Some((name, _)) = self.0.get_key_value(&called) {
+            return Some(name);
+        }
+        let is_it = |(_, class): &(&String, &DeviceClass)| class.also.contains(&called);
+        self.0.iter().find(is_it).map(|(name, _)| name.as_str())
+    }
+
+    /// Returns a class by its own name.
+    pub(crate) fn get(&self, name: &str) -> Option<&DeviceClass> {
+        self.0.get(name)
+    }
+}
+
+impl DeviceClass {
+    /// Returns a name of the class that PDDL does not allow; `None` if all are allowed.
+    fn invalid_name(&self) -> Option<&str> {
+        let DeviceClass { agent, action, known, value, yes, state, own, at, on, off, .. } = self;
+        let words = [action, known, value, yes, state, own, at, on, off].into_iter().flatten();
+        let mut words = std::iter::once(agent).chain(words).map(String::as_str);
+        words.find(|word| acl::AgentId::new(word).is_err())
+    }
+
+    /// Returns the kind of the class; `None` if it has not all names that one of the kinds needs.
+    pub(crate) fn kind(&self) -> Option<ClassKind<'_>> {
+        if let (Some(state), Some(on), Some(off)) = (&self.state, &self.on, &self.off) {
+            let (agent, own, all) = (&self.agent, self.own.as_ref()?, self.all);
+            return Some(ClassKind::Switch {
+                words: OnOffPredicates { agent, state, own, all },
+                on,
+                off,
+            });
+        }
+        let (action, known) = (self.action.as_deref()?, self.known.as_deref()?);
+        match (&self.value, &self.unit, &self.yes) {
+            (Some(value), Some(unit), None) => {
+                Some(ClassKind::Number { action, known, value, unit })
+            }
+            (None, None, Some(yes)) => {
+                let own = self.own.as_deref().zip(self.at.as_deref());
+                Some(ClassKind::YesOrNo { action, known, yes, own })
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Returns the factor and the offset that convert a value from one unit to another; `None` if the units
+/// measure different things.
+pub(crate) fn conversion(from: &str, to: &str) -> Option<(f64, f64)> {
+    match (plain(from).as_str(), plain(to).as_str()) {
+        (one, other) if one == other => Some((1.0, 0.0)),
+        // A missing unit means the usual one.
+        ("", _) => Some((1.0, 0.0)),
+        ("f", "c") => Some((5.0 / 9.0, -160.0 / 9.0)),
+        ("k", "c") => Some((1.0, -273.15)),
+        ("c", "f") => Some((1.8, 32.0)),
+        ("klx", "lx") => Some((1_000.0, 0.0)),
+        ("ppb", "ppm") => Some((0.001, 0.0)),
+        _ => None,
+    }
+}
+
+/// Returns the canonical spelling of a unit.
+fn plain(unit: &str) -> String {
+    let unit = unit.trim().trim_start_matches(['°', 'º']).trim().to_lowercase();
+    match unit.as_str() {
+        "℃" | "degc" | "cel" | "celsius" => "c",
+        "℉" | "degf" | "fahrenheit" => "f",
+        "kelvin" => "k",
+        "lux" => "lx",
+        "%rh" | "% rh" | "rh%" => "%",
+        other => other,
+    }
+    .to_owned()
+}
+
+/// Whether a value is possible in its unit. Chips report special numbers for “no value”.
+pub(crate) fn is_possible(value: f64, unit: &str) -> bool {
+    // Larger numbers have no exact thousandths any more, and no quantity of a room is as large.
+    const LARGEST: f64 = 1e12;
+    if !value.is_finite() || value.abs() > LARGEST {
+        return false;
+    }
+    match plain(unit).as_str() {
+        // Thermometers that cannot be reached report -127 or -128, those without a probe 999 or 327.67; no
+        // room is as hot as 200 °C.
+        "c" => value > -127.0 && value <= 200.0,
+        "f" => value > -196.0 && value <= 392.0,
+        "k" => (0.0..=474.0).contains(&value),
+        // A million ppm is everything.
+        "ppm" => (0.0..=1e6).contains(&value),
+        "ppb" => (0.0..=1e9).contains(&value),
+        // Direct sunlight has a little more than 100,000 lx.
+        "lx" => (0.0..=1e6).contains(&value),
+        "lm" => value >= 0.0,
+        // Chips may measure a little above 100 %; 255 and 655.35 mean “no value”.
+        "%" => (0.0..=110.0).contains(&value),
+        _ => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_built_in_table_is_whole_and_can_be_added_to() {
+        let more = serde_json::json!({ "door": {
+            "also": ["opening"], "agent": "door-sensor", "action": "report-door",
+            "known": "known-door", "yes": "door-open" } });
+        let classes = DeviceClasses::with(&more).expect("it is whole");
+        for (called, expected) in [
+            ("temperature", Some("temperature")),
+            ("Occupancy", Some("motion")),
+            ("co2", Some("carbon_dioxide")),
+            ("opening", Some("door")),
+            ("linkquality", None),
+        ] {
+            assert_eq!(classes.find(called), expected, "{called}");
+        }
+        let half = serde_json::json!({ "door": { "agent": "door", "action": "x" } });
+        let unsayable = serde_json::json!({ "lamp": {
+            "agent": "lamp", "state": "(lit", "on": "on", "off": "off" } });
+        let problem = DeviceClasses::with(&unsayable).expect_err("no word");
+        assert!(problem.contains("`(lit` cannot be a name"), "{problem}");
+        let problem = DeviceClasses::with(&half).expect_err("its words are not enough");
+        assert!(problem.starts_with("classes.door: write"), "{problem}");
+    }
+
+    #[test]
+    fn values_that_cannot_be_are_none() {
+        for (value, unit, expected) in [
+            (21.5, "°C", true),
+            (-40.0, "°C", true),
+            (-127.0, "°C", false),
+            (-327.68, "°C", false),
+            (f64::NAN, "°C", false),
+            (1e305, "°C", false),
+            (f64::INFINITY, "hPa", false),
+            (-1e305, "hPa", false),
+            (1e13, "W", false),
+            (1e9, "lx", false),
+            (120_000.0, "lx", true),
+            (2e6, "ppm", false),
+            (999.0, "°C", false),
+            (327.67, "°C", false),
+            (95.0, "°C", true),
+            (700.0, "°F", false),
+            (100.4, "%", true),
+            (655.35, "%", false),
+            (-1.0, "ppm", false),
+            (-1.0, "hPa", true),
+        ] {
+            assert_eq!(is_possible(value, unit), expected, "{value} {unit}");
+        }
+    }
+
+    #[test]
+    fn units_are_made_ours() {
+        for (from, to, value, expected) in [
+            ("°F", "°C", 68.0, Some(20.0)),
+            ("K", "°C", 293.15, Some(20.0)),
+            ("lux", "lx", 12.0, Some(12.0)),
+            ("", "ppm", 400.0, Some(400.0)),
+            ("hPa", "°C", 1.0, None),
+            ("℃", "°C", 20.0, Some(20.0)),
+            ("klx", "lx", 1.5, Some(1500.0)),
+            ("% RH", "%", 40.0, Some(40.0)),
+        ] {
+            let converted = conversion(from, to).map(|(factor, more)| value * factor + more);
+            let is_it = match (converted, expected) {
+                (Some(one), Some(other)) => f64::abs(one - other) < 1e-9,
+                (one, other) => one.is_none() && other.is_none(),
+            };
+            assert!(is_it, "{from} {to}: {converted:?}");
+        }
+    }
+}

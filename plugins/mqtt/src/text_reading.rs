@@ -1,0 +1,129 @@
+//! Reads values from the texts of devices: the whole text, a value in JSON, or the output of a template.
+
+use serde_json::Value;
+
+use crate::description::{ReadingMethod, ValueSource};
+
+/// The result of reading a text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum ReadOutcome {
+    /// A value.
+    Text(String),
+    /// The device states that the value is not known.
+    Unknown,
+    /// The text has no value; the earlier one stays.
+    Nothing,
+    /// The text could not be read, with the reason; the earlier value stays.
+    Unread(String),
+}
+
+/// Texts by which devices report that a value is not known.
+const UNKNOWN: &[&str] = &["none", "null", "unknown", "unavailable", "nan"];
+
+impl ReadOutcome {
+    fn of(text: &str) -> ReadOutcome {
+        match text.trim() {
+            "" => ReadOutcome::Nothing,
+            word if UNKNOWN.iter().any(|unknown| word.eq_ignore_ascii_case(unknown)) => {
+                ReadOutcome::Unknown
+            }
+            word => ReadOutcome::Text(word.to_owned()),
+        }
+    }
+}
+
+impl ValueSource {
+    /// Returns the value in a text, whatever it means; `None` if there is none.
+    pub(crate) fn word(&self, text: &str) -> Option<String> {
+        match &self.reading {
+            ReadingMethod::Whole => Some(text.trim().to_owned()),
+            ReadingMethod::At(keys) => match at(text, keys) {
+                ReadOutcome::Text(word) => Some(word),
+                _ => None,
+            },
+            ReadingMethod::Template(template) => template.of_word(text).ok(),
+        }
+    }
+
+    /// Reads a text.
+    pub(crate) fn read(&self, text: &str) -> ReadOutcome {
+        match &self.reading {
+            ReadingMethod::Whole => ReadOutcome::of(text),
+            ReadingMethod::At(keys) => at(text, keys),
+            ReadingMethod::Template(template) => match template.of_word(text) {
+                Ok(said) => ReadOutcome::of(&said),
+                Err(unrendered) => ReadOutcome::Unread(unrendered.0),
+            },
+        }
+    }
+}
+
+fn at(text: &str, keys: &[String]) -> ReadOutcome {
+    let Ok(json) = serde_json::from_str::<Value>(text) else {
+        // Some devices send as one word what others send in JSON.
+        let is_word = keys.len() == 1 && !text.trim_start().starts_with(['{', '[']);
+        return if is_word { ReadOutcome::of(text) } else { ReadOutcome::Nothing };
+    };
+    let value = match (&json, keys) {
+        (Value::Object(_), keys) => keys.iter().try_fold(&json, |json, key| json.get(key)),
+        (_, [_]) => Some(&json),
+        _ => None,
+    };
+    match value {
+        None => ReadOutcome::Nothing,
+        Some(Value::Null) => ReadOutcome::Unknown,
+        Some(Value::String(text)) if text.trim().is_empty() => ReadOutcome::Unknown,
+        Some(Value::String(text)) => ReadOutcome::of(text),
+        Some(Value::Object(_) | Value::Array(_)) => ReadOutcome::Unknown,
+        Some(other) => ReadOutcome::Text(other.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::template::Template;
+
+    fn by(template: &str) -> ReadingMethod {
+        let template = Template::new(template, &["value", "value_json"]);
+        ReadingMethod::Template(template.expect("it is right"))
+    }
+
+    #[test]
+    fn values_are_found_and_what_is_not_known_is_told_from_what_is_not_said() {
+        let keys = |keys: &[&str]| ValueSource::at("", keys).reading;
+        let text = |text: &str| ReadOutcome::Text(text.to_owned());
+        for (reading, said, expected) in [
+            (keys(&["temperature"]), r#"{"temperature":27.34}"#, text("27.34")),
+            (keys(&["SI7021", "Temperature"]), r#"{"SI7021":{"Temperature":21.5}}"#, text("21.5")),
+            (keys(&["occupancy"]), r#"{"occupancy":true}"#, text("true")),
+            (keys(&["state"]), "offline", text("offline")),
+            (keys(&["state"]), r#"{"state":"offline"}"#, text("offline")),
+            (keys(&["state"]), "21", text("21")),
+            (keys(&["temperature"]), r#"{"temperature":null}"#, ReadOutcome::Unknown),
+            (keys(&["temperature"]), r#"{"temperature":""}"#, ReadOutcome::Unknown),
+            (keys(&["temperature"]), r#"{"temperature":{}}"#, ReadOutcome::Unknown),
+            (keys(&["temperature"]), r#"{"battery":7}"#, ReadOutcome::Nothing),
+            (keys(&["temperature"]), r#"{"temperature":27"#, ReadOutcome::Nothing),
+            (keys(&["a", "b"]), "12", ReadOutcome::Nothing),
+            (keys(&["a", "b"]), r#"{"a":7}"#, ReadOutcome::Nothing),
+            (ReadingMethod::Whole, " ON ", text("ON")),
+            (ReadingMethod::Whole, "", ReadOutcome::Nothing),
+            (ReadingMethod::Whole, "unavailable", ReadOutcome::Unknown),
+            (by("{{ value_json.x }}"), r#"{"x":null}"#, ReadOutcome::Unknown),
+            (by("{{ value_json.x }}"), r#"{"y":1}"#, ReadOutcome::Nothing),
+            (by("{{ value_json.x }}"), r#"{"x":true}"#, text("True")),
+        ] {
+            assert_eq!(
+                ValueSource { topic: String::new(), reading }.read(said),
+                expected,
+                "{said}"
+            );
+        }
+        let source =
+            ValueSource { topic: String::new(), reading: by("{{ value_json.x | float }}") };
+        for nothing in ["{}", r#"{"x":null}"#, r#"{"x":"warm"}"#, "warm"] {
+            assert!(matches!(source.read(nothing), ReadOutcome::Unread(_)), "{nothing}");
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Verification of confirmed steps: an agent that confirms a change and contradicts it in its next
+//! heartbeat has not made the change.
+//!
+//! A device updates its heartbeat before it confirms, so its last heartbeat agrees already. Only if it
+//! does not, the next heartbeat is waited for.
+
+use std::collections::BTreeMap;
+
+use acl::content::{ChangeState, Heartbeat};
+use acl::{AgentId, Incarnation};
+use pddl::{Atom, InitElement};
+
+/// The last heartbeat of every agent that is present.
+#[derive(Debug, Default)]
+pub(crate) struct LastHeartbeats(BTreeMap<AgentId, LastHeartbeat>);
+
+#[derive(Debug)]
+struct LastHeartbeat {
+    received_as: (Incarnation, u64),
+    facts: String,
+}
+
+/// A confirmed change that contradicts the last heartbeat of its agent.
+#[derive(Clone, Debug)]
+pub(crate) struct UnverifiedEffect {
+    /// The ground action, under the name that its agent uses.
+    pub(crate) action: String,
+    change: ChangeState,
+    /// Incarnation and sequence number of the heartbeat that contradicts the change; only a later one
+    /// decides.
+    contradicted_by: (Incarnation, u64),
+}
+
+// === impl Words ===
+
+impl LastHeartbeats {
+    /// Stores a heartbeat, unless a newer one is stored.
+    pub(crate) fn store_heartbeat(&mut self, agent: &AgentId, life: Incarnation, beat: &Heartbeat) {
+        let at = (life, beat.sequence);
+        if self.0.get(agent).is_some_and(|word| word.received_as >= at) {
+            return;
+        }
+        let known = beat.known_for.keys().map(String::as_str);
+        let facts = std::iter::once(beat.facts.as_str()).chain(known).collect::<Vec<_>>().join(" ");
+        self.0.insert(agent.clone(), LastHeartbeat { received_as: at, facts });
+    }
+
+    /// Removes an agent that has left.
+    pub(crate) fn remove_agent(&mut self, agent: &AgentId) {
+        self.0.remove(agent);
+    }
+
+    /// Returns a doubt about a change that `agent` confirmed, if its last heartbeat contradicts the
+    /// change.
+    pub(crate) fn check_effect(
+        &self,
+        agent: &AgentId,
+        action: String,
+        change: &ChangeState,
+    ) -> Option<UnverifiedEffect> {
+        let word = self.0.get(agent)?;
+        contradiction(&word.facts, change)?;
+        Some(UnverifiedEffect { action, change: change.clone(), contradicted_by: word.received_as })
+    }
+
+    /// Checks the heartbeat that `agent` sent after the doubtful one. Returns `None` if there is none
+    /// yet, `Some(None)` if it agrees, and the contradicting fact otherwise.
+    pub(crate) fn check_again(
+        &self,
+        agent: &AgentId,
+        doubt: &UnverifiedEffect,
+    ) -> Option<Option<String>> {
+        let word = self.0.get(agent).filter(|word| word.received_as > doubt.contradicted_by)?;
+        Some(contradiction(&word.facts, &doubt.change))
+    }
+}
+
+/// Returns a fact of `said` that contradicts a change: one that the change made false, or another value
+/// of one that it made true, as `(at robot here)` against `(at robot there)`.
+fn contradiction(said: &str, change: &ChangeState) -> Option<String> {
+    let (said, believed, retracted) = (atoms(said), atoms(&change.believe), atoms(&change.retract));
+    let about = |atom: &Atom| (atom.predicate.clone(), atom.arguments.first().cloned());
+    let denies = |fact: &&Atom| {
+        let is_other = |made: &Atom| !said.contains(made) && about(made) == about(fact);
+        retracted.contains(fact) || believed.iter().any(is_other)
+    };
+    said.iter().find(denies).map(ToString::to_string)
+}
+
+fn atoms(text: &str) -> Vec<Atom> {
+    let elements = pddl::parse_init_elements(text).value.unwrap_or_default();
+    let atom = |element| match element {
+        InitElement::Atom(atom) => Some(atom),
+        _ => None,
+    };
+    elements.into_iter().filter_map(atom).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(said: &str, believe: &str, retract: &str, expected: Option<&str>) {
+        let (believe, retract) = (believe.to_owned(), retract.to_owned());
+        let change = ChangeState { believe, retract, owner: None };
+        assert_eq!(contradiction(said, &change).as_deref(), expected, "{said}");
+    }
+
+    #[test]
+    fn what_was_to_become_false_and_another_value_deny() {
+        let (here, there) = ("(at r here)", "(at r there)");
+        check(here, there, here, Some(here));
+        check(here, there, "", Some(here));
+        check("(open door) (at s here)", there, "(open door)", Some("(open door)"));
+    }
+
+    #[test]
+    fn what_agrees_and_what_is_about_something_else_does_not() {
+        let there = "(at r there)";
+        check(there, there, "(at r here)", None);
+        check("(at s here) (speed r)", there, "(at r here)", None);
+        check("(at r there) (at r hall)", there, "", None);
+        check("", there, "(at r here)", None);
+    }
+}

@@ -1,0 +1,245 @@
+//! One plan per goal at a time, whichever replica of the Plan Requester asks for it (docs/design.md,
+//! “Fail-over”).
+//!
+//! A Plan Requester that takes a goal over asks for the plan that its predecessor was running. Three
+//! cases:
+//!
+//! - The plan runs here: it goes on, and the new requester gets its reports too.
+//! - The plan has ended here: its outcome is sent again.
+//! - The plan is not known here, because the executor that had it is gone: it is begun at the steps
+//!   that are known to be done. The other steps are requested under the same tokens, so that their
+//!   actuators do nothing twice.
+//!
+//! For a moment two daemons may disagree about the leader, and a request of the former leader may
+//! arrive after one of the new leader. So all requesters of a plan get its reports.
+
+use std::collections::VecDeque;
+
+use acl::content::{CallOff, Cancelling, Execute, Outcome, Reason, Refusal, Report, value};
+use acl::{ConversationId, Performative, ReplyToken};
+use agent::{Context, Engagement, Resident};
+
+use crate::{PlanExecutor, RunningStep};
+
+/// Maximum number of outcomes kept for replicas that take over: more than plans can run side by side.
+const ENDED_MAX: usize = 128;
+
+/// Identifier of a plan for a goal. Of two plans, the one with the greater identifier was made later.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct PlanId {
+    pub(crate) conversation: ConversationId,
+    /// Term of the leader that made the plan.
+    pub(crate) term: u64,
+    /// Number of the plan within that term.
+    pub(crate) round: u32,
+}
+
+/// Maximum number of requesters that get the reports of one plan: one for each daemon that hosts a Plan
+/// Requester, and repeated requests after executors came and went.
+const SUBSCRIBERS_MAX: usize = 8;
+
+/// Exchanges in which a plan was requested, the latest last.
+#[derive(Clone, Debug)]
+pub(crate) struct Subscribers(Vec<Engagement>);
+
+/// Outcomes of the plans that ended last.
+#[derive(Debug, Default)]
+pub(crate) struct FinishedPlans(VecDeque<(PlanId, Report)>);
+
+// === impl PlanId ===
+
+impl PlanId {
+    pub(crate) fn of(conversation: &ConversationId, execute: &Execute) -> PlanId {
+        let Execute { term, round, .. } = *execute;
+        PlanId { conversation: conversation.clone(), term, round }
+    }
+
+    fn to_call_off(conversation: &ConversationId, CallOff { term, round }: CallOff) -> PlanId {
+        PlanId { conversation: conversation.clone(), term, round }
+    }
+}
+
+// === impl Askers ===
+
+impl Subscribers {
+    pub(crate) fn new(first: Engagement) -> Subscribers {
+        Subscribers(vec![first])
+    }
+
+    /// Adds a requester. A requester that asks twice gets each report twice: its requests may come in
+    /// any order, so the exchange in which it still listens is not known. If the list is full, drops a
+    /// requester that is not the leader.
+    fn add(&mut self, asker: &Engagement, ctx: &Context<PlanExecutor>) {
+        if self.has(Some(&asker.exchange)) {
+            return;
+        }
+        if self.0.len() >= SUBSCRIBERS_MAX {
+            let acts = |asker: &Engagement| {
+                ctx.find(&asker.initiator).map(|resident| resident.incarnation) == asker.life
+            };
+            self.0.remove(self.0.iter().position(|asker| !acts(asker)).unwrap_or(0));
+        }
+        self.0.push(asker.clone());
+    }
+
+    pub(crate) fn has(&self, exchange: Option<&ReplyToken>) -> bool {
+        self.0.iter().any(|asker| Some(&asker.exchange) == exchange)
+    }
+
+    pub(crate) fn send_to_all(&self, report: &Report, ctx: &mut Context<PlanExecutor>) {
+        self.0.iter().for_each(|asker| ctx.answer(asker, Performative::Confirm, report));
+    }
+}
+
+// === impl Ended ===
+
+impl FinishedPlans {
+    pub(crate) fn store_outcome(&mut self, plan: PlanId, report: Report) {
+        if self.0.len() >= ENDED_MAX {
+            self.0.pop_front();
+        }
+        self.0.push_back((plan, report));
+    }
+
+    fn outcome_of(&self, plan: &PlanId) -> Option<&Report> {
+        self.0.iter().find(|(other, _)| other == plan).map(|(_, report)| report)
+    }
+}
+
+// === impl PlanExecutor ===
+
+impl PlanExecutor {
+    /// Whether a plan is known here, and the request is thereby answered. Gives up an older plan for
+    /// the same goal of the same term; a running plan of another term goes on.
+    pub(crate) fn answer_if_known(
+        &mut self,
+        engagement: &Engagement,
+        plan: &PlanId,
+        ctx: &mut Context<Self>,
+    ) -> bool {
+        if let Some(report) = self.finished_plans.outcome_of(plan) {
+            ctx.answer(engagement, Performative::Confirm, report);
+            return true;
+        }
+        let is_of_goal = |other: &&PlanId| other.conversation == plan.conversation;
+        let runs = self.running_plans.iter().map(|(token, running)| (token, &running.plan));
+        let runs: Vec<(ReplyToken, PlanId)> = runs
+            .filter(|(_, other)| is_of_goal(other))
+            .map(|(token, other)| (token.clone(), other.clone()))
+            .collect();
+        for (token, other) in runs {
+            match other.cmp(plan) {
+                std::cmp::Ordering::Equal => {
+                    self.add_subscriber(&token, engagement, ctx);
+                    return true;
+                }
+                _ if other.term != plan.term && self.is_active(&token) => {
+                    self.refuse_with_running(&token, engagement, ctx);
+                    return true;
+                }
+                std::cmp::Ordering::Greater => {
+                    let detail = "a newer plan for this goal is being executed";
+                    ctx.refuse(engagement, Reason::StaleToken, detail);
+                    return true;
+                }
+                std::cmp::Ordering::Less => {
+                    let report = Report::new(Outcome::Cancelled, "a newer plan takes its place");
+                    self.give_up(&token, report, ctx);
+                }
+            }
+        }
+        false
+    }
+
+    /// Cancels a plan that is no longer needed. If it does not run here, remembers it as ended: a
+    /// request for it may still be on its way.
+    pub(crate) fn called_off(
+        &mut self,
+        engagement: &Engagement,
+        plan: CallOff,
+        ctx: &mut Context<Self>,
+    ) {
+        let plan = PlanId::to_call_off(&engagement.conversation, plan);
+        let report = Report::new(Outcome::Cancelled, "called off");
+        if !self.answer_if_known(engagement, &plan, ctx) {
+            ctx.answer(engagement, Performative::Confirm, &report);
+            return self.finished_plans.store_outcome(plan, report);
+        }
+        let it = self.running_plans.iter().find(|(_, running)| running.plan == plan);
+        if let Some(token) = it.map(|(token, _)| token.clone()) {
+            self.give_up(&token, report, ctx);
+        }
+    }
+
+    fn is_active(&self, token: &ReplyToken) -> bool {
+        self.running_plans.get(token).is_some_and(|running| running.final_report.is_none())
+    }
+
+    /// Refuses a new plan for a goal and returns the running one. The requester did not know of it: it
+    /// was made just before that replica took over, or on the other side of a partition.
+    fn refuse_with_running(
+        &mut self,
+        token: &ReplyToken,
+        engagement: &Engagement,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(running) = self.running_plans.get(token) else { return };
+        let mut plan = running.original_request.clone();
+        let done = running.execution.done().into_iter();
+        plan.done = done.filter_map(|(step, _)| u32::try_from(step).ok()).collect();
+        let detail = "another plan for this goal is under way";
+        let refusal = Refusal { under_way: Some(plan), ..Refusal::new(Reason::StaleToken, detail) };
+        ctx.answer(engagement, Performative::Refuse, &refusal);
+    }
+
+    /// Adds a requester to a running plan and reports to it all steps that are done.
+    fn add_subscriber(
+        &mut self,
+        token: &ReplyToken,
+        engagement: &Engagement,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(running) = self.running_plans.get_mut(token) else { return };
+        running.subscribers.add(engagement, ctx);
+        for (step, action) in running.execution.done() {
+            let report = Report::new(Outcome::Progress, format!("`{action}` is done"));
+            let step = u32::try_from(step).ok();
+            let report = Report { action: Some(action), step, ..report };
+            ctx.answer(engagement, Performative::Confirm, &report);
+        }
+    }
+
+    /// Repeats the requests to an actuator that was restarted during a step, under the same tokens. The
+    /// new incarnation answers whether the step had begun; the former one will not answer.
+    pub(crate) fn repeat_requests(&mut self, resident: &Resident, ctx: &mut Context<Self>) {
+        for running in
+            self.running_plans.values_mut().filter(|running| running.final_report.is_none())
+        {
+            for acting in running.running_steps.values_mut() {
+                let life = Some(resident.incarnation);
+                if acting.agent == resident.agent
+                    && acting.agent_incarnation.is_some()
+                    && acting.agent_incarnation != life
+                {
+                    acting.agent_incarnation = life;
+                    ctx.open_again(&acting.exchange);
+                }
+            }
+        }
+    }
+
+    /// Stops following all running plans: another executor leads and continues them under the same
+    /// tokens. A step that the new leader does not continue, because it has another plan for that goal,
+    /// is cancelled by its actuator.
+    pub(crate) fn abandon_all(&mut self, ctx: &mut Context<Self>) {
+        let cancelling = value(&Cancelling { unless_followed: true });
+        for (_, running) in std::mem::take(&mut self.running_plans) {
+            for RunningStep { exchange, agent, .. } in running.running_steps.values() {
+                ctx.go_on(exchange, agent, Performative::Cancel, cancelling.clone());
+                ctx.close(exchange);
+            }
+            let timers = [running.check_timer, running.grace_timer, running.verification_timer];
+            timers.into_iter().flatten().for_each(|timer| ctx.forget(timer));
+        }
+    }
+}

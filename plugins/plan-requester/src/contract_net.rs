@@ -1,0 +1,420 @@
+//! The decentralised flow, initiator side of the contract net: calls all actuators for proposals; the
+//! cheapest set that covers the goal wins (the paper, “Flow of Control in Decentralized Plan
+//! Execution”).
+//!
+//! A round closes when all called agents have answered or left, or at its deadline. If one agent is the
+//! cheapest bidder for several conjuncts, a second round asks it for all of them together.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{
+    Bid, CallForProposals, Choice, Outcome, Proposal, Reason, Refusal, Report, value,
+};
+use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
+use agent::{Answer, Context, Opening, TimerId};
+use pddl::{Condition, Plan};
+use planner::Cancel;
+use planner::explain::Explanation;
+
+use crate::explanations;
+use crate::goal::GoalPhase;
+use crate::joint_plans;
+use crate::planning::explain;
+use crate::planning_snapshot::PlanningSnapshot;
+use crate::scheduling::PlanDecision;
+use crate::selection::{Bids, Selection, bundles, selections, uncovered};
+use crate::{ANNOUNCEMENT_DELAY, PlanRequester};
+
+/// A call under way.
+pub(crate) struct ContractNetState {
+    known: Arc<PlanningSnapshot>,
+    open: Vec<Condition>,
+    conjuncts: Vec<String>,
+    /// Agents that have not answered in this round, with the exchange of each.
+    awaited: BTreeMap<AgentId, ReplyToken>,
+    bids: Bids,
+    refusals: BTreeMap<AgentId, String>,
+    silent: BTreeSet<AgentId>,
+    /// Bidders with plans that use actions which the Domain Maintainer does not list for them yet.
+    ahead: BTreeSet<AgentId>,
+    /// The exchange in which each proposal was made.
+    made_in: Vec<(AgentId, Vec<String>, ReplyToken)>,
+    tokens: Vec<ReplyToken>,
+    /// Closes the round at its deadline.
+    timer: TimerId,
+    /// Sends the call again to agents that have not answered.
+    reminder: TimerId,
+    is_second_round: bool,
+}
+
+impl ContractNetState {
+    /// Returns the cheapest set of proposals that together reach the goal, with the combined plan and
+    /// its cost. Otherwise returns the faults of the sets that were tried.
+    fn cheapest_valid(
+        &mut self,
+        wanted: &Condition,
+    ) -> Result<(Selection, Plan, f64), Vec<String>> {
+        let problems = match self.first_valid(wanted) {
+            Ok(valid) => return Ok(valid),
+            Err(problems) => problems,
+        };
+        // A proposal that does not even reach its own conjuncts may have kept valid sets from being
+        // tried.
+        if !self.drop_unsound() {
+            return Err(problems);
+        }
+        self.first_valid(wanted).map_err(|more| problems.into_iter().chain(more).collect())
+    }
+
+    fn first_valid(&self, wanted: &Condition) -> Result<(Selection, Plan, f64), Vec<String>> {
+        let mut problems = Vec::new();
+        for selection in selections(&self.conjuncts, &self.bids) {
+            let plans: Vec<&str> =
+                selection.chosen.iter().map(|(_, proposal)| proposal.plan.as_str()).collect();
+            let combined = self.known.combine(&plans).and_then(|plan| {
+                let cost = self.known.validate(&plan, wanted)?;
+                Ok((plan, cost))
+            });
+            match combined {
+                Ok((plan, cost)) => return Ok((selection, plan, cost)),
+                Err(problem) => problems.push(problem),
+            }
+        }
+        Err(problems)
+    }
+
+    /// Drops proposals with a plan that does not reach the conjuncts they cover. Returns whether there
+    /// were any.
+    fn drop_unsound(&mut self) -> bool {
+        let count = |bids: &Bids| bids.values().map(Vec::len).sum::<usize>();
+        let before = count(&self.bids);
+        let known = &self.known;
+        self.bids.values_mut().for_each(|bids| bids.retain(|proposal| known.is_sound(proposal)));
+        count(&self.bids) < before
+    }
+
+    /// Rejects all proposals and closes the exchanges.
+    pub(crate) fn reject_all(self, why: &str, ctx: &mut Context<PlanRequester>) {
+        self.award(None, why, ctx);
+    }
+
+    /// Accepts the chosen proposals, rejects all others with the reason `why`, and closes the
+    /// exchanges.
+    fn award(self, chosen: Option<&Selection>, why: &str, ctx: &mut Context<PlanRequester>) {
+        ctx.forget(self.timer);
+        ctx.forget(self.reminder);
+        let mut judged = BTreeSet::new();
+        for (agent, covers, token) in &self.made_in {
+            let is_chosen = chosen.is_some_and(|selection| {
+                selection
+                    .chosen
+                    .iter()
+                    .any(|(winner, proposal)| winner == agent && proposal.covers == *covers)
+            });
+            if is_chosen {
+                let detail = "this proposal is in the cheapest set of proposals".to_owned();
+                let choice = value(&Choice { covers: covers.clone(), detail });
+                ctx.go_on(token, agent, Performative::AcceptProposal, choice);
+                judged.insert((agent.clone(), token.clone()));
+            }
+        }
+        let mut rejected: BTreeMap<&ReplyToken, Vec<AgentId>> = BTreeMap::new();
+        for (agent, _, token) in &self.made_in {
+            if judged.insert((agent.clone(), token.clone())) {
+                rejected.entry(token).or_default().push(agent.clone());
+            }
+        }
+        for (token, agents) in rejected {
+            let choice = value(&Choice { covers: Vec::new(), detail: why.to_owned() });
+            match agents.as_slice() {
+                [agent] => ctx.go_on(token, agent, Performative::RejectProposal, choice),
+                // A rejection has no receiver-specific content: one multicast is enough.
+                _ => ctx.go_on_with(token, agents, Performative::RejectProposal, choice),
+            }
+        }
+        for token in &self.tokens {
+            ctx.close(token);
+        }
+    }
+}
+
+impl PlanRequester {
+    /// Calls all actuators for proposals.
+    pub(crate) fn call_for_proposals(
+        &mut self,
+        id: &ConversationId,
+        known: PlanningSnapshot,
+        open: Vec<Condition>,
+        ctx: &mut Context<Self>,
+    ) {
+        self.report_changes(id, &known, &open, ctx);
+        let conjuncts: Vec<_> = open.iter().map(ToString::to_string).collect();
+        let here = ctx.directory();
+        let called: Vec<_> =
+            known.offers.keys().filter(|agent| here.find(agent).is_some()).cloned().collect();
+        if called.is_empty() {
+            let explained = move |known: &PlanningSnapshot, cancel: &Cancel| {
+                let nobody = || "no agent here offers any action".to_owned();
+                explain(known, &open, cancel, |_| nobody()).unwrap_or_else(nobody)
+            };
+            return self.explain_missing_plan(id, known, explained, ctx);
+        }
+        let content = CallForProposals { conjuncts: conjuncts.clone(), together: false };
+        let token = self.open_call(id, None, content, ctx);
+        let timer = self.round_timer(id, ctx);
+        let reminder = self.reminder(id, ctx.settings().retry_first, ctx);
+        let awaited = called.into_iter().map(|agent| (agent, token.clone())).collect();
+        let call = ContractNetState {
+            known: Arc::new(known),
+            open,
+            conjuncts,
+            awaited,
+            bids: BTreeMap::new(),
+            refusals: BTreeMap::new(),
+            silent: BTreeSet::new(),
+            ahead: BTreeSet::new(),
+            made_in: Vec::new(),
+            tokens: vec![token],
+            timer,
+            reminder,
+            is_second_round: false,
+        };
+        if let Some(goal) = self.goals.get_mut(id) {
+            goal.phase = GoalPhase::CollectingProposals(Box::new(call));
+        }
+    }
+
+    fn open_call(
+        &mut self,
+        id: &ConversationId,
+        to: Option<AgentId>,
+        content: CallForProposals,
+        ctx: &mut Context<Self>,
+    ) -> ReplyToken {
+        let opening = Opening {
+            to,
+            performative: Performative::Cfp,
+            protocol: Protocol::ContractNet,
+            conversation: id.clone(),
+            content: value(&content),
+        };
+        // Longer than a round: the winners are notified in this exchange after the round has closed.
+        let patience = ctx.settings().proposals_deadline * 3;
+        let called = id.clone();
+        ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
+            if let Answer::Message(message) = answer {
+                requester.bidder_answered(&called, *message, ctx);
+            }
+        })
+    }
+
+    fn round_timer(&mut self, id: &ConversationId, ctx: &mut Context<Self>) -> TimerId {
+        let called = id.clone();
+        let deadline = ctx.settings().proposals_deadline;
+        ctx.after(deadline, move |requester: &mut Self, ctx| requester.close_round(&called, ctx))
+    }
+
+    /// Sends the call again to silent agents after `after`, and again at doubled intervals until the
+    /// round ends.
+    fn reminder(
+        &mut self,
+        id: &ConversationId,
+        after: Duration,
+        ctx: &mut Context<Self>,
+    ) -> TimerId {
+        let called = id.clone();
+        ctx.after(after, move |requester: &mut Self, ctx| {
+            let Some(call) = requester.calling(&called) else { return };
+            for (agent, token) in &call.awaited {
+                ctx.remind(token, agent);
+            }
+            let next = requester.reminder(&called, after * 2, ctx);
+            if let Some(call) = requester.calling(&called) {
+                call.reminder = next;
+            }
+        })
+    }
+
+    fn calling(&mut self, id: &ConversationId) -> Option<&mut ContractNetState> {
+        match &mut self.goals.get_mut(id)?.phase {
+            GoalPhase::CollectingProposals(call) => Some(call),
+            _ => None,
+        }
+    }
+
+    fn bidder_answered(&mut self, id: &ConversationId, message: Message, ctx: &mut Context<Self>) {
+        let Some(call) = self.calling(id) else { return };
+        let Some(token) = message.exchange().cloned() else { return };
+        let bidder = message.sender.clone();
+        let is_called = call.known.offers.contains_key(&bidder);
+        if message.performative == Performative::Agree {
+            match message.content_as::<Bid>() {
+                Ok(mut bid) => {
+                    if bid
+                        .proposals
+                        .iter()
+                        .any(|proposal| call.known.uses_newer_model(&proposal.plan))
+                    {
+                        call.ahead.insert(bidder.clone());
+                    }
+                    // The bidder may not know which of its actions are avoided.
+                    bid.proposals.retain(|proposal| call.known.admits(&proposal.plan));
+                    let covers = |proposal: &Proposal| {
+                        (bidder.clone(), proposal.covers.clone(), token.clone())
+                    };
+                    call.made_in.extend(bid.proposals.iter().map(covers));
+                    // Agents that were not called are in use by other goals.
+                    if is_called {
+                        call.bids.entry(bidder.clone()).or_default().extend(bid.proposals);
+                    }
+                }
+                Err(error) => ctx.not_understood(&message, error.to_string()),
+            }
+        } else {
+            // A refusal as incapable is the normal case and is not reported.
+            let is_news = |refusal: &Refusal| refusal.reason != Reason::Incapable;
+            let refusal = message.content_as::<Refusal>().ok().filter(is_news);
+            call.refusals.extend(refusal.map(|refusal| (bidder.clone(), refusal.detail)));
+        }
+        let Some(call) = self.calling(id) else { return };
+        call.awaited.remove(&bidder);
+        if call.awaited.is_empty() {
+            self.close_round(id, ctx);
+        }
+    }
+
+    /// Stops waiting for the bids of an agent that has left.
+    pub(crate) fn bidder_left(&mut self, agent: &AgentId, ctx: &mut Context<Self>) {
+        let ids: Vec<_> = self.goals.keys().cloned().collect();
+        for id in ids {
+            let Some(call) = self.calling(&id) else { continue };
+            if call.awaited.remove(agent).is_some() && call.awaited.is_empty() {
+                self.close_round(&id, ctx);
+            }
+        }
+    }
+
+    fn close_round(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(call) = self.calling(id) else { return };
+        ctx.forget(call.timer);
+        ctx.forget(call.reminder);
+        let silent: Vec<_> = call.awaited.keys().map(ToString::to_string).collect();
+        if !silent.is_empty() {
+            tracing::info!(conversation = %id, silent = silent.join(", "),
+                "no answer to the call for proposals");
+        }
+        call.silent.extend(std::mem::take(&mut call.awaited).into_keys());
+        let wanted = bundles(&call.conjuncts, &call.bids);
+        if !call.is_second_round && !wanted.is_empty() {
+            return self.call_for_bundles(id, wanted, ctx);
+        }
+        self.choose(id, ctx);
+    }
+
+    fn call_for_bundles(
+        &mut self,
+        id: &ConversationId,
+        wanted: Vec<(AgentId, Vec<String>)>,
+        ctx: &mut Context<Self>,
+    ) {
+        let timer = self.round_timer(id, ctx);
+        let reminder = self.reminder(id, ctx.settings().retry_first, ctx);
+        let mut awaited = BTreeMap::new();
+        for (agent, conjuncts) in wanted {
+            let content = CallForProposals { conjuncts, together: true };
+            let token = self.open_call(id, Some(agent.clone()), content, ctx);
+            awaited.insert(agent, token);
+        }
+        let Some(call) = self.calling(id) else { return };
+        call.is_second_round = true;
+        call.tokens.extend(awaited.values().cloned());
+        call.awaited = awaited;
+        call.timer = timer;
+        call.reminder = reminder;
+    }
+
+    fn choose(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let phase = std::mem::replace(&mut goal.phase, GoalPhase::Queued);
+        let GoalPhase::CollectingProposals(mut call) = phase else { return };
+        if let Some(bidder) = call.ahead.first() {
+            let (now, patience) = (ctx.now(), ANNOUNCEMENT_DELAY.max(ctx.settings().grace));
+            let why = format!("the action model that `{bidder}` bids with is not known here yet");
+            if now - *goal.behind_since.get_or_insert(now) < patience {
+                call.reject_all("a new call for proposals follows: an action model is newer", ctx);
+                return self.wait(id, why, ANNOUNCEMENT_DELAY, ctx);
+            }
+            tracing::warn!(conversation = %id, %why, "the bid of that agent is left out");
+        } else {
+            goal.behind_since = None;
+        }
+        let known = Arc::clone(&call.known);
+        let Some(wanted) = self.combined_goal(id, &known) else { return };
+        let missing = uncovered(&call.conjuncts, &call.bids);
+        let problems = match call.cheapest_valid(&wanted) {
+            Ok((selection, plan, cost)) => {
+                return self.chosen(id, *call, &selection, (&plan, cost), ctx);
+            }
+            Err(problems) => problems,
+        };
+        let open = call.open.clone();
+        let Some(goal) = self.goals.get(id).map(|goal| goal.condition.clone()) else { return };
+        call.reject_all("no set of proposals covers the goal", ctx);
+        let explained = move |known: &PlanningSnapshot, cancel: &Cancel| {
+            why_none(known, &goal, open, (&missing, &problems), cancel)
+        };
+        self.explain_missing_plan(id, Arc::unwrap_or_clone(known), explained, ctx);
+    }
+
+    /// Handles a set of proposals that is valid: executes it, unless other goals come first.
+    fn chosen(
+        &mut self,
+        id: &ConversationId,
+        call: ContractNetState,
+        selection: &Selection,
+        (plan, cost): (&Plan, f64),
+        ctx: &mut Context<Self>,
+    ) {
+        let known = Arc::clone(&call.known);
+        let verdict = self.decide(id, &known, plan);
+        if matches!(verdict, PlanDecision::Run) {
+            let why =
+                explanations::describe_choice(selection, &call.bids, &call.refusals, &call.silent);
+            call.award(Some(selection), "another set of proposals is cheaper", ctx);
+            if let Some(why) = why {
+                self.send_report(id, Report::new(Outcome::Progress, why), ctx);
+            }
+        } else {
+            call.reject_all("other goals come first", ctx);
+        }
+        self.apply_decision(id, &known, (plan, cost), verdict, ctx);
+    }
+}
+
+/// Returns why no set of proposals is valid. `missing` are the conjuncts that no proposal covers.
+fn why_none(
+    known: &PlanningSnapshot,
+    goal: &Condition,
+    mut open: Vec<Condition>,
+    (missing, problems): (&[String], &[String]),
+    cancel: &Cancel,
+) -> String {
+    if !missing.is_empty() {
+        open.retain(|conjunct| missing.contains(&conjunct.to_string()));
+    }
+    let names: Vec<_> = open.iter().map(|conjunct| format!("`{conjunct}`")).collect();
+    let names = names.join(" and ");
+    let held = explanations::describe_avoided(&known.avoided);
+    let otherwise = || format!("no agent proposes a plan of its own for {names}{held}");
+    let together = |_: &Explanation| {
+        let all = known.parts(goal);
+        let reason = joint_plans::reason(known, &all, &names, cancel);
+        match problems.first().filter(|_| missing.is_empty()) {
+            Some(first) => format!("the proposals do not work together: {first}; {reason}"),
+            None => format!("{reason}{held}"),
+        }
+    };
+    explain(known, &open, cancel, together).unwrap_or_else(otherwise)
+}

@@ -1,0 +1,445 @@
+//! Explanations for people: why there is no plan, why these agents were chosen, what changed since the
+//! last plan. Pure functions: they make text of what the other modules found.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use acl::AgentId;
+use acl::content::{Offer, Proposal};
+use pddl::{ActionSchema, Condition, Effect, InitElement, Name};
+use planner::explain::Explanation;
+
+use crate::planning_snapshot::{AvoidedActions, PlanningSnapshot};
+use crate::selection::{Bids, Selection};
+
+/// Maximum number of things of one kind that are listed by name; the rest is only counted.
+const NAMED_MAX: usize = 3;
+
+/// Returns why a goal cannot be reached; `None` if the relaxation shows no obstacle.
+pub(crate) fn obstacles(explanation: &Explanation, avoided: &AvoidedActions) -> Option<String> {
+    if explanation.obstacles.is_empty() {
+        return None;
+    }
+    Some(format!("{explanation}{}", describe_avoided(avoided)))
+}
+
+/// Returns the avoided actions and their reasons, in brackets; an empty string if there are none.
+pub(crate) fn describe_avoided(avoided: &AvoidedActions) -> String {
+    let told = avoided.iter().map(|((agent, action), held)| {
+        let again = if held.is_withdrawn {
+            "failed, and is not offered any more"
+        } else if held.is_for_good {
+            "is not asked for again"
+        } else {
+            "failed a moment ago and will be tried again"
+        };
+        format!("`{action}` of `{agent}` {again}: {}", held.why)
+    });
+    let told = listed(told.collect(), "; ");
+    if told.is_empty() { told } else { format!(" ({told})") }
+}
+
+/// Returns why these agents were chosen, and the bids and refusals of the others; `None` if no other
+/// agent answered or stayed silent.
+pub(crate) fn describe_choice(
+    chosen: &Selection,
+    bids: &Bids,
+    refusals: &BTreeMap<AgentId, String>,
+    silent: &BTreeSet<AgentId>,
+) -> Option<String> {
+    let winners: BTreeSet<&AgentId> = chosen.chosen.iter().map(|(agent, _)| agent).collect();
+    let mut has_others = false;
+    let mut sentences = Vec::new();
+    for (agent, proposal) in &chosen.chosen {
+        let others: Vec<String> = { bids.iter() }
+            .filter(|(other, _)| *other != agent)
+            .filter_map(|(other, proposals)| {
+                let (shared, best) = closest(proposal, proposals)?;
+                let part = if shared == proposal.covers.len() {
+                    String::new()
+                } else {
+                    format!(" for {shared} of them")
+                };
+                Some(format!("`{other}` bid {}{part}", best.cost))
+            })
+            .collect();
+        has_others |= !others.is_empty();
+        let others = listed(others, ", ");
+        let others = if others.is_empty() { others } else { format!(" ({others})") };
+        let covers = proposal.covers.iter().map(|conjunct| format!("`{conjunct}`")).collect();
+        let covers = listed(covers, " and ");
+        sentences.push(format!("`{agent}` for {covers} at cost {}{others}", proposal.cost));
+    }
+    let declined = refusals.iter().filter(|(agent, _)| !winners.contains(agent));
+    let declined: Vec<String> = declined.map(|(agent, why)| format!("`{agent}`: {why}")).collect();
+    let silent: Vec<String> = silent.iter().map(|agent| format!("`{agent}`")).collect();
+    if !has_others && declined.is_empty() && silent.is_empty() {
+        return None;
+    }
+    let mut text = format!("chosen: {}", listed(sentences, "; "));
+    for (what, who) in [("declined", declined), ("did not answer", silent)] {
+        if !who.is_empty() {
+            text += &format!("; {what}: {}", listed(who, ", "));
+        }
+    }
+    Some(text)
+}
+
+/// Returns the proposal of another agent that shares most conjuncts with a chosen one, and the number
+/// of shared conjuncts. Of several the cheapest. `None` if no proposal shares any.
+fn closest<'a>(chosen: &Proposal, others: &'a [Proposal]) -> Option<(usize, &'a Proposal)> {
+    let shared = |other: &Proposal| {
+        other.covers.iter().filter(|conjunct| chosen.covers.contains(conjunct)).count()
+    };
+    { others.iter() }
+        .map(|other| (shared(other), other))
+        .filter(|(shared, _)| *shared > 0)
+        .max_by(|(one, first), (two, second)| one.cmp(two).then(second.cost.total_cmp(&first.cost)))
+}
+
+/// Facts and offers seen by a round of planning that concern its goal. The next round reports the
+/// differences.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct GoalContext {
+    /// Agents that offer any action.
+    agents: BTreeSet<AgentId>,
+    /// Preconditions and effects of each action, by agent and action.
+    offers: BTreeMap<(AgentId, String), String>,
+    facts: BTreeSet<String>,
+}
+
+// === impl Seen ===
+
+impl GoalContext {
+    /// Collects what concerns a goal: the actions that could contribute to it, and the facts that the
+    /// goal or these actions use.
+    pub(crate) fn of(known: &PlanningSnapshot, goal: &Condition) -> GoalContext {
+        let relevant = RelevantSymbols::to(known, goal);
+        let guards: BTreeSet<&Name> = known.guards.values().map(|guard| &guard.predicate).collect();
+        let schemas: BTreeMap<&str, String> = { known.domain.actions.iter() }
+            .map(|schema| (schema.name.as_str(), meaning(schema, &guards)))
+            .collect();
+        let of_agent = |(agent, actions): (&AgentId, &BTreeMap<String, Offer>)| {
+            let meaning = |offer: &Offer| schemas.get(&*offer.inside).cloned().unwrap_or_default();
+            let named = |(action, offer): (&String, &Offer)| {
+                ((agent.clone(), action.clone()), meaning(offer))
+            };
+            let concerns = |(_, offer): &(&String, &Offer)| relevant.has_action(&offer.inside);
+            actions.iter().filter(concerns).map(named).collect::<Vec<_>>()
+        };
+        let facts = known.problem.init.iter().filter_map(|element| match element {
+            InitElement::Atom(atom)
+                if !guards.contains(&atom.predicate) && relevant.has(&atom.predicate) =>
+            {
+                Some(atom.to_string())
+            }
+            _ => None,
+        });
+        GoalContext {
+            agents: known.all_offers.keys().cloned().collect(),
+            offers: known.all_offers.iter().flat_map(of_agent).collect(),
+            facts: facts.collect(),
+        }
+    }
+
+    /// Returns the differences between `self` and `now` as text for a person; `None` if there are none.
+    /// Facts that plans change are left out, unless they are among the `open` conjuncts of the goal.
+    pub(crate) fn describe_changes(
+        &self,
+        now: &GoalContext,
+        known: &PlanningSnapshot,
+        open: &[Condition],
+    ) -> Option<String> {
+        let offering = |seen: &GoalContext| -> BTreeSet<AgentId> {
+            seen.offers.keys().map(|(agent, _)| agent.clone()).collect()
+        };
+        let (before, after) = (&self.agents, &now.agents);
+        let name = |agent: &AgentId| format!("`{agent}`");
+        let left: Vec<String> = offering(self).difference(after).map(name).collect();
+        let joined: Vec<String> = offering(now).difference(before).map(name).collect();
+        let of = |(agent, action): &(AgentId, String)| format!("`{action}` of `{agent}`");
+        let here = self.offers.iter().filter(|((agent, _), _)| after.contains(agent));
+        let withdrawn = here.clone().filter(|(offer, _)| !now.offers.contains_key(*offer));
+        let is_other = |(offer, meaning): &(&(AgentId, String), &String)| {
+            now.offers.get(*offer).is_some_and(|now| now != *meaning)
+        };
+        let other = here.filter(is_other).map(|(offer, _)| of(offer)).collect();
+        let open: BTreeSet<String> = open.iter().map(ToString::to_string).collect();
+        let changing = changing(known);
+        let lasts =
+            |fact: &&String| open.contains(*fact) || !changing.iter().any(|name| is_of(fact, name));
+        let retracted = self.facts.difference(&now.facts).filter(lasts);
+        let parts = [
+            ("offers nothing now", left),
+            ("offers something now", joined),
+            ("is not offered now", withdrawn.map(|(offer, _)| of(offer)).collect()),
+            ("takes or does something else now", other),
+            ("does not hold any more", retracted.map(|fact| format!("`{fact}`")).collect()),
+        ];
+        let told: Vec<String> = parts
+            .into_iter()
+            .filter(|(_, things)| !things.is_empty())
+            .map(|(what, things)| format!("{what}: {}", listed(things, ", ")))
+            .collect();
+        (!told.is_empty()).then(|| format!("since the last plan, {}", told.join("; ")))
+    }
+}
+
+/// Symbols and actions that may matter to a goal: every action that changes a symbol of the goal, the
+/// symbols in that action's precondition, and so on, transitively.
+struct RelevantSymbols<'k> {
+    symbols: BTreeSet<&'k Name>,
+    actions: BTreeSet<&'k Name>,
+}
+
+// === impl Relevant ===
+
+impl<'k> RelevantSymbols<'k> {
+    fn to(known: &'k PlanningSnapshot, goal: &'k Condition) -> RelevantSymbols<'k> {
+        let mut symbols = BTreeSet::new();
+        symbols.extend(goal.symbols());
+        let mut actions = BTreeSet::new();
+        loop {
+            let before = (symbols.len(), actions.len());
+            for axiom in &known.domain.derived {
+                if symbols.contains(&axiom.predicate) {
+                    symbols.extend(axiom.condition.symbols());
+                }
+            }
+            for action in &known.domain.actions {
+                if !actions.contains(&action.name) && touches(&action.effect, &symbols) {
+                    actions.insert(&action.name);
+                    symbols.extend(action.precondition.symbols());
+                }
+            }
+            if (symbols.len(), actions.len()) == before {
+                return RelevantSymbols { symbols, actions };
+            }
+        }
+    }
+
+    fn has_action(&self, inside: &str) -> bool {
+        self.actions.contains(&Name::new(inside))
+    }
+
+    fn has(&self, symbol: &Name) -> bool {
+        self.symbols.contains(symbol)
+    }
+}
+
+/// Whether an effect changes one of these symbols.
+fn touches(effect: &Effect, symbols: &BTreeSet<&Name>) -> bool {
+    effect.parts().any(|part| match part {
+        Effect::Add(atom) | Effect::Delete(atom) => symbols.contains(&atom.predicate),
+        Effect::Assign(assign) => symbols.contains(&assign.fluent.function),
+        Effect::And(_) | Effect::Forall(..) | Effect::When(..) => false,
+    })
+}
+
+/// Returns parameters, precondition and effect of a schema as text, without its name and its guards.
+fn meaning(schema: &ActionSchema, guards: &BTreeSet<&Name>) -> String {
+    let is_guard = |part: &Condition| matches!(part, Condition::Atom(atom) if guards.contains(&atom.predicate));
+    let parts = match &schema.precondition {
+        Condition::And(parts) => parts.clone(),
+        other => vec![other.clone()],
+    };
+    let takes: Vec<_> =
+        parts.iter().filter(|part| !is_guard(part)).map(ToString::to_string).collect();
+    let parameters: Vec<_> =
+        schema.all_parameters().map(|parameter| parameter.name.to_string()).collect();
+    format!("{}: {} → {}", parameters.join(" "), takes.join(" "), schema.effect)
+}
+
+/// Returns the names of the predicates that actions change.
+fn changing(known: &PlanningSnapshot) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    for action in &known.domain.actions {
+        changed_by(&action.effect, &mut names);
+    }
+    names
+}
+
+fn changed_by(effect: &Effect, names: &mut BTreeSet<String>) {
+    match effect {
+        Effect::Add(atom) | Effect::Delete(atom) => {
+            names.insert(atom.predicate.to_string());
+        }
+        Effect::And(parts) => parts.iter().for_each(|part| changed_by(part, names)),
+        Effect::Forall(_, inner) | Effect::When(_, inner) => changed_by(inner, names),
+        Effect::Assign(_) => (),
+    }
+}
+
+/// Whether a fact, given as text, is an atom of this predicate.
+fn is_of(fact: &str, predicate: &str) -> bool {
+    let inner = fact.trim_start_matches('(').trim_end_matches(')');
+    inner.split(' ').next().is_some_and(|first| first.eq_ignore_ascii_case(predicate))
+}
+
+/// Joins sentences about parts of one goal; at most [`NAMED_MAX`] of them.
+pub(crate) fn listed_all(sentences: impl Iterator<Item = String>) -> String {
+    listed(sentences.collect(), ". Also, ")
+}
+
+/// Joins the first [`NAMED_MAX`] things and adds how many more there are.
+fn listed(mut things: Vec<String>, separator: &str) -> String {
+    let rest = things.len().saturating_sub(NAMED_MAX);
+    things.truncate(NAMED_MAX);
+    let more = if rest > 0 { format!(" and {rest} more") } else { String::new() };
+    format!("{}{more}", things.join(separator))
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::{Guard, Snapshot};
+
+    use planner::Cancel;
+
+    use super::*;
+    use crate::planning_snapshot::AvoidedAction;
+
+    const DOMAIN: &str = "(define (domain d) (:requirements :typing) (:types room sensor)
+        (:predicates (known ?r - room) (open ?r - room) (in ?s - sensor ?r - room)
+            (offers-measure ?s - sensor))
+        (:action measure :agent ?s - sensor :parameters (?r - room)
+            :precondition (and (offers-measure ?s) (in ?s ?r) (open ?r)) :effect (known ?r)))";
+
+    fn id(name: &str) -> AgentId {
+        AgentId::new(name).expect("a name")
+    }
+
+    fn known(agents: &[&str], facts: &str, avoided: &AvoidedActions) -> PlanningSnapshot {
+        known_in(DOMAIN, agents, facts, avoided)
+    }
+
+    fn known_in(
+        domain: &str,
+        agents: &[&str],
+        facts: &str,
+        avoided: &AvoidedActions,
+    ) -> PlanningSnapshot {
+        let guard = |agent: &str| format!("(offers-measure {agent})");
+        let guards: Vec<String> = agents.iter().map(|agent| guard(agent)).collect();
+        let offer = |agent: &&str| {
+            let (inside, method) = ("measure".to_owned(), None);
+            let offer = Offer { inside, guard: guard(agent), method };
+            (id(agent), [("measure".to_owned(), offer)].into())
+        };
+        let (outside, predicate) = ("measure".to_owned(), "offers-measure".to_owned());
+        let snapshot = Snapshot {
+            epoch: 1,
+            revision: 1,
+            domain: domain.to_owned(),
+            digest: String::new(),
+            problem: format!(
+                "(define (problem p) (:domain d) (:objects a b - sensor hall lab - room)
+                    (:init {facts} {}) (:goal (and)))",
+                guards.join(" ")
+            ),
+            offers: agents.iter().map(offer).collect(),
+            guards: [("measure".to_owned(), Guard { outside, predicate })].into(),
+            former: Vec::new(),
+            knowledge: BTreeMap::new(),
+            conflicts: BTreeMap::new(),
+        };
+        PlanningSnapshot::read(snapshot).expect("PDDL").without_avoided(avoided.clone())
+    }
+
+    fn goal(text: &str) -> Vec<Condition> {
+        vec![pddl::parse_condition(text).into_result().expect("a condition")]
+    }
+
+    fn proposal(covers: &[&str], cost: f64) -> Proposal {
+        let covers = covers.iter().map(|conjunct| (*conjunct).to_owned()).collect();
+        Proposal { covers, plan: String::new(), cost }
+    }
+
+    #[test]
+    fn an_action_that_is_avoided_is_told_with_the_obstacle() {
+        let held = |is_for_good| AvoidedAction {
+            why: "`a` is stuck".to_owned(),
+            is_for_good,
+            is_withdrawn: false,
+        };
+        let avoided: AvoidedActions = [((id("a"), "measure".to_owned()), held(false))].into();
+        let known = known(&["a"], "(in a hall) (open hall)", &avoided);
+        let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
+        assert_eq!(
+            obstacles(&explanation, &avoided).expect("an obstacle"),
+            "no agent can `measure` at `hall`; `a` does not offer `measure` now; a sensor there \
+             would do (`measure` of `a` failed a moment ago and will be tried again: `a` is stuck)"
+        );
+        let for_good: AvoidedActions = [((id("a"), "measure".to_owned()), held(true))].into();
+        assert_eq!(
+            describe_avoided(&for_good),
+            " (`measure` of `a` is not asked for again: `a` is stuck)"
+        );
+        let known = self::known(&["a"], "(in a hall) (open hall)", &AvoidedActions::new());
+        let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
+        assert_eq!(obstacles(&explanation, &AvoidedActions::new()), None);
+    }
+
+    #[test]
+    fn a_choice_names_what_others_asked_and_why_they_declined() {
+        let bids: Bids = [
+            (id("a"), vec![proposal(&["(x)"], 2.0), proposal(&["(x)", "(y)"], 3.0)]),
+            (id("b"), vec![proposal(&["(x)"], 2.5), proposal(&["(y)"], 1.5)]),
+            (id("c"), vec![proposal(&["(x)", "(y)"], 7.0)]),
+        ]
+        .into();
+        let selection = Selection { chosen: vec![(id("a"), proposal(&["(x)", "(y)"], 3.0))] };
+        let refusals = [(id("d"), "no plan reaches it".to_owned())].into();
+        assert_eq!(
+            describe_choice(&selection, &bids, &refusals, &[id("e")].into()).expect("others"),
+            "chosen: `a` for `(x)` and `(y)` at cost 3 (`b` bid 1.5 for 1 of them, `c` bid 7); \
+             declined: `d`: no plan reaches it; did not answer: `e`"
+        );
+        let alone: Bids = [(id("a"), vec![proposal(&["(x)", "(y)"], 3.0)])].into();
+        assert_eq!(describe_choice(&selection, &alone, &BTreeMap::new(), &BTreeSet::new()), None);
+    }
+
+    /// Returns the news of a goal between two rounds of planning.
+    fn news(
+        before: &PlanningSnapshot,
+        after: &PlanningSnapshot,
+        goal: &Condition,
+        open: &[Condition],
+    ) -> Option<String> {
+        GoalContext::of(before, goal).describe_changes(&GoalContext::of(after, goal), after, open)
+    }
+
+    #[test]
+    fn news_are_what_plans_do_not_change_and_what_the_goal_lost() {
+        let none = AvoidedActions::new();
+        let before = known(&["a"], "(open hall) (known hall) (known lab)", &none);
+        let open = goal("(known hall)");
+        let [wanted] = open.as_slice() else { panic!("one part") };
+        let after = known(&["b"], "(in b hall)", &none);
+        assert_eq!(
+            news(&before, &after, wanted, &open).expect("news"),
+            "since the last plan, offers nothing now: `a`; offers something now: `b`; does not \
+             hold any more: `(known hall)`, `(open hall)`"
+        );
+        let same = known(&["a"], "(open hall) (known hall)", &none);
+        assert_eq!(news(&before, &same, wanted, &[]), None);
+        let locked = DOMAIN.replace("(open ?r))", "(open ?r) (in ?s hall))");
+        let other = known_in(&locked, &["a"], "(open hall) (known hall) (known lab)", &none);
+        assert_eq!(
+            news(&before, &other, wanted, &[]).expect("news"),
+            "since the last plan, takes or does something else now: `measure` of `a`"
+        );
+    }
+
+    #[test]
+    fn what_does_not_concern_a_goal_is_no_news_for_it() {
+        let none = AvoidedActions::new();
+        let before = known(&["a"], "(open hall) (in a hall)", &none);
+        let after = known(&["b"], "(in a hall)", &none);
+        // No action is needed for an open door.
+        let open = goal("(open hall)");
+        assert_eq!(
+            news(&before, &after, &open[0], &open).as_deref(),
+            Some("since the last plan, does not hold any more: `(open hall)`")
+        );
+        assert_eq!(news(&before, &after, &goal("(in a hall)")[0], &[]), None);
+    }
+}

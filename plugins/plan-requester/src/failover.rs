@@ -1,0 +1,597 @@
+//! Fail-over of goals from one replica of the Plan Requester to another (docs/design.md, “Fail-over”).
+//!
+//! - The Journals keep a record of each goal, `goal/CONVERSATION`, and while its plan runs, of the
+//!   plan, `plan/CONVERSATION`. A goal is accepted once it is on disk on this machine and on one other
+//!   that can be reached. The initiator is told which Journals have it.
+//! - A new leader resumes every goal from these records. It asks the executor for the plan that was
+//!   running, with the steps that are known to be done; a running step is not begun again.
+//! - After a heal, both sides of a partition may have pursued the same goal. The merge rule: (1) an end
+//!   on either side is final; (2) the surviving leader keeps its own state of the goal, unless only the
+//!   other side has a running plan; (3) the losing plan is given up: no executor continues its steps,
+//!   and so their actuators end them.
+
+use std::collections::BTreeMap;
+
+use acl::content::{
+    Achieve, Execute, HistoryEntry, Outcome, Partition, Record, Report, Version, value,
+};
+use acl::{ConversationId, Incarnation, Performative};
+use agent::keeping::{self, Keeper, Keeps, Kept};
+use agent::{Context, Engagement, Resident};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::goal::{Goal, GoalPhase};
+use crate::{PlanRequester, SETTLE_DELAY};
+
+const GOAL: &str = "goal/";
+const PLAN: &str = "plan/";
+
+/// Replicated record of a goal.
+#[derive(Debug, Serialize, Deserialize)]
+struct GoalRecord {
+    engagement: Engagement,
+    /// Incarnation of the initiator that asked for the goal.
+    life: Incarnation,
+    asked: Achieve,
+    rounds: u32,
+    failures: u32,
+    /// The running plan; `None` if none runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    running: Option<RunningPlanId>,
+    /// History of the goal, oldest entry first. Records of older versions lack it.
+    #[serde(default)]
+    happened: Vec<HistoryEntry>,
+    /// Whether the goal is being cancelled. The agent that asked for this was told that it is.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    cancelled: bool,
+    /// The final report; `None` if the goal has not ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ended: Option<Report>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct RunningPlanId {
+    term: u64,
+    round: u32,
+    /// Indices of the steps that are known to be done.
+    done: Vec<u32>,
+}
+
+impl Keeps for PlanRequester {
+    fn keeper(&mut self) -> &mut Keeper<Self> {
+        &mut self.keeper
+    }
+
+    fn recalled(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
+        let (goals, others): (Vec<_>, Vec<_>) =
+            records.into_iter().partition(|record| record.key.starts_with(GOAL));
+        let mut plans: BTreeMap<String, Execute> = BTreeMap::new();
+        for Record { key, body, .. } in others {
+            let conversation = key.strip_prefix(PLAN).map(ToOwned::to_owned);
+            plans.extend(conversation.and_then(|id| Some((id, Execute::deserialize(body).ok()?))));
+        }
+        for Record { key, version, body } in goals {
+            if body.is_null() {
+                continue;
+            }
+            match GoalRecord::deserialize(body) {
+                Ok(record) => {
+                    let plan = plans.remove(key.trim_start_matches(GOAL));
+                    self.resume(record, version, plan, ctx);
+                }
+                Err(error) => tracing::warn!(key, %error, "a goal record cannot be read"),
+            }
+        }
+        // These plans belong to goals that have no record any more.
+        for (id, plan) in plans {
+            let id = ConversationId::new(&id);
+            self.cancel_orphan(&id, &plan, 0, ctx);
+            self.forget_plan(&id, ctx);
+        }
+        self.schedule_next(ctx);
+    }
+}
+
+impl PlanRequester {
+    // === replication ===
+
+    /// Sends the record of a new goal to the Journals, and reports to the initiator which of them have
+    /// it.
+    pub(crate) fn replicate_new_goal(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        if self.keeper.journals().is_empty() {
+            if self.goals.get(id).is_some_and(|goal| goal.partition == Partition::Wait) {
+                let detail = "no Journal is here to decide which partition has the quorum: the \
+                              goal is pursued in each";
+                self.send_report(id, progress(detail), ctx);
+            }
+            return;
+        }
+        let Some(record) = self.record(id) else { return };
+        let accepted = id.clone();
+        keeping::keep(self, &[record], ctx, move |requester: &mut Self, kept, ctx| {
+            let listed = requester.keeper.journals().len();
+            let detail = acceptance(&kept, listed);
+            if kept.by.is_empty() {
+                tracing::warn!(conversation = %accepted, refusals = ?kept.not_by, detail, "goal");
+            }
+            requester.send_report(&accepted, Report::new(Outcome::Progress, detail), ctx);
+        });
+    }
+
+    /// Sends the present record of a goal to the Journals.
+    pub(crate) fn replicate_goal(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        if let Some(record) = self.record(id) {
+            self.send(&[record], ctx);
+        }
+    }
+
+    /// Sends the present record of a goal and its plan to the Journals.
+    pub(crate) fn replicate_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        if self.keeper.journals().is_empty() {
+            return;
+        }
+        let plan = self.goals.get(id).and_then(|goal| goal.plan.as_deref()).map(value);
+        let plan = plan.map(|plan| self.keeper.write(format!("{PLAN}{id}"), plan));
+        let goal = self.record(id);
+        let records: Vec<_> = plan.into_iter().chain(goal).collect();
+        self.send(&records, ctx);
+    }
+
+    /// Records in the Journals that a goal is cancelled, and calls `then` once enough of them have
+    /// answered or the time for an answer has passed.
+    pub(crate) fn replicate_cancellation(
+        &mut self,
+        id: &ConversationId,
+        ctx: &mut Context<Self>,
+        then: impl FnOnce(&mut Context<Self>) + Send + 'static,
+    ) {
+        let record =
+            if self.goals.contains_key(id) { self.record(id) } else { self.ended.record(id) };
+        let Some(record) = record else { return then(ctx) };
+        keeping::keep(self, &[record], ctx, move |_, _, ctx| then(ctx));
+    }
+
+    /// Sends all records again. Called when a Journal joins, which may have missed any of them.
+    pub(crate) fn replicate_all(&mut self, ctx: &mut Context<Self>) {
+        let goals: Vec<_> = self.goals.keys().cloned().collect();
+        goals.iter().for_each(|id| self.replicate_plan(id, ctx));
+        let ended = self.ended.records();
+        if !ended.is_empty() {
+            self.send(&ended, ctx);
+        }
+    }
+
+    /// Sends an initiator that has joined the outcomes of its goals and which of them hold. It may have
+    /// missed them.
+    pub(crate) fn send_missed_outcomes(&mut self, asker: &Resident, ctx: &mut Context<Self>) {
+        for (engagement, report) in self.ended.of_asker(asker) {
+            self.send_or_queue(&engagement, report, ctx);
+        }
+        let holds = self.goals.values().filter(|goal| {
+            goal.engagement.initiator == asker.agent && matches!(goal.phase, GoalPhase::Holding)
+        });
+        for goal in holds {
+            ctx.answer(&goal.engagement, Performative::Confirm, &holding());
+        }
+    }
+
+    /// Records in the Journals how a goal ended, and removes the records of goals that ended long ago.
+    pub(crate) fn replicate_outcome(
+        &mut self,
+        goal: &Goal,
+        report: Report,
+        ctx: &mut Context<Self>,
+    ) {
+        if self.keeper.journals().is_empty() {
+            return;
+        }
+        let id = goal.conversation().clone();
+        self.replicate_finished(&id, report, record_of(goal), ctx);
+    }
+
+    fn replicate_finished(
+        &mut self,
+        id: &ConversationId,
+        report: Report,
+        record: GoalRecord,
+        ctx: &mut Context<Self>,
+    ) {
+        let record = GoalRecord { running: None, ended: Some(report.clone()), ..record };
+        let record = self.keeper.write(format!("{GOAL}{id}"), value(&record));
+        self.ended.store_record(record.clone());
+        let forgotten = self.ended.add_outcome(id.clone(), record.version, report);
+        let mut records = vec![record, self.keeper.write(format!("{PLAN}{id}"), Value::Null)];
+        for oldest in forgotten {
+            records.push(self.keeper.write(format!("{GOAL}{oldest}"), Value::Null));
+        }
+        self.send(&records, ctx);
+    }
+
+    /// Removes the plan of a goal that has ended or holds from the Journals. The replica that ended the
+    /// goal may not know of this plan, if the plan was made on the other side of a partition.
+    pub(crate) fn forget_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let forgotten = self.keeper.write(format!("{PLAN}{id}"), Value::Null);
+        self.send(&[forgotten], ctx);
+    }
+
+    fn record(&mut self, id: &ConversationId) -> Option<Record> {
+        if self.keeper.journals().is_empty() {
+            return None;
+        }
+        let goal = self.goals.get_mut(id)?;
+        let record = self.keeper.write(format!("{GOAL}{id}"), value(&record_of(goal)));
+        goal.version = record.version;
+        Some(record)
+    }
+
+    /// Returns the records of a goal and of its running plan, if one runs.
+    fn records_of(&mut self, id: &ConversationId) -> Vec<Record> {
+        let Some(goal) = self.goals.get(id) else { return Vec::new() };
+        let body = value(&record_of(goal));
+        let plan = goal.plan.as_deref().filter(|_| goal.phase.is_under_way()).map(value);
+        let plan = plan.map(|plan| self.keeper.write(format!("{PLAN}{id}"), plan));
+        std::iter::once(self.keeper.write(format!("{GOAL}{id}"), body)).chain(plan).collect()
+    }
+
+    fn send(&mut self, records: &[Record], ctx: &mut Context<Self>) {
+        keeping::keep_on(self, records, ctx);
+    }
+
+    // === resuming ===
+
+    /// Merges the record of a goal with what this replica knows, and resumes the goal if it has not
+    /// ended.
+    fn resume(
+        &mut self,
+        mut record: GoalRecord,
+        version: Version,
+        plan: Option<Execute>,
+        ctx: &mut Context<Self>,
+    ) {
+        let id = record.engagement.conversation.clone();
+        let ended_here = self.ended.outcome_of(&id).cloned();
+        if record.cancelled || record.ended.is_some() || ended_here.is_some() {
+            self.drop_plan(&id, plan.as_ref(), ctx);
+        }
+        // An end or a cancellation counts even if a later record says that the goal goes on.
+        let is_later_here = self.goals.get(&id).is_some_and(|goal| goal.version >= version);
+        let is_known = is_later_here && record.ended.is_none() && !record.cancelled;
+        if is_known {
+            return self.keep_own_state(&id, plan, ctx);
+        }
+        if self.ended.has(&id, version) {
+            return;
+        }
+        if record.ended.is_none()
+            && let Some(report) = ended_here
+        {
+            // The replica that wrote this record did not know of the end and may have reported
+            // otherwise.
+            self.send_outcome(&record, &report, ctx);
+            return self.replicate_finished(&id, report, record, ctx);
+        }
+        if record.cancelled && record.ended.is_none() {
+            return self.cancel_restored(&id, record, ctx);
+        }
+        if record.ended.is_none() && self.keeps_own_state(&id, record.running.is_some()) {
+            // Both sides of a partition pursued the goal, and this side wins. The next record has a
+            // later version.
+            if record.running.is_some() {
+                self.follow_again(&id, ctx);
+            }
+            return self.replicate_plan(&id, ctx);
+        }
+        let was_running = self.goals.get(&id).is_some_and(|goal| goal.phase.is_running());
+        if record.ended.is_some() {
+            self.cancel_running_plan(&id, ctx);
+        }
+        // If the initiator has asked this replica in the same incarnation, it may no longer wait in the
+        // exchange that the record names.
+        if let Some(engagement) = self.local_exchange(&record.engagement) {
+            record.engagement = engagement;
+        }
+        self.drop_goal(&id, ctx);
+        if was_running {
+            self.release_agents(&id);
+        }
+        if let Some(report) = record.ended.clone() {
+            self.send_outcome(&record, &report, ctx);
+            if is_later_here {
+                return self.replicate_finished(&id, report, record, ctx);
+            }
+            self.ended.add_outcome(id, version, report);
+            return;
+        }
+        if self.is_asked_anew(&record) {
+            let report = Report::new(Outcome::Cancelled, "its asker has asked for it again");
+            return self.replicate_finished(&id, report, record, ctx);
+        }
+        self.resume_from_record(record, version, plan, ctx);
+    }
+
+    /// Whether a later incarnation of the initiator has asked again before the record arrived.
+    fn is_asked_anew(&self, GoalRecord { engagement, life, asked, .. }: &GoalRecord) -> bool {
+        self.goals.values().any(|goal| {
+            let is_same = goal.text == asked.goal && goal.keep == asked.keep;
+            is_same
+                && goal.engagement.initiator == engagement.initiator
+                && *life < goal.initiator_incarnation
+        })
+    }
+
+    /// Returns the exchange in which the same incarnation of the initiator has asked this replica;
+    /// `None` if it has not.
+    fn local_exchange(&self, elsewhere: &Engagement) -> Option<Engagement> {
+        let engagement = &self.goals.get(&elsewhere.conversation)?.engagement;
+        (engagement.life == elsewhere.life).then(|| engagement.clone())
+    }
+
+    /// Handles a record that is older than the goal here. If no plan runs here, the plan of the other
+    /// replica is called off: a kept goal may already hold without it.
+    fn keep_own_state(
+        &mut self,
+        id: &ConversationId,
+        plan: Option<Execute>,
+        ctx: &mut Context<Self>,
+    ) {
+        let runs = self.goals.get(id).is_some_and(|goal| goal.phase.is_running());
+        if let Some(plan) = plan.filter(|_| !runs) {
+            self.cancel_orphan(id, &plan, 0, ctx);
+        }
+    }
+
+    /// Calls off the running plan of a goal that has ended, and removes the plan from the Journals.
+    fn drop_plan(&mut self, id: &ConversationId, plan: Option<&Execute>, ctx: &mut Context<Self>) {
+        if plan.is_some() || self.goals.get(id).is_some_and(|goal| goal.plan.is_some()) {
+            self.forget_plan(id, ctx);
+        }
+        if let Some(plan) = plan {
+            self.cancel_orphan(id, plan, 0, ctx);
+        }
+    }
+
+    /// Cancels a goal that had not ended when the leader changed, although its cancellation was already
+    /// confirmed.
+    fn cancel_restored(
+        &mut self,
+        id: &ConversationId,
+        record: GoalRecord,
+        ctx: &mut Context<Self>,
+    ) {
+        if self.goals.contains_key(id) {
+            return self.cancel(id, ctx);
+        }
+        let report = Report::new(Outcome::Cancelled, "cancelled as asked");
+        self.send_outcome(&record, &report, ctx);
+        self.replicate_finished(id, report, record, ctx);
+    }
+
+    /// Sends the outcome of a goal to its initiator, if the same incarnation is still present. It may
+    /// have missed the outcome; if not, the repetition has no effect.
+    fn send_outcome(&mut self, record: &GoalRecord, report: &Report, ctx: &mut Context<Self>) {
+        let GoalRecord { engagement, life, .. } = record;
+        self.ended.store_sent(engagement.clone(), report.clone());
+        if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == *life) {
+            self.send_or_queue(engagement, report.clone(), ctx);
+        }
+    }
+
+    /// Resumes a goal from its record.
+    fn resume_from_record(
+        &mut self,
+        record: GoalRecord,
+        version: Version,
+        plan: Option<Execute>,
+        ctx: &mut Context<Self>,
+    ) {
+        let GoalRecord { engagement, life, asked, rounds, failures, running, happened, .. } =
+            record;
+        let id = engagement.conversation.clone();
+        let condition = match pddl::parse_condition(&asked.goal).into_result() {
+            Ok(condition) => condition,
+            Err(_) => return tracing::warn!(conversation = %id, "a recorded goal cannot be read"),
+        };
+        tracing::info!(conversation = %id, goal = asked.goal, rounds, "resumes a goal");
+        let mut goal = Goal::new(engagement, life, asked, condition);
+        (goal.rounds, goal.failures, goal.version) = (rounds, failures, version);
+        goal.adopted_at = Some(ctx.now());
+        goal.recall_history(happened);
+        let running = running.filter(|running| {
+            let is_it = |plan: &Execute| plan.term == running.term && plan.round == running.round;
+            plan.as_ref().is_some_and(is_it)
+        });
+        if let (Some(running), Some(plan)) = (running, plan) {
+            goal.adopt_plan(plan, running.done);
+            self.goals.insert(id.clone(), goal);
+            self.ask_executor(&id, ctx);
+            self.send_report(&id, progress("the goal was taken over; its plan goes on"), ctx);
+        } else {
+            self.goals.insert(id.clone(), goal);
+            self.send_report(&id, progress("the goal was taken over"), ctx);
+            self.consider(&id, ctx);
+        }
+    }
+
+    /// Whether this side keeps its own state of a goal that the other side has too: always, unless only
+    /// the other side has a running plan.
+    fn keeps_own_state(&self, id: &ConversationId, theirs_runs: bool) -> bool {
+        self.goals.get(id).is_some_and(|goal| goal.phase.is_running() || !theirs_runs)
+    }
+
+    /// Asks the executor for the running plan again. If the other side has asked for the same plan, the
+    /// executor would report to that side only.
+    fn follow_again(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        if self.goals.get(id).is_some_and(|goal| matches!(goal.phase, GoalPhase::Executing(_))) {
+            self.ask_executor(id, ctx);
+        }
+    }
+
+    /// Cancels the plan of a goal that has ended on the other side.
+    fn cancel_running_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        if let GoalPhase::Executing(token) = &goal.phase {
+            let executor = &self.config.plan_executor;
+            ctx.go_on(token, executor, Performative::Cancel, Value::Null);
+            ctx.extend(token, ctx.settings().answer_deadline * 2);
+            // The exchange stays open until the executor has received the `cancel`.
+            goal.phase = GoalPhase::Queued;
+        }
+    }
+
+    /// Removes a goal without ending it: another replica resumes it.
+    fn drop_goal(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.remove(id) else { return };
+        if let Some(timer) = goal.timer {
+            ctx.forget(timer);
+        }
+        match goal.phase {
+            GoalPhase::Planning(token)
+            | GoalPhase::Executing(token)
+            | GoalPhase::Cancelling(token)
+            | GoalPhase::Preempted(token) => ctx.close(&token),
+            GoalPhase::CollectingProposals(call) => {
+                call.reject_all("another replica takes the goal over", ctx)
+            }
+            _ => (),
+        }
+    }
+
+    /// Stands down: hands all goals over to the new leader.
+    pub(crate) fn resign(&mut self, ctx: &mut Context<Self>) {
+        let mut records = self.ended.records();
+        let goals: Vec<_> = self.goals.keys().cloned().collect();
+        for id in goals {
+            records.extend(self.records_of(&id));
+            self.drop_goal(&id, ctx);
+        }
+        self.ended.clear_except_unsent();
+        self.cheaper_plan_check = None;
+        self.hand_over(records, 0, ctx);
+    }
+
+    /// Asks a new leader or incarnation of the Plan Executor for all running plans.
+    ///
+    /// It asks [`SETTLING`] later: if the leader of the Plan Requesters changes at the same time, this
+    /// replica stands down first, and only the new leader asks.
+    pub(crate) fn executor_came(&mut self, ctx: &mut Context<Self>) {
+        let asked = |goal: &Goal| match &goal.phase {
+            GoalPhase::Executing(token) => Some(token.clone()),
+            _ => None,
+        };
+        let running = self.goals.iter().filter_map(|(id, goal)| Some((id.clone(), asked(goal)?)));
+        let running: Vec<_> = running.collect();
+        ctx.after(SETTLE_DELAY, move |requester: &mut Self, ctx| {
+            for (id, token) in running {
+                if requester.goals.get(&id).and_then(asked) == Some(token) {
+                    requester.ask_executor(&id, ctx);
+                }
+            }
+        });
+    }
+
+    // === partitions ===
+
+    /// Returns the reason why this partition must not plan for the goal: it does not hold a quorum. A
+    /// partition has the quorum if it reaches a majority of the configured Journals, or exactly half of
+    /// them including the first one listed. `None` if the goal may be planned for.
+    pub(crate) fn missing_quorum(
+        &self,
+        id: &ConversationId,
+        ctx: &Context<Self>,
+    ) -> Option<String> {
+        let goal = self.goals.get(id)?;
+        if goal.partition == Partition::Pursue {
+            return None;
+        }
+        let journals = self.keeper.journals();
+        let is_here = |journal: &&acl::AgentId| ctx.find(journal).is_some();
+        let here = journals.iter().filter(is_here).count();
+        let has_first = journals.first().is_some_and(|first| is_here(&first));
+        let is_most = here * 2 > journals.len() || (here * 2 == journals.len() && has_first);
+        (!is_most && !journals.is_empty()).then(|| {
+            let all = journals.len();
+            format!("only {here} of {all} Journals can be seen; it waits for most of them")
+        })
+    }
+
+    /// Makes a goal wait for the quorum, and reports this once.
+    pub(crate) fn wait_for_quorum(
+        &mut self,
+        id: &ConversationId,
+        why: String,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let is_news = !matches!(&goal.phase, GoalPhase::WaitingForChange(known) if *known == why);
+        goal.phase = GoalPhase::WaitingForChange(why.clone());
+        if is_news {
+            self.send_report(id, progress(&format!("waiting: {why}")), ctx);
+        }
+        // Goals that need no quorum go on.
+        self.schedule_next(ctx);
+    }
+
+    /// Considers the goals again that wait for a quorum.
+    pub(crate) fn reconsider_waiting(&mut self, ctx: &mut Context<Self>) {
+        let waits = |goal: &Goal| {
+            goal.partition == Partition::Wait
+                && matches!(goal.phase, GoalPhase::WaitingForChange(_))
+        };
+        let waiting = self.goals.iter().filter(|(_, goal)| waits(goal));
+        let waiting: Vec<_> = waiting.map(|(id, _)| id.clone()).collect();
+        waiting.iter().for_each(|id| self.consider(id, ctx));
+    }
+}
+
+/// Returns the conversation of the goal that the key of a record names; `None` if it is no record of a
+/// goal.
+pub(crate) fn conversation_of(key: &str) -> Option<ConversationId> {
+    key.strip_prefix(GOAL).map(ConversationId::new)
+}
+
+/// Report that a kept goal holds.
+pub(crate) fn holding() -> Report {
+    Report::new(Outcome::Holds, "the goal holds; it is watched")
+}
+
+fn progress(detail: &str) -> Report {
+    Report::new(Outcome::Progress, detail)
+}
+
+fn record_of(goal: &Goal) -> GoalRecord {
+    let asked = Achieve {
+        goal: goal.text.clone(),
+        keep: goal.keep,
+        priority: goal.priority,
+        partition: goal.partition,
+    };
+    let running = goal.plan.as_ref().filter(|_| goal.phase.is_under_way());
+    let running = running.map(|plan| RunningPlanId {
+        term: plan.term,
+        round: plan.round,
+        done: plan.done.clone(),
+    });
+    GoalRecord {
+        engagement: goal.engagement.clone(),
+        life: goal.initiator_incarnation,
+        asked,
+        rounds: goal.rounds,
+        failures: goal.failures,
+        running,
+        happened: goal.history().to_vec(),
+        cancelled: matches!(goal.phase, GoalPhase::Cancelling(_)),
+        ended: None,
+    }
+}
+
+/// Text that tells the initiator which Journals have its new goal.
+fn acceptance(kept: &Kept, listed: usize) -> String {
+    let mut names: Vec<_> = kept.by.iter().map(|journal| format!("`{journal}`")).collect();
+    names.sort();
+    match names.as_slice() {
+        [] => format!("accepted, but kept nowhere: none of {listed} Journals has it"),
+        [one] => format!("accepted; kept by {one}, 1 of {listed}"),
+        some => format!("accepted; kept by {}, {} of {listed}", some.join(" and "), some.len()),
+    }
+}

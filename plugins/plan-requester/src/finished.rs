@@ -1,0 +1,154 @@
+//! Cache of goals that have ended. It prevents a replica from resuming an ended goal from an older
+//! record, and it serves outcomes to initiators that could not be reached when their goals ended.
+
+use std::collections::VecDeque;
+
+use acl::ConversationId;
+use acl::content::{Record, Report, Version};
+use agent::{Engagement, Resident};
+
+use crate::failover::conversation_of;
+
+/// Maximum number of ended goals in the cache.
+const KNOWN_MAX: usize = 128;
+
+/// Maximum number of final records that are sent once more to Journals that join and to a new leader.
+/// Either may have missed the first message.
+const OWN_MAX: usize = 32;
+
+/// Maximum number of outcomes that are sent once more to initiators that come back or ask again: as
+/// many as goals can be pursued at a time.
+const TOLD_MAX: usize = crate::GOALS_MAX;
+
+/// Cache of goals that have ended.
+#[derive(Debug, Default)]
+pub(crate) struct FinishedGoals {
+    known: VecDeque<(ConversationId, Version, Report)>,
+    /// Final records of the goals that this replica ended itself.
+    own: VecDeque<Record>,
+    sent: VecDeque<(Engagement, Report)>,
+    /// Outcomes that could not be sent yet, because too many messages are under way.
+    unsent: VecDeque<(Engagement, Report)>,
+}
+
+impl FinishedGoals {
+    /// Whether a record of at least this version says that the goal has ended.
+    pub(crate) fn has(&self, id: &ConversationId, version: Version) -> bool {
+        self.known.iter().any(|(other, at, _)| other == id && *at >= version)
+    }
+
+    /// Returns the outcome of a goal; `None` if it is not known to have ended.
+    pub(crate) fn outcome_of(&self, id: &ConversationId) -> Option<&Report> {
+        self.known.iter().find(|(other, ..)| other == id).map(|(_, _, report)| report)
+    }
+
+    /// Adds an outcome. Returns the goals that were dropped to make room.
+    pub(crate) fn add_outcome(
+        &mut self,
+        id: ConversationId,
+        version: Version,
+        report: Report,
+    ) -> Vec<ConversationId> {
+        self.known.retain(|(other, ..)| *other != id);
+        self.known.push_back((id, version, report));
+        let surplus = self.known.len().saturating_sub(KNOWN_MAX);
+        self.known.drain(..surplus).map(|(oldest, ..)| oldest).collect()
+    }
+
+    /// Stores the final record of a goal, so that it can be sent again.
+    pub(crate) fn store_record(&mut self, record: Record) {
+        self.own.retain(|other| other.key != record.key);
+        if self.own.len() >= OWN_MAX {
+            self.own.pop_front();
+        }
+        self.own.push_back(record);
+    }
+
+    /// Returns the final record of a goal; `None` if there is none here.
+    pub(crate) fn record(&self, id: &ConversationId) -> Option<Record> {
+        let is_it = |record: &&Record| conversation_of(&record.key).as_ref() == Some(id);
+        self.own.iter().find(is_it).cloned()
+    }
+
+    /// Returns the final records of the goals that ended last, the oldest first.
+    pub(crate) fn records(&self) -> Vec<Record> {
+        self.own.iter().cloned().collect()
+    }
+
+    /// Stores an outcome that was sent to the initiator. Whether it arrived is not known.
+    pub(crate) fn store_sent(&mut self, engagement: Engagement, report: Report) {
+        self.sent.retain(|(other, _)| other.exchange != engagement.exchange);
+        if self.sent.len() >= TOLD_MAX {
+            self.sent.pop_front();
+        }
+        self.sent.push_back((engagement, report));
+    }
+
+    /// Queues an outcome that could not be sent. The queue has a bound: each entry counts towards the
+    /// goals that are accepted at a time.
+    pub(crate) fn queue_unsent(&mut self, engagement: Engagement, report: Report) {
+        self.unsent.push_back((engagement, report));
+    }
+
+    /// Clears the cache except for the outcomes that could not be sent: no other replica knows of
+    /// these.
+    pub(crate) fn clear_except_unsent(&mut self) {
+        *self =
+            FinishedGoals { unsent: std::mem::take(&mut self.unsent), ..FinishedGoals::default() };
+    }
+
+    /// Removes and returns the oldest outcome that could not be sent; `None` if there is none.
+    pub(crate) fn pop_unsent(&mut self) -> Option<(Engagement, Report)> {
+        self.unsent.pop_front()
+    }
+
+    /// Returns the number of outcomes that could not be sent yet.
+    pub(crate) fn unsent_count(&self) -> usize {
+        self.unsent.len()
+    }
+
+    /// Returns the outcome of the goal that `engagement` asks for once more; `None` if it is unknown.
+    pub(crate) fn of(&self, engagement: &Engagement) -> Option<&Report> {
+        let is_it = |other: &Engagement| {
+            other.conversation == engagement.conversation && other.initiator == engagement.initiator
+        };
+        self.sent.iter().find(|(other, _)| is_it(other)).map(|(_, report)| report)
+    }
+
+    /// Returns the outcomes that an agent which has just joined may not have received.
+    pub(crate) fn of_asker(&self, asker: &Resident) -> Vec<(Engagement, Report)> {
+        let is_its = |engagement: &Engagement| {
+            engagement.initiator == asker.agent
+                && engagement.life.is_none_or(|life| life == asker.incarnation)
+        };
+        self.sent.iter().filter(|(engagement, _)| is_its(engagement)).cloned().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::Outcome;
+    use serde_json::Value;
+
+    use super::*;
+
+    #[test]
+    fn what_is_remembered_has_a_bound_and_the_later_end_counts() {
+        let mut ended = FinishedGoals::default();
+        let id = |n: usize| ConversationId::new(&format!("c{n}"));
+        let version = |term| Version { term, count: 0 };
+        let report = || Report::new(Outcome::Done, "it holds");
+        let forgotten: Vec<_> = (0..KNOWN_MAX + 2)
+            .flat_map(|n| ended.add_outcome(id(n), version(5), report()))
+            .collect();
+        assert_eq!(forgotten, [id(0), id(1)]);
+        assert!(ended.has(&id(2), version(5)) && !ended.has(&id(2), version(6)));
+        assert!(!ended.has(&id(0), version(5)));
+        for n in 0..OWN_MAX + 3 {
+            let (key, version) = (format!("goal/{n}"), version(5));
+            ended.store_record(Record { key, version, body: Value::Null });
+        }
+        assert_eq!(ended.records().len(), OWN_MAX);
+        assert_eq!(ended.records()[0].key, "goal/3");
+    }
+}

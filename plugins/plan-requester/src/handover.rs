@@ -1,0 +1,98 @@
+//! Hand-over from a leader that becomes a standby to the new leader (docs/design.md, “Fail-over”).
+//!
+//! The Journals may lack some goals: those that were requested in a partition without a Journal, or
+//! that ended a moment ago. So the former leader sends its records to the new leader directly, until
+//! they are confirmed. Of two records of a goal the later version counts, as everywhere.
+
+use std::time::Duration;
+
+use acl::content::{Keeping, Outcome, Record, Report, Request, value};
+use acl::{Message, Performative, Protocol};
+use agent::keeping::Keeps as _;
+use agent::{Answer, Context, Engagement, Opening};
+
+use crate::PlanRequester;
+use crate::failover::conversation_of;
+
+/// Interval between tries to hand over, and their maximum number. The new leader may have left in the
+/// same moment, and a partition may last minutes.
+const AGAIN: Duration = Duration::from_secs(1);
+const TIMES_MAX: u32 = 600;
+
+impl PlanRequester {
+    /// Sends the records of this replica to the new leader, until it confirms them.
+    pub(crate) fn hand_over(&mut self, records: Vec<Record>, times: u32, ctx: &mut Context<Self>) {
+        if records.is_empty() {
+            return;
+        }
+        if self.keeper.is_leading() {
+            // This replica is the leader again.
+            return self.adopt_records(records, ctx);
+        }
+        let acts = ctx.find(ctx.id()).map(|resident| resident.incarnation);
+        if acts.is_none_or(|life| life == ctx.incarnation()) {
+            // The new leader is not known here yet.
+            return retry_handover(records, times, ctx);
+        }
+        let opening = Opening {
+            to: Some(ctx.id().clone()),
+            performative: Performative::Request,
+            protocol: Protocol::StateChange,
+            conversation: ctx.new_conversation(),
+            content: value(&Request::Keep(Keeping { records: records.clone() })),
+        };
+        let mut records = Some(records);
+        let patience = ctx.settings().answer_deadline;
+        ctx.open(opening, patience, move |_: &mut Self, answer, ctx| {
+            let Some(records) = records.take() else { return };
+            match answer {
+                Answer::Message(message) if message.performative == Performative::Confirm => (),
+                _ => retry_handover(records, times, ctx),
+            }
+        });
+    }
+
+    /// Takes the records of another incarnation of this agent that has become a standby.
+    pub(crate) fn receive_handover(
+        &mut self,
+        message: &Message,
+        records: Vec<Record>,
+        ctx: &mut Context<Self>,
+    ) {
+        if message.incarnation == ctx.incarnation() {
+            // The message came back to its own sender, which has become the leader meanwhile. The
+            // sender tries again.
+            return;
+        }
+        let engagement = Engagement::of(message);
+        self.adopt_records(records, ctx);
+        let report = Report::new(Outcome::Done, "taken over");
+        ctx.answer(&engagement, Performative::Confirm, &report);
+    }
+
+    fn adopt_records(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
+        let life = ctx.incarnation();
+        self.keeper.learn(life, &records);
+        let handed: Vec<_> = records
+            .iter()
+            .filter_map(|record| Some((conversation_of(&record.key)?, record.version)))
+            .collect();
+        self.recalled(records, ctx);
+        for (id, version) in handed {
+            // The goal goes on here, and it is not known whether any Journal has this record.
+            if self.goals.get(&id).is_some_and(|goal| goal.version == version) {
+                self.replicate_new_goal(&id, ctx);
+            }
+        }
+    }
+}
+
+/// Tries again after [`AGAIN`], up to [`TIMES_MAX`] times.
+fn retry_handover(records: Vec<Record>, times: u32, ctx: &mut Context<PlanRequester>) {
+    if times >= TIMES_MAX {
+        return tracing::warn!(goals = records.len(), "no leader takes these goals over");
+    }
+    ctx.after(AGAIN, move |requester: &mut PlanRequester, ctx| {
+        requester.hand_over(records, times + 1, ctx);
+    });
+}

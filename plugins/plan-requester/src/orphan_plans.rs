@@ -1,0 +1,49 @@
+//! Cancels plans of goals that have ended or hold, made by another replica of the Plan Requester. That
+//! replica was cut off or died, and its plans may still run (docs/design.md, “Fail-over”).
+
+use acl::content::{CallOff, Execute, Request, value};
+use acl::{ConversationId, Performative, Protocol};
+use agent::{Context, Opening};
+
+use crate::PlanRequester;
+use crate::execution::running_plan_of_refusal;
+
+/// Maximum number of times that the executor may answer with another running plan of the same goal,
+/// each of which is then cancelled too.
+const TIMES_MAX: u32 = 4;
+
+impl PlanRequester {
+    /// Asks the executor to cancel a plan that is no longer needed. `times` counts the plans of this
+    /// goal cancelled so far.
+    pub(crate) fn cancel_orphan(
+        &mut self,
+        id: &ConversationId,
+        plan: &Execute,
+        times: u32,
+        ctx: &mut Context<Self>,
+    ) {
+        let opening = Opening {
+            to: Some(self.config.plan_executor.clone()),
+            performative: Performative::Request,
+            protocol: Protocol::Execution,
+            conversation: id.clone(),
+            content: value(&Request::CallOff(CallOff { term: plan.term, round: plan.round })),
+        };
+        let (called_off, patience) = (id.clone(), ctx.settings().answer_deadline * 2);
+        ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
+            if let Ok(plan) = running_plan_of_refusal(answer)
+                && times < TIMES_MAX
+                && !requester.runs(&called_off, &plan)
+            {
+                requester.cancel_orphan(&called_off, &plan, times + 1, ctx);
+            }
+        });
+    }
+
+    /// Whether `plan` is the plan that this replica runs for the goal; it may have begun meanwhile.
+    fn runs(&self, id: &ConversationId, plan: &Execute) -> bool {
+        let running = self.goals.get(id).filter(|goal| goal.phase.is_running());
+        let own = running.and_then(|goal| goal.plan.as_deref());
+        own.is_some_and(|own| (own.term, own.round) == (plan.term, plan.round))
+    }
+}

@@ -1,0 +1,443 @@
+//! The domain and the state as the Domain Maintainer knows them, read once per round of planning: “the
+//! plan request compiles all the state and domain information that may be required to solve a planning
+//! problem” (the paper, “Plan Requester”).
+
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::sync::OnceLock;
+
+use acl::AgentId;
+use acl::content::{self, Offers, Proposal, Snapshot};
+use pddl::knowledge::Knowledge;
+use pddl::{
+    ActionModel, Condition, Domain, Effect, FluentTerm, InitElement, Name, Plan, PlanStep, Problem,
+};
+use planner::explain::{self, ActionGuard, Explanation};
+use planner::goal::conjuncts_but;
+use planner::order::interference;
+use planner::validate::{Fault, World, cost_from};
+use planner::{Budget, Cancel, Options, StopReason};
+
+/// Maximum number of grounding candidates examined for an explanation: about a second in the largest
+/// buildings.
+const EXPLAINING_STEPS_MAX: u64 = 20_000_000;
+
+/// Maximum number of states examined for an explanation: some seconds in the largest buildings.
+const EXPLAINING_EXPANSIONS_MAX: u64 = 50_000;
+
+/// Snapshot of domain and state that a round of planning works with.
+#[derive(Clone, Debug)]
+pub(crate) struct PlanningSnapshot {
+    pub(crate) epoch: u64,
+    pub(crate) domain: Domain,
+    pub(crate) problem: Problem,
+    /// The initial state of the problem, or why it has none. Computed at first use.
+    world: OnceLock<Result<World, String>>,
+    pub(crate) domain_text: String,
+    pub(crate) offers: Offers,
+    /// Offers of all agents, including those that are not planned with.
+    pub(crate) all_offers: Offers,
+    /// The problem with all agents, including those that are not planned with.
+    whole: Problem,
+    /// The guards of each schema.
+    pub(crate) guards: BTreeMap<Name, ActionGuard>,
+    /// Action models of agents that no longer offer them.
+    former: Vec<ActionModel>,
+    /// The predicates that the domain uses for unknown facts.
+    knowledge: Knowledge,
+    /// The same, as it is sent in messages.
+    pub(crate) words: BTreeMap<String, content::Auxiliary>,
+    pub(crate) avoided: AvoidedActions,
+    /// Agents that other goals use; they are not planned with.
+    pub(crate) spared: BTreeSet<AgentId>,
+}
+
+/// Actions that failed in earlier plans of a goal. They are avoided for a while.
+pub(crate) type AvoidedActions = BTreeMap<(AgentId, String), AvoidedAction>;
+
+/// Why an action is avoided, and for how long.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct AvoidedAction {
+    /// The reason, as text for a person.
+    pub(crate) why: String,
+    /// Whether the action is never tried again for this goal.
+    pub(crate) is_for_good: bool,
+    /// Whether the agent no longer offers the action.
+    pub(crate) is_withdrawn: bool,
+}
+
+impl PlanningSnapshot {
+    /// Reads a snapshot.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the snapshot is not valid PDDL, as text for a person.
+    pub(crate) fn read(snapshot: Snapshot) -> Result<PlanningSnapshot, String> {
+        let Snapshot { epoch, domain, problem, offers, guards, former, knowledge, .. } = snapshot;
+        let domain_text = domain;
+        let domain = pddl::parse_domain(&domain_text).into_result().map_err(first)?;
+        let problem = pddl::parse_problem(&problem).into_result().map_err(first)?;
+        let guard = |(inside, guard): (String, acl::content::Guard)| {
+            let (outside, predicate) = (Name::new(&guard.outside), Name::new(&guard.predicate));
+            (Name::new(&inside), ActionGuard { outside, predicate })
+        };
+        let guards = guards.into_iter().map(guard).collect();
+        // A former model that cannot be parsed is left out: it would explain nothing.
+        let read = |text: &String| pddl::parse_action_model(text).into_result().ok();
+        let former = former.iter().filter_map(read).collect();
+        let (all_offers, whole, avoided) = (offers.clone(), problem.clone(), AvoidedActions::new());
+        Ok(PlanningSnapshot {
+            epoch,
+            domain,
+            problem,
+            world: OnceLock::new(),
+            domain_text,
+            offers,
+            all_offers,
+            whole,
+            guards,
+            former,
+            knowledge: agent::knowledge(&knowledge),
+            words: knowledge,
+            avoided,
+            spared: BTreeSet::new(),
+        })
+    }
+
+    /// Returns the snapshot without the actions that failed a moment ago.
+    pub(crate) fn without_avoided(mut self, avoided: AvoidedActions) -> PlanningSnapshot {
+        let guards = take_avoided(&mut self.offers, &avoided);
+        if !guards.is_empty() {
+            self.leave_out(&guards);
+            self.whole = self.problem.clone();
+        }
+        self.avoided = avoided;
+        self
+    }
+
+    /// Returns the snapshot without the agents that other goals use.
+    pub(crate) fn without_agents(mut self, reserved: &BTreeSet<AgentId>) -> PlanningSnapshot {
+        let taken = reserved.iter().filter_map(|agent| self.offers.remove(agent));
+        let guards = taken.flat_map(BTreeMap::into_values).map(|offer| offer.guard).collect();
+        self.leave_out(&guards);
+        self.spared.clone_from(reserved);
+        self
+    }
+
+    /// Removes these guards from the problem, so that their agents cannot act in plans.
+    fn leave_out(&mut self, guards: &BTreeSet<String>) {
+        // Parsing cannot fail here: a Domain Maintainer printed the guards.
+        let read = |guard: &String| pddl::parse_init_elements(guard).into_result().ok();
+        let guards: HashSet<InitElement> = guards.iter().filter_map(read).flatten().collect();
+        self.problem.init.retain(|fact| !guards.contains(fact));
+        self.world = OnceLock::new();
+    }
+
+    fn world(&self) -> Result<&World, &str> {
+        let world =
+            self.world.get_or_init(|| World::initial(&self.domain, &self.problem).map_err(first));
+        world.as_ref().map_err(String::as_str)
+    }
+
+    /// Translates a condition into the predicates of the domain: that it is known to hold.
+    pub(crate) fn sure(&self, condition: &Condition) -> Condition {
+        self.knowledge.known_to_hold(condition)
+    }
+
+    /// Returns the problem of reaching `goal`, known to hold, from the present state.
+    pub(crate) fn problem_of(&self, goal: &Condition) -> Problem {
+        Problem { goal: self.knowledge.known_to_hold(goal), ..self.problem.clone() }
+    }
+
+    /// Returns the ground conjuncts of a goal that are not known to hold.
+    pub(crate) fn open_conjuncts(&self, goal: &Condition) -> Result<Vec<Condition>, String> {
+        let world = self.world()?;
+        let conjuncts = self.conjuncts(world, goal).into_iter();
+        Ok(conjuncts.filter(|conjunct| !self.holds_in(world, conjunct)).collect())
+    }
+
+    /// Returns the conjuncts of a goal in the predicates that the goal uses; the goal itself if it
+    /// cannot be split.
+    pub(crate) fn parts(&self, goal: &Condition) -> Vec<Condition> {
+        self.world().map_or_else(|_| vec![goal.clone()], |world| self.conjuncts(world, goal))
+    }
+
+    /// Splits a goal into its conjuncts in a given state.
+    fn conjuncts(&self, world: &World, goal: &Condition) -> Vec<Condition> {
+        // A fact about a room may come from a device that has left, although no device derives it now.
+        let is_unknown = |atom: &pddl::Atom| {
+            let unknown = self.knowledge.unknown(atom);
+            unknown.is_some_and(|unknown| world.holds(&Condition::Atom(unknown)))
+        };
+        let parts = conjuncts_but(world, goal, &is_unknown);
+        parts.iter().map(|part| self.knowledge.original_condition(part)).collect()
+    }
+
+    fn holds_in(&self, world: &World, condition: &Condition) -> bool {
+        world.holds(&self.knowledge.known_to_hold(condition))
+    }
+
+    /// Returns a conjunct that the goal requires and also requires not to hold; `None` if there is
+    /// none.
+    pub(crate) fn contradiction(&self, goal: &Condition) -> Option<Condition> {
+        let conjuncts = self.conjuncts(self.world().ok()?, goal);
+        let denied = conjuncts.iter().filter_map(|conjunct| match conjunct {
+            Condition::Not(inner) => Some(&**inner),
+            _ => None,
+        });
+        let denied: Vec<_> = denied.collect();
+        conjuncts.iter().find(|conjunct| denied.contains(conjunct)).cloned()
+    }
+
+    /// Whether a condition is unreachable even in the relaxation, with the actions of all agents.
+    pub(crate) fn is_hopeless(&self, condition: &Condition, cancel: &Cancel) -> bool {
+        let Ok(open) = self.open_conjuncts(condition) else { return true };
+        let open: Vec<_> = open.iter().map(|part| self.knowledge.known_to_hold(part)).collect();
+        planner::goal::unreachable(&self.domain, &self.whole, &open, &bounded(), cancel)
+            .is_ok_and(|unreachable| !unreachable.is_empty())
+    }
+
+    /// Returns the status of a ground condition that is not known to hold (false or unknown), as text
+    /// for a person.
+    pub(crate) fn describe_status(&self, condition: &Condition) -> String {
+        let denied = Condition::Not(Box::new(condition.clone()));
+        match self.holds(&denied) {
+            true => format!("`{condition}` does not hold"),
+            false => format!("it is unknown whether `{condition}` holds"),
+        }
+    }
+
+    /// Returns why a ground condition does not hold, if the known facts alone explain it: the condition
+    /// is unknown, or it compares numbers that no action changes. Otherwise `None`.
+    pub(crate) fn plain_reason(&self, condition: &Condition) -> Option<String> {
+        let standing = self.describe_status(condition);
+        let denied = Condition::Not(Box::new(condition.clone()));
+        if !self.holds(&denied) {
+            return Some(format!("{standing}, and no agent here can find out"));
+        }
+        let world = self.world().ok()?;
+        let mut fluents: Vec<&FluentTerm> = Vec::new();
+        for fluent in condition.fluents() {
+            if !fluents.contains(&fluent) {
+                fluents.push(fluent);
+            }
+        }
+        let is_changed = |fluent: &&&FluentTerm| {
+            let mut effects = self.domain.actions.iter().flat_map(|action| action.effect.parts());
+            effects.any(
+                |part| matches!(part, Effect::Assign(it) if it.fluent.function == fluent.function),
+            )
+        };
+        if fluents.is_empty() || fluents.iter().any(|fluent| is_changed(&fluent)) {
+            return None;
+        }
+        let value = |fluent: &&FluentTerm| match world.value(fluent) {
+            Some(value) => format!("`{fluent}` is {value}"),
+            None => format!("`{fluent}` is unknown"),
+        };
+        let values: Vec<String> = fluents.iter().map(value).collect();
+        Some(format!("{standing}: {}, and no action here changes it", values.join(", ")))
+    }
+
+    /// Whether a condition is known to hold.
+    pub(crate) fn holds(&self, condition: &Condition) -> bool {
+        self.world().is_ok_and(|world| self.holds_in(world, condition))
+    }
+
+    /// Whether a plan can run beside the remaining steps of other plans without undoing what already
+    /// holds of their goals. The steps use the action names of their agents.
+    pub(crate) fn can_run_beside<'g>(
+        &self,
+        plan: &Plan,
+        steps: impl IntoIterator<Item = &'g PlanStep>,
+        goals: impl IntoIterator<Item = &'g Condition>,
+    ) -> bool {
+        // A step that no agent offers any more fails by itself.
+        let named = |step: &PlanStep| self.named(step, &self.all_offers).ok();
+        let theirs: Vec<_> = steps.into_iter().filter_map(named).collect();
+        self.world().is_ok_and(|now| {
+            interference(now, &plan.steps, &theirs).is_none() && self.leaves(now, plan, goals)
+        })
+    }
+
+    /// Whether every conjunct of these goals that holds now also holds after a plan.
+    fn leaves<'g>(
+        &self,
+        now: &World,
+        plan: &Plan,
+        goals: impl IntoIterator<Item = &'g Condition>,
+    ) -> bool {
+        let mut end = now.clone();
+        if plan.steps.iter().try_for_each(|step| end.apply(step)).is_err() {
+            return false;
+        }
+        let mut reached = goals.into_iter().flat_map(|goal| self.conjuncts(now, goal));
+        reached.all(|conjunct| !self.holds_in(now, &conjunct) || self.holds_in(&end, &conjunct))
+    }
+
+    /// Returns the cost of the remaining steps of a plan from the present state; `None` if they do not
+    /// reach the goal.
+    pub(crate) fn cost_of_rest(&self, steps: &[PlanStep], goal: &Condition) -> Option<f64> {
+        let steps = steps.iter().map(|step| self.named(step, &self.all_offers));
+        let plan = Plan { steps: steps.collect::<Result<_, _>>().ok()?, cost: None };
+        self.validate(&plan, goal).ok()
+    }
+
+    /// Returns the longest tail of a plan that consists of steps which agents still offer, with the
+    /// action names of the composite domain; `None` if it is empty.
+    pub(crate) fn nameable(&self, steps: &[PlanStep]) -> Option<Plan> {
+        let named = steps.iter().rev().map_while(|step| self.named(step, &self.all_offers).ok());
+        let mut steps: Vec<_> = named.collect();
+        steps.reverse();
+        (!steps.is_empty()).then_some(Plan { steps, cost: None })
+    }
+
+    /// Plans with the actions of all agents for some conjuncts of a goal, within the bounds of an
+    /// explanation. Returns the plan, if any, and why planning ended; `None` if planning is not
+    /// possible at all.
+    pub(crate) fn plan_for(
+        &self,
+        parts: &[Condition],
+        cancel: &Cancel,
+    ) -> Option<(Option<Plan>, StopReason)> {
+        let goal = self.knowledge.known_to_hold(&Condition::And(parts.to_vec()));
+        let problem = Problem { goal, ..self.whole.clone() };
+        let outcome = planner::plan(&self.domain, &problem, &looking(), cancel).ok()?;
+        Some((outcome.plan, outcome.stop_reason))
+    }
+
+    /// Returns which of these conjuncts are unreachable even in the relaxation, where no action undoes
+    /// another, and what is missing for them. `None` if the domain cannot be analysed.
+    pub(crate) fn explain(&self, conjuncts: &[Condition], cancel: &Cancel) -> Option<Explanation> {
+        let PlanningSnapshot { domain, whole: problem, guards, former, .. } = self;
+        let known = explain::ExplanationInput { domain, problem, guards, former };
+        // A domain that cannot be analysed gives no explanation.
+        explain::explain(known, conjuncts, &bounded(), cancel).ok()
+    }
+
+    /// Joins the plans of several agents into one, with the action names of the composite domain.
+    pub(crate) fn combine(&self, plans: &[&str]) -> Result<Plan, String> {
+        let mut steps = Vec::new();
+        for text in plans {
+            let plan = pddl::parse_plan(text).into_result().map_err(first)?;
+            for step in plan.steps {
+                steps.push(self.inside(step)?);
+            }
+        }
+        Ok(Plan { steps, cost: None })
+    }
+
+    /// Returns the cost of a plan that reaches `goal`, or why it does not reach it.
+    pub(crate) fn validate(&self, plan: &Plan, goal: &Condition) -> Result<f64, String> {
+        let goal = self.knowledge.known_to_hold(goal);
+        let fault = |fault: Box<Fault>| {
+            fault.map(|part| self.knowledge.original_condition(part)).to_string()
+        };
+        cost_from(self.world()?, &plan.steps, &goal).map_err(fault)
+    }
+
+    /// Whether an agent's plan is not empty, and all its steps are offered and not avoided.
+    pub(crate) fn admits(&self, plan: &str) -> bool {
+        self.combine(&[plan]).is_ok_and(|plan| !plan.steps.is_empty())
+    }
+
+    /// Whether a plan has a step that its agent is not known to offer, though the agent itself is
+    /// known: the agent has announced a newer action model, which the Domain Maintainer does not have
+    /// yet.
+    pub(crate) fn uses_newer_model(&self, plan: &str) -> bool {
+        let is_newer = |step: &PlanStep| {
+            let agent = step.arguments.first().map_or("", |agent| agent.as_str());
+            let known = self.all_offers.get(agent);
+            known.is_some_and(|actions| !actions.contains_key(step.action.as_str()))
+        };
+        pddl::parse_plan(plan).into_result().is_ok_and(|plan| plan.steps.iter().any(is_newer))
+    }
+
+    /// Whether the plan of a proposal alone reaches all conjuncts that the proposal covers.
+    pub(crate) fn is_sound(&self, proposal: &Proposal) -> bool {
+        let read = |text: &String| pddl::parse_condition(text).into_result().ok();
+        let covered: Option<Vec<_>> = proposal.covers.iter().map(read).collect();
+        let plan = self.combine(&[&proposal.plan]);
+        let (Some(covered), Ok(plan)) = (covered, plan) else { return false };
+        self.validate(&plan, &Condition::And(covered)).is_ok()
+    }
+
+    fn inside(&self, step: PlanStep) -> Result<PlanStep, String> {
+        let agent = step.arguments.first().and_then(|agent| AgentId::new(agent.as_str()).ok());
+        let is_avoided =
+            |agent| self.avoided.contains_key(&(agent, step.action.as_str().to_owned()));
+        if agent.is_some_and(is_avoided) {
+            return Err(format!("`{step}` failed a moment ago"));
+        }
+        self.named(&step, &self.offers)
+    }
+
+    /// Translates a step from the action name of its agent to that of the composite domain.
+    fn named(&self, step: &PlanStep, offers: &Offers) -> Result<PlanStep, String> {
+        let offer = step
+            .arguments
+            .first()
+            .and_then(|agent| offers.get(agent.as_str()))
+            .and_then(|actions| actions.get(step.action.as_str()))
+            .ok_or_else(|| format!("no agent offers `{step}`"))?;
+        Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
+    }
+
+    /// Translates a plan for people: every action gets the name that its agent uses.
+    pub(crate) fn outside(&self, plan: &Plan) -> Plan {
+        let steps = plan.steps.iter().map(|step| outside(step, &self.offers));
+        Plan { steps: steps.collect(), cost: plan.cost }
+    }
+
+    /// Returns the offers of the agents that act in a plan.
+    pub(crate) fn offers_of(&self, plan: &Plan) -> Offers {
+        let acting: BTreeSet<&str> = plan
+            .steps
+            .iter()
+            .filter_map(|step| step.arguments.first())
+            .map(|agent| agent.as_str())
+            .collect();
+        let is_acting = |agent: &AgentId| acting.contains(agent.as_str());
+        let offers = self.offers.iter().filter(|(agent, _)| is_acting(agent));
+        offers.map(|(agent, actions)| (agent.clone(), actions.clone())).collect()
+    }
+}
+
+/// Translates a step to the action name that its agent uses.
+pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
+    let agent = step.arguments.first().map_or("", |agent| agent.as_str());
+    let offered = offers.get(agent).into_iter().flatten();
+    let named = { offered }.find(|(_, offer)| step.action == *offer.inside.as_str());
+    let action = named.map_or(step.action.as_str(), |(outside, _)| outside.as_str());
+    PlanStep { action: action.into(), ..step.clone() }
+}
+
+/// Bounds of the search for an explanation.
+fn bounded() -> Options {
+    let budget = Budget {
+        join_steps_max: EXPLAINING_STEPS_MAX,
+        memory_max_bytes: agent::computation_bytes_max(),
+        ..Budget::default()
+    };
+    Options { budget, ..Options::default() }
+}
+
+/// Bounds of the search for a plan of several agents, which is needed for one sentence only.
+fn looking() -> Options {
+    let budget = Budget { expansions_max: EXPLAINING_EXPANSIONS_MAX, ..bounded().budget };
+    Options { budget, ..Options::default() }
+}
+
+/// Removes the avoided actions from the offers; returns their guards.
+fn take_avoided(offers: &mut Offers, avoided: &AvoidedActions) -> BTreeSet<String> {
+    let mut guards = BTreeSet::new();
+    for (agent, action) in avoided.keys() {
+        if let Some(offer) = offers.get_mut(agent).and_then(|actions| actions.remove(action)) {
+            guards.insert(offer.guard);
+        }
+    }
+    guards
+}
+
+pub(crate) fn first(diagnostics: Vec<pddl::Diagnostic>) -> String {
+    diagnostics.first().map_or_else(|| "unreadable".to_owned(), ToString::to_string)
+}
