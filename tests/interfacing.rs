@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use acl::{DaemonId, EcosystemId};
 use building::{Building, Layout};
-use substrate_zenoh::{Config, Mode, Tap};
+use substrate_zenoh::{Config, SessionMode, Tap};
 use support::{Office, PATIENCE, stderr, stdout};
 use tokio::sync::mpsc;
 
@@ -69,7 +69,7 @@ async fn tap(office: &Office, name: &str, of: &str) -> (Tap, mpsc::UnboundedRece
     let (tell, heard) = mpsc::unbounded_channel();
     let ecosystem = EcosystemId::new(of).expect("a name");
     let mut config = Config::new(ecosystem, DaemonId::new(name).expect("a name"));
-    config.mode = Mode::Client;
+    config.mode = SessionMode::Client;
     let socket = office.runtime_folder().join("house/caretaker.sock");
     config.connect = vec![format!("unixsock-stream/{}", socket.display())];
     let tap = substrate_zenoh::tap(config, move |key, payload| {

@@ -6,8 +6,8 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use substrate::{Delivery, Inbound, Presence, Question};
-use substrate_zenoh::{Config, Mode, ZenohSubstrate};
+use substrate::{Delivery, Inbound, Presence, ReceivedQuery};
+use substrate_zenoh::{Config, SessionMode, ZenohSubstrate};
 use support::{Office, PATIENCE};
 use tokio::sync::mpsc;
 
@@ -29,7 +29,7 @@ struct Ear(mpsc::UnboundedSender<Presence>);
 
 impl Inbound for Ear {
     fn deliver(&self, _: Delivery) {}
-    fn question(&self, _: Question) {}
+    fn receive_query(&self, _: ReceivedQuery) {}
     fn presence(&self, presence: Presence) {
         // When a test is over, the receiver is gone.
         let _ = self.0.send(presence);
@@ -40,7 +40,7 @@ impl Lookout {
     async fn at(office: &Office, daemon: &'static str) -> Lookout {
         let ecosystem = EcosystemId::new("smart-office").expect("a name");
         let mut config = Config::new(ecosystem, DaemonId::new("lookout").expect("a name"));
-        config.mode = Mode::Client;
+        config.mode = SessionMode::Client;
         let socket = office.runtime_folder().join(format!("smart-office/{daemon}.sock"));
         config.connect = vec![format!("unixsock-stream/{}", socket.display())];
         let (tell, heard) = mpsc::unbounded_channel();

@@ -12,8 +12,10 @@ use acl::content::{Bid, Snapshot};
 use acl::{AgentId, DaemonId, EcosystemId, Message, Performative, ReplyToken};
 use bytes::Bytes;
 use conversation::Exchange;
-use substrate::{Ask, Delivery, Inbound, Presence, Question, Resource, Substrate as _};
-use substrate_zenoh::{Config, Mode};
+use substrate::{
+    Delivery, Inbound, Presence, ReceivedQuery, Resource, ResourceQuery, Substrate as _,
+};
+use substrate_zenoh::{Config, SessionMode};
 use support::{Office, PATIENCE, stderr, stdout};
 use tokio::sync::mpsc;
 
@@ -27,7 +29,7 @@ const CARRIED: &str = "ir-1";
 fn stranger(office: &Office, name: &str) -> Config {
     let ecosystem = EcosystemId::new("smart-office").expect("a name");
     let mut config = Config::new(ecosystem, DaemonId::new(name).expect("a name"));
-    config.mode = Mode::Client;
+    config.mode = SessionMode::Client;
     let socket = office.runtime_folder().join("smart-office/reasoning.sock");
     config.connect = vec![format!("unixsock-stream/{}", socket.display())];
     config
@@ -218,13 +220,14 @@ struct Deaf;
 impl Inbound for Deaf {
     fn deliver(&self, _: Delivery) {}
     fn presence(&self, _: Presence) {}
-    fn question(&self, _: Question) {}
+    fn receive_query(&self, _: ReceivedQuery) {}
 }
 
 async fn ask_domain(office: &Office, agent: &AgentId) -> Snapshot {
     let config = stranger(office, "asker");
     let session = config.open(Arc::new(Deaf)).await.expect("the ecosystem runs");
-    let ask = Ask { daemon: None, resource: Resource::Domain, agent: Some(agent.clone()) };
+    let ask =
+        ResourceQuery { daemon: None, resource: Resource::Domain, agent: Some(agent.clone()) };
     let deadline = tokio::time::Instant::now() + PATIENCE;
     loop {
         // Zenoh answers a query with nothing as long as it knows no agent that could answer.

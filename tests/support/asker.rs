@@ -11,10 +11,10 @@ use acl::{
     Protocol, ReplyToken, SCHEMA_VERSION,
 };
 use substrate::{
-    Address, Addressed, Ask, Delivery, Inbound, Presence, PresenceToken, Question, Resource,
-    Subject, Substrate as _,
+    AgentAddress, Delivery, Destination, Inbound, Presence, PresenceToken, ReceivedQuery, Resource,
+    ResourceQuery, Subject, Substrate as _,
 };
-use substrate_zenoh::{Config, Mode, ZenohSubstrate};
+use substrate_zenoh::{Config, SessionMode, ZenohSubstrate};
 use tokio::sync::mpsc;
 
 use super::Office;
@@ -57,7 +57,7 @@ pub(crate) struct Asker {
     id: AgentId,
     ears: Arc<Ears>,
     substrate: Arc<ZenohSubstrate>,
-    requester: Address,
+    requester: AgentAddress,
     _token: PresenceToken,
 }
 
@@ -89,8 +89,8 @@ impl Ears {
 
 impl Inbound for Ears {
     fn deliver(&self, delivery: Delivery) {
-        match delivery.addressed {
-            Addressed::To(_, Subject::Receipt) => {
+        match delivery.destination {
+            Destination::To(_, Subject::Receipt) => {
                 let ids: Vec<MessageId> =
                     serde_json::from_slice(&delivery.payload).unwrap_or_default();
                 let messages = self.messages.lock().unwrap_or_else(PoisonError::into_inner);
@@ -101,19 +101,19 @@ impl Inbound for Ears {
                     }
                 }
             }
-            Addressed::To(_, Subject::Message(_)) => {
+            Destination::To(_, Subject::Message(_)) => {
                 let message = acl::decode(&delivery.payload).expect("an agent's words");
                 self.note(&message);
                 // Sent from another task, not from within Zenoh's callback.
                 let _ = self.owed.send(message.id);
             }
-            Addressed::All(..) | Addressed::Beat(_) => (),
+            Destination::All(..) | Destination::AgentState(_) => (),
         }
     }
 
     fn presence(&self, _presence: Presence) {}
 
-    fn question(&self, _question: Question) {}
+    fn receive_query(&self, _question: ReceivedQuery) {}
 }
 
 impl Asker {
@@ -121,7 +121,7 @@ impl Asker {
     pub(crate) async fn join(office: &Office, name: &str) -> Asker {
         let ecosystem = EcosystemId::new("smart-office").expect("a name");
         let mut config = Config::new(ecosystem, DaemonId::new(name).expect("a name"));
-        config.mode = Mode::Client;
+        config.mode = SessionMode::Client;
         let socket = office.runtime_folder().join("smart-office/reasoning.sock");
         config.connect = vec![format!("unixsock-stream/{}", socket.display())];
         let (owed, mut owes) = mpsc::unbounded_channel();
@@ -135,7 +135,7 @@ impl Asker {
         let substrate = config.open(inbound).await.expect("the ecosystem runs");
         let id = AgentId::new(name).expect("a name");
         let _token = substrate.announce(&id, Incarnation(1)).expect("it is open");
-        let requester = Address {
+        let requester = AgentAddress {
             daemon: DaemonId::new("reasoning").expect("a name"),
             agent: AgentId::new("plan-requester").expect("a name"),
         };
@@ -208,7 +208,7 @@ impl Asker {
 
     /// Queries the ecosystem's daemons for a resource.
     pub(crate) async fn question(&self, resource: Resource) -> Vec<serde_json::Value> {
-        let ask = Ask { daemon: None, resource, agent: None };
+        let ask = ResourceQuery { daemon: None, resource, agent: None };
         let answers = self.substrate.ask(ask, Duration::from_secs(10)).await;
         answers.iter().map(|answer| serde_json::from_slice(answer).expect("JSON")).collect()
     }

@@ -16,10 +16,12 @@ use std::time::{Duration, Instant};
 use acl::content::{ActionToken, BelievedState, Record};
 use acl::{AgentId, DaemonId, EcosystemId};
 use building::{Building, BuildingEvent, Layout, Server};
-use credentials::{Folder, Identity, Trust, Verifier};
+use credentials::{CredentialFolder, DaemonIdentity, Trust, Verifier};
 use serde_json::Value;
-use substrate::{Ask, Delivery, Inbound, Presence, Question, Resident, Resource, Substrate as _};
-use substrate_zenoh::{Config, Mode, Security, ZenohSubstrate};
+use substrate::{
+    Delivery, Inbound, Presence, ReceivedQuery, Resident, Resource, ResourceQuery, Substrate as _,
+};
+use substrate_zenoh::{Config, Security, SessionMode, ZenohSubstrate};
 use tokio::runtime::Runtime;
 
 use crate::support::network::{Site, secured};
@@ -80,7 +82,7 @@ pub(crate) struct Present {
 
 impl Inbound for Present {
     fn deliver(&self, _: Delivery) {}
-    fn question(&self, _: Question) {}
+    fn receive_query(&self, _: ReceivedQuery) {}
     fn presence(&self, presence: Presence) {
         let mut residents = self.residents.lock().unwrap_or_else(PoisonError::into_inner);
         match presence {
@@ -174,7 +176,11 @@ impl Testbed {
         let deadline = Instant::now() + PATIENCE;
         loop {
             let here = self.building.place_of(ROBOT).expect("it is somewhere");
-            let ask = Ask { daemon: None, resource: Resource::State, agent: maintainer.clone() };
+            let ask = ResourceQuery {
+                daemon: None,
+                resource: Resource::State,
+                agent: maintainer.clone(),
+            };
             let answers = self.runtime.block_on(self.ear.ask(ask, Duration::from_secs(2)));
             let read = |answer| serde_json::from_slice::<BelievedState>(answer).ok();
             let states: Vec<_> = answers.iter().filter_map(|answer| read(answer)).collect();
@@ -383,7 +389,7 @@ impl Testbed {
     }
 
     fn journals(&self) -> Vec<Vec<Record>> {
-        let ask = Ask { daemon: None, resource: Resource::Journal, agent: None };
+        let ask = ResourceQuery { daemon: None, resource: Resource::Journal, agent: None };
         let asked = self.ear.ask(ask, Duration::from_secs(2));
         let answers = self.runtime.block_on(asked);
         answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
@@ -437,16 +443,16 @@ async fn ear(site: &Site, present: &Arc<Present>) -> Arc<ZenohSubstrate> {
     let socket = site.path("desk", &socket);
     let ecosystem = EcosystemId::new("lab").expect("a name");
     // The ear connects through the desk, as a command does, and uses the desk's key.
-    let keys = Folder::new(site.office.folder().join("keys"));
+    let keys = CredentialFolder::new(site.office.folder().join("keys"));
     let desk = DaemonId::new("desk").expect("a name");
     let guest = desk.guest("ear").expect("short");
     let trust = Trust::read(&keys).expect("made for the site");
-    let identity = Identity::read(&keys, &desk, &trust).expect("made for the site");
+    let identity = DaemonIdentity::read(&keys, &desk, &trust).expect("made for the site");
     let identity = Arc::new(identity.for_guest(guest.clone()));
     let verifier = Arc::new(Verifier::new(trust, EAR_PER_SECOND));
     let mut config = Config::new(ecosystem, guest);
     config.security = Some(Security { identity, verifier });
-    config.mode = Mode::Client;
+    config.mode = SessionMode::Client;
     config.connect = vec![format!("unixsock-stream/{}", socket.display())];
     config.open(Arc::<Present>::clone(present)).await.expect("the desk's daemon runs")
 }

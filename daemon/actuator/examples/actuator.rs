@@ -18,7 +18,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
     PlaceName, facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use serde::Deserialize;
 use serde_json::json;
 
@@ -29,7 +29,7 @@ const PLUGIN: PluginEntry = PluginEntry {
     name: "example-coffee-machine",
     about: "makes coffee in the room it stands in",
     drivers: &[],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -50,7 +50,7 @@ struct CoffeeMachine {
 }
 
 /// Reads the config and checks it. Opens no hardware: `althing check` builds agents, too.
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { location, cups } = blueprint.config_as()?;
     let checked = blueprint.host.has_place(location.as_str());
     checked.map_err(|problem| blueprint.problem(problem))?;

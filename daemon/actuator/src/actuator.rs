@@ -10,10 +10,10 @@ use acl::content::{
 };
 use acl::{AgentId, Deadline, Message, Performative, ReplyToken};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Host, Presence, Resource,
-    StateFolder, TimerId, Work,
+    Agent, Blueprint, BuildError, Callbacks, Context, Host, Participation, Presence, Resource,
+    StateFolder, TimerId, WorkHandle,
 };
-use capability::{Sight, Snapshot, model_digest, text_of};
+use capability::{CompositionCache, DomainSnapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
 
 use crate::bidding::bid;
@@ -38,8 +38,8 @@ pub struct Actuator<D: Device> {
     announced: AnnouncedModel,
     running_command: Option<RunningCommand>,
     /// Final reports that are being written to disk and are sent afterwards.
-    pending_reports: BTreeMap<ActionToken, Work>,
-    running_bids: BTreeMap<ReplyToken, (Cancel, Work)>,
+    pending_reports: BTreeMap<ActionToken, WorkHandle>,
+    running_bids: BTreeMap<ReplyToken, (Cancel, WorkHandle)>,
     /// The device's own planner, used by one bid at a time. A bid beside it starts with an empty
     /// planner instead of waiting.
     bid_cache: Arc<Mutex<BidCache>>,
@@ -50,7 +50,7 @@ pub struct Actuator<D: Device> {
 /// Data that one bid leaves for the next.
 #[derive(Default)]
 struct BidCache {
-    sight: Sight,
+    sight: CompositionCache,
     replanner: Replanner,
 }
 
@@ -74,9 +74,9 @@ const SUBSCRIBERS_MAX: usize = 8;
 struct RunningCommand {
     token: ActionToken,
     /// Exchanges in which the action was requested, the latest last.
-    subscribers: Vec<Engagement>,
+    subscribers: Vec<Participation>,
     call: MethodCall,
-    _work: Work,
+    _work: WorkHandle,
 }
 
 impl<D: Device> Actuator<D> {
@@ -126,7 +126,7 @@ impl<D: Device> Agent for Actuator<D> {
     fn activated(&mut self, ctx: &mut Context<Self>) {
         // Subscribes to the shared domain before the first announcement, so that the announcement is
         // part of it.
-        ctx.switchboard().commons(&self.host);
+        ctx.router().shared_domain(&self.host);
         match self.device.read_state() {
             Some(looking) => {
                 let looked =
@@ -141,21 +141,21 @@ impl<D: Device> Agent for Actuator<D> {
         self.plan_requester_joined(presence, ctx);
     }
 
-    fn heeds_presence(&self) -> bool {
+    fn wants_presence(&self) -> bool {
         self.has_wanted_goals()
     }
 
-    fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
+    fn answer_query(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
         match resource {
             Resource::Domain => {
-                let local = self.local_domain(ctx)(&mut Sight::default());
+                let local = self.local_domain(ctx)(&mut CompositionCache::default());
                 serde_json::to_string(&local.to_content()).ok()
             }
             _ => None,
         }
     }
 
-    fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
+    fn drain(&mut self, ctx: &mut Context<Self>) -> bool {
         self.cancel_command("the daemon is stopping", ctx);
         self.withdraw_all(ctx);
         self.pending_reports.is_empty()
@@ -168,14 +168,14 @@ impl<D: Device> Actuator<D> {
     fn local_domain(
         &self,
         ctx: &Context<Self>,
-    ) -> impl FnOnce(&mut Sight) -> Snapshot + Send + 'static {
-        let commons = ctx.switchboard().commons(&self.host);
-        let (known, _) = commons.look();
+    ) -> impl FnOnce(&mut CompositionCache) -> DomainSnapshot + Send + 'static {
+        let commons = ctx.router().shared_domain(&self.host);
+        let (known, _) = commons.current();
         let whole = known.with_carried(ctx.id());
         // The domain is read again when the computation gets its turn. A reference that is held until
         // then would force a copy at the next message.
         move |sight| {
-            let (known, now) = commons.look();
+            let (known, now) = commons.current();
             known.snapshot_again(sight, &whole, now)
         }
     }
@@ -199,13 +199,13 @@ impl<D: Device> Actuator<D> {
             named.map(|(name, method)| (name.clone(), method.clone())).collect();
         let heartbeat = self.heartbeat(ctx);
         let announcement = ModelAnnouncement { model: text, methods, heartbeat };
-        ctx.beat(&Inform::Model(Box::new(announcement)));
+        ctx.broadcast_state(&Inform::Model(Box::new(announcement)));
     }
 
     /// Sends a heartbeat; announces the full model instead if it has changed.
     pub(crate) fn send_heartbeat(&mut self, ctx: &mut Context<Self>) {
         if let Some(heartbeat) = self.heartbeat_or_announce(ctx) {
-            ctx.beat(&Inform::Heartbeat(heartbeat));
+            ctx.broadcast_state(&Inform::Heartbeat(heartbeat));
         }
     }
 
@@ -224,10 +224,10 @@ impl<D: Device> Actuator<D> {
         // All actuators of a daemon send at the same time: their heartbeats travel in one batch, and
         // each receiver wakes once.
         let period = ctx.settings().heartbeat_period;
-        let wait = ctx.switchboard().commons(&self.host).until_next(period);
+        let wait = ctx.router().shared_domain(&self.host).until_next_heartbeat(period);
         ctx.after(wait, |actuator: &mut Self, ctx| {
             if let Some(heartbeat) = actuator.heartbeat_or_announce(ctx) {
-                ctx.beat_together(heartbeat);
+                ctx.batch_heartbeat(heartbeat);
             }
             actuator.schedule_heartbeat(ctx);
         });
@@ -254,7 +254,7 @@ impl<D: Device> Actuator<D> {
     // === acting ===
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         match message.content_as::<Request>() {
             Ok(Request::Act(act)) => {
                 if let Err(refusal) = self.begin(&engagement, *act, ctx) {
@@ -271,7 +271,7 @@ impl<D: Device> Actuator<D> {
 
     fn begin(
         &mut self,
-        engagement: &Engagement,
+        engagement: &Participation,
         act: Act,
         ctx: &mut Context<Self>,
     ) -> Result<(), Refusal> {
@@ -291,14 +291,14 @@ impl<D: Device> Actuator<D> {
         ctx.answer(engagement, Performative::Agree, &Agreement { token: token.clone() });
         let record = self.ledger.begin_token(token.clone());
         let performance = self.device.perform(&call);
-        let switchboard = Arc::clone(ctx.switchboard());
+        let switchboard = Arc::clone(ctx.router());
         let work = async move {
             // On disk before it acts: after a crash the next incarnation does not act twice.
-            let recorded = switchboard.machine().work(record).await;
+            let recorded = switchboard.host_services().run_blocking(record).await;
             match recorded {
                 Ok(Ok(())) => (),
                 Ok(Err(error)) => {
-                    switchboard.count_unkept();
+                    switchboard.count_not_persisted();
                     return Err(MethodFailure::Driver(format!("keep the token on disk: {error}")));
                 }
                 Err(error) => return Err(MethodFailure::Driver(error.to_string())),
@@ -321,7 +321,7 @@ impl<D: Device> Actuator<D> {
     /// again; the new requester gets the result, now or when the action ends.
     fn answer_if_known(
         &mut self,
-        engagement: &Engagement,
+        engagement: &Participation,
         act: &Act,
         ctx: &mut Context<Self>,
     ) -> Result<bool, Refusal> {
@@ -416,18 +416,18 @@ impl<D: Device> Actuator<D> {
     fn conclude(
         &mut self,
         token: ActionToken,
-        askers: Vec<Engagement>,
+        askers: Vec<Participation>,
         report: Report,
         ctx: &mut Context<Self>,
     ) {
         let record = self.ledger.end_token(token.clone(), report.clone());
         let told = token.clone();
-        let written = ctx.switchboard().machine().work(record);
+        let written = ctx.router().host_services().run_blocking(record);
         let work = ctx.run(written, move |actuator: &mut Self, written, ctx| {
             actuator.pending_reports.remove(&told);
             if let Ok(Err(error)) = written {
                 tracing::warn!(agent = %ctx.id(), %error, "an outcome could not be written down");
-                ctx.switchboard().count_unkept();
+                ctx.router().count_not_persisted();
             }
             // Heartbeat first: an agent that receives the confirmation may query the state at once.
             actuator.send_heartbeat(ctx);
@@ -481,8 +481,10 @@ impl<D: Device> Actuator<D> {
                 return;
             };
             let directory = ctx.directory();
-            let is_here = |asker: &Engagement| {
-                asker.life.is_none_or(|life| directory.life(&asker.initiator, life).is_some())
+            let is_here = |asker: &Participation| {
+                asker
+                    .life
+                    .is_none_or(|life| directory.find_incarnation(&asker.initiator, life).is_some())
             };
             if acting.subscribers.is_empty()
                 || (is_second && !acting.subscribers.iter().any(is_here))
@@ -509,7 +511,7 @@ impl<D: Device> Actuator<D> {
     // === bidding ===
 
     fn called(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let call = match message.content_as::<CallForProposals>() {
             Ok(call) => call,
             Err(error) => return ctx.not_understood(&message, error.to_string()),
@@ -529,7 +531,7 @@ impl<D: Device> Actuator<D> {
         let finished = exchange.clone();
         let planner = Arc::clone(&self.bid_cache);
         if let Some(timer) = self.cache_expiry.take() {
-            ctx.forget(timer);
+            ctx.cancel_timer(timer);
         }
         let let_go = |actuator: &mut Self, _: &mut Context<Self>| {
             (actuator.bid_cache, actuator.cache_expiry) = (Arc::default(), None);

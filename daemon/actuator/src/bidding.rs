@@ -5,7 +5,7 @@
 //! can be accepted at once, because each starts from the present state.
 
 use acl::content::{Bid, CallForProposals, Proposal};
-use capability::{Snapshot, problem_digest};
+use capability::{DomainSnapshot, problem_digest};
 use pddl::{Atom, Condition, InitElement, Plan, Problem};
 use planner::{Budget, Cancel, Options, Replanner};
 
@@ -17,7 +17,7 @@ const NOTHING: &str = "it reaches no part of the goal";
 ///
 /// Returns an error with the reason, as text for a person, if there is nothing to propose.
 pub(crate) fn bid(
-    mut snapshot: Snapshot,
+    mut snapshot: DomainSnapshot,
     call: &CallForProposals,
     replanner: &mut Replanner,
     cancel: &Cancel,
@@ -85,12 +85,13 @@ fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String>
 /// Removes the conjuncts that are proved unreachable. Of the goal of a large building, a sensor on a
 /// wall can reach one conjunct and need not plan for each of the others.
 fn drop_unreachable(
-    snapshot: &Snapshot,
+    snapshot: &DomainSnapshot,
     conjuncts: Vec<(String, Condition)>,
     replanner: &mut Replanner,
     cancel: &Cancel,
 ) -> Vec<(String, Condition)> {
-    let sure: Vec<_> = conjuncts.iter().map(|(_, condition)| snapshot.sure(condition)).collect();
+    let sure: Vec<_> =
+        conjuncts.iter().map(|(_, condition)| snapshot.known_to_hold(condition)).collect();
     let conditions: Vec<_> = sure.iter().collect();
     let mut problem = snapshot.with_goal(&Condition::always(), None);
     remove_called_for(&mut problem, &conjuncts);
@@ -112,13 +113,13 @@ fn bounded() -> Options {
 
 /// Returns a proposal for these conjuncts together; `None` if there is no plan or the plan is empty.
 fn propose(
-    snapshot: &Snapshot,
+    snapshot: &DomainSnapshot,
     problem: &mut Problem,
     conjuncts: &[&(String, Condition)],
     replanner: &mut Replanner,
     cancel: &Cancel,
 ) -> Option<Proposal> {
-    let conditions = conjuncts.iter().map(|(_, condition)| snapshot.sure(condition));
+    let conditions = conjuncts.iter().map(|(_, condition)| snapshot.known_to_hold(condition));
     problem.goal = Condition::And(conditions.collect());
     remove_called_for(problem, conjuncts.iter().copied());
     let planned = replanner.plan(&snapshot.domain, problem, &[], &bounded(), cancel);

@@ -15,7 +15,9 @@ use acl::content::{
     Achieve, Inform, Outcome, Question, Reason, Refusal, Report, Request, Withdrawal, value,
 };
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
-use agent::{Answer, Context, Opening, Presence, Resident, Undelivered, Work};
+use agent::{
+    Context, DeliveryError, ExchangeEvent, ExchangeOpening, Presence, Resident, WorkHandle,
+};
 use credentials::AnswerKey;
 use serde_json::Value;
 
@@ -117,7 +119,7 @@ impl InitiativeUpdate {
 /// The open goals and questions of a device.
 #[derive(Default)]
 pub(crate) struct OpenInitiatives {
-    event_watch: Option<Work>,
+    event_watch: Option<WorkHandle>,
     goals: BTreeMap<String, WantedGoal>,
     questions: BTreeMap<String, ReplyToken>,
     /// Number of requests so far. Identifies each request, so that answers to an earlier one of the
@@ -152,7 +154,7 @@ impl<D: Device> Actuator<D> {
     // === watching ===
 
     /// Stores the initial look at the device; the device is watched when it is done.
-    pub(crate) fn looks(&mut self, work: Work) {
+    pub(crate) fn looks(&mut self, work: WorkHandle) {
         self.initiatives.event_watch = Some(work);
     }
 
@@ -241,7 +243,7 @@ impl<D: Device> Actuator<D> {
         self.initiatives.request_count += 1;
         let asking = self.initiatives.request_count;
         let Some(wanted) = self.initiatives.goals.get_mut(name) else { return };
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(of.agent.clone()),
             performative: Performative::Request,
             protocol: Protocol::Goal,
@@ -260,7 +262,7 @@ impl<D: Device> Actuator<D> {
         &mut self,
         name: &str,
         asking: u64,
-        answer: &Answer,
+        answer: &ExchangeEvent,
         ctx: &mut Context<Self>,
     ) {
         let Some(wanted) = self.initiatives.goals.get_mut(name) else { return };
@@ -268,15 +270,15 @@ impl<D: Device> Actuator<D> {
             return;
         }
         let news = match answer {
-            Answer::Undelivered(Undelivered::Left | Undelivered::Restarted) => {
+            ExchangeEvent::Undelivered(DeliveryError::Left | DeliveryError::Restarted) => {
                 wanted.open_request = None;
                 return;
             }
-            Answer::Undelivered(why) => InitiativeUpdate::Unanswered(why.to_string()),
-            Answer::Silence => {
+            ExchangeEvent::Undelivered(why) => InitiativeUpdate::Unanswered(why.to_string()),
+            ExchangeEvent::TimedOut => {
                 InitiativeUpdate::Unanswered("no answer came within a year".to_owned())
             }
-            Answer::Message(message) => match read(message) {
+            ExchangeEvent::Message(message) => match read(message) {
                 Ok(news) => news,
                 Err(error) => return ctx.not_understood(message, error),
             },
@@ -324,7 +326,7 @@ impl<D: Device> Actuator<D> {
         else {
             return;
         };
-        ctx.go_on(&exchange, &of.agent, Performative::Cancel, Value::Null);
+        ctx.send_turn(&exchange, &of.agent, Performative::Cancel, Value::Null);
         // The Plan Requester answers after its executor has, which may wait for an actuator.
         ctx.extend(&exchange, ctx.settings().answer_deadline * 4);
     }
@@ -384,7 +386,7 @@ impl<D: Device> Actuator<D> {
         }
         let key = AnswerKey::new();
         let question = Question { seal_to: Some(key.public()), ..question.clone() };
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: None,
             performative: Performative::QueryRef,
             protocol: Protocol::Query,
@@ -401,7 +403,7 @@ impl<D: Device> Actuator<D> {
     /// Withdraws a question, if it is open.
     fn withdraw_question(&mut self, name: &str, detail: String, ctx: &mut Context<Self>) {
         if let Some(exchange) = self.initiatives.questions.remove(name) {
-            ctx.withdraw(&exchange, &Withdrawal { detail });
+            ctx.cancel(&exchange, &Withdrawal { detail });
         }
     }
 
@@ -409,11 +411,11 @@ impl<D: Device> Actuator<D> {
         &mut self,
         name: &str,
         patience: Duration,
-        (key, answer): (&AnswerKey, &Answer),
+        (key, answer): (&AnswerKey, &ExchangeEvent),
         ctx: &mut Context<Self>,
     ) {
         let news = match answer {
-            Answer::Message(message) if message.performative == Performative::Inform => {
+            ExchangeEvent::Message(message) if message.performative == Performative::Inform => {
                 match message.content_as::<Inform>() {
                     Ok(Inform::Answer(answer)) => match answer.sealed.map(|text| key.open(&text)) {
                         None => InitiativeUpdate::Answer(answer.text),
@@ -426,18 +428,20 @@ impl<D: Device> Actuator<D> {
                     Err(error) => return ctx.not_understood(message, error.to_string()),
                 }
             }
-            Answer::Message(message) => {
+            ExchangeEvent::Message(message) => {
                 tracing::debug!(from = %message.sender, "declines; another may answer");
                 return;
             }
-            Answer::Silence => {
+            ExchangeEvent::TimedOut => {
                 InitiativeUpdate::Unanswered(format!("no answer came within {patience:?}"))
             }
-            Answer::Undelivered(why) => InitiativeUpdate::Unanswered(why.to_string()),
+            ExchangeEvent::Undelivered(why) => InitiativeUpdate::Unanswered(why.to_string()),
         };
         let detail = match answer {
-            Answer::Message(message) => format!("answered at `{}`", message.sender),
-            Answer::Silence | Answer::Undelivered(_) => "no answer came in time".to_owned(),
+            ExchangeEvent::Message(message) => format!("answered at `{}`", message.sender),
+            ExchangeEvent::TimedOut | ExchangeEvent::Undelivered(_) => {
+                "no answer came in time".to_owned()
+            }
         };
         self.withdraw_question(name, detail, ctx);
         self.deliver_update(name, &news, ctx);

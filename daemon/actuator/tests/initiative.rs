@@ -14,8 +14,8 @@ use actuator::{
     MethodCall, MethodFailure, MethodResult, OwnFact, facts_of, model_of,
 };
 use agent::{
-    Agent, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, LaunchError, Settings,
-    Switchboard,
+    Agent, AgentSettings, Blueprint, Callbacks, Context, Host, LaunchContext, LaunchError,
+    LaunchableAgent, MessageRouter, Participation,
 };
 use substrate::memory::Network;
 use tokio::sync::mpsc;
@@ -112,7 +112,7 @@ struct Other {
     reason: Reason,
     answer: Option<&'static str>,
     told: Told,
-    asked: Option<Engagement>,
+    asked: Option<Participation>,
 }
 
 impl Agent for Other {
@@ -130,7 +130,7 @@ impl Other {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let Ok(Request::Achieve(goal)) = message.content_as() else { panic!("{message:?}") };
         let _ = self.told.send(format!("{} is asked for {}", ctx.id(), goal.goal));
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         if self.refuses > 0 {
             self.refuses -= 1;
             return ctx.refuse(&engagement, self.reason, "not now");
@@ -159,7 +159,7 @@ impl Other {
     fn queried(&mut self, message: Message, ctx: &mut Context<Self>) {
         let Some(text) = self.answer.map(str::to_owned) else { return };
         ctx.answer(
-            &Engagement::of(&message),
+            &Participation::of(&message),
             Performative::Inform,
             &Inform::Answer(PersonsAnswer::plain(text)),
         );
@@ -169,7 +169,7 @@ impl Other {
 // === the test environment ===
 
 struct Room {
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
     told: Told,
     heard: mpsc::UnboundedReceiver<String>,
     ring: mpsc::Sender<()>,
@@ -179,16 +179,16 @@ struct Room {
 
 /// Heartbeats are rare here, so a message that arrives at once was sent by an event.
 fn room() -> Room {
-    let settings = Settings {
+    let settings = AgentSettings {
         heartbeat_period: Duration::from_secs(3_600),
         heartbeat_lease: Duration::from_secs(36_000),
-        ..Settings::default()
+        ..AgentSettings::default()
     };
     let network = Network::new();
     let daemon = DaemonId::new("here").expect("a name");
     let ecosystem = EcosystemId::new("home").expect("a name");
-    let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings);
-    switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+    let switchboard = MessageRouter::new(ecosystem, daemon.clone(), settings);
+    switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
     let (told, heard) = mpsc::unbounded_channel();
     let (ring, rings) = mpsc::channel(8);
     Room { switchboard, told, heard, ring, rings: Some(rings), _network: network }
@@ -202,13 +202,13 @@ impl Room {
         life: u64,
     ) -> (CancellationToken, JoinHandle<Result<(), LaunchError>>) {
         let stopping = CancellationToken::new();
-        let life = Box::new(agent).launch(Berth {
+        let life = Box::new(agent).launch(LaunchContext {
             id: name(id),
             incarnation: Incarnation(life),
-            switchboard: Arc::clone(&self.switchboard),
+            router: Arc::clone(&self.switchboard),
             ontology: Arc::from("home"),
             stopping: stopping.clone(),
-            stands_by: false,
+            has_replicas: false,
             via: [].into(),
         });
         (stopping, life)

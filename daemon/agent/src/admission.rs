@@ -8,7 +8,7 @@ use tokio::sync::watch;
 
 /// Policy of the file for agents that it does not name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Admit {
+pub enum AdmissionPolicy {
     /// All take part.
     #[default]
     All,
@@ -20,7 +20,7 @@ pub enum Admit {
 
 /// Whether an agent may take part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Admission {
+pub enum AdmissionStatus {
     /// The agent may take part.
     Granted,
     /// The agent may take part only if the file names it.
@@ -31,14 +31,16 @@ pub enum Admission {
     Denied,
 }
 
-impl Admission {
+impl AdmissionStatus {
     /// Returns the reason why the agent does not take part, for a person. `None` if it takes part,
     /// or if it lacks only an entry in the file.
     pub fn reason(self) -> Option<String> {
         match self {
-            Admission::Granted | Admission::Listed => None,
-            Admission::Asked => Some("a person is being asked: althing keyboard".to_owned()),
-            Admission::Denied => Some("a person has refused it; name it in the file".to_owned()),
+            AdmissionStatus::Granted | AdmissionStatus::Listed => None,
+            AdmissionStatus::Asked => Some("a person is being asked: althing keyboard".to_owned()),
+            AdmissionStatus::Denied => {
+                Some("a person has refused it; name it in the file".to_owned())
+            }
         }
     }
 }
@@ -55,13 +57,13 @@ pub struct Applicant {
 /// Resource of a host: decides which agents that no file names take part.
 #[derive(Debug)]
 pub struct Admissions {
-    admit: Admit,
-    known: Mutex<Known>,
+    admit: AdmissionPolicy,
+    known: Mutex<AdmissionState>,
     changed: watch::Sender<()>,
 }
 
 #[derive(Debug, Default)]
-struct Known {
+struct AdmissionState {
     /// Decisions of people; `true` admits the agent.
     answers: BTreeMap<Applicant, bool>,
     /// Agents that are present, with a description of each for a person.
@@ -70,25 +72,27 @@ struct Known {
 
 impl Admissions {
     /// Creates the admissions without decisions.
-    pub fn new(admit: Admit) -> Admissions {
+    pub fn new(admit: AdmissionPolicy) -> Admissions {
         Admissions { admit, known: Mutex::default(), changed: watch::Sender::new(()) }
     }
 
     /// Returns whether an agent may take part.
-    pub fn of(&self, by: &str, name: &str) -> Admission {
+    pub fn of(&self, by: &str, name: &str) -> AdmissionStatus {
         let applicant = Applicant { by: by.to_owned(), name: name.to_owned() };
         match (self.admit, self.known().answers.get(&applicant)) {
-            (Admit::All, _) | (Admit::Ask, Some(true)) => Admission::Granted,
-            (Admit::Listed, _) => Admission::Listed,
-            (Admit::Ask, Some(false)) => Admission::Denied,
-            (Admit::Ask, None) => Admission::Asked,
+            (AdmissionPolicy::All, _) | (AdmissionPolicy::Ask, Some(true)) => {
+                AdmissionStatus::Granted
+            }
+            (AdmissionPolicy::Listed, _) => AdmissionStatus::Listed,
+            (AdmissionPolicy::Ask, Some(false)) => AdmissionStatus::Denied,
+            (AdmissionPolicy::Ask, None) => AdmissionStatus::Asked,
         }
     }
 
     /// Replaces the list of present agents that `by` has found, with a description of each for a
     /// person. Does nothing unless people are asked.
     pub fn present(&self, by: &str, here: BTreeMap<String, String>) {
-        if self.admit != Admit::Ask {
+        if self.admit != AdmissionPolicy::Ask {
             return;
         }
         let mut known = self.known();
@@ -128,7 +132,7 @@ impl Admissions {
         self.changed.subscribe()
     }
 
-    fn known(&self) -> MutexGuard<'_, Known> {
+    fn known(&self) -> MutexGuard<'_, AdmissionState> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -143,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_person_is_asked_once_of_each_that_is_here() {
-        let admissions = Admissions::new(Admit::Ask);
+        let admissions = Admissions::new(AdmissionPolicy::Ask);
         let mut changes = admissions.changes();
         admissions.present("zigbee", here(&["a", "b"]));
         assert!(changes.has_changed().expect("it lives"));
@@ -151,14 +155,14 @@ mod tests {
         admissions.present("zigbee", here(&["a", "b"]));
         admissions.present("plugins", here(&[]));
         assert!(!changes.has_changed().expect("it lives"), "no change");
-        assert_eq!(admissions.of("zigbee", "a"), Admission::Asked);
+        assert_eq!(admissions.of("zigbee", "a"), AdmissionStatus::Asked);
         let open: Vec<_> = admissions.open().into_iter().map(|(one, _)| one).collect();
         assert_eq!(open.len(), 2);
         admissions.answer(open.into_iter().map(|one| (one.clone(), one.name == "a")));
         assert!(admissions.open().is_empty());
-        assert_eq!(admissions.of("zigbee", "a"), Admission::Granted);
-        assert_eq!(admissions.of("zigbee", "b"), Admission::Denied);
-        assert_eq!(admissions.of("other", "a"), Admission::Asked, "another with its name");
+        assert_eq!(admissions.of("zigbee", "a"), AdmissionStatus::Granted);
+        assert_eq!(admissions.of("zigbee", "b"), AdmissionStatus::Denied);
+        assert_eq!(admissions.of("other", "a"), AdmissionStatus::Asked, "another with its name");
         admissions.present("zigbee", here(&["b", "c"]));
         let open: Vec<_> = admissions.open().into_iter().map(|(one, _)| one.name).collect();
         assert_eq!(open, ["c"]);
@@ -166,9 +170,10 @@ mod tests {
 
     #[test]
     fn where_the_file_speaks_for_all_nobody_is_asked() {
-        for (admit, expected) in
-            [(Admit::All, Admission::Granted), (Admit::Listed, Admission::Listed)]
-        {
+        for (admit, expected) in [
+            (AdmissionPolicy::All, AdmissionStatus::Granted),
+            (AdmissionPolicy::Listed, AdmissionStatus::Listed),
+        ] {
             let admissions = Admissions::new(admit);
             admissions.present("zigbee", here(&["a"]));
             assert!(admissions.open().is_empty());

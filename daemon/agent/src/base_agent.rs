@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use acl::content::Reason;
 use acl::{AgentId, EcosystemId, Incarnation, Message};
-use substrate::{Presence, PresenceToken, Question, Resident, Resource, SendError};
+use substrate::{Presence, PresenceToken, ReceivedQuery, Resident, Resource, SendError};
 use tokio::sync::broadcast::{self, error::TryRecvError};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, Sleep};
@@ -16,12 +16,12 @@ use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 use tracing::Instrument;
 
 use crate::callbacks::Callbacks;
-use crate::communication_agent::{CommunicationAgent, Engagement, Opened};
-use crate::context::{Context, Deferred, Exchanges};
+use crate::communication_agent::{CommunicationAgent, IncomingMessage, Participation};
+use crate::context::{Context, DeferredCallback, ExchangeSummary};
 use crate::directory::Directory;
-use crate::mailbox::{Letter, Mailbox};
-use crate::standing::Standing;
-use crate::switchboard::Switchboard;
+use crate::leadership::Leadership;
+use crate::mailbox::{Mailbox, MailboxItem};
+use crate::router::MessageRouter;
 
 /// An agent: its state and its callbacks.
 pub trait Agent: Sized + Send + 'static {
@@ -34,7 +34,7 @@ pub trait Agent: Sized + Send + 'static {
     /// Called when the agent becomes the leader or a standby; while it is a standby, another agent
     /// of its name leads at another daemon. An agent without replicas is the leader from its
     /// activation to its end.
-    fn leads(&mut self, _is_leading: bool, _ctx: &mut Context<Self>) {}
+    fn leadership_changed(&mut self, _is_leading: bool, _ctx: &mut Context<Self>) {}
 
     /// Called when an agent joins or leaves.
     fn presence(&mut self, _presence: &Presence, _ctx: &mut Context<Self>) {}
@@ -43,7 +43,7 @@ pub trait Agent: Sized + Send + 'static {
     /// when agents join or leave; it can still read [`Context::directory`]. This avoids waking a
     /// thousand idle agents on each join. An agent with replicas or unreceipted messages gets the
     /// callbacks in any case.
-    fn heeds_presence(&self) -> bool {
+    fn wants_presence(&self) -> bool {
         true
     }
 
@@ -53,34 +53,34 @@ pub trait Agent: Sized + Send + 'static {
     }
 
     /// Answers a query for a resource; `None` if this agent does not serve it.
-    fn asked(&mut self, _resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
+    fn answer_query(&mut self, _resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
         None
     }
 
     /// Called while the daemon drains: the last chance to give up commitments. Returns `false`
     /// while some are still open; then it is called again after each event until the grace has
     /// passed.
-    fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
+    fn drain(&mut self, _ctx: &mut Context<Self>) -> bool {
         true
     }
 }
 
 /// Context for launching an agent: its name, its incarnation, its daemon.
 #[derive(Clone)]
-pub struct Berth {
+pub struct LaunchContext {
     /// Name of the agent.
     pub id: AgentId,
     /// Incarnation of the agent.
     pub incarnation: Incarnation,
     /// Router of the daemon.
-    pub switchboard: Arc<Switchboard>,
+    pub router: Arc<MessageRouter>,
     /// Name of the shared ontology, for messages.
     pub ontology: Arc<str>,
     /// Set when the daemon drains.
     pub stopping: CancellationToken,
     /// Whether other daemons may host an agent of this name too: the oldest replica is the leader,
     /// the others are standbys and take over in the order of their age.
-    pub stands_by: bool,
+    pub has_replicas: bool,
     /// Ecosystems that the agent comes from, the farthest first; empty for an agent of this one.
     pub via: Arc<[EcosystemId]>,
 }
@@ -111,40 +111,40 @@ pub enum LaunchError {
 }
 
 /// An agent of any type, ready to be launched.
-pub trait Launch: Send {
+pub trait LaunchableAgent: Send {
     /// Returns the action model as it would be announced now; `None` if the agent has none.
     fn model(&self) -> Option<String>;
 
     /// Starts the agent. The task ends when the daemon drains, or with an error.
-    fn launch(self: Box<Self>, berth: Berth) -> JoinHandle<Result<(), LaunchError>>;
+    fn launch(self: Box<Self>, berth: LaunchContext) -> JoinHandle<Result<(), LaunchError>>;
 }
 
-impl<A: Agent> Launch for A {
+impl<A: Agent> LaunchableAgent for A {
     fn model(&self) -> Option<String> {
         Agent::model(self)
     }
 
-    fn launch(self: Box<Self>, berth: Berth) -> JoinHandle<Result<(), LaunchError>> {
+    fn launch(self: Box<Self>, berth: LaunchContext) -> JoinHandle<Result<(), LaunchError>> {
         let span = tracing::info_span!("agent", id = %berth.id);
         tokio::spawn(live(self, berth).instrument(span))
     }
 }
 
 /// Event that can wake an agent. The list is complete on purpose.
-enum Event<A: Agent> {
-    Letter(Letter),
+enum AgentEvent<A: Agent> {
+    Letter(MailboxItem),
     Presence(Presence),
     /// There were more presence changes than the channel holds: compare directories.
     PresenceMissed,
     /// Background work has finished.
-    Finished(Deferred<A>),
+    Finished(DeferredCallback<A>),
     /// A timer or a retry is due.
     Due,
     /// The daemon is draining.
     Stopping,
 }
 
-struct Life<A: Agent> {
+struct AgentTask<A: Agent> {
     /// Boxed: the future of the task reserves space in several of its steps, and would hold the agent
     /// three times otherwise.
     agent: Box<A>,
@@ -161,18 +161,26 @@ struct Life<A: Agent> {
     stopping: Pin<Box<WaitForCancellationFutureOwned>>,
     alarm: Pin<Box<Sleep>>,
     /// Leadership; `None` for an agent without replicas.
-    standing: Option<Standing>,
+    standing: Option<Leadership>,
     /// Keeps the agent present.
     _token: PresenceToken,
 }
 
-async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> {
-    let Berth { id, incarnation, switchboard, ontology, stopping, stands_by, via } = berth;
+async fn live<A: Agent>(agent: Box<A>, berth: LaunchContext) -> Result<(), LaunchError> {
+    let LaunchContext {
+        id,
+        incarnation,
+        router: switchboard,
+        ontology,
+        stopping,
+        has_replicas: stands_by,
+        via,
+    } = berth;
     if !stands_by {
         await_name(&id, &switchboard).await?;
     }
     let callbacks = agent.callbacks();
-    let mailbox = switchboard.admit(&id, incarnation, callbacks.interests());
+    let mailbox = switchboard.register(&id, incarnation, callbacks.interests());
     let (told, presence) = switchboard.presence_changes();
     let announced = switchboard.announce(&id, incarnation);
     let _token = announced.map_err(|source| LaunchError::Announce { agent: id.clone(), source })?;
@@ -185,22 +193,32 @@ async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> 
         mailbox.door(),
     );
     let ctx = Context::new(communication);
-    let standing = stands_by.then(|| Standing::new(Instant::now()));
+    let standing = stands_by.then(|| Leadership::new(Instant::now()));
     let stopping = Box::pin(stopping.cancelled_owned());
     let alarm = Box::pin(tokio::time::sleep_until(Instant::now()));
     let told = Some(told);
-    let mut life =
-        Life { agent, callbacks, ctx, mailbox, presence, told, stopping, alarm, standing, _token };
+    let mut life = AgentTask {
+        agent,
+        callbacks,
+        ctx,
+        mailbox,
+        presence,
+        told,
+        stopping,
+        alarm,
+        standing,
+        _token,
+    };
     let end = life.run().await;
-    switchboard.machine().tell_waits(&id, incarnation, Exchanges::default);
+    switchboard.host_services().tell_waits(&id, incarnation, ExchangeSummary::default);
     life.ctx.communication.send_receipts();
-    switchboard.dismiss(&id, incarnation);
+    switchboard.unregister(&id, incarnation);
     end
 }
 
 /// Waits until no other agent holds the name: an earlier incarnation may be seen for the length of
 /// a lease.
-async fn await_name(id: &AgentId, switchboard: &Switchboard) -> Result<(), LaunchError> {
+async fn await_name(id: &AgentId, switchboard: &MessageRouter) -> Result<(), LaunchError> {
     let (mut directory, mut changes) = switchboard.presence_changes();
     let deadline = Instant::now() + switchboard.settings().name_awaited();
     while let Some(holder) = directory.find(id).cloned() {
@@ -212,12 +230,12 @@ async fn await_name(id: &AgentId, switchboard: &Switchboard) -> Result<(), Launc
     Ok(())
 }
 
-impl<A: Agent> Life<A> {
+impl<A: Agent> AgentTask<A> {
     async fn run(&mut self) -> Result<(), LaunchError> {
         let already: Vec<_> = self.told().iter().cloned().map(Presence::Joined).collect();
         self.agent.activated(&mut self.ctx);
         if self.standing.is_none() {
-            self.agent.leads(true, &mut self.ctx);
+            self.agent.leadership_changed(true, &mut self.ctx);
         }
         for presence in already {
             self.agent.presence(&presence, &mut self.ctx);
@@ -226,7 +244,7 @@ impl<A: Agent> Life<A> {
         loop {
             self.ctx.tell_waits();
             let event = self.next_event(draining).await;
-            draining |= matches!(event, Event::Stopping);
+            draining |= matches!(event, AgentEvent::Stopping);
             if !self.heeds_presence() {
                 self.catch_up();
             }
@@ -234,14 +252,14 @@ impl<A: Agent> Life<A> {
             if let Some(holder) = self.usurped() {
                 return Err(LaunchError::NameTaken { holder });
             }
-            if draining && self.agent.drained(&mut self.ctx) {
+            if draining && self.agent.drain(&mut self.ctx) {
                 return Ok(());
             }
         }
     }
 
-    async fn next_event(&mut self, draining: bool) -> Event<A> {
-        let standing = self.standing.as_ref().and_then(Standing::due);
+    async fn next_event(&mut self, draining: bool) -> AgentEvent<A> {
+        let standing = self.standing.as_ref().and_then(Leadership::due);
         let heeds = self.heeds_presence();
         self.told = if heeds { Some(self.told()) } else { None };
         let due = self.ctx.next_due().into_iter().chain(standing).min();
@@ -250,16 +268,16 @@ impl<A: Agent> Life<A> {
         }
         tokio::select! {
             biased;
-            () = &mut self.stopping, if !draining => Event::Stopping,
+            () = &mut self.stopping, if !draining => AgentEvent::Stopping,
             presence = self.presence.recv(), if heeds => match presence {
-                Ok(presence) => Event::Presence(presence),
-                Err(_) => Event::PresenceMissed,
+                Ok(presence) => AgentEvent::Presence(presence),
+                Err(_) => AgentEvent::PresenceMissed,
             },
-            Some(deferred) = self.ctx.finished() => Event::Finished(deferred),
-            () = &mut self.alarm, if due.is_some() => Event::Due,
+            Some(deferred) = self.ctx.finished() => AgentEvent::Finished(deferred),
+            () = &mut self.alarm, if due.is_some() => AgentEvent::Due,
             letter = self.mailbox.next() => match letter {
-                Some(letter) => Event::Letter(letter),
-                None => Event::Stopping,
+                Some(letter) => AgentEvent::Letter(letter),
+                None => AgentEvent::Stopping,
             },
         }
     }
@@ -269,7 +287,7 @@ impl<A: Agent> Life<A> {
     fn heeds_presence(&self) -> bool {
         self.standing.is_some()
             || self.ctx.communication.awaits_receipts()
-            || self.agent.heeds_presence()
+            || self.agent.wants_presence()
     }
 
     /// Discards the presence changes that have arrived.
@@ -284,47 +302,47 @@ impl<A: Agent> Life<A> {
         Arc::clone(self.told.get_or_insert_with(|| ctx.directory()))
     }
 
-    fn handle(&mut self, event: Event<A>) {
+    fn handle(&mut self, event: AgentEvent<A>) {
         match event {
-            Event::Letter(letter) => self.open(letter),
-            Event::Presence(presence) => self.tell(&presence),
-            Event::PresenceMissed => {
+            AgentEvent::Letter(letter) => self.open(letter),
+            AgentEvent::Presence(presence) => self.tell(&presence),
+            AgentEvent::PresenceMissed => {
                 let now = self.ctx.directory();
                 for change in self.told().changes_to(&now) {
                     self.tell(&change);
                 }
             }
-            Event::Finished(deferred) => deferred(&mut self.agent, &mut self.ctx),
-            Event::Due => self.due(),
-            Event::Stopping => (),
+            AgentEvent::Finished(deferred) => deferred(&mut self.agent, &mut self.ctx),
+            AgentEvent::Due => self.due(),
+            AgentEvent::Stopping => (),
         }
-        self.take_its_stand();
+        self.update_leadership();
     }
 
     /// Checks whether this agent becomes the leader or a standby.
-    fn take_its_stand(&mut self) {
+    fn update_leadership(&mut self) {
         if self.standing.is_none() {
             return;
         }
         let told = self.told();
         let Some(standing) = &mut self.standing else { return };
-        let (id, daemon) = (self.ctx.id(), self.ctx.switchboard().daemon());
+        let (id, daemon) = (self.ctx.id(), self.ctx.router().daemon());
         let is_first = told.find(id).is_some_and(|holder| holder.daemon == *daemon);
         let news = standing.take(is_first, Instant::now());
-        let kept = if standing.is_about_to_act() { Vec::new() } else { standing.kept() };
+        let kept = if standing.is_candidate() { Vec::new() } else { standing.kept() };
         if let Some(is_leading) = news {
             tracing::info!(agent = %id, "{}", if is_leading { "is the leader" } else { "is a standby" });
-            self.agent.leads(is_leading, &mut self.ctx);
+            self.agent.leadership_changed(is_leading, &mut self.ctx);
         }
         kept.into_iter().for_each(|letter| self.open(letter));
     }
 
-    fn open(&mut self, letter: Letter) {
+    fn open(&mut self, letter: MailboxItem) {
         let Some(letter) = self.meant_for_it(letter) else { return };
         match letter {
-            Letter::Direct(payload) => match self.ctx.communication.read(&payload) {
-                Opened::Continues(token, message) => self.continued(&token, message),
-                Opened::Opens(message) => {
+            MailboxItem::Direct(payload) => match self.ctx.communication.read(&payload) {
+                IncomingMessage::Continues(token, message) => self.continued(&token, message),
+                IncomingMessage::Opens(message) => {
                     if self.ctx.communication.engage(&message) {
                         let early = self.ctx.communication.take_early(&message);
                         self.call(*message);
@@ -333,36 +351,36 @@ impl<A: Agent> Life<A> {
                         }
                     }
                 }
-                Opened::Nothing => (),
+                IncomingMessage::Nothing => (),
             },
-            Letter::Broadcast(message) => self.open_broadcast(Arc::unwrap_or_clone(message)),
-            Letter::Missed(payload) => {
+            MailboxItem::Broadcast(message) => self.open_broadcast(Arc::unwrap_or_clone(message)),
+            MailboxItem::Replayed(payload) => {
                 // The daemon decoded it when it arrived, so it can be decoded.
                 acl::decode(&payload).into_iter().for_each(|message| self.open_broadcast(message));
             }
-            Letter::Receipts(ids) => self.ctx.communication.received(&ids),
-            Letter::Question(question) => self.asked(&question),
+            MailboxItem::Receipts(ids) => self.ctx.communication.received(&ids),
+            MailboxItem::Question(question) => self.asked(&question),
             // The event loop checks after each event for another holder of the name.
-            Letter::Namesake => (),
+            MailboxItem::NameConflict => (),
         }
     }
 
     /// Returns the item if this agent is to handle it. A standby handles broadcasts, receipts, and
     /// questions that every replica answers. It declines a direct message, or keeps it until
     /// leadership is decided, and drops a question that only the leader answers.
-    fn meant_for_it(&mut self, letter: Letter) -> Option<Letter> {
+    fn meant_for_it(&mut self, letter: MailboxItem) -> Option<MailboxItem> {
         let Some(standing) = self.standing.as_mut().filter(|standing| !standing.is_leading())
         else {
             return Some(letter);
         };
         match letter {
-            Letter::Question(question) if question.resource.is_of_who_acts() => None,
-            Letter::Direct(payload) if standing.is_about_to_act() => {
-                let overflow = standing.keep(Letter::Direct(payload));
+            MailboxItem::Question(question) if question.resource.is_answered_by_leader() => None,
+            MailboxItem::Direct(payload) if standing.is_candidate() => {
+                let overflow = standing.keep(MailboxItem::Direct(payload));
                 overflow.into_iter().for_each(|letter| self.decline(letter));
                 None
             }
-            Letter::Direct(_) => {
+            MailboxItem::Direct(_) => {
                 self.decline(letter);
                 None
             }
@@ -371,11 +389,11 @@ impl<A: Agent> Life<A> {
     }
 
     /// Refuses a message as a standby, and names the daemon of the leader as this agent sees it.
-    fn decline(&mut self, letter: Letter) {
-        let Letter::Direct(payload) = letter else { return };
+    fn decline(&mut self, letter: MailboxItem) {
+        let MailboxItem::Direct(payload) = letter else { return };
         let message = match self.ctx.communication.read(&payload) {
-            Opened::Opens(message) if message.opens_exchange() => message,
-            Opened::Continues(token, message) => return self.continued(&token, message),
+            IncomingMessage::Opens(message) if message.opens_exchange() => message,
+            IncomingMessage::Continues(token, message) => return self.continued(&token, message),
             _ => return,
         };
         let told = self.told();
@@ -384,7 +402,7 @@ impl<A: Agent> Life<A> {
             Some(daemon) => format!("this agent is a standby; the leader is at `{daemon}`"),
             None => "this agent is a standby".to_owned(),
         };
-        self.ctx.refuse(&Engagement::of(&message), Reason::StandingBy, detail);
+        self.ctx.refuse(&Participation::of(&message), Reason::StandingBy, detail);
     }
 
     fn open_broadcast(&mut self, message: Message) {
@@ -441,14 +459,14 @@ impl<A: Agent> Life<A> {
         }
     }
 
-    fn asked(&mut self, question: &Question) {
-        if let Some(answer) = self.agent.asked(question.resource, &mut self.ctx) {
+    fn asked(&mut self, question: &ReceivedQuery) {
+        if let Some(answer) = self.agent.answer_query(question.resource, &mut self.ctx) {
             (question.answer)(answer.into());
         }
     }
 
     fn tell(&mut self, presence: &Presence) {
-        match self.ctx.switchboard().told_whole(&self.presence) {
+        match self.ctx.router().told_whole(&self.presence) {
             Some(whole) => self.told = Some(whole),
             None => {
                 let mut told = self.told();
@@ -479,6 +497,6 @@ impl<A: Agent> Life<A> {
             Some(told) => told.find(self.ctx.id()).cloned(),
             None => self.ctx.find(self.ctx.id()),
         };
-        holder.filter(|holder| holder.daemon != *self.ctx.switchboard().daemon())
+        holder.filter(|holder| holder.daemon != *self.ctx.router().daemon())
     }
 }

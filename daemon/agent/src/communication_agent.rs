@@ -18,16 +18,16 @@ use acl::{
     AgentId, ConversationId, Deadline, DecodeError, EcosystemId, Incarnation, Message, MessageId,
     Performative, Protocol, ReplyToken, SCHEMA_VERSION,
 };
-use conversation::{Exchange, Phase};
+use conversation::{Exchange, ExchangePhase};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use substrate::{Address, Presence, Resident, Subject};
+use substrate::{AgentAddress, Presence, Resident, Subject};
 use tokio::time::Instant;
 
-use crate::mailbox::{Door, Passed};
-use crate::outbox::{Due, Life, Outbox, Parcel};
-use crate::receipts::{Receipts, Until};
-use crate::switchboard::Switchboard;
+use crate::mailbox::{DuplicateFilter, MessageState};
+use crate::outbox::{DueAction, OutboundMessage, Outbox, ReceiverIncarnation};
+use crate::receipts::{ImplicitReceipt, Receipts};
+use crate::router::MessageRouter;
 
 /// Exchanges opened by others that are followed at a time. Beyond it the oldest is dropped, and a
 /// later `cancel` of it is not understood.
@@ -46,7 +46,7 @@ const ANSWER_RETRIED: Duration = Duration::from_secs(30);
 
 /// First message of an exchange.
 #[derive(Clone, Debug)]
-pub struct Opening {
+pub struct ExchangeOpening {
     /// Receiver; `None` for all agents.
     pub to: Option<AgentId>,
     /// Performative of the message.
@@ -61,18 +61,18 @@ pub struct Opening {
 
 /// Event that an exchange brings to its initiator.
 #[derive(Clone, Debug)]
-pub enum Answer {
+pub enum ExchangeEvent {
     /// A turn of the protocol.
     Message(Box<Message>),
     /// The deadline has passed; the exchange is closed.
-    Silence,
+    TimedOut,
     /// A message of this agent could not be delivered; the exchange is closed.
-    Undelivered(Undelivered),
+    Undelivered(DeliveryError),
 }
 
 /// Reason why a message could not be delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Undelivered {
+pub enum DeliveryError {
     /// No agent of that name appeared within the deadline.
     #[error("no agent of that name is here")]
     NotHere,
@@ -92,7 +92,7 @@ pub enum Undelivered {
 
 /// The participant's side of an exchange: the data that it needs for its answers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Engagement {
+pub struct Participation {
     /// Initiator of the exchange.
     pub initiator: AgentId,
     /// Incarnation of the initiator: of several replicas, the one that asked gets the answer.
@@ -108,7 +108,7 @@ pub struct Engagement {
 
 /// Result of reading a message.
 #[derive(Debug)]
-pub(crate) enum Opened {
+pub(crate) enum IncomingMessage {
     /// The message continues an exchange, perhaps one that this agent opened.
     Continues(ReplyToken, Box<Message>),
     /// The message opens an exchange, or belongs to none.
@@ -120,12 +120,12 @@ pub(crate) enum Opened {
 pub(crate) struct CommunicationAgent {
     pub(crate) id: AgentId,
     pub(crate) incarnation: Incarnation,
-    pub(crate) switchboard: Arc<Switchboard>,
+    pub(crate) switchboard: Arc<MessageRouter>,
     ontology: Arc<str>,
     via: Arc<[EcosystemId]>,
     outbox: Outbox,
     /// Duplicate window of the agent.
-    door: Arc<Door>,
+    door: Arc<DuplicateFilter>,
     engagements: BTreeMap<(ReplyToken, AgentId), Exchange>,
     engagements_order: VecDeque<(ReplyToken, AgentId)>,
     early: VecDeque<Message>,
@@ -133,13 +133,13 @@ pub(crate) struct CommunicationAgent {
     messages_sent: u64,
 }
 
-impl Engagement {
+impl Participation {
     /// Returns the participant's side of the exchange that `message` opened.
     ///
     /// A message of a foreign tool may name no exchange; then its id takes the place of the token.
-    pub fn of(message: &Message) -> Engagement {
+    pub fn of(message: &Message) -> Participation {
         let own_id = || ReplyToken::new(message.id.as_str());
-        Engagement {
+        Participation {
             initiator: message.sender.clone(),
             life: Some(message.incarnation),
             exchange: message.exchange().cloned().unwrap_or_else(own_id),
@@ -153,10 +153,10 @@ impl CommunicationAgent {
     pub(crate) fn new(
         id: AgentId,
         incarnation: Incarnation,
-        switchboard: Arc<Switchboard>,
+        switchboard: Arc<MessageRouter>,
         ontology: Arc<str>,
         via: Arc<[EcosystemId]>,
-        door: Arc<Door>,
+        door: Arc<DuplicateFilter>,
     ) -> CommunicationAgent {
         let outbox = Outbox::new(switchboard.settings());
         let receipts = Receipts::new(switchboard.settings().retry_first);
@@ -221,11 +221,11 @@ impl CommunicationAgent {
     /// Sends the first message of an exchange; returns it, and whether it could be sent.
     pub(crate) fn open(
         &mut self,
-        opening: Opening,
+        opening: ExchangeOpening,
         token: &ReplyToken,
         patience: Duration,
-    ) -> (Message, Result<(), Undelivered>) {
-        let Opening { to, performative, protocol, conversation, content } = opening;
+    ) -> (Message, Result<(), DeliveryError>) {
+        let ExchangeOpening { to, performative, protocol, conversation, content } = opening;
         let mut message = self.message(performative, conversation, content);
         message.protocol = Some(protocol);
         message.reply_with = Some(token.clone());
@@ -238,7 +238,7 @@ impl CommunicationAgent {
     /// Sends an answer as the participant of an exchange; logs it if the answer cannot be sent.
     pub(crate) fn answer(
         &mut self,
-        engagement: &Engagement,
+        engagement: &Participation,
         performative: Performative,
         content: Value,
     ) {
@@ -251,11 +251,12 @@ impl CommunicationAgent {
     /// Sends an answer as the participant of an exchange. The exchange advances only if it could be sent.
     pub(crate) fn try_answer(
         &mut self,
-        engagement: &Engagement,
+        engagement: &Participation,
         performative: Performative,
         content: Value,
-    ) -> Result<(), Undelivered> {
-        let Engagement { initiator, life, exchange, conversation, protocol } = engagement.clone();
+    ) -> Result<(), DeliveryError> {
+        let Participation { initiator, life, exchange, conversation, protocol } =
+            engagement.clone();
         let mut message = self.message(performative, conversation, content);
         message.protocol = protocol;
         message.in_reply_to = Some(exchange.clone());
@@ -270,7 +271,7 @@ impl CommunicationAgent {
         &mut self,
         message: &Message,
         patience: Duration,
-    ) -> Result<(), Undelivered> {
+    ) -> Result<(), DeliveryError> {
         self.post_to(None, message, patience)
     }
 
@@ -280,7 +281,7 @@ impl CommunicationAgent {
         life: Option<Incarnation>,
         message: &Message,
         patience: Duration,
-    ) -> Result<(), Undelivered> {
+    ) -> Result<(), DeliveryError> {
         let payload = acl::encode(message);
         tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
             performative = %message.performative, to = ?message.receiver, id = %message.id, "says");
@@ -292,22 +293,22 @@ impl CommunicationAgent {
         // A foreign tool may state no incarnation: then any holder of its name is meant.
         let life = life.filter(|life| *life != Incarnation::default());
         let resident = match life {
-            Some(life) => directory.life(to, life),
+            Some(life) => directory.find_incarnation(to, life),
             None => directory.find(to),
         };
         if message.performative.is_retried() {
-            let parcel = Parcel {
+            let parcel = OutboundMessage {
                 to: to.clone(),
-                life,
+                incarnation: life,
                 performative: message.performative,
                 exchange: message.exchange().cloned(),
                 opens: message.opens_exchange(),
                 payload: payload.clone(),
                 give_up: Instant::now() + patience,
             };
-            let life = resident.map(Life::from);
+            let life = resident.map(ReceiverIncarnation::from);
             if !self.outbox.put(message.id.clone(), parcel, life, Instant::now()) {
-                return Err(Undelivered::OutboxFull);
+                return Err(DeliveryError::OutboxFull);
             }
         }
         if let Some(exchange) = &message.in_reply_to {
@@ -343,7 +344,7 @@ impl CommunicationAgent {
     pub(crate) fn send_receipts(&mut self) {
         let directory = self.switchboard.directory();
         for ((to, life), payload) in self.receipts.take() {
-            let resident = directory.life(&to, life).or_else(|| directory.find(&to));
+            let resident = directory.find_incarnation(&to, life).or_else(|| directory.find(&to));
             if let Some(resident) = resident {
                 self.switchboard.send_to(&address(resident), Subject::Receipt, payload);
             }
@@ -389,7 +390,7 @@ impl CommunicationAgent {
     /// Whether a broadcast is new. Only broadcasts that open an exchange are sent again, to agents
     /// that did not answer; of all others the newest counts.
     pub(crate) fn is_new(&mut self, message: &Message) -> bool {
-        message.reply_with.is_none() || self.door.hear(&message.id) == Passed::New
+        message.reply_with.is_none() || self.door.receive(&message.id) == MessageState::New
     }
 
     /// Whether this agent is among the receivers of a broadcast. If it is, the broadcast also
@@ -403,31 +404,31 @@ impl CommunicationAgent {
     }
 
     /// Decodes a message. Handles it here if it is unreadable, refused or a duplicate.
-    pub(crate) fn read(&mut self, payload: &[u8]) -> Opened {
+    pub(crate) fn read(&mut self, payload: &[u8]) -> IncomingMessage {
         let message = match acl::decode(payload) {
             Ok(message) => message,
             Err(error) => {
                 self.unreadable(error);
-                return Opened::Nothing;
+                return IncomingMessage::Nothing;
             }
         };
         let is_full = message.opens_exchange() && !self.outbox.has_room();
         if is_full {
             self.door.refuse(&message.id);
         }
-        let passed = self.door.hear(&message.id);
-        if passed == Passed::Refused {
+        let passed = self.door.receive(&message.id);
+        if passed == MessageState::Refused {
             self.turn_away(message);
-            return Opened::Nothing;
+            return IncomingMessage::Nothing;
         }
         if message.performative.is_retried() {
             let sender = (message.sender.clone(), message.incarnation);
-            let (id, until) = (message.id.clone(), Until::of(&message));
+            let (id, until) = (message.id.clone(), ImplicitReceipt::of(&message));
             self.receipts.owe(sender, id, until, Instant::now());
         }
-        if passed == Passed::Before {
+        if passed == MessageState::Before {
             tracing::debug!(agent = %self.id, id = %message.id, "received before");
-            return Opened::Nothing;
+            return IncomingMessage::Nothing;
         }
         tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
             performative = %message.performative, from = %message.sender, id = %message.id,
@@ -435,9 +436,9 @@ impl CommunicationAgent {
         match message.in_reply_to.clone() {
             Some(exchange) => {
                 self.outbox.replied(&exchange, &message.sender, message.performative);
-                Opened::Continues(exchange, Box::new(message))
+                IncomingMessage::Continues(exchange, Box::new(message))
             }
-            None => Opened::Opens(Box::new(message)),
+            None => IncomingMessage::Opens(Box::new(message)),
         }
     }
 
@@ -494,7 +495,7 @@ impl CommunicationAgent {
         let Some(exchange) = self.engagements.get_mut(&key) else { return false };
         match exchange.advance(message) {
             Ok(phase) => {
-                if phase == Phase::Closed {
+                if phase == ExchangePhase::Closed {
                     self.engagements.remove(&key);
                 }
                 true
@@ -556,7 +557,7 @@ impl CommunicationAgent {
 
     /// Sends receipts and messages that are due. Returns the exchanges with a message that could
     /// not be delivered.
-    pub(crate) fn retry(&mut self) -> Vec<(ReplyToken, Undelivered)> {
+    pub(crate) fn retry(&mut self) -> Vec<(ReplyToken, DeliveryError)> {
         let now = Instant::now();
         if self.receipts.due().is_some_and(|due| due <= now) {
             self.send_receipts();
@@ -572,7 +573,7 @@ impl CommunicationAgent {
 
     /// Updates the outbox when an agent joins or leaves. Returns the exchanges with a message that
     /// could not be delivered.
-    pub(crate) fn presence(&mut self, presence: &Presence) -> Vec<(ReplyToken, Undelivered)> {
+    pub(crate) fn presence(&mut self, presence: &Presence) -> Vec<(ReplyToken, DeliveryError)> {
         let now = Instant::now();
         match presence {
             Presence::Joined(resident) => {
@@ -586,18 +587,18 @@ impl CommunicationAgent {
         }
     }
 
-    fn carry_out(&mut self, due: Vec<Due>) -> Vec<(ReplyToken, Undelivered)> {
+    fn carry_out(&mut self, due: Vec<DueAction>) -> Vec<(ReplyToken, DeliveryError)> {
         let mut undelivered = Vec::new();
         let directory = self.switchboard.directory();
         for due in due {
             match due {
-                Due::Send(parcel) => {
+                DueAction::Send(parcel) => {
                     let subject = Subject::Message(parcel.performative);
                     if let Some(resident) = parcel.receiver(&directory) {
                         self.switchboard.send_to(&address(resident), subject, parcel.payload);
                     }
                 }
-                Due::GiveUp(id, parcel, why) => {
+                DueAction::GiveUp(id, parcel, why) => {
                     tracing::info!(agent = %self.id, to = %parcel.to, %id, %why, "undelivered");
                     undelivered.extend(parcel.exchange.map(|exchange| (exchange, why)));
                 }
@@ -608,6 +609,6 @@ impl CommunicationAgent {
 }
 
 /// Returns the address of an agent.
-fn address(resident: &Resident) -> Address {
-    Address { daemon: resident.daemon.clone(), agent: resident.agent.clone() }
+fn address(resident: &Resident) -> AgentAddress {
+    AgentAddress { daemon: resident.daemon.clone(), agent: resident.agent.clone() }
 }

@@ -14,17 +14,19 @@ use acl::{AgentId, ConversationId, Incarnation, Message, MessageId, Performative
 use bytes::Bytes;
 use conversation::Exchange;
 use serde_json::Value;
-use substrate::{Ask, BoxFuture, Breach, Rejected, Resident, Resource};
+use substrate::{BoxFuture, Rejected, Resident, Resource, ResourceQuery, ViolationKind};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
-use crate::base_agent::{Agent, Berth, Launch, LaunchError};
-use crate::communication_agent::{Answer, CommunicationAgent, Engagement, Opening, Undelivered};
+use crate::base_agent::{Agent, LaunchContext, LaunchError, LaunchableAgent};
+use crate::communication_agent::{
+    CommunicationAgent, DeliveryError, ExchangeEvent, ExchangeOpening, Participation,
+};
 use crate::directory::Directory;
-use crate::settings::Settings;
-use crate::switchboard::Switchboard;
+use crate::router::MessageRouter;
+use crate::settings::AgentSettings;
 
 /// Most turns of one exchange that wait for the turn they follow: a protocol has few, and each
 /// comes once.
@@ -38,29 +40,29 @@ const ASK_WHO_ACTS: Duration = Duration::from_millis(25);
 /// Most such attempts, before the initiator gets the refusal.
 const ASKED_WHO_ACTS_MAX: u32 = 40;
 
-pub(crate) type Deferred<A> = Box<dyn FnOnce(&mut A, &mut Context<A>) + Send>;
-type OnAnswer<A> = Box<dyn FnMut(&mut A, Answer, &mut Context<A>) + Send>;
+pub(crate) type DeferredCallback<A> = Box<dyn FnOnce(&mut A, &mut Context<A>) + Send>;
+type ExchangeCallback<A> = Box<dyn FnMut(&mut A, ExchangeEvent, &mut Context<A>) + Send>;
 
 /// Operations that are available to a callback of agent `A`.
 pub struct Context<A: Agent> {
     pub(crate) communication: CommunicationAgent,
-    exchanges: HashMap<ReplyToken, Open<A>>,
-    timers: BTreeMap<TimerId, Deferred<A>>,
+    exchanges: HashMap<ReplyToken, OpenExchange<A>>,
+    timers: BTreeMap<TimerId, DeferredCallback<A>>,
     timers_count: u64,
     /// Background work that is under way, or has finished and waits for its callback.
-    work: JoinSet<Deferred<A>>,
+    work: JoinSet<DeferredCallback<A>>,
 }
 
 /// The exchanges that an agent has opened and not closed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Exchanges {
+pub struct ExchangeSummary {
     /// Number of open exchanges.
     pub open_count: usize,
     /// Earliest deadline among them; `None` if there are none.
     pub due: Option<Instant>,
 }
 
-struct Open<A: Agent> {
+struct OpenExchange<A: Agent> {
     protocol: acl::Protocol,
     conversation: ConversationId,
     /// Participant that the exchange was opened with; `None` for a broadcast.
@@ -75,7 +77,7 @@ struct Open<A: Agent> {
     /// Turns that arrived before the turn they follow, which was lost and is being sent again.
     early: Vec<Message>,
     timer: TimerId,
-    on_answer: Option<OnAnswer<A>>,
+    on_answer: Option<ExchangeCallback<A>>,
 }
 
 /// Identifies a timer: the time when it is due, and a number that tells two of one instant apart.
@@ -85,25 +87,25 @@ pub struct TimerId(Instant, u64);
 /// Handle of background work. Dropping it aborts the work. Then its callback does not run, even if
 /// the work had finished before.
 #[derive(Debug)]
-pub struct Work {
+pub struct WorkHandle {
     task: AbortHandle,
     _awaited: Arc<()>,
 }
 
 /// Handle of an agent that another agent has started; dropping it stops that agent.
 #[derive(Debug)]
-pub struct Brought {
+pub struct ChildHandle {
     stopping: CancellationToken,
-    _work: Work,
+    _work: WorkHandle,
 }
 
-impl Drop for Brought {
+impl Drop for ChildHandle {
     fn drop(&mut self) {
         self.stopping.cancel();
     }
 }
 
-impl Drop for Work {
+impl Drop for WorkHandle {
     fn drop(&mut self) {
         self.task.abort();
     }
@@ -133,23 +135,23 @@ impl<A: Agent> Context<A> {
     }
 
     /// Returns the times and bounds that apply to the daemon's agents.
-    pub fn settings(&self) -> &Settings {
-        self.switchboard().settings()
+    pub fn settings(&self) -> &AgentSettings {
+        self.router().settings()
     }
 
     /// Returns the router of the daemon.
-    pub fn switchboard(&self) -> &Arc<Switchboard> {
+    pub fn router(&self) -> &Arc<MessageRouter> {
         &self.communication.switchboard
     }
 
     /// Returns the present agents, as this daemon sees them.
     pub fn directory(&self) -> Arc<Directory> {
-        self.switchboard().directory()
+        self.router().directory()
     }
 
     /// Returns the holder of a name; `None` if no agent of that name is present.
     pub fn find(&self, agent: &AgentId) -> Option<Resident> {
-        self.switchboard().find(agent)
+        self.router().find(agent)
     }
 
     /// Returns the present time, on the clock that all deadlines use.
@@ -158,9 +160,9 @@ impl<A: Agent> Context<A> {
     }
 
     /// Returns the exchanges that this agent waits in.
-    pub fn exchanges(&self) -> Exchanges {
+    pub fn exchanges(&self) -> ExchangeSummary {
         let due = self.exchanges.values().map(|open| open.timer.0).min();
-        Exchanges { open_count: self.exchanges.len(), due }
+        ExchangeSummary { open_count: self.exchanges.len(), due }
     }
 
     /// Queries `resource` from the current holder of the name `of`, on its daemon only; waiting for
@@ -170,8 +172,9 @@ impl<A: Agent> Context<A> {
         let Some(resident) = self.find(of) else {
             return Box::pin(std::future::ready(Vec::new()));
         };
-        let ask = Ask { daemon: Some(resident.daemon), resource, agent: Some(of.clone()) };
-        self.switchboard().ask(ask, self.settings().answer_deadline)
+        let ask =
+            ResourceQuery { daemon: Some(resident.daemon), resource, agent: Some(of.clone()) };
+        self.router().ask(ask, self.settings().answer_deadline)
     }
 
     // === sending ===
@@ -186,15 +189,15 @@ impl<A: Agent> Context<A> {
     /// ([`Answer::Silence`]).
     pub fn open(
         &mut self,
-        opening: Opening,
+        opening: ExchangeOpening,
         patience: Duration,
-        on_answer: impl FnMut(&mut A, Answer, &mut Context<A>) + Send + 'static,
+        on_answer: impl FnMut(&mut A, ExchangeEvent, &mut Context<A>) + Send + 'static,
     ) -> ReplyToken {
         let token = self.communication.token();
         let mut begun = Exchange::new(opening.protocol, self.id().clone(), self.incarnation());
         let expired = token.clone();
         let timer = self.after(patience, move |agent, ctx| {
-            ctx.end(agent, &expired, Answer::Silence);
+            ctx.end(agent, &expired, ExchangeEvent::TimedOut);
         });
         let (protocol, conversation) = (opening.protocol, opening.conversation.clone());
         let (opening, sent) = self.communication.open(opening, &token, patience);
@@ -202,9 +205,9 @@ impl<A: Agent> Context<A> {
             tracing::error!(agent = %self.id(), %violation, "this agent breaks its protocol");
         }
         let (participants, early) = (BTreeMap::new(), Vec::new());
-        let on_answer: OnAnswer<A> = Box::new(on_answer);
+        let on_answer: ExchangeCallback<A> = Box::new(on_answer);
         let on_answer = Some(on_answer);
-        let open = Open {
+        let open = OpenExchange {
             protocol,
             conversation,
             to: opening.receiver.first().cloned(),
@@ -220,7 +223,7 @@ impl<A: Agent> Context<A> {
         if let Err(why) = sent {
             let failed = token.clone();
             self.after(Duration::ZERO, move |agent, ctx| {
-                ctx.end(agent, &failed, Answer::Undelivered(why));
+                ctx.end(agent, &failed, ExchangeEvent::Undelivered(why));
             });
         }
         token
@@ -229,7 +232,7 @@ impl<A: Agent> Context<A> {
     /// Sends the `cfp` that opened an exchange again, to `agent`, which has not answered. A `cfp`
     /// has no receipt, and an agent that has just joined may have missed it. An agent that has
     /// received it drops this copy as a duplicate. Does nothing if the opening is retried anyway.
-    pub fn remind(&mut self, token: &ReplyToken, agent: &AgentId) {
+    pub fn resend_cfp(&mut self, token: &ReplyToken, agent: &AgentId) {
         let opening = self.exchanges.get(token).map(|open| &*open.opening);
         let is_call = |opening: &&Message| !opening.performative.is_retried();
         let Some(mut message) = opening.filter(is_call).cloned() else { return };
@@ -239,7 +242,7 @@ impl<A: Agent> Context<A> {
 
     /// Sends the initiator's next turn of an exchange: `cancel`, `accept-proposal`,
     /// `reject-proposal`. Does nothing if the protocol does not allow the turn now.
-    pub fn go_on(
+    pub fn send_turn(
         &mut self,
         token: &ReplyToken,
         to: &AgentId,
@@ -257,7 +260,7 @@ impl<A: Agent> Context<A> {
     /// Sends the initiator's next turn of an exchange to several participants in one broadcast,
     /// which costs a daemon as much as a message to one agent. There is no receipt for it and no
     /// retry: use it only if nothing changes for a participant that misses it.
-    pub fn go_on_with(
+    pub fn multicast_turn(
         &mut self,
         token: &ReplyToken,
         to: impl IntoIterator<Item = AgentId>,
@@ -297,10 +300,10 @@ impl<A: Agent> Context<A> {
     }
 
     /// Closes an exchange, and sends `cancel` to its participants so that they need not answer any more.
-    pub fn withdraw(&mut self, token: &ReplyToken, why: &impl serde::Serialize) {
+    pub fn cancel(&mut self, token: &ReplyToken, why: &impl serde::Serialize) {
         let Some(open) = self.exchanges.get(token) else { return };
         match open.to.clone() {
-            Some(to) => self.go_on(token, &to, Performative::Cancel, value(why)),
+            Some(to) => self.send_turn(token, &to, Performative::Cancel, value(why)),
             None => {
                 let (protocol, conversation) = (open.protocol, open.conversation.clone());
                 let cancel = Performative::Cancel;
@@ -321,7 +324,7 @@ impl<A: Agent> Context<A> {
         let old = open.timer;
         self.timers.remove(&old);
         let timer = self.after(patience, move |agent, ctx| {
-            ctx.end(agent, &expired, Answer::Silence);
+            ctx.end(agent, &expired, ExchangeEvent::TimedOut);
         });
         if let Some(open) = self.exchanges.get_mut(token) {
             open.timer = timer;
@@ -341,7 +344,7 @@ impl<A: Agent> Context<A> {
     /// Sends an answer as the participant of an exchange; logs it if the answer cannot be sent.
     pub fn answer(
         &mut self,
-        engagement: &Engagement,
+        engagement: &Participation,
         performative: Performative,
         content: &impl serde::Serialize,
     ) {
@@ -352,15 +355,20 @@ impl<A: Agent> Context<A> {
     /// now, so that the caller can send it later.
     pub fn try_answer(
         &mut self,
-        engagement: &Engagement,
+        engagement: &Participation,
         performative: Performative,
         content: &impl serde::Serialize,
-    ) -> Result<(), Undelivered> {
+    ) -> Result<(), DeliveryError> {
         self.communication.try_answer(engagement, performative, value(content))
     }
 
     /// Sends a refusal as the participant of an exchange.
-    pub fn refuse(&mut self, engagement: &Engagement, reason: Reason, detail: impl Into<String>) {
+    pub fn refuse(
+        &mut self,
+        engagement: &Participation,
+        reason: Reason,
+        detail: impl Into<String>,
+    ) {
         self.answer(engagement, Performative::Refuse, &Refusal::new(reason, detail));
     }
 
@@ -370,7 +378,7 @@ impl<A: Agent> Context<A> {
     }
 
     /// Sends a message to one agent outside any exchange, once.
-    pub fn tell(
+    pub fn send_once(
         &mut self,
         to: &AgentId,
         performative: Performative,
@@ -393,17 +401,17 @@ impl<A: Agent> Context<A> {
     }
 
     /// Broadcasts this agent's action model or heartbeat, as an `inform`.
-    pub fn beat(&mut self, inform: &Inform) {
+    pub fn broadcast_state(&mut self, inform: &Inform) {
         let message = self.beating(inform);
         let is_model = matches!(inform, Inform::Model(_));
-        self.switchboard().beat(&message.sender, acl::encode(&message), is_model);
+        self.router().beat(&message.sender, acl::encode(&message), is_model);
     }
 
     /// Broadcasts this agent's heartbeat a few milliseconds later, in one batch with those of other
     /// agents of its daemon. For heartbeats that are not urgent.
-    pub fn beat_together(&mut self, heartbeat: Heartbeat) {
+    pub fn batch_heartbeat(&mut self, heartbeat: Heartbeat) {
         let message = self.beating(&Inform::Heartbeat(heartbeat));
-        self.switchboard().beat_together(&message.sender, acl::encode(&message));
+        self.router().beat_together(&message.sender, acl::encode(&message));
     }
 
     fn beating(&mut self, inform: &Inform) -> Message {
@@ -426,7 +434,7 @@ impl<A: Agent> Context<A> {
     }
 
     /// Cancels a timer.
-    pub fn forget(&mut self, timer: TimerId) {
+    pub fn cancel_timer(&mut self, timer: TimerId) {
         self.timers.remove(&timer);
     }
 
@@ -436,12 +444,12 @@ impl<A: Agent> Context<A> {
         &mut self,
         work: impl Future<Output = T> + Send + 'static,
         then: impl FnOnce(&mut A, T, &mut Context<A>) + Send + 'static,
-    ) -> Work {
+    ) -> WorkHandle {
         let awaited = Arc::new(());
         let is_awaited = Arc::downgrade(&awaited);
         let deferred = async move {
             let outcome = work.await;
-            let deferred: Deferred<A> = Box::new(move |agent, ctx| {
+            let deferred: DeferredCallback<A> = Box::new(move |agent, ctx| {
                 if is_awaited.strong_count() > 0 {
                     then(agent, outcome, ctx);
                 }
@@ -449,25 +457,25 @@ impl<A: Agent> Context<A> {
             deferred
         };
         let task = self.work.spawn(deferred.instrument(tracing::Span::current()));
-        Work { task, _awaited: awaited }
+        WorkHandle { task, _awaited: awaited }
     }
 
     /// Starts another agent on this daemon. If it ends by itself, calls `then` with its error, if
     /// it has one. It stops when the handle is dropped, and with this agent.
-    pub fn bring(
+    pub fn spawn_child(
         &mut self,
         id: AgentId,
-        agent: Box<dyn Launch>,
+        agent: Box<dyn LaunchableAgent>,
         then: impl FnOnce(&mut A, Option<LaunchError>, &mut Context<A>) + Send + 'static,
-    ) -> Brought {
+    ) -> ChildHandle {
         let stopping = CancellationToken::new();
-        let berth = Berth {
+        let berth = LaunchContext {
             id,
-            incarnation: self.switchboard().machine().next_life(),
-            switchboard: Arc::clone(self.switchboard()),
+            incarnation: self.router().host_services().next_incarnation(),
+            router: Arc::clone(self.router()),
             ontology: self.communication.ontology(),
             stopping: stopping.clone(),
-            stands_by: false,
+            has_replicas: false,
             via: [].into(),
         };
         let life = agent.launch(berth);
@@ -475,7 +483,7 @@ impl<A: Agent> Context<A> {
             // A panic is on stderr already, with its place.
             then(agent, ended.ok().and_then(Result::err), ctx);
         });
-        Brought { stopping, _work: work }
+        ChildHandle { stopping, _work: work }
     }
 
     /// Runs a computation in the background, on a thread that may be busy for long, once a slot is
@@ -485,8 +493,8 @@ impl<A: Agent> Context<A> {
         &mut self,
         compute: impl FnOnce() -> T + Send + 'static,
         then: impl FnOnce(&mut A, T, &mut Context<A>) + Send + 'static,
-    ) -> Work {
-        let computed = self.switchboard().machine().compute(compute);
+    ) -> WorkHandle {
+        let computed = self.router().host_services().compute(compute);
         self.run(computed, |agent, outcome, ctx| match outcome {
             Ok(outcome) => then(agent, outcome, ctx),
             Err(error) => tracing::error!(agent = %ctx.id(), %error, "a computation was lost"),
@@ -507,20 +515,20 @@ impl<A: Agent> Context<A> {
     ) -> Option<Box<Message>> {
         let Some(open) = self.exchanges.get_mut(token) else { return Some(message) };
         if let Some(to) = open.to.clone().filter(|to| *to != message.sender) {
-            self.overheard(&message, &to);
+            self.reject_uninvited(&message, &to);
             return None;
         }
         if open.to.is_some() && stands_by(&message) && open.declined < ASKED_WHO_ACTS_MAX {
             open.declined += 1;
             let asked = token.clone();
-            self.after(ASK_WHO_ACTS, move |_, ctx| ctx.ask_again(&asked));
+            self.after(ASK_WHO_ACTS, move |_, ctx| ctx.resend_opening(&asked));
             return None;
         }
         let begun = &open.begun;
         let exchange =
             open.participants.entry(message.sender.clone()).or_insert_with(|| begun.clone());
         if let Err(violation) = exchange.advance(&message) {
-            if exchange.may_come_to(&message) && open.early.len() < EARLY_TURNS_MAX {
+            if exchange.may_follow_later(&message) && open.early.len() < EARLY_TURNS_MAX {
                 tracing::debug!(agent = %self.communication.id, id = %message.id, %violation, "waits");
                 open.early.push(*message);
             } else {
@@ -530,7 +538,7 @@ impl<A: Agent> Context<A> {
             return None;
         }
         let is_closed = exchange.is_closed() && open.to.is_some();
-        self.call_back(agent, token, Answer::Message(message));
+        self.call_back(agent, token, ExchangeEvent::Message(message));
         if is_closed {
             self.communication.forget_exchange(token);
             self.close(token);
@@ -542,10 +550,10 @@ impl<A: Agent> Context<A> {
 
     /// Rejects an answer from an agent that was not asked. Every listener can read the token of an
     /// exchange, so such an answer must not count as that of the agent that was asked.
-    fn overheard(&mut self, message: &Message, asked: &AgentId) {
+    fn reject_uninvited(&mut self, message: &Message, asked: &AgentId) {
         let detail = format!("answers a question to `{asked}`");
-        self.switchboard().rejections.note(&Rejected {
-            breach: Breach::Overstepped,
+        self.router().rejections.note(&Rejected {
+            violation: ViolationKind::Unauthorized,
             detail: &detail,
             claimed: Some(message.sender.as_str()),
             key: message.exchange().map_or("", ReplyToken::as_str),
@@ -557,17 +565,17 @@ impl<A: Agent> Context<A> {
     /// Sends the opening of an exchange again, to the present leader of the name it was opened
     /// with. The agent that answered is gone, and may not have told any other replica of the
     /// exchange.
-    pub fn open_again(&mut self, token: &ReplyToken) {
+    pub fn reopen_with_leader(&mut self, token: &ReplyToken) {
         if let Some(open) = self.exchanges.get_mut(token) {
             (open.participants, open.declined) = (BTreeMap::new(), 0);
-            self.ask_again(token);
+            self.resend_opening(token);
         }
     }
 
     /// Sends the opening of an exchange again, to the present leader of the name.
-    fn ask_again(&mut self, token: &ReplyToken) {
+    fn resend_opening(&mut self, token: &ReplyToken) {
         // The leader may have received the opening and answered as soon as it was present.
-        let unanswered = |open: &&Open<A>| open.participants.is_empty();
+        let unanswered = |open: &&OpenExchange<A>| open.participants.is_empty();
         let Some(open) = self.exchanges.get(token).filter(unanswered) else { return };
         let opening = (*open.opening).clone();
         // Under a new id, because a replica that was a standby has the old one in its duplicate window.
@@ -591,12 +599,12 @@ impl<A: Agent> Context<A> {
     }
 
     /// Passes `answer` to the callback of an exchange and closes the exchange.
-    pub(crate) fn end(&mut self, agent: &mut A, token: &ReplyToken, answer: Answer) {
+    pub(crate) fn end(&mut self, agent: &mut A, token: &ReplyToken, answer: ExchangeEvent) {
         self.call_back(agent, token, answer);
         self.close(token);
     }
 
-    fn call_back(&mut self, agent: &mut A, token: &ReplyToken, answer: Answer) {
+    fn call_back(&mut self, agent: &mut A, token: &ReplyToken, answer: ExchangeEvent) {
         let on_answer = self.exchanges.get_mut(token).and_then(|open| open.on_answer.take());
         let Some(mut on_answer) = on_answer else { return };
         on_answer(agent, answer, self);
@@ -606,14 +614,14 @@ impl<A: Agent> Context<A> {
     }
 
     /// Closes each exchange with a message that could not be delivered.
-    pub(crate) fn undelivered(&mut self, agent: &mut A, lost: Vec<(ReplyToken, Undelivered)>) {
+    pub(crate) fn undelivered(&mut self, agent: &mut A, lost: Vec<(ReplyToken, DeliveryError)>) {
         for (token, why) in lost {
-            self.end(agent, &token, Answer::Undelivered(why));
+            self.end(agent, &token, ExchangeEvent::Undelivered(why));
         }
     }
 
     /// Waits for the next work to finish and returns its callback; `None` if no work is under way.
-    pub(crate) async fn finished(&mut self) -> Option<Deferred<A>> {
+    pub(crate) async fn finished(&mut self) -> Option<DeferredCallback<A>> {
         loop {
             match self.work.join_next().await? {
                 Ok(deferred) => return Some(deferred),
@@ -628,7 +636,7 @@ impl<A: Agent> Context<A> {
     /// Reports which exchanges the agent waits in; has an effect on a simulated machine only.
     pub(crate) fn tell_waits(&self) {
         let waits = || self.exchanges();
-        self.switchboard().machine().tell_waits(self.id(), self.incarnation(), waits);
+        self.router().host_services().tell_waits(self.id(), self.incarnation(), waits);
     }
 
     pub(crate) fn next_due(&self) -> Option<Instant> {
@@ -636,7 +644,7 @@ impl<A: Agent> Context<A> {
         timer.into_iter().chain(self.communication.next_due()).min()
     }
 
-    pub(crate) fn due_timer(&mut self) -> Option<Deferred<A>> {
+    pub(crate) fn due_timer(&mut self) -> Option<DeferredCallback<A>> {
         let first = self.timers.first_entry()?;
         (first.key().0 <= Instant::now()).then(|| first.remove())
     }

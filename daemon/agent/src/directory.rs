@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use acl::{AgentId, DaemonId, Incarnation};
-use substrate::{Address, Presence, Resident};
+use substrate::{AgentAddress, Presence, Resident};
 
 /// The agents that can be reached from here.
 ///
@@ -30,14 +30,14 @@ impl Directory {
     }
 
     /// Returns this incarnation of an agent, whether it is the holder of the name or a rival.
-    pub fn life(&self, agent: &AgentId, incarnation: Incarnation) -> Option<&Resident> {
+    pub fn find_incarnation(&self, agent: &AgentId, incarnation: Incarnation) -> Option<&Resident> {
         self.residents.get(agent)?.iter().find(|resident| resident.incarnation == incarnation)
     }
 
     /// Returns the address of the holder of the name.
-    pub fn address(&self, agent: &AgentId) -> Option<Address> {
+    pub fn address(&self, agent: &AgentId) -> Option<AgentAddress> {
         let resident = self.find(agent)?;
-        Some(Address { daemon: resident.daemon.clone(), agent: agent.clone() })
+        Some(AgentAddress { daemon: resident.daemon.clone(), agent: agent.clone() })
     }
 
     /// Returns the holders of all names, in the order of names.

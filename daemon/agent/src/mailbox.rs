@@ -6,47 +6,47 @@ use std::sync::{Arc, Mutex, PoisonError};
 use acl::content::MailboxStatus;
 use acl::{AgentId, Message, MessageId};
 use bytes::Bytes;
-use conversation::Seen;
-use substrate::Question;
+use conversation::DuplicateWindow;
+use substrate::ReceivedQuery;
 use tokio::sync::mpsc;
 
 /// Item in a mailbox.
-pub(crate) enum Letter {
+pub(crate) enum MailboxItem {
     /// A message to this agent, not decoded.
     Direct(Bytes),
     /// A broadcast that this agent listens to; decoded once for the whole daemon.
     Broadcast(Arc<Message>),
     /// A broadcast from before this agent started, not decoded.
-    Missed(Bytes),
+    Replayed(Bytes),
     /// Receipts for messages of this agent.
     Receipts(Vec<MessageId>),
     /// A question that this agent may answer.
-    Question(Question),
+    Question(ReceivedQuery),
     /// An agent of the same name has joined or left at another daemon.
-    Namesake,
+    NameConflict,
 }
 
 /// Sending half of a mailbox.
 #[derive(Clone)]
-pub(crate) struct Slot {
-    letters: mpsc::Sender<Letter>,
-    counts: Arc<Counts>,
-    door: Arc<Door>,
+pub(crate) struct MailboxSender {
+    letters: mpsc::Sender<MailboxItem>,
+    counts: Arc<MailboxCounters>,
+    door: Arc<DuplicateFilter>,
 }
 
 /// Duplicate window of an agent: the messages that it has received, and those that were refused
 /// before it received them. A copy of a message that waits in a full mailbox may arrive again: then
 /// the message is either handled or refused, never both.
-pub(crate) struct Door(Mutex<Known>);
+pub(crate) struct DuplicateFilter(Mutex<FilterWindows>);
 
-struct Known {
-    heard: Seen,
-    refused: Seen,
+struct FilterWindows {
+    heard: DuplicateWindow,
+    refused: DuplicateWindow,
 }
 
 /// State of a message that an agent takes out of its mailbox.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Passed {
+pub(crate) enum MessageState {
     /// The message is new.
     New,
     /// The agent has received the message before.
@@ -57,39 +57,42 @@ pub(crate) enum Passed {
 
 /// Counters of a mailbox.
 #[derive(Default)]
-struct Counts {
+struct MailboxCounters {
     received: AtomicU64,
     overflowed: AtomicU64,
 }
 
 /// Receiving half of a mailbox.
 pub(crate) struct Mailbox {
-    letters: mpsc::Receiver<Letter>,
-    door: Arc<Door>,
+    letters: mpsc::Receiver<MailboxItem>,
+    door: Arc<DuplicateFilter>,
 }
 
 /// Creates a mailbox for `letters_max` items, with a duplicate window of `known_max` messages.
-pub(crate) fn mailbox(letters_max: usize, known_max: usize) -> (Slot, Mailbox) {
+pub(crate) fn mailbox(letters_max: usize, known_max: usize) -> (MailboxSender, Mailbox) {
     let (letters, mailbox) = mpsc::channel(letters_max.max(1));
-    let door = Arc::new(Door::new(known_max));
-    let slot = Slot { letters, counts: Arc::default(), door: Arc::clone(&door) };
+    let door = Arc::new(DuplicateFilter::new(known_max));
+    let slot = MailboxSender { letters, counts: Arc::default(), door: Arc::clone(&door) };
     (slot, Mailbox { letters: mailbox, door })
 }
 
-impl Door {
-    fn new(known_max: usize) -> Door {
-        Door(Mutex::new(Known { heard: Seen::new(known_max), refused: Seen::new(known_max) }))
+impl DuplicateFilter {
+    fn new(known_max: usize) -> DuplicateFilter {
+        DuplicateFilter(Mutex::new(FilterWindows {
+            heard: DuplicateWindow::new(known_max),
+            refused: DuplicateWindow::new(known_max),
+        }))
     }
 
     /// Records that the agent receives a message, and returns the state of the message.
-    pub(crate) fn hear(&self, id: &MessageId) -> Passed {
+    pub(crate) fn receive(&self, id: &MessageId) -> MessageState {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if known.refused.has(id) {
-            Passed::Refused
-        } else if known.heard.note(id) {
-            Passed::New
+        if known.refused.contains(id) {
+            MessageState::Refused
+        } else if known.heard.insert(id) {
+            MessageState::New
         } else {
-            Passed::Before
+            MessageState::Before
         }
     }
 
@@ -97,17 +100,17 @@ impl Door {
     /// has received it.
     pub(crate) fn refuse(&self, id: &MessageId) -> bool {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_unheard = !known.heard.has(id);
+        let is_unheard = !known.heard.contains(id);
         if is_unheard {
-            known.refused.note(id);
+            known.refused.insert(id);
         }
         is_unheard
     }
 }
 
-impl Slot {
+impl MailboxSender {
     /// Adds an item; returns it if the mailbox is full or its agent has ended.
-    pub(crate) fn put(&self, letter: Letter) -> Result<(), Letter> {
+    pub(crate) fn put(&self, letter: MailboxItem) -> Result<(), MailboxItem> {
         match self.letters.try_send(letter) {
             Ok(()) => {
                 self.counts.received.fetch_add(1, Ordering::Relaxed);
@@ -122,7 +125,7 @@ impl Slot {
     }
 
     /// Returns the duplicate window of the agent.
-    pub(crate) fn door(&self) -> &Door {
+    pub(crate) fn door(&self) -> &DuplicateFilter {
         &self.door
     }
 
@@ -147,7 +150,7 @@ impl Slot {
 
 impl Mailbox {
     /// Returns the duplicate window of the agent.
-    pub(crate) fn door(&self) -> Arc<Door> {
+    pub(crate) fn door(&self) -> Arc<DuplicateFilter> {
         Arc::clone(&self.door)
     }
 
@@ -158,7 +161,7 @@ impl Mailbox {
     }
 
     /// Returns the next item; `None` once all sending halves are gone.
-    pub(crate) async fn next(&mut self) -> Option<Letter> {
+    pub(crate) async fn next(&mut self) -> Option<MailboxItem> {
         self.letters.recv().await
     }
 }
@@ -169,12 +172,12 @@ mod tests {
 
     #[test]
     fn a_message_is_heard_or_refused_and_never_both() {
-        let door = Door::new(8);
+        let door = DuplicateFilter::new(8);
         let [queued, heard] = ["queued", "heard"].map(MessageId::new);
         assert!(door.refuse(&queued), "its copy found no room");
-        assert_eq!(door.hear(&queued), Passed::Refused);
-        assert_eq!(door.hear(&heard), Passed::New);
+        assert_eq!(door.receive(&queued), MessageState::Refused);
+        assert_eq!(door.receive(&heard), MessageState::New);
         assert!(!door.refuse(&heard), "a copy that is late changes nothing");
-        assert_eq!(door.hear(&heard), Passed::Before);
+        assert_eq!(door.receive(&heard), MessageState::Before);
     }
 }

@@ -12,16 +12,16 @@ use bytes::Bytes;
 use substrate::Resident;
 use tokio::time::Instant;
 
-use crate::communication_agent::Undelivered;
+use crate::communication_agent::DeliveryError;
 use crate::directory::Directory;
 use crate::receipts;
 
 /// A message under way.
 #[derive(Clone, Debug)]
-pub(crate) struct Parcel {
+pub(crate) struct OutboundMessage {
     pub(crate) to: AgentId,
     /// Incarnation of the receiver that the message is for; `None` for any holder of the name.
-    pub(crate) life: Option<Incarnation>,
+    pub(crate) incarnation: Option<Incarnation>,
     pub(crate) performative: Performative,
     pub(crate) exchange: Option<ReplyToken>,
     /// Whether the message opens that exchange.
@@ -32,48 +32,48 @@ pub(crate) struct Parcel {
 }
 
 #[derive(Debug)]
-struct UnderWay {
+struct PendingDelivery {
     /// Running number: messages that are due are sent in this order.
     number: u64,
-    parcel: Parcel,
-    state: State,
+    parcel: OutboundMessage,
+    state: SendState,
 }
 
 #[derive(Debug)]
-enum State {
+enum SendState {
     /// The message was sent to this incarnation of the receiver; it is sent again at `again`.
-    Sent { life: Life, again: Instant, wait: Duration },
+    Sent { life: ReceiverIncarnation, again: Instant, wait: Duration },
     /// The receiver is not present; it is awaited until `until`. `life` is the incarnation that was
     /// present before, if any.
-    Parked { life: Option<Life>, until: Instant },
+    Parked { life: Option<ReceiverIncarnation>, until: Instant },
 }
 
 /// An incarnation of a receiver, and its daemon.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Life {
+pub(crate) struct ReceiverIncarnation {
     daemon: DaemonId,
     incarnation: Incarnation,
 }
 
-impl From<&Resident> for Life {
-    fn from(Resident { daemon, incarnation, .. }: &Resident) -> Life {
-        Life { daemon: daemon.clone(), incarnation: *incarnation }
+impl From<&Resident> for ReceiverIncarnation {
+    fn from(Resident { daemon, incarnation, .. }: &Resident) -> ReceiverIncarnation {
+        ReceiverIncarnation { daemon: daemon.clone(), incarnation: *incarnation }
     }
 }
 
 /// An action that is due.
 #[derive(Debug)]
-pub(crate) enum Due {
+pub(crate) enum DueAction {
     /// Send this message.
-    Send(Parcel),
+    Send(OutboundMessage),
     /// Report that this message could not be delivered.
-    GiveUp(MessageId, Parcel, Undelivered),
+    GiveUp(MessageId, OutboundMessage, DeliveryError),
 }
 
 /// Messages of one agent that have no receipt yet.
 #[derive(Debug)]
 pub(crate) struct Outbox {
-    parcels: BTreeMap<MessageId, UnderWay>,
+    parcels: BTreeMap<MessageId, PendingDelivery>,
     parcels_max: usize,
     retry_first: Duration,
     retry_max: Duration,
@@ -83,7 +83,7 @@ pub(crate) struct Outbox {
 }
 
 impl Outbox {
-    pub(crate) fn new(settings: &crate::Settings) -> Outbox {
+    pub(crate) fn new(settings: &crate::AgentSettings) -> Outbox {
         Outbox {
             parcels: BTreeMap::new(),
             parcels_max: settings.outbox_messages_max,
@@ -100,8 +100,8 @@ impl Outbox {
     pub(crate) fn put(
         &mut self,
         id: MessageId,
-        parcel: Parcel,
-        life: Option<Life>,
+        parcel: OutboundMessage,
+        life: Option<ReceiverIncarnation>,
         now: Instant,
     ) -> bool {
         if self.parcels.len() >= self.parcels_max {
@@ -109,18 +109,18 @@ impl Outbox {
         }
         let state = match life {
             Some(life) => {
-                State::Sent { life, again: now + self.retry_first, wait: self.retry_first }
+                SendState::Sent { life, again: now + self.retry_first, wait: self.retry_first }
             }
             // The message is for the incarnation that asked. Its presence may not be known here
             // yet; if it is not present after a lease, it is dead. Another incarnation may hold the
             // name by now, and this one may return.
-            None if parcel.life.is_some() => {
-                State::Parked { life: None, until: parcel.give_up.min(now + self.lease) }
+            None if parcel.incarnation.is_some() => {
+                SendState::Parked { life: None, until: parcel.give_up.min(now + self.lease) }
             }
-            None => State::Parked { life: None, until: parcel.give_up },
+            None => SendState::Parked { life: None, until: parcel.give_up },
         };
         self.numbered += 1;
-        self.parcels.insert(id, UnderWay { number: self.numbered, parcel, state });
+        self.parcels.insert(id, PendingDelivery { number: self.numbered, parcel, state });
         true
     }
 
@@ -140,12 +140,12 @@ impl Outbox {
     /// `accept-proposal` and `reject-proposal` replace that of the proposal. The receipt of a
     /// `cancel` is never replaced, because the turn may have crossed it.
     pub(crate) fn replied(&mut self, exchange: &ReplyToken, by: &AgentId, with: Performative) {
-        let is_before = |parcel: &Parcel| {
+        let is_before = |parcel: &OutboundMessage| {
             let proposes =
                 matches!(parcel.performative, Performative::Agree | Performative::Propose);
             parcel.opens || (proposes && receipts::is_judgment(with))
         };
-        self.parcels.retain(|_, UnderWay { parcel, .. }| {
+        self.parcels.retain(|_, PendingDelivery { parcel, .. }| {
             !is_before(parcel) || parcel.exchange.as_ref() != Some(exchange) || parcel.to != *by
         });
     }
@@ -164,8 +164,8 @@ impl Outbox {
     ///   exchange is sent to it, because it has not received the message and goes on with what the
     ///   former leader knew. A message that is for one incarnation only waits for that one. Any
     ///   other message is given up.
-    pub(crate) fn joined(&mut self, resident: &Resident, now: Instant) -> Vec<Due> {
-        let (agent, life) = (&resident.agent, Life::from(resident));
+    pub(crate) fn joined(&mut self, resident: &Resident, now: Instant) -> Vec<DueAction> {
+        let (agent, life) = (&resident.agent, ReceiverIncarnation::from(resident));
         let mut due = Vec::new();
         let retry_first = self.retry_first;
         self.parcels.retain(|id, under_way| {
@@ -173,13 +173,13 @@ impl Outbox {
                 return true;
             }
             let before = match &under_way.state {
-                State::Sent { life, .. } => Some(life),
-                State::Parked { life, .. } => life.as_ref(),
+                SendState::Sent { life, .. } => Some(life),
+                SendState::Parked { life, .. } => life.as_ref(),
             };
             let is_another = before.is_some_and(|before| *before != life)
-                || under_way.parcel.life.is_some_and(|bound| bound != life.incarnation);
+                || under_way.parcel.incarnation.is_some_and(|bound| bound != life.incarnation);
             let took_over = before.is_none_or(|before| before.daemon != life.daemon);
-            if under_way.parcel.life.is_some() && is_another && took_over {
+            if under_way.parcel.incarnation.is_some() && is_another && took_over {
                 // The message is for an incarnation that is a standby now, or has left and may return.
                 return true;
             }
@@ -187,13 +187,13 @@ impl Outbox {
                 let parcel = under_way.parcel.clone();
                 due.push((
                     under_way.number,
-                    Due::GiveUp(id.clone(), parcel, Undelivered::Restarted),
+                    DueAction::GiveUp(id.clone(), parcel, DeliveryError::Restarted),
                 ));
                 return false;
             }
             let life = life.clone();
-            under_way.state = State::Sent { life, again: now + retry_first, wait: retry_first };
-            due.push((under_way.number, Due::Send(under_way.parcel.clone())));
+            under_way.state = SendState::Sent { life, again: now + retry_first, wait: retry_first };
+            due.push((under_way.number, DueAction::Send(under_way.parcel.clone())));
             true
         });
         as_said(due)
@@ -202,13 +202,13 @@ impl Outbox {
     /// Handles that an agent has left: messages under way to it wait for its return.
     pub(crate) fn left(&mut self, agent: &AgentId, directory: &Directory, now: Instant) {
         for under_way in self.parcels.values_mut().filter(|other| other.parcel.to == *agent) {
-            let bound = under_way.parcel.life;
-            if bound.is_some_and(|life| directory.life(agent, life).is_some()) {
+            let bound = under_way.parcel.incarnation;
+            if bound.is_some_and(|life| directory.find_incarnation(agent, life).is_some()) {
                 continue;
             }
-            if let State::Sent { life, .. } = &under_way.state {
+            if let SendState::Sent { life, .. } = &under_way.state {
                 let until = under_way.parcel.give_up.min(now + self.grace);
-                under_way.state = State::Parked { life: Some(life.clone()), until };
+                under_way.state = SendState::Parked { life: Some(life.clone()), until };
             }
         }
     }
@@ -220,11 +220,11 @@ impl Outbox {
 
     /// Returns the time of the next action.
     pub(crate) fn next_due(&self) -> Option<Instant> {
-        self.parcels.values().map(UnderWay::due).min()
+        self.parcels.values().map(PendingDelivery::due).min()
     }
 
     /// Returns the actions that are due by `now`.
-    pub(crate) fn due(&mut self, directory: &Directory, now: Instant) -> Vec<Due> {
+    pub(crate) fn due(&mut self, directory: &Directory, now: Instant) -> Vec<DueAction> {
         let mut due = Vec::new();
         let (retry_first, retry_max) = (self.retry_first, self.retry_max);
         self.parcels.retain(|id, under_way| {
@@ -233,29 +233,30 @@ impl Outbox {
             }
             let (parcel, number) = (&under_way.parcel, under_way.number);
             match &mut under_way.state {
-                State::Sent { again, wait, .. } if parcel.give_up > now => {
+                SendState::Sent { again, wait, .. } if parcel.give_up > now => {
                     *wait = (*wait * 2).min(retry_max);
                     *again = now + *wait;
-                    due.push((number, Due::Send(parcel.clone())));
+                    due.push((number, DueAction::Send(parcel.clone())));
                     return true;
                 }
-                State::Sent { .. } => {
-                    let why = Undelivered::NoReceipt;
-                    due.push((number, Due::GiveUp(id.clone(), parcel.clone(), why)));
+                SendState::Sent { .. } => {
+                    let why = DeliveryError::NoReceipt;
+                    due.push((number, DueAction::GiveUp(id.clone(), parcel.clone(), why)));
                 }
                 // No presence change reports the return of an incarnation that does not hold the name.
-                State::Parked { .. }
+                SendState::Parked { .. }
                     if parcel.give_up > now
                         && let Some(life) = parcel.its_life(directory) =>
                 {
                     let wait = retry_first;
-                    due.push((number, Due::Send(parcel.clone())));
-                    under_way.state = State::Sent { life, again: now + wait, wait };
+                    due.push((number, DueAction::Send(parcel.clone())));
+                    under_way.state = SendState::Sent { life, again: now + wait, wait };
                     return true;
                 }
-                State::Parked { life, .. } => {
-                    let why = if life.is_some() { Undelivered::Left } else { Undelivered::NotHere };
-                    due.push((number, Due::GiveUp(id.clone(), parcel.clone(), why)));
+                SendState::Parked { life, .. } => {
+                    let why =
+                        if life.is_some() { DeliveryError::Left } else { DeliveryError::NotHere };
+                    due.push((number, DueAction::GiveUp(id.clone(), parcel.clone(), why)));
                 }
             }
             false
@@ -265,34 +266,34 @@ impl Outbox {
 }
 
 /// Sorts actions by the order in which their messages were added.
-fn as_said(mut due: Vec<(u64, Due)>) -> Vec<Due> {
+fn as_said(mut due: Vec<(u64, DueAction)>) -> Vec<DueAction> {
     due.sort_by_key(|(number, _)| *number);
     due.into_iter().map(|(_, due)| due).collect()
 }
 
-impl Parcel {
+impl OutboundMessage {
     /// Returns the receiver if it is present: the incarnation that the message is for, or the
     /// holder of the name.
     pub(crate) fn receiver<'d>(&self, directory: &'d Directory) -> Option<&'d Resident> {
-        match self.life {
-            Some(life) => directory.life(&self.to, life),
+        match self.incarnation {
+            Some(life) => directory.find_incarnation(&self.to, life),
             None => directory.find(&self.to),
         }
     }
 }
 
-impl Parcel {
+impl OutboundMessage {
     /// Returns the one incarnation that the message is for, if there is one and it is present.
-    fn its_life(&self, directory: &Directory) -> Option<Life> {
-        directory.life(&self.to, self.life?).map(Life::from)
+    fn its_life(&self, directory: &Directory) -> Option<ReceiverIncarnation> {
+        directory.find_incarnation(&self.to, self.incarnation?).map(ReceiverIncarnation::from)
     }
 }
 
-impl UnderWay {
+impl PendingDelivery {
     fn due(&self) -> Instant {
         match &self.state {
-            State::Sent { again, .. } => (*again).min(self.parcel.give_up),
-            State::Parked { until, .. } => *until,
+            SendState::Sent { again, .. } => (*again).min(self.parcel.give_up),
+            SendState::Parked { until, .. } => *until,
         }
     }
 }
@@ -312,10 +313,10 @@ mod tests {
         Resident { agent: robot(), daemon, incarnation: Incarnation(life) }
     }
 
-    fn parcel(give_up: Instant) -> Parcel {
-        Parcel {
+    fn parcel(give_up: Instant) -> OutboundMessage {
+        OutboundMessage {
             to: robot(),
-            life: None,
+            incarnation: None,
             performative: Performative::Request,
             exchange: Some(ReplyToken::new("t")),
             opens: true,
@@ -326,9 +327,9 @@ mod tests {
 
     /// Returns an outbox with one message to `robot`, which is present in incarnation `life`, or absent.
     fn outbox(life: Option<u64>, now: Instant) -> Outbox {
-        let mut outbox = Outbox::new(&crate::Settings::default());
+        let mut outbox = Outbox::new(&crate::AgentSettings::default());
         let parcel = parcel(now + Duration::from_secs(60));
-        let life = life.map(|life| Life::from(&resident("a", life)));
+        let life = life.map(|life| ReceiverIncarnation::from(&resident("a", life)));
         assert!(outbox.put(MessageId::new("m"), parcel, life, now));
         outbox
     }
@@ -337,11 +338,11 @@ mod tests {
         Directory::default()
     }
 
-    fn words(due: &[Due]) -> Vec<String> {
+    fn words(due: &[DueAction]) -> Vec<String> {
         due.iter()
             .map(|due| match due {
-                Due::Send(_) => "send".to_owned(),
-                Due::GiveUp(_, _, why) => format!("{why:?}"),
+                DueAction::Send(_) => "send".to_owned(),
+                DueAction::GiveUp(_, _, why) => format!("{why:?}"),
             })
             .collect()
     }
@@ -364,10 +365,13 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_judgment_is_a_receipt_for_the_proposal() {
         let now = Instant::now();
-        let mut outbox = Outbox::new(&crate::Settings::default());
-        let proposal =
-            Parcel { performative: Performative::Agree, opens: false, ..parcel(now + PATIENCE) };
-        let life = Some(Life::from(&resident("a", 1)));
+        let mut outbox = Outbox::new(&crate::AgentSettings::default());
+        let proposal = OutboundMessage {
+            performative: Performative::Agree,
+            opens: false,
+            ..parcel(now + PATIENCE)
+        };
+        let life = Some(ReceiverIncarnation::from(&resident("a", 1)));
         assert!(outbox.put(MessageId::new("m"), proposal, life, now));
         let exchange = ReplyToken::new("t");
         outbox.replied(&exchange, &robot(), Performative::Cancel);
@@ -407,11 +411,14 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn who_asked_hears_the_answer_and_not_who_takes_over() {
         let now = Instant::now();
-        let mut outbox = Outbox::new(&crate::Settings::default());
+        let mut outbox = Outbox::new(&crate::AgentSettings::default());
         let (asker, other) = (resident("a", 1), resident("b", 2));
-        let answer =
-            Parcel { opens: false, life: Some(asker.incarnation), ..parcel(now + PATIENCE) };
-        outbox.put(MessageId::new("m"), answer, Some(Life::from(&asker)), now);
+        let answer = OutboundMessage {
+            opens: false,
+            incarnation: Some(asker.incarnation),
+            ..parcel(now + PATIENCE)
+        };
+        outbox.put(MessageId::new("m"), answer, Some(ReceiverIncarnation::from(&asker)), now);
 
         outbox.left(&robot(), &nobody(), now);
         assert_eq!(words(&outbox.joined(&other, now)), [""; 0]);
@@ -433,19 +440,24 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn who_asked_and_is_not_heard_of_yet_hears_all_in_order() {
         let now = Instant::now();
-        let mut outbox = Outbox::new(&crate::Settings::default());
+        let mut outbox = Outbox::new(&crate::AgentSettings::default());
         let asker = resident("a", 1);
         for number in 8..=11 {
             let payload = Bytes::from(format!("{number}"));
             let life = Some(asker.incarnation);
-            let answer = Parcel { opens: false, life, payload, ..parcel(now + PATIENCE) };
+            let answer = OutboundMessage {
+                opens: false,
+                incarnation: life,
+                payload,
+                ..parcel(now + PATIENCE)
+            };
             assert!(outbox.put(MessageId::new(&format!("m.{number}")), answer, None, now));
         }
         let later = now + Duration::from_millis(3_499);
         assert_eq!(words(&outbox.due(&nobody(), later)), [""; 0]);
         let sent = outbox.joined(&asker, later).into_iter().map(|due| match due {
-            Due::Send(parcel) => parcel.payload,
-            Due::GiveUp(..) => Bytes::new(),
+            DueAction::Send(parcel) => parcel.payload,
+            DueAction::GiveUp(..) => Bytes::new(),
         });
         assert_eq!(sent.collect::<Vec<_>>(), ["8", "9", "10", "11"]);
     }

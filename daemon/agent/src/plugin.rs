@@ -11,8 +11,8 @@ use pddl::{Domain, Problem};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::base_agent::Launch;
-use crate::settings::Settings;
+use crate::base_agent::LaunchableAgent;
+use crate::settings::AgentSettings;
 
 /// Entry of the daemon's table of plugins.
 #[derive(Clone, Copy, Debug)]
@@ -25,9 +25,9 @@ pub struct PluginEntry {
     pub drivers: &'static [&'static str],
     /// Whether several daemons may host the agent: one replica is the leader, the others are
     /// standbys. `false` for a device, because there is only one.
-    pub stands_by: bool,
+    pub has_replicas: bool,
     /// Builds an agent. Opens nothing: that is done when the agent is activated.
-    pub build: fn(Blueprint) -> Result<Box<dyn Launch>, BuildError>,
+    pub build: fn(Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError>,
 }
 
 /// Data from which an agent is built: its entry in the ecosystem file, and its host.
@@ -53,7 +53,7 @@ pub struct Host {
     /// Flow of planning in the ecosystem: centralised or decentralised.
     pub mode: Mode,
     /// Times and bounds.
-    pub settings: Settings,
+    pub settings: AgentSettings,
     /// The Journals of the ecosystem, in the order of its file.
     pub journals: Vec<AgentId>,
     /// Objects through which drivers reach the outside world, by type.
@@ -67,13 +67,13 @@ pub struct StateFolder(pub PathBuf);
 /// Resource of a host: the names of all agents in the ecosystem's file, including those of other
 /// daemons. A discovered agent must not take any of them.
 #[derive(Clone, Debug, Default)]
-pub struct Named(pub BTreeSet<String>);
+pub struct ConfiguredNames(pub BTreeSet<String>);
 
 /// Resource of a host: the agent is built only to check that it can be, perhaps on another machine
 /// than its own. Then everything outside its entry, such as files and devices, is neither read nor
 /// required.
 #[derive(Clone, Copy, Debug)]
-pub struct Rehearsal;
+pub struct BuildCheck;
 
 /// Objects that drivers share, one per type.
 #[derive(Clone, Default)]
@@ -141,7 +141,7 @@ impl Host {
             ontology: Arc::new(ontology),
             map: Arc::new(map),
             mode: Mode::default(),
-            settings: Settings::default(),
+            settings: AgentSettings::default(),
             journals: Vec::new(),
             resources: Resources::default(),
         }

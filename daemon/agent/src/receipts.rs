@@ -17,38 +17,40 @@ const OWED_MAX: usize = 256;
 /// Receipts that an agent owes to others.
 #[derive(Debug)]
 pub(crate) struct Receipts {
-    owed: Vec<Owed>,
+    owed: Vec<OwedReceipt>,
     /// Longest wait of the first of them.
     delay: Duration,
     due: Option<Instant>,
 }
 
 #[derive(Debug)]
-struct Owed {
+struct OwedReceipt {
     to: AgentId,
     /// Incarnation of the sender: another agent of that name does not know the message.
     life: Incarnation,
     message: MessageId,
     /// Turn that replaces the receipt, if it is sent first.
-    until: Option<Until>,
+    until: Option<ImplicitReceipt>,
 }
 
 /// Turn that replaces a receipt: only an agent that has received the message can send it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Until {
+pub(crate) enum ImplicitReceipt {
     /// The message opened this exchange: any answer in it.
     Answered(ReplyToken),
     /// The message is a proposal in this exchange: its acceptance or rejection.
     Judged(ReplyToken),
 }
 
-impl Until {
+impl ImplicitReceipt {
     /// Returns the turn that replaces the receipt of a message; `None` if there is none.
-    pub(crate) fn of(message: &Message) -> Option<Until> {
+    pub(crate) fn of(message: &Message) -> Option<ImplicitReceipt> {
         match (&message.in_reply_to, message.performative, message.protocol) {
-            (None, ..) => message.reply_with.clone().map(Until::Answered),
+            (None, ..) => message.reply_with.clone().map(ImplicitReceipt::Answered),
             (Some(exchange), Performative::Agree, Some(Protocol::ContractNet))
-            | (Some(exchange), Performative::Propose, _) => Some(Until::Judged(exchange.clone())),
+            | (Some(exchange), Performative::Propose, _) => {
+                Some(ImplicitReceipt::Judged(exchange.clone()))
+            }
             _ => None,
         }
     }
@@ -58,8 +60,8 @@ impl Until {
     /// The receipt of a `cancel` is never replaced: the answer may have crossed it.
     pub(crate) fn is_over(&self, exchange: &ReplyToken, performative: Performative) -> bool {
         match self {
-            Until::Answered(opened) => opened == exchange,
-            Until::Judged(proposed) => proposed == exchange && is_judgment(performative),
+            ImplicitReceipt::Answered(opened) => opened == exchange,
+            ImplicitReceipt::Judged(proposed) => proposed == exchange && is_judgment(performative),
         }
     }
 }
@@ -81,17 +83,17 @@ impl Receipts {
         &mut self,
         (to, life): (AgentId, Incarnation),
         message: MessageId,
-        until: Option<Until>,
+        until: Option<ImplicitReceipt>,
         now: Instant,
     ) {
         let latest = if self.owed.len() >= OWED_MAX { now } else { now + self.delay };
         self.due = Some(self.due.map_or(latest, |due| due.min(latest)));
-        self.owed.push(Owed { to, life, message, until });
+        self.owed.push(OwedReceipt { to, life, message, until });
     }
 
     /// Removes the receipts that an outgoing turn of an exchange replaces.
     pub(crate) fn replied(&mut self, to: &AgentId, exchange: &ReplyToken, with: Performative) {
-        let is_over = |until: &Until| until.is_over(exchange, with);
+        let is_over = |until: &ImplicitReceipt| until.is_over(exchange, with);
         self.owed.retain(|owed| owed.to != *to || !owed.until.as_ref().is_some_and(is_over));
         if self.owed.is_empty() {
             self.due = None;
@@ -107,7 +109,7 @@ impl Receipts {
     pub(crate) fn take(&mut self) -> BTreeMap<(AgentId, Incarnation), Bytes> {
         self.due = None;
         let mut letters: BTreeMap<(AgentId, Incarnation), Vec<MessageId>> = BTreeMap::new();
-        for Owed { to, life, message, .. } in self.owed.drain(..) {
+        for OwedReceipt { to, life, message, .. } in self.owed.drain(..) {
             letters.entry((to, life)).or_default().push(message);
         }
         letters.into_iter().map(|(to, messages)| (to, write(&messages))).collect()
@@ -162,7 +164,7 @@ mod tests {
     async fn an_answer_replaces_the_receipt_of_what_it_answers_only() {
         let mut receipts = Receipts::new(RETRY);
         let (exchange, now) = (ReplyToken::new("e"), Instant::now());
-        let opened = Some(Until::Answered(exchange.clone()));
+        let opened = Some(ImplicitReceipt::Answered(exchange.clone()));
         receipts.owe(life("a"), MessageId::new("request"), opened, now);
         receipts.owe(life("a"), MessageId::new("cancel"), None, now);
         receipts.replied(&name("b"), &exchange, Performative::Confirm);
@@ -174,7 +176,7 @@ mod tests {
     async fn a_judgment_replaces_the_receipt_of_the_proposal_and_no_other_turn_does() {
         let mut receipts = Receipts::new(RETRY);
         let (exchange, now) = (ReplyToken::new("e"), Instant::now());
-        let proposed = Some(Until::Judged(exchange.clone()));
+        let proposed = Some(ImplicitReceipt::Judged(exchange.clone()));
         receipts.owe(life("a"), MessageId::new("proposal"), proposed, now);
         receipts.replied(&name("a"), &exchange, Performative::Cancel);
         receipts.replied(&name("a"), &ReplyToken::new("f"), Performative::AcceptProposal);

@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use acl::Message;
-use substrate::{Breach, Rejected};
+use substrate::{Rejected, ViolationKind};
 
 /// Shortest time between two log lines about one kind of breach under one name.
 const SAID_EVERY: Duration = Duration::from_secs(10);
@@ -17,24 +17,24 @@ const LINES_MAX: u32 = 16;
 /// Counters and log of rejected messages.
 #[derive(Debug, Default)]
 pub(crate) struct Rejections {
-    counts: Mutex<BTreeMap<Breach, u64>>,
-    said: Mutex<BTreeMap<&'static str, Kind>>,
+    counts: Mutex<BTreeMap<ViolationKind, u64>>,
+    said: Mutex<BTreeMap<&'static str, KindLog>>,
 }
 
 /// Lines that were logged lately about one kind.
 #[derive(Debug)]
-struct Kind {
+struct KindLog {
     /// Start of the period in which lines are counted.
     since: Instant,
     lines: u32,
     /// Number of rejections under other names that were not logged.
     unsaid: u64,
     /// Last line for each name. Each name has cost a line, so there are few.
-    names: HashMap<String, Said>,
+    names: HashMap<String, LoggedLine>,
 }
 
 #[derive(Debug)]
-struct Said {
+struct LoggedLine {
     at: Instant,
     /// Number of rejections since then that were not logged.
     unsaid: u64,
@@ -43,7 +43,7 @@ struct Said {
 impl Rejections {
     /// Counts a rejection, and logs it unless a similar one was logged lately.
     pub(crate) fn note(&self, rejected: &Rejected<'_>) {
-        let Rejected { breach, detail, claimed, key } = *rejected;
+        let Rejected { violation: breach, detail, claimed, key } = *rejected;
         *lock(&self.counts).entry(breach).or_default() += 1;
         let from = claimed.unwrap_or("unknown");
         if let Some(unsaid) = self.is_to_say(breach.as_str(), from, Instant::now()) {
@@ -60,9 +60,9 @@ impl Rejections {
     /// Counts and logs that an announcement or heartbeat was not accepted.
     pub(crate) fn not_taken(&self, message: &Message, why: &str) {
         let detail = format!("describes its sender in a way that is not accepted: {why}");
-        let (breach, claimed) = (Breach::NotUnderstood, Some(message.sender.as_str()));
+        let (breach, claimed) = (ViolationKind::NotUnderstood, Some(message.sender.as_str()));
         let key = message.id.as_str();
-        self.note(&Rejected { breach, detail: &detail, claimed, key });
+        self.note(&Rejected { violation: breach, detail: &detail, claimed, key });
     }
 
     /// Returns the number of rejections of each kind.
@@ -75,12 +75,12 @@ impl Rejections {
     /// else `None`.
     pub(crate) fn is_to_say(&self, kind: &'static str, from: &str, now: Instant) -> Option<u64> {
         let mut said = lock(&self.said);
-        let empty = || Kind { since: now, lines: 0, unsaid: 0, names: HashMap::new() };
+        let empty = || KindLog { since: now, lines: 0, unsaid: 0, names: HashMap::new() };
         said.entry(kind).or_insert_with(empty).is_to_say(from, now)
     }
 }
 
-impl Kind {
+impl KindLog {
     fn is_to_say(&mut self, from: &str, now: Instant) -> Option<u64> {
         let is_over = |since: Instant| now.saturating_duration_since(since) >= SAID_EVERY;
         if let Some(last) = self.names.get_mut(from).filter(|last| !is_over(last.at)) {
@@ -101,7 +101,7 @@ impl Kind {
             let over = self.names.extract_if(|_, last| is_over(last.at));
             self.unsaid += over.map(|(_, last)| last.unsaid).sum::<u64>();
         }
-        self.names.insert(from.to_owned(), Said { at: now, unsaid: 0 });
+        self.names.insert(from.to_owned(), LoggedLine { at: now, unsaid: 0 });
         Some(own + std::mem::take(&mut self.unsaid))
     }
 }
@@ -134,7 +134,8 @@ mod tests {
         assert_eq!(say("pi", 51), Some(1_000 - u64::from(LINES_MAX)), "and all are counted");
         assert!(lock(&rejections.said)["forged"].names.len() <= 2 * LINES_MAX as usize);
 
-        let rejected = Rejected { breach: Breach::Forged, detail: "x", claimed: None, key: "k" };
+        let rejected =
+            Rejected { violation: ViolationKind::Forged, detail: "x", claimed: None, key: "k" };
         (0..3).for_each(|_| rejections.note(&rejected));
         assert_eq!(rejections.counts(), [("forged".to_owned(), 3)].into());
     }

@@ -14,13 +14,13 @@ pub struct Rights {
     pub agents: BTreeMap<AgentId, AgentRights>,
     /// Daemons through which people take part. They may host agents that the file does not name, if
     /// these offer no actions.
-    pub guests: Allowed<DaemonId>,
+    pub guests: AllowedNames<DaemonId>,
     /// Daemons that may host agents with actions although the file does not name these agents.
-    pub newcomers: Allowed<DaemonId>,
+    pub newcomers: AllowedNames<DaemonId>,
     /// Agents that may ask for goals, plans and actions.
-    pub goals: Askers,
+    pub goals: AllowedRequesters,
     /// Agents that may change facts, and the way plans are made.
-    pub changes: Askers,
+    pub changes: AllowedRequesters,
 }
 
 /// Rights of one agent.
@@ -36,7 +36,7 @@ pub struct AgentRights {
 
 /// A set of names, or all names.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Allowed<T> {
+pub enum AllowedNames<T> {
     /// Every name.
     All,
     /// Only these names.
@@ -45,7 +45,7 @@ pub enum Allowed<T> {
 
 /// Agents that may ask for something. Reasoning agents always may.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Askers {
+pub enum AllowedRequesters {
     /// Every agent.
     All,
     /// Only these agents.
@@ -196,11 +196,17 @@ impl Rights {
         !daemon.is_guest() && reasoning().any(here) || reasoning().next().is_none()
     }
 
-    fn may(&self, who: &Askers, agent: &AgentId, what: &str, key: &str) -> Result<(), String> {
+    fn may(
+        &self,
+        who: &AllowedRequesters,
+        agent: &AgentId,
+        what: &str,
+        key: &str,
+    ) -> Result<(), String> {
         let named = self.agents.get(agent);
         let may = match who {
-            Askers::All => true,
-            Askers::These { agents, guests } => {
+            AllowedRequesters::All => true,
+            AllowedRequesters::These { agents, guests } => {
                 named.is_some_and(|rights| rights.reasons)
                     || agents.contains(agent)
                     || *guests && named.is_none()
@@ -213,25 +219,25 @@ impl Rights {
     }
 }
 
-impl<T: Ord + std::borrow::Borrow<str>> Allowed<T> {
+impl<T: Ord + std::borrow::Borrow<str>> AllowedNames<T> {
     /// Whether `name` is allowed.
     pub fn has(&self, name: &str) -> bool {
         match self {
-            Allowed::All => true,
-            Allowed::These(these) => these.contains(name),
+            AllowedNames::All => true,
+            AllowedNames::These(these) => these.contains(name),
         }
     }
 }
 
-impl<T> Default for Allowed<T> {
-    fn default() -> Allowed<T> {
-        Allowed::These(BTreeSet::new())
+impl<T> Default for AllowedNames<T> {
+    fn default() -> AllowedNames<T> {
+        AllowedNames::These(BTreeSet::new())
     }
 }
 
-impl Default for Askers {
-    fn default() -> Askers {
-        Askers::These { agents: BTreeSet::new(), guests: false }
+impl Default for AllowedRequesters {
+    fn default() -> AllowedRequesters {
+        AllowedRequesters::These { agents: BTreeSet::new(), guests: false }
     }
 }
 
@@ -264,10 +270,10 @@ mod tests {
         ];
         Rights {
             agents: agents.map(|(name, rights)| (agent(name), rights)).into(),
-            guests: Allowed::These([daemon("desk")].into()),
-            newcomers: Allowed::These([daemon("gate")].into()),
-            goals: Askers::These { agents: [agent("camera")].into(), guests: true },
-            changes: Askers::These { agents: BTreeSet::new(), guests: false },
+            guests: AllowedNames::These([daemon("desk")].into()),
+            newcomers: AllowedNames::These([daemon("gate")].into()),
+            goals: AllowedRequesters::These { agents: [agent("camera")].into(), guests: true },
+            changes: AllowedRequesters::These { agents: BTreeSet::new(), guests: false },
         }
     }
 
@@ -332,7 +338,8 @@ mod tests {
             assert_eq!((may(&goal), may(&change)), (goals, changes), "{who}");
             assert_eq!((may(&answer), may(&observation)), (goals, observes), "{who}");
         }
-        let open = Rights { goals: Askers::All, changes: Askers::All, ..rights() };
+        let open =
+            Rights { goals: AllowedRequesters::All, changes: AllowedRequesters::All, ..rights() };
         assert!(open.may_ask(&agent("robot"), &change).is_ok());
         let of_robot = ChangeState { owner: Some(agent("robot")), ..ChangeState::default() };
         let of_robot = Request::ChangeState(of_robot);

@@ -12,7 +12,7 @@ const DETECTION: Duration = Duration::from_secs(2);
 
 /// Times and bounds that apply to every agent of a daemon.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
+pub struct AgentSettings {
     /// Period of an actuator's heartbeat. One second is the paper's plug and play: what only a
     /// heartbeat reveals is seen within a second.
     pub heartbeat_period: Duration,
@@ -52,9 +52,9 @@ pub struct Settings {
     pub tokens_max: usize,
 }
 
-impl Default for Settings {
-    fn default() -> Settings {
-        Settings {
+impl Default for AgentSettings {
+    fn default() -> AgentSettings {
+        AgentSettings {
             heartbeat_period: Duration::from_millis(1_000),
             heartbeat_lease: Duration::from_millis(3_500),
             grace: Duration::from_millis(500),
@@ -72,7 +72,7 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
+impl AgentSettings {
     /// How long an agent may be silent: the lease, in proportion to the period of its own heartbeats.
     pub fn silence_limit(&self) -> SilenceLimit {
         SilenceLimit::new(self.heartbeat_lease, self.heartbeat_period)

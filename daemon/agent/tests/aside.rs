@@ -4,14 +4,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
-use agent::{Agent, Berth, Callbacks, Context, Launch as _, Settings, Switchboard, Work};
+use agent::{
+    Agent, AgentSettings, Callbacks, Context, LaunchContext, LaunchableAgent as _, MessageRouter,
+    WorkHandle,
+};
 use substrate::memory::Network;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 /// Starts two pieces of work that are done at once; the first callback drops both handles.
 struct Fickle {
-    works: Vec<Work>,
+    works: Vec<WorkHandle>,
     told: mpsc::UnboundedSender<&'static str>,
 }
 
@@ -39,17 +42,17 @@ impl Agent for Fickle {
 async fn what_is_dropped_is_not_heard_of_though_it_was_done() {
     let daemon = DaemonId::new("here").expect("a name");
     let ecosystem = EcosystemId::new("home").expect("a name");
-    let switchboard = Switchboard::new(ecosystem, daemon.clone(), Settings::default());
+    let switchboard = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
     let network = Network::new();
-    switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+    switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
     let (told, mut heard) = mpsc::unbounded_channel();
-    let life = Box::new(Fickle { works: Vec::new(), told }).launch(Berth {
+    let life = Box::new(Fickle { works: Vec::new(), told }).launch(LaunchContext {
         id: AgentId::new("fickle").expect("a name"),
         incarnation: Incarnation(1),
-        switchboard,
+        router: switchboard,
         ontology: Arc::from("d"),
         stopping: CancellationToken::new(),
-        stands_by: false,
+        has_replicas: false,
         via: [].into(),
     });
     let first = heard.recv().await.expect("it lives");

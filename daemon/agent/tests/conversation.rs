@@ -9,12 +9,12 @@ use acl::{
     AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol,
 };
 use agent::{
-    Agent, Answer, Berth, Callbacks, Context, Engagement, Launch, LaunchError, Opening, Presence,
-    Settings, Switchboard,
+    Agent, AgentSettings, Callbacks, Context, ExchangeEvent, ExchangeOpening, LaunchContext,
+    LaunchError, LaunchableAgent, MessageRouter, Participation, Presence,
 };
 use bytes::Bytes;
 use substrate::memory::Network;
-use substrate::{Address, Addressed, Subject, Substrate};
+use substrate::{AgentAddress, Destination, Subject, Substrate};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -25,17 +25,17 @@ fn name(text: &str) -> AgentId {
 
 /// A daemon on the network.
 struct Daemon {
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
     port: Arc<dyn Substrate>,
     stopping: CancellationToken,
 }
 
 impl Daemon {
-    fn open(network: &Network, daemon: &str, settings: Settings) -> Daemon {
+    fn open(network: &Network, daemon: &str, settings: AgentSettings) -> Daemon {
         let ecosystem = EcosystemId::new("test").expect("a name");
         let daemon = DaemonId::new(daemon).expect("a name");
-        let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings);
-        let port = network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _);
+        let switchboard = MessageRouter::new(ecosystem, daemon.clone(), settings);
+        let port = network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _);
         switchboard.connect(Arc::clone(&port));
         Daemon { switchboard, port, stopping: CancellationToken::new() }
     }
@@ -64,13 +64,13 @@ impl Daemon {
         life: u64,
         stands_by: bool,
     ) -> JoinHandle<Result<(), LaunchError>> {
-        Box::new(agent).launch(Berth {
+        Box::new(agent).launch(LaunchContext {
             id: name(id),
             incarnation: Incarnation(life),
-            switchboard: Arc::clone(&self.switchboard),
+            router: Arc::clone(&self.switchboard),
             ontology: Arc::from("test"),
             stopping: self.stopping.clone(),
-            stands_by,
+            has_replicas: stands_by,
             via: [].into(),
         })
     }
@@ -92,7 +92,7 @@ impl Agent for Worker {
 
 impl Worker {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         ctx.answer(&engagement, Performative::Agree, &());
         let _ = self.done.send("began");
         ctx.after(self.takes, move |worker, ctx| {
@@ -103,7 +103,7 @@ impl Worker {
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
         let report = Report::new(Outcome::Cancelled, "given up");
-        ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+        ctx.answer(&Participation::of(&message), Performative::Confirm, &report);
     }
 }
 
@@ -123,7 +123,7 @@ impl Agent for Asker {
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
         let goal = acl::content::Achieve::new("(p)", Default::default(), 0);
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(name("worker")),
             performative: self.performative,
             protocol: Protocol::Action,
@@ -132,19 +132,19 @@ impl Agent for Asker {
         };
         let token = ctx.open(opening, self.patience, |asker, answer, ctx| {
             let line = match answer {
-                Answer::Message(message) if message.performative == Performative::Refuse => {
+                ExchangeEvent::Message(message) if message.performative == Performative::Refuse => {
                     let refusal: Refusal = message.content_as().expect("a refusal");
                     format!("refuse {:?}", refusal.reason)
                 }
-                Answer::Message(message) => message.performative.to_string(),
-                Answer::Silence => "silence".to_owned(),
-                Answer::Undelivered(why) => format!("{why:?}"),
+                ExchangeEvent::Message(message) => message.performative.to_string(),
+                ExchangeEvent::TimedOut => "silence".to_owned(),
+                ExchangeEvent::Undelivered(why) => format!("{why:?}"),
             };
             let line = format!("{line} {}", ctx.exchanges().open_count);
             let _ = asker.heard.send(line);
         });
         if self.changes_its_mind {
-            ctx.go_on(&token, &name("worker"), Performative::Cancel, serde_json::Value::Null);
+            ctx.send_turn(&token, &name("worker"), Performative::Cancel, serde_json::Value::Null);
         }
     }
 }
@@ -161,8 +161,8 @@ struct Room {
 
 fn room(patience: Duration, takes: Duration) -> Room {
     let network = Network::new();
-    let here = Daemon::open(&network, "here", Settings::default());
-    let there = Daemon::open(&network, "there", Settings::default());
+    let here = Daemon::open(&network, "here", AgentSettings::default());
+    let there = Daemon::open(&network, "there", AgentSettings::default());
     let (hear, heard) = mpsc::unbounded_channel();
     let (do_, done) = mpsc::unbounded_channel();
     let asker = Some(Asker {
@@ -280,7 +280,7 @@ impl Agent for Caller {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: None,
             performative: Performative::Cfp,
             protocol: Protocol::ContractNet,
@@ -293,7 +293,7 @@ impl Agent for Caller {
         });
         for after in 1..=3 {
             let token = token.clone();
-            ctx.after(after * SECOND, move |_, ctx| ctx.remind(&token, &name("bidder")));
+            ctx.after(after * SECOND, move |_, ctx| ctx.resend_cfp(&token, &name("bidder")));
         }
     }
 }
@@ -318,7 +318,7 @@ impl Agent for Bidder {
 impl Bidder {
     fn refuse(&mut self, message: &Message, how: &'static str, ctx: &mut Context<Self>) {
         let _ = self.done.send(how);
-        ctx.refuse(&Engagement::of(message), Reason::Incapable, "not mine");
+        ctx.refuse(&Participation::of(message), Reason::Incapable, "not mine");
     }
 }
 
@@ -340,17 +340,17 @@ async fn a_call_is_heard_once_however_often_it_is_repeated() {
 
 /// Loses the first messages to its daemon's agents.
 struct Lossy {
-    inner: Arc<Switchboard>,
+    inner: Arc<MessageRouter>,
     lose: std::sync::atomic::AtomicU32,
 }
 
 impl substrate::Inbound for Lossy {
     fn deliver(&self, delivery: substrate::Delivery) {
         use std::sync::atomic::Ordering::Relaxed;
-        let lossy = match &delivery.addressed {
-            Addressed::To(_, subject) => matches!(subject, Subject::Message(_)),
-            Addressed::All(_, performative) => *performative == Performative::Cfp,
-            Addressed::Beat(_) => false,
+        let lossy = match &delivery.destination {
+            Destination::To(_, subject) => matches!(subject, Subject::Message(_)),
+            Destination::All(_, performative) => *performative == Performative::Cfp,
+            Destination::AgentState(_) => false,
         };
         if lossy && self.lose.fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1)).is_ok() {
             return;
@@ -364,8 +364,8 @@ impl substrate::Inbound for Lossy {
         self.inner.presence(presence);
     }
 
-    fn question(&self, question: substrate::Question) {
-        self.inner.question(question);
+    fn receive_query(&self, question: substrate::ReceivedQuery) {
+        self.inner.receive_query(question);
     }
 }
 
@@ -384,13 +384,14 @@ async fn garbage_is_answered_and_hurts_nobody() {
     room.work();
     let (tell, mut told) = mpsc::unbounded_channel();
     room.network.tap(move |addressed, payload| {
-        if matches!(addressed, Addressed::To(_, Subject::Message(Performative::NotUnderstood))) {
+        if matches!(addressed, Destination::To(_, Subject::Message(Performative::NotUnderstood))) {
             let _ = tell.send(payload.clone());
         }
     });
     // The stranger must be present, or it cannot be answered.
     let _token = room.here.port.announce(&name("stranger"), Incarnation(1)).expect("open");
-    let to = Address { daemon: room.there.switchboard.daemon().clone(), agent: name("worker") };
+    let to =
+        AgentAddress { daemon: room.there.switchboard.daemon().clone(), agent: name("worker") };
     let subject = Subject::Message(Performative::Request);
     let version_9 = r#"{"version": 9, "sender": "stranger", "conversation_id": "c9"}"#;
     tokio::task::yield_now().await;
@@ -411,7 +412,7 @@ async fn what_another_says_of_a_deed_is_nothing() {
     let mut room = room(10 * SECOND, SECOND);
     let (tell, mut told) = mpsc::unbounded_channel();
     room.network.tap(move |addressed, payload| {
-        if matches!(addressed, Addressed::To(_, Subject::Message(Performative::Agree))) {
+        if matches!(addressed, Destination::To(_, Subject::Message(Performative::Agree))) {
             let _ = tell.send(payload.clone());
         }
     });
@@ -429,14 +430,15 @@ async fn what_another_says_of_a_deed_is_nothing() {
         content: value(&done),
         ..agreed
     };
-    let to = Address { daemon: room.here.switchboard.daemon().clone(), agent: name("asker") };
+    let to = AgentAddress { daemon: room.here.switchboard.daemon().clone(), agent: name("asker") };
     let subject = Subject::Message(Performative::Confirm);
     room.there.port.send(&to, subject, acl::encode(&said)).expect("open");
     assert_eq!((room.did().await, room.did().await), ("began", "done"));
     assert_eq!(room.hears().await, "confirm 1");
     assert!(room.heard.try_recv().is_err(), "the worker's own, and no other");
     let daemon = Some(room.here.switchboard.daemon().clone());
-    let ask = substrate::Ask { daemon, resource: substrate::Resource::Mailbox, agent: None };
+    let ask =
+        substrate::ResourceQuery { daemon, resource: substrate::Resource::Mailbox, agent: None };
     let answers = room.here.switchboard.ask(ask, SECOND).await;
     let load: serde_json::Value = serde_json::from_slice(&answers[0]).expect("JSON");
     assert_eq!(load["rejected"]["overstepped"], 1, "{load}");
@@ -445,7 +447,7 @@ async fn what_another_says_of_a_deed_is_nothing() {
 #[tokio::test(start_paused = true)]
 async fn a_full_mailbox_refuses() {
     let network = Network::new();
-    let settings = Settings { mailbox_messages_max: 1, ..Settings::default() };
+    let settings = AgentSettings { mailbox_messages_max: 1, ..AgentSettings::default() };
     let here = Daemon::open(&network, "here", settings);
     let (do_, _done) = mpsc::unbounded_channel();
     here.launch(Worker { takes: SECOND, done: do_ }, "worker", 1);
@@ -486,7 +488,7 @@ async fn two_agents_of_one_name_are_told_apart() {
 #[tokio::test(start_paused = true)]
 async fn of_several_the_oldest_acts_and_the_next_takes_over() {
     let network = Network::new();
-    let settings = Settings::default();
+    let settings = AgentSettings::default();
     let [a, b, c] = ["a", "b", "c"].map(|name| Daemon::open(&network, name, settings.clone()));
     let mut deeds = Vec::new();
     for (daemon, life) in [(&c, 2), (&b, 1)] {
@@ -534,14 +536,14 @@ impl Agent for Idler {
         self.met.send(line).expect("the test listens");
     }
 
-    fn heeds_presence(&self) -> bool {
+    fn wants_presence(&self) -> bool {
         self.heeds.load(Ordering::Relaxed)
     }
 }
 
 impl Idler {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         ctx.answer(&engagement, Performative::Agree, &serde_json::json!({}));
         let report = Report::new(Outcome::Done, "idle");
         ctx.answer(&engagement, Performative::Confirm, &report);
@@ -551,7 +553,7 @@ impl Idler {
 #[tokio::test(start_paused = true)]
 async fn who_does_not_heed_presence_is_told_from_when_it_does() {
     let network = Network::new();
-    let [a, b] = ["a", "b"].map(|name| Daemon::open(&network, name, Settings::default()));
+    let [a, b] = ["a", "b"].map(|name| Daemon::open(&network, name, AgentSettings::default()));
     let (heeds, (met, mut meets)) = (Arc::new(AtomicBool::new(false)), mpsc::unbounded_channel());
     a.launch(Idler { heeds: Arc::clone(&heeds), met }, "worker", 1);
     let ask = async |asker: &str, life: u64| {
@@ -579,7 +581,7 @@ async fn who_does_not_heed_presence_is_told_from_when_it_does() {
 #[tokio::test(start_paused = true)]
 async fn who_does_not_heed_presence_gives_way_to_who_had_its_name_before() {
     let network = Network::new();
-    let settings = Settings { mailbox_messages_max: 1, ..Settings::default() };
+    let settings = AgentSettings { mailbox_messages_max: 1, ..AgentSettings::default() };
     let [a, b] = ["a", "b"].map(|name| Daemon::open(&network, name, settings.clone()));
     let (met, _meets) = mpsc::unbounded_channel();
     let life = a.launch(Idler { heeds: Arc::default(), met }, "worker", 9);

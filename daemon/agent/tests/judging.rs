@@ -8,11 +8,12 @@ use acl::{
     AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol,
 };
 use agent::{
-    Agent, Answer, Berth, Callbacks, Context, Engagement, Launch, Opening, Settings, Switchboard,
+    Agent, AgentSettings, Callbacks, Context, ExchangeEvent, ExchangeOpening, LaunchContext,
+    LaunchableAgent, MessageRouter, Participation,
 };
 use serde_json::Value;
 use substrate::memory::Network;
-use substrate::{Addressed, Subject};
+use substrate::{Destination, Subject};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
@@ -32,7 +33,7 @@ impl Agent for Caller {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: None,
             performative: Performative::Cfp,
             protocol: Protocol::ContractNet,
@@ -43,15 +44,15 @@ impl Agent for Caller {
         let called = Arc::clone(&token);
         let opened =
             ctx.open(opening, Duration::from_secs(10), move |caller: &mut Self, answer, ctx| {
-                let Answer::Message(message) = answer else { return };
+                let ExchangeEvent::Message(message) = answer else { return };
                 caller.proposed.push(message.sender.clone());
                 let token = called.lock().expect("unbroken").clone();
                 if let Some(token) = token.filter(|_| caller.proposed.len() == caller.bidders) {
                     caller.proposed.sort();
                     let rejected = caller.proposed.split_off(1);
                     let first = &caller.proposed[0];
-                    ctx.go_on(&token, first, Performative::AcceptProposal, Value::Null);
-                    ctx.go_on_with(&token, rejected, Performative::RejectProposal, Value::Null);
+                    ctx.send_turn(&token, first, Performative::AcceptProposal, Value::Null);
+                    ctx.multicast_turn(&token, rejected, Performative::RejectProposal, Value::Null);
                     ctx.close(&token);
                 }
             });
@@ -74,7 +75,7 @@ impl Agent for Bidder {
 
 impl Bidder {
     fn called(&mut self, message: Message, ctx: &mut Context<Self>) {
-        ctx.answer(&Engagement::of(&message), Performative::Agree, &());
+        ctx.answer(&Participation::of(&message), Performative::Agree, &());
     }
 
     fn judged(&mut self, message: Message, ctx: &mut Context<Self>) {
@@ -89,30 +90,30 @@ async fn all_who_are_rejected_hear_it_in_one_message_and_nobody_sends_receipts_f
     let taps = Arc::clone(&said);
     network.tap(move |addressed, _| {
         let what = match addressed {
-            Addressed::To(_, Subject::Receipt) => "receipt".to_owned(),
-            Addressed::To(_, Subject::Message(performative)) => performative.to_string(),
-            Addressed::All(_, performative) => format!("{performative} to all"),
-            Addressed::Beat(_) => "beat".to_owned(),
+            Destination::To(_, Subject::Receipt) => "receipt".to_owned(),
+            Destination::To(_, Subject::Message(performative)) => performative.to_string(),
+            Destination::All(_, performative) => format!("{performative} to all"),
+            Destination::AgentState(_) => "beat".to_owned(),
         };
         taps.lock().expect("unbroken").push(what);
     });
     let (tell, mut heard) = mpsc::unbounded_channel();
-    let launch = |agent: Box<dyn Launch>, id: &str, switchboard: &Arc<Switchboard>| {
-        agent.launch(Berth {
+    let launch = |agent: Box<dyn LaunchableAgent>, id: &str, switchboard: &Arc<MessageRouter>| {
+        agent.launch(LaunchContext {
             id: name(id),
             incarnation: Incarnation(1),
-            switchboard: Arc::clone(switchboard),
+            router: Arc::clone(switchboard),
             ontology: Arc::from("test"),
             stopping: CancellationToken::new(),
-            stands_by: false,
+            has_replicas: false,
             via: [].into(),
         })
     };
     let open = |daemon: &str| {
         let daemon = DaemonId::new(daemon).expect("a name");
         let ecosystem = EcosystemId::new("test").expect("a name");
-        let switchboard = Switchboard::new(ecosystem, daemon.clone(), Settings::default());
-        switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+        let switchboard = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
+        switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
         switchboard
     };
     let (here, there) = (open("here"), open("there"));

@@ -9,14 +9,15 @@ use acl::content::{
     RequestedSince,
 };
 use acl::{AgentId, DaemonId, Deadline, EcosystemId, Incarnation, Message, Performative};
-use agent::upkeep::{self, Maintains, Upkeep};
+use agent::domain_sync::{self, DomainSync, MaintainsDomain};
 use agent::{
-    Agent, Berth, Callbacks, Commons, Context, Host, Launch as _, Presence, Settings, Switchboard,
+    Agent, AgentSettings, Callbacks, Context, Host, LaunchContext, LaunchableAgent as _,
+    MessageRouter, Presence, SharedDomain,
 };
-use capability::{Change, Maintainer, Scope, model_digest};
+use capability::{DomainChange, Maintainer, MaintainerScope, model_digest};
 use pddl::InitElement;
 use substrate::memory::Network;
-use substrate::{Ask, Resource};
+use substrate::{Resource, ResourceQuery};
 use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout};
 use tokio_util::sync::CancellationToken;
@@ -57,15 +58,19 @@ impl Meter {
             period: Deadline(ctx.settings().heartbeat_period),
         };
         let (model, methods) = (MODEL.to_owned(), [].into());
-        ctx.beat(&Inform::Model(Box::new(ModelAnnouncement { model, methods, heartbeat })));
+        ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
+            model,
+            methods,
+            heartbeat,
+        })));
         ctx.after(ctx.settings().heartbeat_period, |meter: &mut Self, ctx| meter.beat(ctx));
     }
 }
 
 /// Keeps a maintainer, and reports its changes.
 struct Keeper {
-    upkeep: Upkeep,
-    changes: mpsc::UnboundedSender<Change>,
+    upkeep: DomainSync,
+    changes: mpsc::UnboundedSender<DomainChange>,
 }
 
 impl Agent for Keeper {
@@ -74,23 +79,23 @@ impl Agent for Keeper {
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
-        upkeep::presence(self, presence, ctx);
+        domain_sync::presence(self, presence, ctx);
     }
 }
 
-impl Maintains for Keeper {
-    fn upkeep(&mut self) -> &mut Upkeep {
+impl MaintainsDomain for Keeper {
+    fn domain_sync(&mut self) -> &mut DomainSync {
         &mut self.upkeep
     }
 
-    fn changed(&mut self, change: &Change, _ctx: &mut Context<Self>) {
+    fn domain_changed(&mut self, change: &DomainChange, _ctx: &mut Context<Self>) {
         let _ = self.changes.send(change.clone());
     }
 }
 
 impl Keeper {
     fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
-        upkeep::informed(self, &message, ctx);
+        domain_sync::receive_inform(self, &message, ctx);
     }
 }
 
@@ -100,51 +105,52 @@ fn name(text: &str) -> AgentId {
 
 /// A daemon on an in-memory network, and launch contexts on it.
 struct House {
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
     _network: Network,
 }
 
 impl House {
     fn new() -> House {
-        House::with(Settings::default())
+        House::with(AgentSettings::default())
     }
 
-    fn with(settings: Settings) -> House {
+    fn with(settings: AgentSettings) -> House {
         let daemon = DaemonId::new("d").expect("a name");
         let ecosystem = EcosystemId::new("test").expect("a name");
-        let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings);
+        let switchboard = MessageRouter::new(ecosystem, daemon.clone(), settings);
         let network = Network::new();
-        switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+        switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
         House { switchboard, _network: network }
     }
 
-    fn berth(&self, id: &str, life: u64) -> Berth {
-        Berth {
+    fn berth(&self, id: &str, life: u64) -> LaunchContext {
+        LaunchContext {
             id: name(id),
             incarnation: Incarnation(life),
-            switchboard: Arc::clone(&self.switchboard),
+            router: Arc::clone(&self.switchboard),
             ontology: Arc::from("test"),
             stopping: CancellationToken::new(),
-            stands_by: false,
+            has_replicas: false,
             via: [].into(),
         }
     }
 
     /// Returns the commons; the first call creates them, as the first actuator does.
-    fn commons(&self) -> Arc<Commons> {
+    fn commons(&self) -> Arc<SharedDomain> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let host = Host::new(ontology.expect("a domain"), map.expect("a problem"));
-        self.switchboard.commons(&Host { settings: self.switchboard.settings().clone(), ..host })
+        self.switchboard
+            .shared_domain(&Host { settings: self.switchboard.settings().clone(), ..host })
     }
 
     /// Launches a keeper here; returns the receiver of its changes.
-    fn keep(&self, scope: Scope) -> mpsc::UnboundedReceiver<Change> {
+    fn keep(&self, scope: MaintainerScope) -> mpsc::UnboundedReceiver<DomainChange> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let maintainer =
             Maintainer::new(ontology.expect("a domain"), map.expect("a problem"), scope)
                 .with_silence_limit(self.switchboard.settings().silence_limit());
         let (tell, changes) = mpsc::unbounded_channel();
-        let keeper = Keeper { upkeep: Upkeep::new(maintainer), changes: tell };
+        let keeper = Keeper { upkeep: DomainSync::new(maintainer), changes: tell };
         drop(Box::new(keeper).launch(self.berth("keeper", 1)));
         changes
     }
@@ -155,9 +161,9 @@ const FAR: Duration = Duration::from_secs(3600);
 
 /// Runs a meter with so many heartbeats; returns when its capability left, and when its fact became
 /// unknown.
-async fn silence_of(beats: u64, settings: Settings) -> (Duration, Duration) {
+async fn silence_of(beats: u64, settings: AgentSettings) -> (Duration, Duration) {
     let house = House::with(settings);
-    let mut changes = house.keep(Scope::Everything);
+    let mut changes = house.keep(MaintainerScope::Everything);
     let began = Instant::now();
     let _meter = Box::new(Meter { beats_left: beats, sequence: 0 }).launch(house.berth("meter", 2));
     let mut masked = None;
@@ -176,9 +182,12 @@ async fn silence_of(beats: u64, settings: Settings) -> (Duration, Duration) {
 
 #[tokio::test(start_paused = true)]
 async fn a_silent_agent_is_masked_then_forgotten_although_its_token_stays() {
-    let patient = Settings { heartbeat_lease: Duration::from_secs(9), ..Settings::default() };
-    for (beats, settings) in [(1, Settings::default()), (3, Settings::default()), (2, patient)] {
-        let Settings { heartbeat_period, heartbeat_lease, removal, .. } = settings.clone();
+    let patient =
+        AgentSettings { heartbeat_lease: Duration::from_secs(9), ..AgentSettings::default() };
+    for (beats, settings) in
+        [(1, AgentSettings::default()), (3, AgentSettings::default()), (2, patient)]
+    {
+        let AgentSettings { heartbeat_period, heartbeat_lease, removal, .. } = settings.clone();
         let (masked, forgotten) = silence_of(beats, settings).await;
         let last_beat = heartbeat_period * u32::try_from(beats - 1).expect("few");
         let about = |told: Duration, expected: Duration| {
@@ -191,9 +200,9 @@ async fn a_silent_agent_is_masked_then_forgotten_although_its_token_stays() {
 
 /// Whether the commons see the meter as present, and whether they know the hall, at this time of
 /// the test.
-async fn known_at(commons: &Commons, began: Instant, time: Duration) -> (bool, bool) {
+async fn known_at(commons: &SharedDomain, began: Instant, time: Duration) -> (bool, bool) {
     tokio::time::sleep_until(began + time).await;
-    let (known, now) = commons.look();
+    let (known, now) = commons.current();
     let problem = known.snapshot_for(&[].into(), now).problem.to_string();
     let is_known = problem.contains("(known hall)") && !problem.contains("(unknown (known hall))");
     (known.is_present(&name("meter")), is_known)
@@ -201,12 +210,12 @@ async fn known_at(commons: &Commons, began: Instant, time: Duration) -> (bool, b
 
 #[tokio::test(start_paused = true)]
 async fn the_commons_know_what_was_said_before_and_forget_in_time_though_nobody_looks() {
-    let Settings { heartbeat_lease, removal, .. } = Settings::default();
+    let AgentSettings { heartbeat_lease, removal, .. } = AgentSettings::default();
     let (house, began, blink) = (House::new(), Instant::now(), Duration::from_millis(50));
     let _meter = Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.berth("meter", 1));
     tokio::time::sleep(blink).await;
     let commons = house.commons();
-    let (then, _) = commons.look();
+    let (then, _) = commons.current();
     assert_eq!(known_at(&commons, began, heartbeat_lease - blink).await, (true, true));
     assert_eq!(known_at(&commons, began, heartbeat_lease + blink * 2).await, (false, true));
     let late = house.commons();
@@ -230,10 +239,10 @@ async fn a_maintainer_that_comes_late_knows_who_is_here() {
         tokio::time::sleep(Duration::from_millis(50)).await;
         if let Some(commons) = commons {
             let digest = model_digest(MODEL, &[].into());
-            let (known, _) = commons.look();
+            let (known, _) = commons.current();
             assert!(known.announcement(&name("meter"), Incarnation(1), &digest).is_some());
         }
-        let (began, mut changes) = (Instant::now(), house.keep(Scope::Everything));
+        let (began, mut changes) = (Instant::now(), house.keep(MaintainerScope::Everything));
         let change = changes.recv().await.expect("the keeper lives");
         assert_eq!((change.joined, began.elapsed()), (vec![name("meter")], Duration::ZERO));
     }
@@ -246,7 +255,7 @@ async fn a_daemon_has_its_own_models_at_hand() {
     tokio::time::sleep(Duration::from_millis(50)).await;
     for (agent, count) in [(None, 1), (Some(name("meter")), 1), (Some(name("nobody")), 0)] {
         let daemon = Some(house.switchboard.daemon().clone());
-        let ask = Ask { daemon, resource: Resource::Model, agent };
+        let ask = ResourceQuery { daemon, resource: Resource::Model, agent };
         let answers = house.switchboard.ask(ask, Duration::ZERO).await;
         assert_eq!(answers.len(), count);
         assert!(answers.iter().all(|answer| acl::decode(answer).is_ok()));
@@ -275,7 +284,11 @@ impl Agent for Teller {
                 period: Deadline(ctx.settings().heartbeat_period),
             };
             let methods = [].into();
-            ctx.beat(&Inform::Model(Box::new(ModelAnnouncement { model, methods, heartbeat })));
+            ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
+                model,
+                methods,
+                heartbeat,
+            })));
         }
         ctx.after(Duration::from_secs(1), |teller: &mut Self, ctx| {
             ctx.inform_all(&Inform::Epoch(teller.change.clone()));
@@ -319,11 +332,11 @@ async fn known_when_told(change: EpochChange, has_model: bool) -> [bool; 3] {
 /// Returns what a central keeper believes after `change`.
 async fn believed(change: EpochChange) -> Vec<String> {
     let house = House::new();
-    let mut changes = house.keep(Scope::Everything);
+    let mut changes = house.keep(MaintainerScope::Everything);
     drop(Box::new(Teller { change, has_model: false }).launch(house.berth("teller", 2)));
     let mut heard = Vec::new();
     while let Ok(change) = timeout(Duration::from_secs(2), changes.recv()).await {
-        let Change { believed, .. } = change.expect("the keeper lives");
+        let DomainChange { believed, .. } = change.expect("the keeper lives");
         heard.extend(believed.iter().map(ToString::to_string));
     }
     heard
@@ -369,7 +382,7 @@ impl Mumbler {
             period: Deadline(ctx.settings().heartbeat_period),
         };
         let (model, methods) = ("(define (agent mumb".to_owned(), [].into());
-        ctx.beat(&match self.sequence {
+        ctx.broadcast_state(&match self.sequence {
             1 => Inform::Model(Box::new(ModelAnnouncement { model, methods, heartbeat })),
             _ => Inform::Heartbeat(heartbeat),
         });
@@ -378,9 +391,9 @@ impl Mumbler {
 }
 
 /// Returns how many messages this daemon has counted as not understood.
-async fn not_understood(switchboard: &Switchboard) -> Option<u64> {
+async fn not_understood(switchboard: &MessageRouter) -> Option<u64> {
     let daemon = Some(switchboard.daemon().clone());
-    let ask = Ask { daemon, resource: Resource::Mailbox, agent: None };
+    let ask = ResourceQuery { daemon, resource: Resource::Mailbox, agent: None };
     let answers = switchboard.ask(ask, Duration::ZERO).await;
     let told: Mailboxes = serde_json::from_slice(answers.first()?).expect("mailboxes");
     told.rejected.get("not-understood").copied()
@@ -391,7 +404,7 @@ async fn a_model_that_is_not_taken_is_counted_and_read_again_only_after_a_while(
     for (has_commons, has_keeper) in [(true, false), (false, true), (true, true)] {
         let (house, began) = (House::new(), Instant::now());
         let _commons = has_commons.then(|| house.commons());
-        let _changes = has_keeper.then(|| house.keep(Scope::Everything));
+        let _changes = has_keeper.then(|| house.keep(MaintainerScope::Everything));
         let _mumbler = Box::new(Mumbler { sequence: 0 }).launch(house.berth("mumbler", 1));
         for (seconds, expected) in [(1, 1), (9, 1), (12, 2)] {
             tokio::time::sleep_until(began + Duration::from_millis(seconds * 1_000 + 500)).await;

@@ -23,7 +23,9 @@ use std::time::{Duration, Instant};
 use acl::content::Methods;
 use acl::{AgentId, Incarnation};
 use building::{BuildingDevice, Campus, Layout};
-use capability::{Announcement, Maintainer, Moment, Scope, Snapshot, model_digest};
+use capability::{
+    Announcement, DomainSnapshot, Maintainer, MaintainerScope, Timestamp, model_digest,
+};
 use pddl::{Atom, Condition, InitElement, Name, Problem, Span, Term};
 use planner::explain::{self, ActionGuard, ExplanationInput};
 use planner::{Cancel, GroundingReuse, Options, Replanner};
@@ -109,19 +111,19 @@ fn median(mut values: Vec<f64>) -> f64 {
 fn change_and_replan(campus: &Campus) -> Outcome<()> {
     let ontology = pddl::parse_domain(ONTOLOGY).into_result().map_err(|_| "the domain")?;
     let map = pddl::parse_problem(&campus.map()).into_result().map_err(|_| "the map")?;
-    let mut maintainer = Maintainer::new(ontology, map, Scope::Everything);
+    let mut maintainer = Maintainer::new(ontology, map, MaintainerScope::Everything);
     let layout = campus.layout();
     for device in layout.devices() {
-        maintainer.admit(announcement(device)?, Moment(0)).map_err(|error| error.to_string())?;
+        maintainer.admit(announcement(device)?, Timestamp(0)).map_err(|error| error.to_string())?;
     }
     let dying = layout.rooms().find_map(|room| layout.fixed_sensors_in(room).next());
     let dying = AgentId::new(dying.ok_or("no thermometer")?)?;
     let life = Incarnation::default();
     let change = figures(|| {
-        maintainer.mask(&dying, life, Moment(1));
-        maintainer.snapshot(Moment(1));
-        maintainer.unmask(&dying, life, Moment(1));
-        maintainer.snapshot(Moment(1));
+        maintainer.mask(&dying, life, Timestamp(1));
+        maintainer.snapshot(Timestamp(1));
+        maintainer.unmask(&dying, life, Timestamp(1));
+        maintainer.snapshot(Timestamp(1));
         Ok(())
     })?;
     tell(
@@ -131,26 +133,26 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
         Some(CHANGE_AIM_MS),
     );
 
-    let all = plan_for(&maintainer.snapshot(Moment(1)), layout, None)?;
+    let all = plan_for(&maintainer.snapshot(Timestamp(1)), layout, None)?;
     tell_figures("a plan for all rooms", &all, PLAN_AIM_MS);
-    maintainer.mask(&dying, life, Moment(1));
+    maintainer.mask(&dying, life, Timestamp(1));
     let room = dying.as_str().trim_start_matches("thermometer-");
-    let again = plan_for(&maintainer.snapshot(Moment(1)), layout, Some(room))?;
+    let again = plan_for(&maintainer.snapshot(Timestamp(1)), layout, Some(room))?;
     tell_figures("the same, when the thermometer of one room is gone", &again, PLAN_AIM_MS);
     let (without, with) = {
-        let without = maintainer.snapshot(Moment(1));
-        maintainer.unmask(&dying, life, Moment(1));
-        (without, maintainer.snapshot(Moment(1)))
+        let without = maintainer.snapshot(Timestamp(1));
+        maintainer.unmask(&dying, life, Timestamp(1));
+        (without, maintainer.snapshot(Timestamp(1)))
     };
     let kept = replan_for(&[with, without], layout, room)?;
     tell_figures("a replan: it is gone, or back", &kept, REPLAN_AIM_MS);
-    maintainer.mask(&dying, life, Moment(1));
+    maintainer.mask(&dying, life, Timestamp(1));
     for device in layout.devices() {
         if !matches!(device, BuildingDevice::Robot { .. }) {
-            maintainer.mask(&AgentId::new(device.name())?, life, Moment(1));
+            maintainer.mask(&AgentId::new(device.name())?, life, Timestamp(1));
         }
     }
-    let nobody = maintainer.snapshot(Moment(1));
+    let nobody = maintainer.snapshot(Timestamp(1));
     for (what, rooms) in [("one room", 1), ("all rooms", usize::MAX)] {
         let rooms: Vec<_> = layout.rooms().take(rooms).map(known).map(Condition::Atom).collect();
         let took = explain(&nobody, &rooms)?;
@@ -165,7 +167,7 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
 }
 
 /// Measures the time to explain why these conditions cannot be reached.
-fn explain(snapshot: &Snapshot, parts: &[Condition]) -> Outcome<Figures> {
+fn explain(snapshot: &DomainSnapshot, parts: &[Condition]) -> Outcome<Figures> {
     let guards = snapshot.guards().into_iter().map(|(inside, guard)| {
         let (outside, predicate) = (Name::new(&guard.outside), Name::new(&guard.predicate));
         (Name::new(&inside), ActionGuard { outside, predicate })
@@ -188,7 +190,7 @@ fn known(room: &str) -> Atom {
 }
 
 /// Measures the time to plan for all rooms, when all are known except `unknown`, or none is.
-fn plan_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Outcome<Figures> {
+fn plan_for(snapshot: &DomainSnapshot, layout: &Layout, unknown: Option<&str>) -> Outcome<Figures> {
     let problem = problem_for(snapshot, layout, unknown);
     figures(|| {
         let outcome =
@@ -199,7 +201,7 @@ fn plan_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Outc
 }
 
 /// Measures the time to plan again, in turn, for snapshots that the planner has planned in before.
-fn replan_for(snapshots: &[Snapshot], layout: &Layout, unknown: &str) -> Outcome<Figures> {
+fn replan_for(snapshots: &[DomainSnapshot], layout: &Layout, unknown: &str) -> Outcome<Figures> {
     let problem = |snapshot| problem_for(snapshot, layout, Some(unknown));
     let problems: Vec<Problem> = snapshots.iter().map(problem).collect();
     let (mut replanner, mut round) = (Replanner::default(), 0);
@@ -224,7 +226,7 @@ fn replan_for(snapshots: &[Snapshot], layout: &Layout, unknown: &str) -> Outcome
 }
 
 /// Returns the goal to know all rooms, when all are known except `unknown`, or none is.
-fn problem_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Problem {
+fn problem_for(snapshot: &DomainSnapshot, layout: &Layout, unknown: Option<&str>) -> Problem {
     let goal = layout.rooms().map(|room| Condition::Atom(known(room))).collect();
     let mut problem = snapshot.with_goal(&Condition::And(goal), None);
     if let Some(unknown) = unknown {

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 
 use acl::content::Inform;
 use acl::{AgentId, Message, Performative};
-use agent::{Agent, Callbacks, Context, Host, LaunchError, Switchboard};
+use agent::{Agent, Callbacks, Context, Host, LaunchError, MessageRouter};
 use support::{Figures, Outcome, PATIENCE, workers};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
@@ -96,7 +96,7 @@ async fn join(
     name: &str,
     place: usize,
     host: &Arc<Host>,
-    daemon: &Arc<Switchboard>,
+    daemon: &Arc<MessageRouter>,
     epochs: &mut mpsc::UnboundedReceiver<Vec<AgentId>>,
 ) -> Outcome<(Duration, JoinHandle<Result<(), LaunchError>>)> {
     while epochs.try_recv().is_ok() {}

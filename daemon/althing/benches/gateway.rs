@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 
 use acl::content::BelievedState;
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Ask, Resource, Settings, Switchboard};
+use agent::{AgentSettings, MessageRouter, Resource, ResourceQuery};
 use mqtt_link::BrokerConnection;
 use serde_json::{Value, json};
 use substrate_zenoh::Config;
@@ -69,18 +69,18 @@ async fn main() -> Outcome<()> {
 
 /// A client that receives messages on Zenoh, and publishes messages of devices on MQTT.
 struct Client {
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
     device: Arc<BrokerConnection>,
 }
 
 impl Client {
     async fn enter(machine: &Machine, broker: &str) -> Outcome<Client> {
         let mut config = Config::new(EcosystemId::new("gateway")?, DaemonId::new("listener")?);
-        config.mode = substrate_zenoh::Mode::Client;
+        config.mode = substrate_zenoh::SessionMode::Client;
         config.connect = vec![machine.endpoint("gateway", "d")];
         let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
-        let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
-        switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+        let switchboard = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
+        switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
         let broker = mqtt_link::Broker::new(Some(broker), None, None, None)?;
         let device = BrokerConnection::shared(&broker, "bench");
         let mut trouble = device.problem();
@@ -155,7 +155,8 @@ impl Client {
         let deadline = Instant::now() + PATIENCE;
         let agent = AgentId::new("domain-maintainer").ok();
         while Instant::now() < deadline {
-            let ask = Ask { daemon: None, resource: Resource::State, agent: agent.clone() };
+            let ask =
+                ResourceQuery { daemon: None, resource: Resource::State, agent: agent.clone() };
             let answers = self.switchboard.ask(ask, PATIENCE).await;
             let state: Option<BelievedState> =
                 answers.first().and_then(|answer| serde_json::from_slice(answer).ok());

@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 
 use acl::content::{EpochChange, Inform};
 use acl::{AgentId, DaemonId, EcosystemId, Message, Performative};
-use agent::{Agent, Callbacks, Context, Host, Switchboard};
+use agent::{Agent, Callbacks, Context, Host, MessageRouter};
 use building::BuildingHandle;
 use support::{Entry, Figures, Machine, Outcome, PATIENCE, Process};
 use tokio::sync::mpsc;
@@ -76,7 +76,7 @@ async fn main() -> Outcome<()> {
 /// The office in its process, and an observing daemon in this one.
 struct Bench {
     machine: Machine,
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
     host: Arc<Host>,
     changes: mpsc::Receiver<(Instant, EpochChange)>,
     /// The agents with a domain of their own, without newcomers and the Domain Maintainer.
@@ -98,10 +98,10 @@ impl Bench {
         let mut host = support::host(DOMAIN, MAP, agent::Mode::Decentralized)?;
         host.resources.insert(BuildingHandle::connect(machine.building()).await?);
         let settings = host.settings.clone();
-        let switchboard = Switchboard::new(ecosystem.clone(), here.clone(), settings);
+        let switchboard = MessageRouter::new(ecosystem.clone(), here.clone(), settings);
         let mut config = substrate_zenoh::Config::new(ecosystem, here);
         config.connect = vec![machine.endpoint(ECOSYSTEM, HOUSE)];
-        switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+        switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
         let (tell, changes) = mpsc::channel(HEARD_MAX);
         let ear = Box::new(Ear { tell });
         support::launch(&AgentId::new("ear")?, ear, &switchboard, ECOSYSTEM);

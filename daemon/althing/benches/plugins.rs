@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Ask, Resource, Settings, Switchboard};
+use agent::{AgentSettings, MessageRouter, Resource, ResourceQuery};
 use plugin_host::{PluginList, PluginState, PluginStatus};
 use substrate_zenoh::Config;
 use support::{Figures, Machine, Outcome, PATIENCE};
@@ -117,18 +117,18 @@ fn put(machine: &Machine, program: &Path) -> Outcome<()> {
     Ok(())
 }
 
-async fn enter(machine: &Machine) -> Outcome<Arc<Switchboard>> {
+async fn enter(machine: &Machine) -> Outcome<Arc<MessageRouter>> {
     let mut config = Config::new(EcosystemId::new("plugins")?, DaemonId::new("listener")?);
-    config.mode = substrate_zenoh::Mode::Client;
+    config.mode = substrate_zenoh::SessionMode::Client;
     config.connect = vec![machine.endpoint("plugins", "d")];
     let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
-    let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
-    switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+    let switchboard = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
+    switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
     Ok(switchboard)
 }
 
 /// Waits until the Domain Maintainer can plan with an agent, or no longer can.
-async fn await_offer(switchboard: &Switchboard, agent: &AgentId, wanted: bool) -> Outcome<()> {
+async fn await_offer(switchboard: &MessageRouter, agent: &AgentId, wanted: bool) -> Outcome<()> {
     let deadline = Instant::now() + PATIENCE;
     let maintainer = AgentId::new("domain-maintainer").ok();
     while Instant::now() < deadline {
@@ -140,8 +140,9 @@ async fn await_offer(switchboard: &Switchboard, agent: &AgentId, wanted: bool) -
     Err("it was waited for in vain".into())
 }
 
-async fn status(switchboard: &Switchboard) -> Outcome<PluginStatus> {
-    let ask = Ask { daemon: DaemonId::new("d").ok(), resource: Resource::Plugins, agent: None };
+async fn status(switchboard: &MessageRouter) -> Outcome<PluginStatus> {
+    let ask =
+        ResourceQuery { daemon: DaemonId::new("d").ok(), resource: Resource::Plugins, agent: None };
     let answers = switchboard.ask(ask, PATIENCE).await;
     let plugins: PluginList = serde_json::from_slice(answers.first().ok_or("no answer")?)?;
     let found = plugins.plugins.into_iter().find(|status| status.name == NAME);
@@ -149,7 +150,7 @@ async fn status(switchboard: &Switchboard) -> Outcome<PluginStatus> {
 }
 
 /// Waits until another process of the plugin runs.
-async fn await_other(switchboard: &Switchboard, before: Option<i32>) -> Outcome<()> {
+async fn await_other(switchboard: &MessageRouter, before: Option<i32>) -> Outcome<()> {
     let deadline = Instant::now() + PATIENCE;
     while Instant::now() < deadline {
         let status = status(switchboard).await?;

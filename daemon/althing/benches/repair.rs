@@ -31,7 +31,7 @@ use std::time::{Duration, Instant};
 
 use acl::content::{Act, Keep, Outcome as Ended, Partition, Request};
 use acl::{AgentId, DaemonId, EcosystemId, Message};
-use agent::{Mode, Settings, Switchboard};
+use agent::{AgentSettings, MessageRouter, Mode};
 use building::{Building, DeathTime, DeviceFault, Layout, SeededScenario};
 use bytes::Bytes;
 use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
@@ -58,7 +58,7 @@ const ACTS_MAX: usize = 1_024;
 #[tokio::main]
 async fn main() -> Outcome<()> {
     let deaths = if support::is_whole() { DEATHS } else { [1, 1] };
-    let Settings { grace, removal, .. } = Settings::default();
+    let AgentSettings { grace, removal, .. } = AgentSettings::default();
     for mode in [Mode::Centralized, Mode::Decentralized] {
         println!("{mode}");
         for (dies, wait, deaths, what) in [
@@ -97,7 +97,7 @@ async fn main() -> Outcome<()> {
 async fn silences(mode: Mode, means: Means, how: &str) -> Outcome<()> {
     let (Means::Freeze(lease) | Means::Pull(lease)) = means else { return Ok(()) };
     let mut figures = Figures::default();
-    let (grace, dies) = (Settings::default().grace, DeathTime::BeforeReport);
+    let (grace, dies) = (AgentSettings::default().grace, DeathTime::BeforeReport);
     let times = if support::is_whole() { FREEZES } else { 1 };
     let seeds = (0..).map(Layout::seeded).filter(|scenario| scenario.dies == dies);
     for scenario in seeds.take(times) {
@@ -304,7 +304,7 @@ impl Running {
             Running::OnWires(wires) => wires.client(name),
             Running::Here(machine, _) => {
                 let mut config = Config::new(EcosystemId::new("scenario-1")?, DaemonId::new(name)?);
-                config.mode = substrate_zenoh::Mode::Client;
+                config.mode = substrate_zenoh::SessionMode::Client;
                 config.connect = vec![machine.endpoint("scenario-1", setting::REASONING)];
                 Ok(config)
             }
@@ -324,8 +324,8 @@ fn dying(scenario: &SeededScenario) -> Outcome<String> {
 /// Launches a keyboard for the user, once all devices can be planned with.
 async fn enter(config: Config, scenario: &SeededScenario) -> Outcome<Terminal> {
     let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
-    let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
-    switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+    let switchboard = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
+    switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
     let devices = scenario.layout.devices().iter().map(|device| device.name().to_owned());
     support::await_offers(&switchboard, &devices.collect()).await?;
     let (keyboard, terminal) = Keyboard::with_terminal();

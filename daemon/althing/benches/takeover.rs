@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 
 use acl::content::{Keep, Outcome as Ended, Partition, Record, Request};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
-use agent::{Ask, Mode, Resource, Settings, Switchboard};
+use agent::{AgentSettings, MessageRouter, Mode, Resource, ResourceQuery};
 use bytes::Bytes;
 use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use substrate_zenoh::{Config, Tap};
@@ -174,7 +174,7 @@ async fn until_kept(person: &Person) -> Outcome<()> {
         records.iter().any(|record| record.key.starts_with("plan/") && !record.body.is_null())
     };
     loop {
-        let ask = Ask { daemon: None, resource: Resource::Journal, agent: None };
+        let ask = ResourceQuery { daemon: None, resource: Resource::Journal, agent: None };
         let answers = person.switchboard.ask(ask, Duration::from_secs(2)).await;
         if answers.iter().filter(|answer| has_plan(answer)).count() >= KEPT_BY {
             return Ok(());
@@ -226,15 +226,15 @@ fn asked(payload: &Bytes) -> Option<Asked> {
 /// A user that requests goals, and can query the Journals.
 struct Person {
     terminal: Terminal,
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
 }
 
 /// Launches a keyboard for the user, once the robot can be planned with.
 async fn enter(machine: &Machine) -> Outcome<Person> {
     let config = client(machine, "person")?;
     let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
-    let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
-    switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+    let switchboard = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
+    switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
     let devices = ["turtlebot-1", "ir-1"].map(ToOwned::to_owned);
     support::await_offers(&switchboard, &devices.into()).await?;
     let (keyboard, terminal) = Keyboard::with_terminal();
@@ -245,7 +245,7 @@ async fn enter(machine: &Machine) -> Outcome<Person> {
 /// Returns the configuration of a client of the daemon that is not killed.
 fn client(machine: &Machine, name: &str) -> Outcome<Config> {
     let mut config = Config::new(EcosystemId::new("takeover")?, DaemonId::new(name)?);
-    config.mode = substrate_zenoh::Mode::Client;
+    config.mode = substrate_zenoh::SessionMode::Client;
     config.connect = vec![machine.endpoint("takeover", "gamma")];
     Ok(config)
 }

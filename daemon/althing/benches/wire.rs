@@ -20,12 +20,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId, Performative};
-use agent::{Mode, PluginEntry, Settings, Switchboard};
+use agent::{AgentSettings, MessageRouter, Mode, PluginEntry};
 use building::{Building, BuildingDevice, Campus, DEVICES_PER_HOUSE};
 use bytes::Bytes;
 use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use substrate::memory::Network;
-use substrate::{Address, Ask, BoxFuture, SendError, Subject, Substrate, Through};
+use substrate::{
+    AgentAddress, BoxFuture, ForwardingSubstrate, ResourceQuery, SendError, Subject, Substrate,
+};
 use support::{Entry, Outcome};
 
 /// The same value as in `ecosystems/campus.toml`.
@@ -133,7 +135,7 @@ async fn cost(count: usize, mode: Mode, aim: Aim) -> Outcome<Arc<Counts>> {
     let campus = Campus::seeded(SEED, count.div_ceil(DEVICES_PER_HOUSE));
     let devices = first_of(&campus, count);
     let mut host = support::host(DOMAIN, &campus.map(), mode)?;
-    host.settings = Settings { proposals_deadline: PROPOSALS_DEADLINE, ..host.settings };
+    host.settings = AgentSettings { proposals_deadline: PROPOSALS_DEADLINE, ..host.settings };
     let building = Building::new(campus.layout().clone(), 1.0)?;
     host.resources.insert(building.handle());
     let host = Arc::new(host);
@@ -144,7 +146,7 @@ async fn cost(count: usize, mode: Mode, aim: Aim) -> Outcome<Arc<Counts>> {
         entry.daemon == "reasoning"
             || devices.iter().any(|device| device.name() == entry.name.as_str())
     };
-    let mut daemons: BTreeMap<String, Arc<Switchboard>> = BTreeMap::new();
+    let mut daemons: BTreeMap<String, Arc<MessageRouter>> = BTreeMap::new();
     for entry in support::entries(&campus.ecosystem("", ""))?.iter().filter(|entry| is_here(entry))
     {
         let Some(plugin) = PLUGINS.iter().find(|plugin| plugin.name == entry.plugin) else {
@@ -191,13 +193,13 @@ fn first_of(campus: &Campus, count: usize) -> Vec<&BuildingDevice> {
 fn open(
     network: &Network,
     name: &str,
-    settings: &Settings,
+    settings: &AgentSettings,
     counts: &Arc<Counts>,
-) -> Outcome<Arc<Switchboard>> {
+) -> Outcome<Arc<MessageRouter>> {
     let daemon = DaemonId::new(name)?;
     let switchboard =
-        Switchboard::new(EcosystemId::new("campus")?, daemon.clone(), settings.clone());
-    let port = network.open(daemon, Arc::<Switchboard>::clone(&switchboard));
+        MessageRouter::new(EcosystemId::new("campus")?, daemon.clone(), settings.clone());
+    let port = network.open(daemon, Arc::<MessageRouter>::clone(&switchboard));
     switchboard.connect(Arc::new(Counted { port, counts: Arc::clone(counts) }));
     Ok(switchboard)
 }
@@ -269,12 +271,12 @@ struct Counted {
     counts: Arc<Counts>,
 }
 
-impl Through for Counted {
-    fn wire(&self) -> &dyn Substrate {
+impl ForwardingSubstrate for Counted {
+    fn inner(&self) -> &dyn Substrate {
         &*self.port
     }
 
-    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+    fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError> {
         let kind = match subject {
             Subject::Message(performative) => performative.as_str(),
             Subject::Receipt => "receipts",
@@ -293,12 +295,12 @@ impl Through for Counted {
         self.port.broadcast(sender, performative, payload)
     }
 
-    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
+    fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         self.counts.add(HEARTBEATS, &payload);
-        self.port.beat(sender, payload)
+        self.port.broadcast_state(sender, payload)
     }
 
-    fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+    fn ask(&self, ask: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         self.counts.add("questions", &Bytes::new());
         let (answers, counts) = (self.port.ask(ask, timeout), Arc::clone(&self.counts));
         Box::pin(async move {

@@ -38,12 +38,12 @@ pub(crate) fn start(verbose: u8) {
             .fmt_fields(fields.delimited(" "))
             .with_writer(|| terminal::output::NoteStream)
             .with_ansi(terminal::output::stderr_is_colored())
-            .with_filter(filter.and(substrate_zenoh::without_calls_to_self()).and(filter_fn(
+            .with_filter(filter.and(substrate_zenoh::self_link_filter()).and(filter_fn(
                 move |about| !is_plain || !substrate_zenoh::is_error_of_zenoh(about),
             )));
-    let plain = is_plain.then(substrate_zenoh::plain_words);
+    let plain = is_plain.then(substrate_zenoh::zenoh_error_layer);
     // A second call, as in tests, has no effect.
-    let _ = registry().with(lines).with(plain).with(substrate_zenoh::too_long()).try_init();
+    let _ = registry().with(lines).with(plain).with(substrate_zenoh::oversize_layer()).try_init();
 }
 
 /// Returns the filter for a number of `-v`. Zenoh logs much that only its developers need: its

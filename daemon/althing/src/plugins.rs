@@ -58,7 +58,7 @@ pub(crate) fn known() -> Vec<crate::config::KnownPlugin> {
     let known = |plugin: &PluginEntry| crate::config::KnownPlugin {
         name: plugin.name,
         drivers: plugin.drivers,
-        stands_by: plugin.stands_by,
+        stands_by: plugin.has_replicas,
     };
     PLUGINS.iter().map(known).collect()
 }

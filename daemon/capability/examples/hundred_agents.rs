@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 
 use acl::content::Methods;
 use acl::{AgentId, Incarnation};
-use capability::{Announcement, Beat, Known, Maintainer, Moment, Scope, model_digest};
+use capability::{
+    Announcement, KnownFact, Maintainer, MaintainerScope, ParsedHeartbeat, Timestamp, model_digest,
+};
 
 const AGENTS: usize = 100;
 const ACTIONS: usize = 10;
@@ -24,9 +26,9 @@ fn main() {
 fn measure(title: &str, variant: impl Fn(usize) -> usize) {
     let announced: Vec<Announcement> =
         (0..AGENTS).map(|agent| announcement(agent, variant(agent))).collect();
-    let mut maintainer = Maintainer::new(ontology(), map(), Scope::Everything);
+    let mut maintainer = Maintainer::new(ontology(), map(), MaintainerScope::Everything);
     for announcement in &announced {
-        maintainer.admit(announcement.clone(), Moment(0)).expect("a good model");
+        maintainer.admit(announcement.clone(), Timestamp(0)).expect("a good model");
     }
     assert!(maintainer.conflicts().is_empty());
     println!("{title}");
@@ -37,13 +39,13 @@ fn measure(title: &str, variant: impl Fn(usize) -> usize) {
     let mut took: [Vec<Duration>; 7] = Default::default();
     for round in 0..ROUNDS {
         let mut steps = Steps { took: &mut took, next: 0 };
-        steps.time(|| maintainer.remove(agent, life, Moment(1)));
-        steps.time(|| maintainer.admit(last.clone(), Moment(1)).expect("a good model"));
-        steps.time(|| maintainer.mask(agent, life, Moment(1)));
-        steps.time(|| maintainer.unmask(agent, life, Moment(1)));
+        steps.time(|| maintainer.remove(agent, life, Timestamp(1)));
+        steps.time(|| maintainer.admit(last.clone(), Timestamp(1)).expect("a good model"));
+        steps.time(|| maintainer.mask(agent, life, Timestamp(1)));
+        steps.time(|| maintainer.unmask(agent, life, Timestamp(1)));
         let beat = heartbeat(last, &digest, round + 1);
-        steps.time(|| maintainer.believe_heartbeat(beat, Moment(1)).expect("a good heartbeat"));
-        let snapshot = steps.time(|| maintainer.snapshot(Moment(1)));
+        steps.time(|| maintainer.apply_heartbeat(beat, Timestamp(1)).expect("a good heartbeat"));
+        let snapshot = steps.time(|| maintainer.snapshot(Timestamp(1)));
         steps.time(|| snapshot.digest().len());
     }
     let names = ["remove", "admit", "mask", "unmask", "heartbeat", "snapshot", "digest"];
@@ -117,14 +119,14 @@ fn announcement(agent: usize, variant: usize) -> Announcement {
     Announcement::new(agent, Incarnation(1), model, methods, &digest)
 }
 
-fn heartbeat(announced: &Announcement, digest: &str, sequence: u64) -> Beat {
+fn heartbeat(announced: &Announcement, digest: &str, sequence: u64) -> ParsedHeartbeat {
     let said = pddl::parse_init_elements(&facts(AGENTS - 1)).into_result().expect("facts");
-    Beat {
+    ParsedHeartbeat {
         agent: announced.agent.clone(),
         incarnation: announced.incarnation,
         sequence,
         digest: digest.to_owned(),
-        facts: said.into_iter().map(Known::from).collect(),
+        facts: said.into_iter().map(KnownFact::from).collect(),
         period: None,
     }
 }

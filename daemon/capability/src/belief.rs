@@ -16,15 +16,15 @@ use pddl::{InitElement, Name};
 
 use crate::composite::Composite;
 use crate::declined::Declined;
-use crate::fact::{FactKey, Owner, Space, Value};
+use crate::fact::{FactKey, FactSymbolKind, FactValue, Owner};
 use crate::limits;
-use crate::moment::Moment;
-use crate::untold::Untold;
+use crate::pending_changes::PendingChanges;
+use crate::timestamp::Timestamp;
 
 /// The origin of a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
-pub enum Source {
+pub enum ClaimSource {
     /// The `:init` of a model or of the map.
     Model,
     /// A heartbeat.
@@ -38,58 +38,58 @@ pub enum Source {
     /// The agent that was responsible for the fact has left.
     Departure,
     /// The central maintainer passed on the claim of another owner.
-    Told,
+    Announced,
 }
 
 /// The claim of one owner about one fact.
 #[derive(Clone, Debug)]
-pub(crate) struct Claim {
-    pub(crate) value: Value,
-    pub(crate) source: Source,
+pub(crate) struct FactClaim {
+    pub(crate) value: FactValue,
+    pub(crate) source: ClaimSource,
     pub(crate) incarnation: Incarnation,
     pub(crate) sequence: u64,
     /// Time at which the claim was made last.
-    pub(crate) said: Moment,
+    pub(crate) said: Timestamp,
     /// Time at which the claim expires; `None` if it does not expire.
-    pub(crate) until: Option<Moment>,
+    pub(crate) until: Option<Timestamp>,
 }
 
 /// Value of a term, and the time until which it holds at most; `None` means without end.
 #[derive(Clone, Copy, Debug)]
-struct Holding {
-    value: Value,
-    until: Option<Moment>,
+struct BelievedValue {
+    value: FactValue,
+    until: Option<Timestamp>,
 }
 
 /// A claim with its place in the order in which all claims were made.
 #[derive(Clone, Debug)]
-struct Stamped {
+struct StampedClaim {
     stamp: u64,
     /// Stamp of the first of the latest claims that all have this same value.
     since: u64,
-    claim: Claim,
+    claim: FactClaim,
 }
 
-impl Stamped {
+impl StampedClaim {
     fn is_heartbeat(&self) -> bool {
-        self.claim.source == Source::Heartbeat
+        self.claim.source == ClaimSource::Heartbeat
     }
 }
 
 /// All claims about one fact, sorted by owner. A list, because most facts have one owner only.
 #[derive(Clone, Debug)]
-struct Owners(Vec<(Owner, Stamped)>);
+struct ClaimsByOwner(Vec<(Owner, StampedClaim)>);
 
 /// All claims, and the facts that hold because of them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Beliefs {
-    claims: BTreeMap<FactKey, Owners>,
+    claims: BTreeMap<FactKey, ClaimsByOwner>,
     by_owner: BTreeMap<Owner, BTreeSet<FactKey>>,
     /// Owners with claims that are all as their last heartbeat made them. Reading an equal heartbeat
     /// again would change nothing (fast path).
-    calm: BTreeSet<Owner>,
-    deadlines: BTreeSet<(Moment, FactKey, Owner)>,
-    holding: BTreeMap<FactKey, Holding>,
+    unchanged: BTreeSet<Owner>,
+    deadlines: BTreeSet<(Timestamp, FactKey, Owner)>,
+    holding: BTreeMap<FactKey, BelievedValue>,
     /// Facts for which `holding` may be out of date.
     touched: BTreeSet<FactKey>,
     /// Whether `holding` is kept up to date by [`Beliefs::settle`]. If not, each query judges the
@@ -105,78 +105,81 @@ pub(crate) struct Beliefs {
     unknowable: BTreeSet<Name>,
     /// Whether a predicate was added to `unknowable` since that was asked last.
     is_newly_unknowable: bool,
-    untold: Untold,
+    pending_changes: PendingChanges,
     /// Claims changed by requests since another leader may be active elsewhere; `None` if there is no
     /// possible partition.
-    apart: Option<Untold>,
+    partition_log: Option<PendingChanges>,
     stamps: u64,
 }
 
 // === impl Source ===
 
-impl Source {
+impl ClaimSource {
     /// Whether only the maintainer that took the request knows of the claim, so that it has to pass the
     /// claim on.
     pub(crate) fn is_requested(self) -> bool {
         match self {
-            Source::Request | Source::Observation | Source::Effect | Source::Departure => true,
-            Source::Model | Source::Heartbeat | Source::Told => false,
+            ClaimSource::Request
+            | ClaimSource::Observation
+            | ClaimSource::Effect
+            | ClaimSource::Departure => true,
+            ClaimSource::Model | ClaimSource::Heartbeat | ClaimSource::Announced => false,
         }
     }
 }
 
-impl Source {
+impl ClaimSource {
     /// Whether the claim comes neither from a model nor from a heartbeat. Such a claim ends when an
     /// agent that is responsible for the fact contradicts it.
     fn is_another(self) -> bool {
-        self.is_requested() || self == Source::Told
+        self.is_requested() || self == ClaimSource::Announced
     }
 }
 
-impl fmt::Display for Source {
+impl fmt::Display for ClaimSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
-            Source::Model => "model",
-            Source::Heartbeat => "heartbeat",
-            Source::Effect => "effect",
-            Source::Request => "request",
-            Source::Observation => "observation",
-            Source::Departure => "departure",
-            Source::Told => "told",
+            ClaimSource::Model => "model",
+            ClaimSource::Heartbeat => "heartbeat",
+            ClaimSource::Effect => "effect",
+            ClaimSource::Request => "request",
+            ClaimSource::Observation => "observation",
+            ClaimSource::Departure => "departure",
+            ClaimSource::Announced => "told",
         })
     }
 }
 
 // === impl Claim ===
 
-impl Claim {
+impl FactClaim {
     /// Creates a claim without an end and without an incarnation.
-    pub(crate) fn new(value: Value, source: Source, said: Moment) -> Claim {
+    pub(crate) fn new(value: FactValue, source: ClaimSource, said: Timestamp) -> FactClaim {
         let incarnation = Incarnation::default();
-        Claim { value, source, incarnation, sequence: 0, said, until: None }
+        FactClaim { value, source, incarnation, sequence: 0, said, until: None }
     }
 
-    pub(crate) fn until(self, until: Option<Moment>) -> Claim {
-        Claim { until, ..self }
+    pub(crate) fn until(self, until: Option<Timestamp>) -> FactClaim {
+        FactClaim { until, ..self }
     }
 }
 
 // === impl Owners ===
 
-impl Owners {
+impl ClaimsByOwner {
     fn place(&self, owner: &Owner) -> Result<usize, usize> {
         self.0.binary_search_by(|(other, _)| other.cmp(owner))
     }
 
-    fn get(&self, owner: &Owner) -> Option<&Stamped> {
+    fn get(&self, owner: &Owner) -> Option<&StampedClaim> {
         self.place(owner).ok().map(|at| &self.0[at].1)
     }
 
-    fn get_mut(&mut self, owner: &Owner) -> Option<&mut Stamped> {
+    fn get_mut(&mut self, owner: &Owner) -> Option<&mut StampedClaim> {
         self.place(owner).ok().map(|at| &mut self.0[at].1)
     }
 
-    fn insert(&mut self, owner: Owner, stamped: Stamped) {
+    fn insert(&mut self, owner: Owner, stamped: StampedClaim) {
         match self.place(&owner) {
             Ok(at) => self.0[at].1 = stamped,
             Err(at) => {
@@ -186,32 +189,44 @@ impl Owners {
         }
     }
 
-    fn remove(&mut self, owner: &Owner) -> Option<Stamped> {
+    fn remove(&mut self, owner: &Owner) -> Option<StampedClaim> {
         self.place(owner).ok().map(|at| self.0.remove(at).1)
     }
 
-    fn iter(&self) -> impl Iterator<Item = (&Owner, &Stamped)> {
+    fn iter(&self) -> impl Iterator<Item = (&Owner, &StampedClaim)> {
         self.0.iter().map(|(owner, stamped)| (owner, stamped))
     }
 
     /// Returns the value that these claims give `fact` at `now`. Returns `None` if no visible claim
     /// that has not expired fits the composite.
-    fn judge(&self, fact: &FactKey, composite: &Composite, now: Moment) -> Option<Holding> {
-        let fits = |value: Value| composite.misfit(fact, value).is_none();
+    fn judge(
+        &self,
+        fact: &FactKey,
+        composite: &Composite,
+        now: Timestamp,
+    ) -> Option<BelievedValue> {
+        let fits = |value: FactValue| composite.misfit(fact, value).is_none();
         let known = { self.iter() }
             .filter(|(owner, _)| composite.secrets.sees(owner, fact))
             .map(|(_, stamped)| stamped)
             .filter(|stamped| stamped.claim.until.is_none_or(|until| until > now));
         let holding = match fact.space() {
             // True wins over unknown; a claim without an end counts as longest.
-            Space::Predicate => known
-                .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until })
-                .max_by_key(|Holding { value, until }| {
-                    (*value == Value::True, until.unwrap_or(Moment(u64::MAX)))
+            FactSymbolKind::Predicate => known
+                .map(|StampedClaim { claim, .. }| BelievedValue {
+                    value: claim.value,
+                    until: claim.until,
+                })
+                .max_by_key(|BelievedValue { value, until }| {
+                    (*value == FactValue::True, until.unwrap_or(Timestamp(u64::MAX)))
                 }),
             // A claim that does not fit must not hide a claim that does.
-            Space::Function => newest(known.filter(|it| fits(it.claim.value)))
-                .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until }),
+            FactSymbolKind::Function => newest(known.filter(|it| fits(it.claim.value))).map(
+                |StampedClaim { claim, .. }| BelievedValue {
+                    value: claim.value,
+                    until: claim.until,
+                },
+            ),
         };
         holding.filter(|holding| fits(holding.value))
     }
@@ -244,7 +259,7 @@ impl Beliefs {
         if self.unknowable.len() >= limits::UNKNOWABLE_MAX {
             let claims = self.claims.iter();
             let unknown = claims.filter(|(_, owners)| {
-                owners.iter().any(|(_, stamped)| stamped.claim.value == Value::Unknown)
+                owners.iter().any(|(_, stamped)| stamped.claim.value == FactValue::Unknown)
             });
             self.unknowable = unknown.map(|(fact, _)| fact.symbol().clone()).collect();
         }
@@ -255,7 +270,7 @@ impl Beliefs {
     /// Returns the facts of one symbol that have claims in `requested`, each with its owner.
     pub(crate) fn requested_of(
         &self,
-        space: Space,
+        space: FactSymbolKind,
         symbol: &Name,
     ) -> impl Iterator<Item = (&FactKey, &Owner)> {
         let first = (FactKey::first_of(space, symbol), Owner::Map);
@@ -267,41 +282,41 @@ impl Beliefs {
 
     /// Requires the next heartbeat of `owner` to be read even if it equals the last one.
     pub(crate) fn wake(&mut self, owner: &Owner) {
-        self.calm.remove(owner);
+        self.unchanged.remove(owner);
     }
 
-    fn touch(&mut self, fact: FactKey) {
+    fn mark_dirty(&mut self, fact: FactKey) {
         self.is_moved = true;
         if self.settles {
             self.touched.insert(fact);
         }
     }
 
-    fn note_change(&mut self, fact: &FactKey, owner: &Owner, source: Source) {
-        self.untold.note(fact, owner, source);
-        if let Some(apart) = &mut self.apart {
-            apart.note(fact, owner, source);
+    fn note_change(&mut self, fact: &FactKey, owner: &Owner, source: ClaimSource) {
+        self.pending_changes.record(fact, owner, source);
+        if let Some(apart) = &mut self.partition_log {
+            apart.record(fact, owner, source);
         }
     }
 
     /// Starts to record which claims requests change, if it is not recorded already.
-    pub(crate) fn part(&mut self) {
-        self.apart.get_or_insert_with(Untold::nothing);
+    pub(crate) fn begin_partition_log(&mut self) {
+        self.partition_log.get_or_insert_with(PendingChanges::nothing);
     }
 
     /// Stops recording, and returns the claims that requests have changed since [`Beliefs::part`].
-    pub(crate) fn reunite(&mut self) -> Option<Untold> {
-        self.apart.take()
+    pub(crate) fn take_partition_log(&mut self) -> Option<PendingChanges> {
+        self.partition_log.take()
     }
 
     /// Whether requests may have changed the claim of `owner` about `fact` since [`Beliefs::part`].
     pub(crate) fn has_changed_apart(&self, fact: &FactKey, owner: &Owner) -> bool {
-        self.apart.as_ref().is_some_and(|apart| apart.has(fact, owner))
+        self.partition_log.as_ref().is_some_and(|apart| apart.has(fact, owner))
     }
 
     /// Returns the claims that may have changed since the last call.
-    pub(crate) fn take_untold(&mut self) -> Untold {
-        self.untold.take()
+    pub(crate) fn take_untold(&mut self) -> PendingChanges {
+        self.pending_changes.take()
     }
 
     /// Whether a fact may have changed since the last call. Always `false` if the beliefs settle.
@@ -329,34 +344,34 @@ impl Beliefs {
     }
 
     /// Records that all claims of `owner` are as its heartbeat has just made them.
-    pub(crate) fn calm(&mut self, owner: Owner) {
-        self.calm.insert(owner);
+    pub(crate) fn mark_unchanged(&mut self, owner: Owner) {
+        self.unchanged.insert(owner);
     }
 
     /// Whether a heartbeat of `owner` that equals its last one would change nothing.
     pub(crate) fn is_calm(&self, owner: &Owner) -> bool {
-        self.calm.contains(owner)
+        self.unchanged.contains(owner)
     }
 
     /// Prepares for a new or withdrawn claim of `owner` about `fact`: requires heartbeats to be read in
     /// full next time. This is so for the owner, unless its own heartbeat makes the change; and for all
     /// other owners that claim the fact, because repeating their claim would make it the newest.
-    fn disturb(&mut self, fact: &FactKey, owner: &Owner, source: Option<Source>) {
-        if source != Some(Source::Heartbeat) {
-            self.calm.remove(owner);
+    fn invalidate(&mut self, fact: &FactKey, owner: &Owner, source: Option<ClaimSource>) {
+        if source != Some(ClaimSource::Heartbeat) {
+            self.unchanged.remove(owner);
         }
         if let Some(owners) = self.claims.get(fact) {
             for (other, _) in owners.iter().filter(|(other, _)| *other != owner) {
-                self.calm.remove(other);
+                self.unchanged.remove(other);
             }
         }
     }
 
     /// Stores a claim of `owner`, in place of its former claim about this fact.
-    pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: Claim) {
-        self.disturb(&fact, owner, Some(claim.source));
+    pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: FactClaim) {
+        self.invalidate(&fact, owner, Some(claim.source));
         self.note_change(&fact, owner, claim.source);
-        if claim.value == Value::Unknown {
+        if claim.value == FactValue::Unknown {
             self.note_unknown(&fact);
         }
         self.stamps += 1;
@@ -372,13 +387,13 @@ impl Beliefs {
                 // Fast path: most facts of a heartbeat equal those of the one before.
                 if known.claim.until == claim.until {
                     let (before, after) = (known.claim.source, claim.source);
-                    *known = Stamped { stamp, since, claim };
+                    *known = StampedClaim { stamp, since, claim };
                     self.note_change(&fact, owner, before);
                     if before.is_another() != after.is_another() {
                         self.list(&fact, owner, after);
                     }
                     if is_contested || !is_repeated {
-                        self.touch(fact);
+                        self.mark_dirty(fact);
                     }
                     return;
                 }
@@ -392,18 +407,18 @@ impl Beliefs {
             self.deadlines.insert((until, fact.clone(), owner.clone()));
         }
         self.by_owner.entry(owner.clone()).or_default().insert(fact.clone());
-        let stamped = Stamped { stamp, since, claim };
+        let stamped = StampedClaim { stamp, since, claim };
         match self.claims.get_mut(&fact) {
             Some(owners) => owners.insert(owner.clone(), stamped),
             None => {
-                self.claims.insert(fact.clone(), Owners(vec![(owner.clone(), stamped)]));
+                self.claims.insert(fact.clone(), ClaimsByOwner(vec![(owner.clone(), stamped)]));
             }
         }
-        self.touch(fact);
+        self.mark_dirty(fact);
     }
 
     /// Adds a claim to `requested`, or removes it, depending on its source.
-    fn list(&mut self, fact: &FactKey, owner: &Owner, source: Source) {
+    fn list(&mut self, fact: &FactKey, owner: &Owner, source: ClaimSource) {
         let of = (fact.clone(), owner.clone());
         match source.is_another() {
             true => self.requested.insert(of),
@@ -414,8 +429,8 @@ impl Beliefs {
     /// Removes the claim of `owner` about this fact.
     pub(crate) fn withdraw(&mut self, fact: &FactKey, owner: &Owner) {
         let Some(owners) = self.claims.get_mut(fact) else { return };
-        let Some(Stamped { claim, .. }) = owners.remove(owner) else { return };
-        self.calm.remove(owner);
+        let Some(StampedClaim { claim, .. }) = owners.remove(owner) else { return };
+        self.unchanged.remove(owner);
         if owners.0.is_empty() {
             self.claims.remove(fact);
         }
@@ -432,13 +447,13 @@ impl Beliefs {
                 self.by_owner.remove(owner);
             }
         }
-        self.touch(fact.clone());
+        self.mark_dirty(fact.clone());
     }
 
     /// Removes all claims about this fact.
     pub(crate) fn withdraw_all(&mut self, fact: &FactKey) {
         let owners: Vec<Owner> = { self.claims.get(fact).into_iter() }
-            .flat_map(Owners::iter)
+            .flat_map(ClaimsByOwner::iter)
             .map(|(owner, _)| owner.clone())
             .collect();
         for owner in owners {
@@ -450,9 +465,9 @@ impl Beliefs {
     pub(crate) fn withdraw_where(
         &mut self,
         owner: &Owner,
-        is_over: impl Fn(&FactKey, &Claim) -> bool,
+        is_over: impl Fn(&FactKey, &FactClaim) -> bool,
     ) {
-        self.calm.remove(owner);
+        self.unchanged.remove(owner);
         let is_over =
             |fact: &FactKey| self.claim_of(fact, owner).is_some_and(|claim| is_over(fact, claim));
         let over: Vec<FactKey> =
@@ -474,12 +489,13 @@ impl Beliefs {
     }
 
     /// Removes all claims that another maintainer passed on, except those in `stays`, which is sorted.
-    pub(crate) fn withdraw_told(&mut self, stays: &[(FactKey, Owner)]) {
+    pub(crate) fn withdraw_announced(&mut self, stays: &[(FactKey, Owner)]) {
         // A merge join: both sequences are long and nearly equal.
         let mut stays = stays.iter().peekable();
         let mut over = Vec::new();
         for (fact, owners) in &self.claims {
-            let told = owners.iter().filter(|(_, stamped)| stamped.claim.source == Source::Told);
+            let told =
+                owners.iter().filter(|(_, stamped)| stamped.claim.source == ClaimSource::Announced);
             for (owner, _) in told {
                 let is_before = |(other, by): &&(FactKey, Owner)| (other, by) < (fact, owner);
                 while stays.next_if(is_before).is_some() {}
@@ -494,11 +510,11 @@ impl Beliefs {
     }
 
     /// Turns all claims that another maintainer passed on into requests of this maintainer.
-    pub(crate) fn own_told(&mut self) {
+    pub(crate) fn adopt_announced(&mut self) {
         for owners in self.claims.values_mut() {
             for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
-                if claim.source == Source::Told {
-                    claim.source = Source::Request;
+                if claim.source == ClaimSource::Announced {
+                    claim.source = ClaimSource::Request;
                 }
             }
         }
@@ -506,11 +522,11 @@ impl Beliefs {
 
     /// Turns all requests of this maintainer into claims that another maintainer passed on: if the
     /// other no longer lists one of them, it will be removed.
-    pub(crate) fn disown(&mut self) {
+    pub(crate) fn demote_requests(&mut self) {
         for owners in self.claims.values_mut() {
             for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
                 if claim.source.is_requested() {
-                    claim.source = Source::Told;
+                    claim.source = ClaimSource::Announced;
                 }
             }
         }
@@ -520,18 +536,22 @@ impl Beliefs {
         self.by_owner.get(owner).into_iter().flatten()
     }
 
-    pub(crate) fn claim_of(&self, fact: &FactKey, owner: &Owner) -> Option<&Claim> {
+    pub(crate) fn claim_of(&self, fact: &FactKey, owner: &Owner) -> Option<&FactClaim> {
         self.stamped_claim_of(fact, owner).map(|(_, claim)| claim)
     }
 
     /// Returns the claim of `owner` about `fact`, with its place in the order in which all claims were
     /// made.
-    pub(crate) fn stamped_claim_of(&self, fact: &FactKey, owner: &Owner) -> Option<(u64, &Claim)> {
+    pub(crate) fn stamped_claim_of(
+        &self,
+        fact: &FactKey,
+        owner: &Owner,
+    ) -> Option<(u64, &FactClaim)> {
         self.claims.get(fact)?.get(owner).map(|stamped| (stamped.stamp, &stamped.claim))
     }
 
     /// Removes the claims that have expired at `now`.
-    pub(crate) fn expire(&mut self, now: Moment) {
+    pub(crate) fn expire(&mut self, now: Timestamp) {
         while let Some((until, fact, owner)) = self.deadlines.first().cloned() {
             if until > now {
                 return;
@@ -540,13 +560,13 @@ impl Beliefs {
         }
     }
 
-    pub(crate) fn next_expiry(&self) -> Option<Moment> {
+    pub(crate) fn next_expiry(&self) -> Option<Timestamp> {
         self.deadlines.first().map(|(until, ..)| *until)
     }
 
     /// Marks the facts that depend on something that differs between two composites.
     pub(crate) fn reconsider(&mut self, old: &Composite, new: &Composite) {
-        let changed = Difference::between(old, new);
+        let changed = CompositeDifference::between(old, new);
         let facts = self.claims.keys().filter(|fact| changed.touches(fact));
         self.touched.extend(facts.cloned());
     }
@@ -559,10 +579,10 @@ impl Beliefs {
 
     /// Brings `holding` up to date. Returns the facts that hold now and did not before, and the
     /// reverse.
-    pub(crate) fn settle(
+    pub(crate) fn recompute(
         &mut self,
         composite: &Composite,
-        now: Moment,
+        now: Timestamp,
     ) -> (Vec<InitElement>, Vec<InitElement>) {
         let (mut believed, mut retracted) = (Vec::new(), Vec::new());
         for fact in std::mem::take(&mut self.touched) {
@@ -583,7 +603,12 @@ impl Beliefs {
         (believed, retracted)
     }
 
-    fn judge(&self, fact: &FactKey, composite: &Composite, now: Moment) -> Option<Holding> {
+    fn judge(
+        &self,
+        fact: &FactKey,
+        composite: &Composite,
+        now: Timestamp,
+    ) -> Option<BelievedValue> {
         self.claims.get(fact)?.judge(fact, composite, now)
     }
 
@@ -591,7 +616,7 @@ impl Beliefs {
     pub(crate) fn holding<'a>(
         &'a self,
         composite: &'a Composite,
-        now: Moment,
+        now: Timestamp,
     ) -> impl Iterator<Item = InitElement> + 'a {
         self.holding.iter().filter_map(move |(fact, holding)| {
             // A second claim may still be valid when the one that expires first has expired.
@@ -606,7 +631,7 @@ impl Beliefs {
     pub(crate) fn judged<'a>(
         &'a self,
         composite: &'a Composite,
-        now: Moment,
+        now: Timestamp,
     ) -> impl Iterator<Item = InitElement> + 'a {
         self.claims.iter().filter_map(move |(fact, owners)| {
             let holding = owners.judge(fact, composite, now)?;
@@ -619,8 +644,8 @@ impl Beliefs {
         &self,
         fact: &FactKey,
         composite: &Composite,
-        now: Moment,
-    ) -> Option<Value> {
+        now: Timestamp,
+    ) -> Option<FactValue> {
         let holding = match self.settles {
             true => self.holding.get(fact).copied(),
             false => self.judge(fact, composite, now),
@@ -629,18 +654,18 @@ impl Beliefs {
     }
 
     /// Returns all claims of one owner.
-    pub(crate) fn claims_by(&self, owner: &Owner) -> impl Iterator<Item = (&FactKey, &Claim)> {
+    pub(crate) fn claims_by(&self, owner: &Owner) -> impl Iterator<Item = (&FactKey, &FactClaim)> {
         self.facts_of(owner).filter_map(move |fact| Some((fact, self.claim_of(fact, owner)?)))
     }
 
     /// Returns all claims about one fact.
-    pub(crate) fn claims_of(&self, fact: &FactKey) -> impl Iterator<Item = (&Owner, &Claim)> {
-        let owners = self.claims.get(fact).into_iter().flat_map(Owners::iter);
+    pub(crate) fn claims_of(&self, fact: &FactKey) -> impl Iterator<Item = (&Owner, &FactClaim)> {
+        let owners = self.claims.get(fact).into_iter().flat_map(ClaimsByOwner::iter);
         owners.map(|(owner, stamped)| (owner, &stamped.claim))
     }
 
     /// Returns all claims, grouped by fact.
-    pub(crate) fn claims(&self) -> impl Iterator<Item = (&FactKey, Vec<(&Owner, &Claim)>)> {
+    pub(crate) fn claims(&self) -> impl Iterator<Item = (&FactKey, Vec<(&Owner, &FactClaim)>)> {
         self.claims.iter().map(|(fact, owners)| {
             (fact, owners.iter().map(|(owner, stamped)| (owner, &stamped.claim)).collect())
         })
@@ -649,29 +674,29 @@ impl Beliefs {
 
 /// Returns the claim about a function that is believed. Of claims by heartbeats, only the one with the
 /// latest change of its value takes part; of it and all other claims, the one made last is returned.
-fn newest<'a>(known: impl Iterator<Item = &'a Stamped>) -> Option<&'a Stamped> {
+fn newest<'a>(known: impl Iterator<Item = &'a StampedClaim>) -> Option<&'a StampedClaim> {
     let (beats, others): (Vec<_>, Vec<_>) = known.partition(|stamped| stamped.is_heartbeat());
     let beat = beats.into_iter().max_by_key(|stamped| stamped.since);
     beat.into_iter().chain(others).max_by_key(|stamped| stamped.stamp)
 }
 
 /// Names with a different meaning in each of two composites.
-struct Difference<'a> {
+struct CompositeDifference<'a> {
     everything: bool,
     names: BTreeSet<&'a Name>,
 }
 
 // === impl Difference ===
 
-impl<'a> Difference<'a> {
-    fn between(old: &'a Composite, new: &'a Composite) -> Difference<'a> {
+impl<'a> CompositeDifference<'a> {
+    fn between(old: &'a Composite, new: &'a Composite) -> CompositeDifference<'a> {
         let everything = old.domain.types != new.domain.types || old.secrets != new.secrets;
         let mut names = BTreeSet::new();
         let (before, after) = (&old.vocabulary, &new.vocabulary);
         differing(&before.objects, &after.objects, &mut names);
         differing(&before.predicates, &after.predicates, &mut names);
         differing(&before.functions, &after.functions, &mut names);
-        Difference { everything, names }
+        CompositeDifference { everything, names }
     }
 
     fn touches(&self, fact: &FactKey) -> bool {

@@ -19,7 +19,7 @@ use crate::digest;
 
 /// The symbols that a schema uses.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Uses {
+pub(crate) struct UsedSymbols {
     /// Predicates, each with its number of arguments.
     pub(crate) predicates: BTreeSet<(Name, usize)>,
     /// Functions, each with its number of arguments.
@@ -41,16 +41,16 @@ pub(crate) struct Uses {
 /// A canonical text. Clones share one allocation. Keys are ordered by their digest first: different
 /// texts of one action differ near the end only, and are compared often.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Key {
+pub(crate) struct CanonicalText {
     digest: u64,
     text: Arc<str>,
 }
 
 /// The canonical text of an action, without its name, and what it uses.
-pub(crate) fn action(schema: &ActionSchema) -> (Key, Uses) {
+pub(crate) fn action(schema: &ActionSchema) -> (CanonicalText, UsedSymbols) {
     let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span: _ } =
         schema;
-    let mut scribe = Scribe::default();
+    let mut scribe = CanonicalWriter::default();
     scribe.bind(agent.as_slice());
     scribe.text.push('|');
     scribe.bind(parameters);
@@ -65,21 +65,21 @@ pub(crate) fn action(schema: &ActionSchema) -> (Key, Uses) {
 }
 
 /// The canonical text of an axiom, without the predicate it derives, and what it uses.
-pub(crate) fn axiom(derived: &Derived) -> (Key, Uses) {
+pub(crate) fn axiom(derived: &Derived) -> (CanonicalText, UsedSymbols) {
     let Derived { predicate: _, parameters, condition, span: _ } = derived;
-    let mut scribe = Scribe::default();
+    let mut scribe = CanonicalWriter::default();
     scribe.bind(parameters);
     scribe.condition(condition);
     scribe.finish()
 }
 
 /// The canonical text of the types of some parameters.
-pub(crate) fn signature<'a>(types: impl IntoIterator<Item = &'a TypeExpr>) -> Key {
+pub(crate) fn signature<'a>(types: impl IntoIterator<Item = &'a TypeExpr>) -> CanonicalText {
     let mut text = String::new();
     for ty in types {
         write_type(&mut text, ty);
     }
-    Key::new(&text)
+    CanonicalText::new(&text)
 }
 
 fn write_type(text: &mut String, ty: &TypeExpr) {
@@ -96,26 +96,26 @@ fn write_type(text: &mut String, ty: &TypeExpr) {
 }
 
 #[derive(Default)]
-struct Scribe {
+struct CanonicalWriter {
     text: String,
     /// Bound variables, innermost last; a variable's number is its place here.
     scope: Vec<Name>,
-    uses: Uses,
+    uses: UsedSymbols,
 }
 
 // === impl Key ===
 
-impl Key {
-    fn new(text: &str) -> Key {
-        Key { digest: digest::of_text(text), text: Arc::from(text) }
+impl CanonicalText {
+    fn new(text: &str) -> CanonicalText {
+        CanonicalText { digest: digest::of_text(text), text: Arc::from(text) }
     }
 }
 
 // === impl Scribe ===
 
-impl Scribe {
-    fn finish(self) -> (Key, Uses) {
-        (Key::new(&self.text), self.uses)
+impl CanonicalWriter {
+    fn finish(self) -> (CanonicalText, UsedSymbols) {
+        (CanonicalText::new(&self.text), self.uses)
     }
 
     /// Writes the types of `variables` and leaves them bound.
@@ -130,7 +130,12 @@ impl Scribe {
     }
 
     /// `(WORD (TYPES) BODY)` with the variables bound in the body only.
-    fn quantified(&mut self, word: &str, variables: &[Typed], body: impl FnOnce(&mut Scribe)) {
+    fn quantified(
+        &mut self,
+        word: &str,
+        variables: &[Typed],
+        body: impl FnOnce(&mut CanonicalWriter),
+    ) {
         let depth = self.scope.len();
         self.open(word);
         self.bind(variables);

@@ -7,7 +7,7 @@ use pddl::InitElement;
 /// Difference between the state before and after a call. If all lists are empty and the epoch is not
 /// new, nothing visible has changed.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Change {
+pub struct DomainChange {
     /// Number of changes of the set of capabilities, from 0 at the start.
     pub epoch: u64,
     /// Number of changes of any kind, from 0 at the start.
@@ -26,7 +26,7 @@ pub struct Change {
 
 // === impl Change ===
 
-impl Change {
+impl DomainChange {
     /// Whether nothing visible has changed.
     pub fn is_empty(&self) -> bool {
         !self.epoch_changed
@@ -37,9 +37,9 @@ impl Change {
     }
 }
 
-impl From<&Change> for EpochChange {
-    fn from(change: &Change) -> EpochChange {
-        let Change { epoch, revision, epoch_changed: _, joined, left, believed, retracted } =
+impl From<&DomainChange> for EpochChange {
+    fn from(change: &DomainChange) -> EpochChange {
+        let DomainChange { epoch, revision, epoch_changed: _, joined, left, believed, retracted } =
             change;
         EpochChange {
             epoch: *epoch,

@@ -12,8 +12,8 @@
 mod actions;
 mod assemble;
 mod declarations;
+mod incremental;
 mod incumbents;
-mod joining;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -21,39 +21,39 @@ use std::sync::Arc;
 use acl::AgentId;
 use pddl::{Domain, Name, Privacy, Problem};
 
-use self::incumbents::Incumbents;
-pub(crate) use self::joining::join;
-use crate::composite::{Composite, Secrets};
-use crate::conflict::{Conflict, Kind, Subject};
-use crate::manifest::{Declaration, Manifest};
+pub(crate) use self::incremental::join;
+use self::incumbents::DeclarationsInForce;
+use crate::composite::{Composite, PrivateFacts};
+use crate::conflict::{Conflict, ModelPart, ModelPartKind};
+use crate::model_summary::{Declaration, ModelSummary};
 use crate::names::ActionNames;
 
 /// The ontology and the map, which all agents share.
 #[derive(Clone, Debug)]
-pub(crate) struct Shared {
+pub(crate) struct SharedModel {
     pub(crate) ontology: Arc<Domain>,
     pub(crate) map: Arc<Problem>,
-    pub(crate) manifest: Manifest,
+    pub(crate) manifest: ModelSummary,
     /// Index in the manifest of each declared subject.
-    places: BTreeMap<Subject, usize>,
+    places: BTreeMap<ModelPart, usize>,
 }
 
 /// The contribution of one agent to a composition.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Party<'a> {
+pub(crate) struct Contribution<'a> {
     pub(crate) agent: &'a AgentId,
     /// Number of the arrival: if two agents disagree, the one that arrived first is believed.
     pub(crate) arrival: u64,
-    pub(crate) manifest: &'a Manifest,
+    pub(crate) manifest: &'a ModelSummary,
     /// Whether the whole model of the agent is known here, or only its public part.
     pub(crate) trusted: bool,
 }
 
 /// State that is kept from one composition to the next.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Memory {
+pub(crate) struct CompositionMemory {
     /// The declaration in force for each subject. It stays in force while any agent makes it.
-    incumbents: Incumbents,
+    incumbents: DeclarationsInForce,
     /// Predicates with facts that may be unknown.
     pub(crate) unknowable: BTreeSet<Name>,
     names: ActionNames,
@@ -63,18 +63,19 @@ pub(crate) struct Memory {
 ///
 /// If `everything` is true, the private facts of all agents are visible.
 pub(crate) fn compose(
-    shared: &Shared,
-    parties: &[Party<'_>],
+    shared: &SharedModel,
+    parties: &[Contribution<'_>],
     everything: bool,
-    memory: &mut Memory,
+    memory: &mut CompositionMemory,
 ) -> (Composite, Vec<Conflict>) {
-    let mut report = Report::default();
+    let mut report = ConflictReport::default();
     for party in parties.iter().filter(|party| party.trusted) {
         for flaw in &party.manifest.flaws {
             report.leave_out(party.agent, flaw.subject.clone(), flaw.detail.clone());
         }
     }
-    let standing = declarations::settle(shared, parties, &mut memory.incumbents, &mut report);
+    let standing =
+        declarations::select_declarations(shared, parties, &mut memory.incumbents, &mut report);
     let schemas = actions::gather(shared, parties, &standing, &mut report);
     let inside = actions::name(&schemas, parties, &mut memory.names);
     let secrets = secrets(shared, parties, everything);
@@ -83,38 +84,38 @@ pub(crate) fn compose(
     (composite, report.conflicts.into_iter().collect())
 }
 
-impl Shared {
-    pub(crate) fn new(ontology: Arc<Domain>, map: Arc<Problem>) -> Shared {
-        let manifest = Manifest::of_ontology(&ontology, &map);
+impl SharedModel {
+    pub(crate) fn new(ontology: Arc<Domain>, map: Arc<Problem>) -> SharedModel {
+        let manifest = ModelSummary::of_ontology(&ontology, &map);
         let subjects = manifest.declarations.iter().map(|declared| declared.subject.clone());
         let places = subjects.zip(0..).collect();
-        Shared { ontology, map, manifest, places }
+        SharedModel { ontology, map, manifest, places }
     }
 
     /// Returns the declaration of a subject by the ontology or the map; `None` if neither declares it.
-    fn declared(&self, subject: &Subject) -> Option<&Declaration> {
+    fn declared(&self, subject: &ModelPart) -> Option<&Declaration> {
         self.places.get(subject).and_then(|place| self.manifest.declarations.get(*place))
     }
 }
 
-impl Memory {
+impl CompositionMemory {
     /// Updates the precedence of declarations without composing, after the declarations of one party
     /// changed from `former` to `now`. `parties` are all present agents; either all or none are
     /// trusted.
-    pub(crate) fn keep_standing<'a, P: Iterator<Item = Party<'a>>>(
+    pub(crate) fn keep_standing<'a, P: Iterator<Item = Contribution<'a>>>(
         &mut self,
-        former: Option<&Manifest>,
-        now: Option<&Manifest>,
+        former: Option<&ModelSummary>,
+        now: Option<&ModelSummary>,
         trusted: bool,
         parties: impl Fn() -> P,
     ) {
-        incumbents::keep(&mut self.incumbents, former, now, trusted, parties);
+        incumbents::update(&mut self.incumbents, former, now, trusted, parties);
     }
 }
 
-fn secrets(shared: &Shared, parties: &[Party<'_>], everything: bool) -> Secrets {
+fn secrets(shared: &SharedModel, parties: &[Contribution<'_>], everything: bool) -> PrivateFacts {
     if everything {
-        return Secrets::default();
+        return PrivateFacts::default();
     }
     let trusted = parties.iter().filter(|party| party.trusted).map(|party| party.agent.clone());
     let of_agents = parties.iter().filter(|party| !party.trusted).filter_map(|party| {
@@ -124,7 +125,7 @@ fn secrets(shared: &Shared, parties: &[Party<'_>], everything: bool) -> Secrets 
     let symbols = &shared.ontology;
     let predicates = symbols.predicates.iter().map(|declared| (&declared.name, &declared.privacy));
     let functions = symbols.functions.iter().map(|declared| (&declared.name, &declared.privacy));
-    Secrets {
+    PrivateFacts {
         trusted: Some(trusted.collect()),
         symbols: predicates
             .chain(functions)
@@ -142,21 +143,27 @@ fn private_names<'a>(declarations: impl Iterator<Item = &'a Declaration>) -> BTr
 
 /// The parts left out so far.
 #[derive(Default)]
-struct Report<'a> {
+struct ConflictReport<'a> {
     conflicts: BTreeSet<Conflict>,
     /// Declarations left out because a different declaration of another agent is in force.
-    lost: BTreeSet<(&'a AgentId, Kind, &'a Name)>,
+    lost: BTreeSet<(&'a AgentId, ModelPartKind, &'a Name)>,
 }
 
 // === impl Report ===
 
-impl<'a> Report<'a> {
-    fn leave_out(&mut self, agent: &AgentId, subject: Subject, detail: String) {
+impl<'a> ConflictReport<'a> {
+    fn leave_out(&mut self, agent: &AgentId, subject: ModelPart, detail: String) {
         self.conflicts.insert(Conflict { agents: vec![agent.clone()], subject, detail });
     }
 
     /// Leaves out the declaration of `loser`, because a different one of `keeper` is in force.
-    fn lose(&mut self, keeper: &AgentId, loser: &'a AgentId, subject: &'a Subject, detail: String) {
+    fn lose(
+        &mut self,
+        keeper: &AgentId,
+        loser: &'a AgentId,
+        subject: &'a ModelPart,
+        detail: String,
+    ) {
         self.lost.insert((loser, subject.kind, &subject.name));
         let agents = vec![keeper.clone(), loser.clone()];
         self.conflicts.insert(Conflict { agents, subject: subject.clone(), detail });

@@ -9,10 +9,10 @@ use acl::AgentId;
 use pddl::knowledge::Knowledge;
 use pddl::{ActionSchema, Atom, Domain, Effect, InitElement, Name, ObjectDeclaration, Span, Term};
 
-use crate::canonical::Key;
+use crate::canonical::CanonicalText;
 use crate::digest::text_digest;
-use crate::fact::{FactKey, Owner, Value};
-use crate::vocabulary::Vocabulary;
+use crate::fact::{FactKey, FactValue, Owner};
+use crate::vocabulary::DomainVocabulary;
 
 /// The function that plans are measured by if no metric is given.
 pub(crate) const TOTAL_COST: &str = "total-cost";
@@ -22,18 +22,18 @@ pub(crate) const TOTAL_COST: &str = "total-cost";
 pub(crate) struct Composite {
     pub(crate) domain: Arc<Domain>,
     digest: OnceLock<String>,
-    pub(crate) vocabulary: Vocabulary,
+    pub(crate) vocabulary: DomainVocabulary,
     /// The problem's objects, the map's before the agents'.
     pub(crate) objects: Arc<Vec<ObjectDeclaration>>,
     /// Number of them that are the map's. Those of agents follow, sorted by name.
     pub(crate) of_map: usize,
     /// The selected actions, by their names outside.
-    pub(crate) schemas: BTreeMap<Name, Vec<Stands>>,
+    pub(crate) schemas: BTreeMap<Name, Vec<SelectedAction>>,
     /// The actions that each agent offers.
-    pub(crate) offers: BTreeMap<AgentId, Vec<Offered>>,
+    pub(crate) offers: BTreeMap<AgentId, Vec<OfferedAction>>,
     /// Names inside → names outside, where they differ.
     pub(crate) qualified: BTreeMap<Name, Name>,
-    pub(crate) secrets: Secrets,
+    pub(crate) secrets: PrivateFacts,
     /// The symbols of the domain that describe what is unknown.
     pub(crate) knowledge: Arc<Knowledge>,
     /// The functions that costs of actions are made of; collected at the first request.
@@ -42,7 +42,7 @@ pub(crate) struct Composite {
 
 /// An action as one agent offers it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Offered {
+pub(crate) struct OfferedAction {
     /// The name the agent gave it.
     pub(crate) outside: Name,
     /// Its name in the composite domain.
@@ -53,26 +53,26 @@ pub(crate) struct Offered {
 
 /// A selected action with its first offerer.
 #[derive(Clone, Debug)]
-pub(crate) struct Stands {
+pub(crate) struct SelectedAction {
     /// Its canonical text.
-    pub(crate) key: Key,
+    pub(crate) key: CanonicalText,
     /// The schema as written by its first offerer, by name.
     pub(crate) tree: Arc<ActionSchema>,
     pub(crate) first: AgentId,
-    pub(crate) offered: Offered,
+    pub(crate) offered: OfferedAction,
 }
 
 /// Offered actions while they are being collected.
 #[derive(Debug, Default)]
-pub(crate) struct Offers {
-    by_agent: BTreeMap<AgentId, Vec<Offered>>,
-    schemas: BTreeMap<Name, Vec<Stands>>,
+pub(crate) struct CollectedOffers {
+    by_agent: BTreeMap<AgentId, Vec<OfferedAction>>,
+    schemas: BTreeMap<Name, Vec<SelectedAction>>,
     qualified: BTreeMap<Name, Name>,
 }
 
 /// Facts that their owners keep private.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Secrets {
+pub(crate) struct PrivateFacts {
     /// Agents with private facts that are visible; `None` means all agents.
     pub(crate) trusted: Option<BTreeSet<AgentId>>,
     /// Symbols that the ontology makes private to each agent.
@@ -87,13 +87,13 @@ impl Composite {
     /// Creates a composite. `of_map` is the number of objects that are the map's; they come first.
     pub(crate) fn new(
         domain: Domain,
-        vocabulary: Vocabulary,
+        vocabulary: DomainVocabulary,
         (objects, of_map): (Vec<ObjectDeclaration>, usize),
-        offers: Offers,
-        secrets: Secrets,
+        offers: CollectedOffers,
+        secrets: PrivateFacts,
         knowledge: Knowledge,
     ) -> Composite {
-        let Offers { by_agent: offers, schemas, qualified } = offers;
+        let CollectedOffers { by_agent: offers, schemas, qualified } = offers;
         Composite {
             domain: Arc::new(domain),
             digest: OnceLock::new(),
@@ -116,7 +116,7 @@ impl Composite {
     }
 
     /// Returns the reason, for a person, why a claim cannot take effect here; `None` if it can.
-    pub(crate) fn misfit(&self, fact: &FactKey, value: Value) -> Option<String> {
+    pub(crate) fn misfit(&self, fact: &FactKey, value: FactValue) -> Option<String> {
         if self.is_negative_cost(fact, value) {
             return Some(format!(
                 "actions cost `{}`, and nothing costs less than 0",
@@ -127,8 +127,8 @@ impl Composite {
     }
 
     /// Whether a claim would give an action a negative cost.
-    pub(crate) fn is_negative_cost(&self, fact: &FactKey, value: Value) -> bool {
-        matches!(value, Value::Number(number) if number.0 < 0.0)
+    pub(crate) fn is_negative_cost(&self, fact: &FactKey, value: FactValue) -> bool {
+        matches!(value, FactValue::Number(number) if number.0 < 0.0)
             && self.costs().contains(fact.symbol())
     }
 
@@ -169,16 +169,16 @@ impl Composite {
 
 // === impl Offers ===
 
-impl Offers {
+impl CollectedOffers {
     /// Adds a selected action and its offerers, sorted by name.
     pub(crate) fn add(
         &mut self,
-        key: Key,
+        key: CanonicalText,
         tree: Arc<ActionSchema>,
-        offered: Offered,
+        offered: OfferedAction,
         offerers: &[&AgentId],
     ) {
-        let Offered { outside, inside, guard: _ } = &offered;
+        let OfferedAction { outside, inside, guard: _ } = &offered;
         if inside != outside {
             self.qualified.insert(inside.clone(), outside.clone());
         }
@@ -187,14 +187,14 @@ impl Offers {
         }
         if let Some(first) = offerers.first() {
             let standing = self.schemas.entry(outside.clone()).or_default();
-            standing.push(Stands { key, tree, first: (*first).clone(), offered });
+            standing.push(SelectedAction { key, tree, first: (*first).clone(), offered });
         }
     }
 }
 
 // === impl Secrets ===
 
-impl Secrets {
+impl PrivateFacts {
     /// Whether a claim of `owner` about `fact` is visible here.
     pub(crate) fn sees(&self, owner: &Owner, fact: &FactKey) -> bool {
         let (Owner::Agent(agent), Some(trusted)) = (owner, &self.trusted) else { return true };
@@ -211,7 +211,7 @@ impl Secrets {
 
 // === impl Offered ===
 
-impl Offered {
+impl OfferedAction {
     /// Returns the fact that lets `agent` use this action.
     pub(crate) fn guard_fact(&self, agent: &AgentId) -> Atom {
         let object = Term::Object(Name::new(agent.as_str()));

@@ -12,23 +12,23 @@ pub struct Conflict {
     /// the part of the ontology or the map.
     pub agents: Vec<AgentId>,
     /// The part that is left out.
-    pub subject: Subject,
+    pub subject: ModelPart,
     /// The reason, for a person.
     pub detail: String,
 }
 
 /// A part of a model, by kind and name.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Subject {
+pub struct ModelPart {
     /// The kind of the part.
-    pub kind: Kind,
+    pub kind: ModelPartKind,
     /// The name of the part.
     pub name: Name,
 }
 
 /// The kinds of parts of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Kind {
+pub enum ModelPartKind {
     /// A type.
     Type,
     /// A predicate, with the axioms that derive it.
@@ -47,22 +47,22 @@ pub enum Kind {
 
 // === impl Subject ===
 
-impl Subject {
-    pub(crate) fn new(kind: Kind, name: &Name) -> Subject {
-        Subject { kind, name: name.clone() }
+impl ModelPart {
+    pub(crate) fn new(kind: ModelPartKind, name: &Name) -> ModelPart {
+        ModelPart { kind, name: name.clone() }
     }
 }
 
-impl fmt::Display for Subject {
+impl fmt::Display for ModelPart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kind = match self.kind {
-            Kind::Type => "type",
-            Kind::Predicate => "predicate",
-            Kind::Function => "function",
-            Kind::Object => "object",
-            Kind::Axiom => "axiom for",
-            Kind::Action => "action",
-            Kind::Fact => "fact about",
+            ModelPartKind::Type => "type",
+            ModelPartKind::Predicate => "predicate",
+            ModelPartKind::Function => "function",
+            ModelPartKind::Object => "object",
+            ModelPartKind::Axiom => "axiom for",
+            ModelPartKind::Action => "action",
+            ModelPartKind::Fact => "fact about",
         };
         write!(f, "{kind} `{}`", self.name)
     }

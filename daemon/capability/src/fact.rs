@@ -8,7 +8,7 @@ use pddl::{Atom, FluentTerm, InitElement, Name, Number, Span, Term};
 
 /// The kind of symbol a fact is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(crate) enum Space {
+pub(crate) enum FactSymbolKind {
     Predicate,
     Function,
 }
@@ -17,18 +17,18 @@ pub(crate) enum Space {
 ///
 /// Cheap to clone: it is kept in several tables of every maintainer, and a machine may run many.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct FactKey(Arc<Said>);
+pub(crate) struct FactKey(Arc<FactTerm>);
 
 #[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Said {
-    space: Space,
+struct FactTerm {
+    space: FactSymbolKind,
     symbol: Name,
     arguments: Box<[Name]>,
 }
 
 /// The value of a term.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Value {
+pub(crate) enum FactValue {
     /// For a predicate: it is true.
     True,
     /// For a predicate: it is neither known to be true nor known to be false.
@@ -38,9 +38,9 @@ pub(crate) enum Value {
 }
 
 /// The meaning of an element of `:init`.
-pub(crate) enum Statement {
+pub(crate) enum FactStatement {
     /// The term has this value.
-    Is(FactKey, Value),
+    Is(FactKey, FactValue),
     /// The term is false.
     Not(FactKey),
     /// The element cannot be believed: it has a variable, or is about another time.
@@ -59,7 +59,7 @@ pub enum Owner {
 // === impl FactKey ===
 
 impl FactKey {
-    fn new(space: Space, symbol: &Name, arguments: &[Term]) -> Option<FactKey> {
+    fn new(space: FactSymbolKind, symbol: &Name, arguments: &[Term]) -> Option<FactKey> {
         let arguments = arguments
             .iter()
             .map(|term| match term {
@@ -67,25 +67,25 @@ impl FactKey {
                 Term::Variable(_) => None,
             })
             .collect::<Option<_>>()?;
-        Some(FactKey(Arc::new(Said { space, symbol: symbol.clone(), arguments })))
+        Some(FactKey(Arc::new(FactTerm { space, symbol: symbol.clone(), arguments })))
     }
 
     /// Returns the key of a fact of a predicate; `None` if an argument is a variable.
     pub(crate) fn of_predicate(symbol: &Name, arguments: &[Term]) -> Option<FactKey> {
-        FactKey::new(Space::Predicate, symbol, arguments)
+        FactKey::new(FactSymbolKind::Predicate, symbol, arguments)
     }
 
     /// Returns the lower bound of the facts of a symbol, in the order of keys.
-    pub(crate) fn first_of(space: Space, symbol: &Name) -> FactKey {
-        FactKey(Arc::new(Said { space, symbol: symbol.clone(), arguments: Box::default() }))
+    pub(crate) fn first_of(space: FactSymbolKind, symbol: &Name) -> FactKey {
+        FactKey(Arc::new(FactTerm { space, symbol: symbol.clone(), arguments: Box::default() }))
     }
 
     /// Whether this is a fact of the given symbol.
-    pub(crate) fn is_of(&self, space: Space, symbol: &Name) -> bool {
+    pub(crate) fn is_of(&self, space: FactSymbolKind, symbol: &Name) -> bool {
         self.space() == space && self.symbol() == symbol
     }
 
-    pub(crate) fn space(&self) -> Space {
+    pub(crate) fn space(&self) -> FactSymbolKind {
         self.0.space
     }
 
@@ -98,17 +98,17 @@ impl FactKey {
     }
 
     /// Returns the element of `:init` that gives this term `value`.
-    pub(crate) fn element(&self, value: Value) -> InitElement {
+    pub(crate) fn element(&self, value: FactValue) -> InitElement {
         let arguments = self.arguments().iter().cloned().map(Term::Object).collect();
         let span = Span::default();
         match value {
-            Value::True => {
+            FactValue::True => {
                 InitElement::Atom(Atom { predicate: self.symbol().clone(), arguments, span })
             }
-            Value::Unknown => {
+            FactValue::Unknown => {
                 InitElement::Unknown(Atom { predicate: self.symbol().clone(), arguments, span })
             }
-            Value::Number(number) => {
+            FactValue::Number(number) => {
                 let function = self.symbol().clone();
                 InitElement::Assign(FluentTerm { function, arguments, span }, number)
             }
@@ -118,23 +118,25 @@ impl FactKey {
 
 // === impl Statement ===
 
-impl Statement {
-    pub(crate) fn of(element: &InitElement) -> Statement {
+impl FactStatement {
+    pub(crate) fn of(element: &InitElement) -> FactStatement {
         let atom_key =
-            |atom: &Atom| FactKey::new(Space::Predicate, &atom.predicate, &atom.arguments);
+            |atom: &Atom| FactKey::new(FactSymbolKind::Predicate, &atom.predicate, &atom.arguments);
         let statement = match element {
-            InitElement::Atom(atom) => atom_key(atom).map(|key| Statement::Is(key, Value::True)),
-            InitElement::Not(atom) => atom_key(atom).map(Statement::Not),
+            InitElement::Atom(atom) => {
+                atom_key(atom).map(|key| FactStatement::Is(key, FactValue::True))
+            }
+            InitElement::Not(atom) => atom_key(atom).map(FactStatement::Not),
             InitElement::Unknown(atom) => {
-                atom_key(atom).map(|key| Statement::Is(key, Value::Unknown))
+                atom_key(atom).map(|key| FactStatement::Is(key, FactValue::Unknown))
             }
             InitElement::Assign(fluent, number) => {
-                FactKey::new(Space::Function, &fluent.function, &fluent.arguments)
-                    .map(|key| Statement::Is(key, Value::Number(*number)))
+                FactKey::new(FactSymbolKind::Function, &fluent.function, &fluent.arguments)
+                    .map(|key| FactStatement::Is(key, FactValue::Number(*number)))
             }
             InitElement::At(..) => None,
         };
-        statement.unwrap_or(Statement::Unusable)
+        statement.unwrap_or(FactStatement::Unusable)
     }
 }
 

@@ -5,20 +5,20 @@ use std::collections::BTreeMap;
 use acl::content::EpochChange;
 use pddl::{Diagnostic, InitElement};
 
-use crate::fact::{FactKey, Statement, Value};
+use crate::fact::{FactKey, FactStatement, FactValue};
 
 /// A copy of the facts that a Domain Maintainer believes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Follower {
     epoch: u64,
     revision: u64,
-    facts: BTreeMap<FactKey, Value>,
+    facts: BTreeMap<FactKey, FactValue>,
 }
 
 /// The reason why a change could not be followed. The copy is as before; a fresh one must be requested.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Lag {
+pub enum FollowError {
     /// A change before this one was lost.
     Gap {
         /// The revision of the copy.
@@ -52,21 +52,22 @@ impl Follower {
     /// # Errors
     ///
     /// Returns an error if a fresh copy must be requested.
-    pub fn follow(&mut self, change: &EpochChange) -> Result<(), Lag> {
+    pub fn follow(&mut self, change: &EpochChange) -> Result<(), FollowError> {
         let EpochChange { epoch, revision, believed, retracted, .. } = change;
         if *revision <= self.revision {
             return Ok(());
         }
         if *epoch != self.epoch {
-            return Err(Lag::NewEpoch { known: self.epoch, announced: *epoch });
+            return Err(FollowError::NewEpoch { known: self.epoch, announced: *epoch });
         }
         if *revision != self.revision + 1 {
-            return Err(Lag::Gap { known: self.revision, announced: *revision });
+            return Err(FollowError::Gap { known: self.revision, announced: *revision });
         }
-        let read = |text| pddl::parse_init_elements(text).into_result().map_err(Lag::Unreadable);
+        let read =
+            |text| pddl::parse_init_elements(text).into_result().map_err(FollowError::Unreadable);
         let (believed, retracted) = (read(believed)?, read(retracted)?);
         for fact in &retracted {
-            if let Statement::Is(key, _) = Statement::of(fact) {
+            if let FactStatement::Is(key, _) = FactStatement::of(fact) {
                 self.facts.remove(&key);
             }
         }
@@ -77,7 +78,7 @@ impl Follower {
 
     fn believe(&mut self, facts: &[InitElement]) {
         for fact in facts {
-            if let Statement::Is(key, value) = Statement::of(fact) {
+            if let FactStatement::Is(key, value) = FactStatement::of(fact) {
                 self.facts.insert(key, value);
             }
         }

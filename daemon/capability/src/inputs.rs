@@ -11,8 +11,8 @@ use acl::{AgentId, Deadline, Incarnation};
 use pddl::{ActionModel, Diagnostic, InitElement, Metric, Name};
 
 use crate::declined::Declined;
-use crate::described::Described;
-use crate::moment::Moment;
+use crate::parsed_model::ParsedModel;
+use crate::timestamp::Timestamp;
 
 /// How long an agent may be silent before its capabilities are masked, in proportion to the period of its
 /// own heartbeats.
@@ -33,12 +33,12 @@ pub struct Announcement {
     /// Incarnation of the sender.
     pub incarnation: Incarnation,
     /// The model taken apart, or the reason why it exceeds a limit.
-    pub(crate) described: Result<Described, Declined>,
+    pub(crate) described: Result<ParsedModel, Declined>,
 }
 
 /// A heartbeat: the state of an agent, complete for the facts that the agent owns.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Beat {
+pub struct ParsedHeartbeat {
     /// The sender.
     pub agent: AgentId,
     /// Incarnation of the sender.
@@ -48,14 +48,14 @@ pub struct Beat {
     /// Digest of the model that the heartbeat belongs to.
     pub digest: String,
     /// Facts known to the agent, and `(unknown FACT)` for those that are unknown to it.
-    pub facts: Vec<Known>,
+    pub facts: Vec<KnownFact>,
     /// Time until the next heartbeat is due; `None`: the agent is never counted as silent.
     pub period: Option<Duration>,
 }
 
 /// A heartbeat that equals the one before it, except for its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Repeated<'h> {
+pub struct RepeatedHeartbeat<'h> {
     /// The sender.
     pub agent: &'h AgentId,
     /// Incarnation of the sender.
@@ -72,11 +72,11 @@ pub struct Repeated<'h> {
 
 /// A fact that is known, without end or for a limited time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Known {
+pub struct KnownFact {
     /// The fact.
     pub fact: InitElement,
     /// Time at which it expires; `None`: it is known until its owner retracts it.
-    pub until: Option<Moment>,
+    pub until: Option<Timestamp>,
 }
 
 /// A change of the state: first the retractions take effect, then the facts to believe.
@@ -92,9 +92,9 @@ pub struct Effects {
 
 /// All changes that requests have made at the central maintainer.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Requests {
+pub struct RequestedChanges {
     /// Facts, each with its owner.
-    pub facts: Vec<(AgentId, Known)>,
+    pub facts: Vec<(AgentId, KnownFact)>,
     /// Facts of the map that are retracted.
     pub retracted: Vec<InitElement>,
     /// The metric of plans; `None` if it is the map's.
@@ -105,9 +105,9 @@ pub struct Requests {
 
 /// Changes that requests have made since the last announcement of them.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct RequestsSince {
+pub struct RequestedChangesSince {
     /// Facts that are new or changed, each with its owner.
-    pub facts: Vec<(AgentId, Known)>,
+    pub facts: Vec<(AgentId, KnownFact)>,
     /// Facts that are withdrawn, each with its former owner; the values of functions are arbitrary.
     pub withdrawn: Vec<(AgentId, InitElement)>,
     /// Facts of the map that are retracted.
@@ -126,7 +126,7 @@ impl Announcement {
         methods: Methods,
         digest: &str,
     ) -> Announcement {
-        Announcement { agent, incarnation, described: Described::of(model, methods, digest) }
+        Announcement { agent, incarnation, described: ParsedModel::of(model, methods, digest) }
     }
 
     /// Parses an announced model. The heartbeat in the announcement is parsed by [`Beat::read`].
@@ -147,7 +147,7 @@ impl Announcement {
 
 // === impl Beat ===
 
-impl Beat {
+impl ParsedHeartbeat {
     /// Parses a heartbeat that was received at `now`.
     ///
     /// # Errors
@@ -158,13 +158,13 @@ impl Beat {
         agent: AgentId,
         incarnation: Incarnation,
         heartbeat: &Heartbeat,
-        now: Moment,
-    ) -> Result<Beat, Vec<Diagnostic>> {
+        now: Timestamp,
+    ) -> Result<ParsedHeartbeat, Vec<Diagnostic>> {
         let Heartbeat { digest, sequence, facts, known_for, period } = heartbeat;
-        let known = Known::read_all(facts, known_for, now)?;
+        let known = KnownFact::read_all(facts, known_for, now)?;
         let period = Some(period.0);
         let (digest, sequence) = (digest.clone(), *sequence);
-        Ok(Beat { agent, incarnation, sequence, digest, facts: known, period })
+        Ok(ParsedHeartbeat { agent, incarnation, sequence, digest, facts: known, period })
     }
 }
 
@@ -192,18 +192,18 @@ impl Default for SilenceLimit {
 
 // === impl Known ===
 
-impl Known {
+impl KnownFact {
     fn read_all(
         facts: &str,
         known_for: &BTreeMap<String, Deadline>,
-        now: Moment,
-    ) -> Result<Vec<Known>, Vec<Diagnostic>> {
+        now: Timestamp,
+    ) -> Result<Vec<KnownFact>, Vec<Diagnostic>> {
         let lasting = pddl::parse_init_elements(facts).into_result()?;
-        let mut known: Vec<Known> = lasting.into_iter().map(Known::from).collect();
+        let mut known: Vec<KnownFact> = lasting.into_iter().map(KnownFact::from).collect();
         for (text, left) in known_for {
             let until = Some(now.after(left.0));
             for fact in pddl::parse_init_elements(text).into_result()? {
-                known.push(Known { fact, until });
+                known.push(KnownFact { fact, until });
             }
         }
         Ok(known)
@@ -215,15 +215,15 @@ impl Known {
     ///
     /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
     /// mistakes.
-    pub fn read(observed: &Observation, now: Moment) -> Result<Vec<Known>, Vec<Diagnostic>> {
+    pub fn read(observed: &Observation, now: Timestamp) -> Result<Vec<KnownFact>, Vec<Diagnostic>> {
         let Observation { facts, known_for } = observed;
-        Known::read_all(facts, known_for, now)
+        KnownFact::read_all(facts, known_for, now)
     }
 }
 
-impl From<InitElement> for Known {
-    fn from(fact: InitElement) -> Known {
-        Known { fact, until: None }
+impl From<InitElement> for KnownFact {
+    fn from(fact: InitElement) -> KnownFact {
+        KnownFact { fact, until: None }
     }
 }
 
@@ -247,17 +247,17 @@ impl Effects {
 
 // === impl Requests ===
 
-impl Requests {
+impl RequestedChanges {
     /// Parses an announcement of all requested changes that was received at `now`.
     ///
     /// # Errors
     ///
     /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
     /// mistakes.
-    pub fn read(told: &Requested, now: Moment) -> Result<Requests, Vec<Diagnostic>> {
+    pub fn read(told: &Requested, now: Timestamp) -> Result<RequestedChanges, Vec<Diagnostic>> {
         let Requested { facts, retracted, metric, withheld } = told;
         let metric = metric.as_ref().map(|metric| pddl::parse_metric(metric).into_result());
-        Ok(Requests {
+        Ok(RequestedChanges {
             facts: known(facts, now)?,
             retracted: pddl::parse_init_elements(retracted).into_result()?,
             metric: metric.transpose()?,
@@ -270,17 +270,20 @@ impl Requests {
 
 // === impl RequestsSince ===
 
-impl RequestsSince {
+impl RequestedChangesSince {
     /// Parses an announcement of recent requested changes that was received at `now`.
     ///
     /// # Errors
     ///
     /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
     /// mistakes.
-    pub fn read(told: &RequestedSince, now: Moment) -> Result<RequestsSince, Vec<Diagnostic>> {
+    pub fn read(
+        told: &RequestedSince,
+        now: Timestamp,
+    ) -> Result<RequestedChangesSince, Vec<Diagnostic>> {
         let RequestedSince { facts, withdrawn, retracted } = told;
         let withdrawn = known(withdrawn, now)?.into_iter();
-        Ok(RequestsSince {
+        Ok(RequestedChangesSince {
             facts: known(facts, now)?,
             withdrawn: withdrawn.map(|(agent, known)| (agent, known.fact)).collect(),
             retracted: pddl::parse_init_elements(retracted).into_result()?,
@@ -288,12 +291,15 @@ impl RequestsSince {
     }
 }
 
-fn known(told: &[RequestedFact], now: Moment) -> Result<Vec<(AgentId, Known)>, Vec<Diagnostic>> {
+fn known(
+    told: &[RequestedFact],
+    now: Timestamp,
+) -> Result<Vec<(AgentId, KnownFact)>, Vec<Diagnostic>> {
     let mut facts = Vec::with_capacity(told.len());
     for RequestedFact { fact, owner, known_for } in told {
         let until = known_for.map(|left| now.after(left.0));
         for fact in pddl::parse_init_elements(fact).into_result()? {
-            facts.push((owner.clone(), Known { fact, until }));
+            facts.push((owner.clone(), KnownFact { fact, until }));
         }
     }
     Ok(facts)

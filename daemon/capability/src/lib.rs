@@ -29,8 +29,8 @@ mod inputs;
 mod change;
 mod conflict;
 mod declined;
+mod pending_changes;
 mod snapshot;
-mod untold;
 
 mod follower;
 
@@ -38,30 +38,33 @@ mod compose;
 
 mod canonical;
 mod composite;
-mod described;
-mod manifest;
+mod model_summary;
 mod names;
+mod parsed_model;
 mod vocabulary;
 
 mod belief;
 mod fact;
-mod remembered;
-mod roster;
+mod former_actions;
+mod known_agents;
 
 mod digest;
 pub mod limits;
-mod moment;
+mod timestamp;
 
-pub use belief::Source;
-pub use change::{Change, text_of};
-pub use conflict::{Conflict, Kind, Subject};
+pub use belief::ClaimSource;
+pub use change::{DomainChange, text_of};
+pub use conflict::{Conflict, ModelPart, ModelPartKind};
 pub use declined::Declined;
 pub use digest::{model_digest, problem_digest, text_digest};
 pub use fact::Owner;
-pub use follower::{Follower, Lag};
+pub use follower::{FollowError, Follower};
 pub use inputs::{
-    Announcement, Beat, Effects, Known, Repeated, Requests, RequestsSince, SilenceLimit,
+    Announcement, Effects, KnownFact, ParsedHeartbeat, RepeatedHeartbeat, RequestedChanges,
+    RequestedChangesSince, SilenceLimit,
 };
-pub use maintainer::{Admission, AgentView, ClaimedBy, Maintainer, Provenance, Scope, Sight};
-pub use moment::Moment;
-pub use snapshot::Snapshot;
+pub use maintainer::{
+    AdmitResult, AgentView, CompositionCache, Maintainer, MaintainerScope, OwnerClaim, Provenance,
+};
+pub use snapshot::DomainSnapshot;
+pub use timestamp::Timestamp;

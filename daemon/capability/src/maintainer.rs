@@ -10,7 +10,7 @@ mod facts;
 mod requests;
 mod views;
 
-pub use views::{AgentView, ClaimedBy, Provenance, Sight};
+pub use views::{AgentView, CompositionCache, OwnerClaim, Provenance};
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -18,22 +18,22 @@ use std::sync::Arc;
 use acl::{AgentId, Incarnation};
 use pddl::{ActionModel, Domain, Metric, Name, Problem};
 
-use crate::belief::{Beliefs, Claim, Source};
-use crate::change::Change;
-use crate::compose::{Memory, Party, Shared, compose, join};
+use crate::belief::{Beliefs, ClaimSource, FactClaim};
+use crate::change::DomainChange;
+use crate::compose::{CompositionMemory, Contribution, SharedModel, compose, join};
 use crate::composite::Composite;
 use crate::conflict::Conflict;
 use crate::declined::Declined;
 use crate::fact::{FactKey, Owner};
+use crate::former_actions::FormerActions;
 use crate::inputs::{Announcement, SilenceLimit};
-use crate::manifest::Manifest;
-use crate::moment::Moment;
-use crate::remembered::Remembered;
-use crate::roster::{Member, Roster};
+use crate::known_agents::{KnownAgents, Member};
+use crate::model_summary::ModelSummary;
+use crate::timestamp::Timestamp;
 
 /// The part of the models that a maintainer shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scope {
+pub enum MaintainerScope {
     /// All models, whole: for the maintainer of the whole ecosystem.
     Everything,
     /// The ontology, the map, and public facts and objects; no actions, and nothing private. For the
@@ -57,9 +57,9 @@ struct Uncomposed {
 
 /// The result of admitting a model.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Admission {
+pub struct AdmitResult {
     /// The change; empty for a model that is known already.
-    pub change: Change,
+    pub change: DomainChange,
     /// Parts that can no longer be composed as written because of this model, in any of the models.
     /// Must be sent to the agents that each conflict names.
     pub conflicts: Vec<Conflict>,
@@ -72,14 +72,14 @@ pub struct Admission {
 /// first.
 #[derive(Clone, Debug)]
 pub struct Maintainer {
-    shared: Arc<Shared>,
-    scope: Scope,
+    shared: Arc<SharedModel>,
+    scope: MaintainerScope,
     silence: SilenceLimit,
     /// Whether it adopts the changes by requests that the central maintainer announces.
     follows: bool,
-    roster: Roster,
-    remembered: Remembered,
-    memory: Memory,
+    roster: KnownAgents,
+    remembered: FormerActions,
+    memory: CompositionMemory,
     /// Number of changes of models, on which the composite depends.
     models: u64,
     /// The current composite; for [`Scope::Public`], that of the ontology and the map alone.
@@ -112,24 +112,24 @@ impl Maintainer {
     pub fn new(
         ontology: impl Into<Arc<Domain>>,
         map: impl Into<Arc<Problem>>,
-        scope: Scope,
+        scope: MaintainerScope,
     ) -> Maintainer {
         let (ontology, map) = (ontology.into(), map.into());
-        let shared = Arc::new(Shared::new(ontology, map));
-        let mut memory = Memory::default();
-        let everything = scope == Scope::Everything;
+        let shared = Arc::new(SharedModel::new(ontology, map));
+        let mut memory = CompositionMemory::default();
+        let everything = scope == MaintainerScope::Everything;
         let (composite, conflicts) = compose(&shared, &[], everything, &mut memory);
-        let mut remembered = Remembered::default();
+        let mut remembered = FormerActions::default();
         let name = &shared.ontology.name;
         // An action that only the ontology describes counts as offered in the past: an agent that
         // offers it may join.
-        remembered.note(&ActionModel::of(name.clone(), name.clone()), &shared.manifest);
+        remembered.record(&ActionModel::of(name.clone(), name.clone()), &shared.manifest);
         let mut maintainer = Maintainer {
             shared,
             scope,
             silence: SilenceLimit::default(),
             follows: !everything,
-            roster: Roster::default(),
+            roster: KnownAgents::default(),
             remembered,
             memory,
             models: 0,
@@ -164,9 +164,13 @@ impl Maintainer {
     /// Returns an error if the model describes another agent or names another ontology, if it comes
     /// from a former incarnation, or if it is too large. Then no part of it takes effect. A single part
     /// that cannot be used is no error: it is left out and named among the conflicts.
-    pub fn admit(&mut self, announced: Announcement, now: Moment) -> Result<Admission, Declined> {
-        self.take(announced, now)?;
-        Ok(self.compose_taken(now))
+    pub fn admit(
+        &mut self,
+        announced: Announcement,
+        now: Timestamp,
+    ) -> Result<AdmitResult, Declined> {
+        self.add_model(announced, now)?;
+        Ok(self.compose_added(now))
     }
 
     /// Adds a model as [`admit`](Maintainer::admit) does, without composing, so that it can be composed
@@ -175,7 +179,7 @@ impl Maintainer {
     /// # Errors
     ///
     /// Returns an error in the same cases as `admit`.
-    pub fn take(&mut self, announced: Announcement, now: Moment) -> Result<(), Declined> {
+    pub fn add_model(&mut self, announced: Announcement, now: Timestamp) -> Result<(), Declined> {
         let Announcement { agent, incarnation, described } = announced;
         self.roster.check(&agent, incarnation)?;
         self.roster.has_room(&agent)?;
@@ -185,8 +189,8 @@ impl Maintainer {
         if known.is_some_and(|member| member.described.digest == described.digest) {
             return Ok(());
         }
-        if self.scope == Scope::Everything {
-            self.remembered.note(&described.frame, &described.manifest);
+        if self.scope == MaintainerScope::Everything {
+            self.remembered.record(&described.frame, &described.manifest);
         }
         let former = self.manifest_of(&agent);
         let member = match known.cloned() {
@@ -196,8 +200,8 @@ impl Maintainer {
             }
             None => Member::new(incarnation, described, now),
         };
-        self.seat(&agent, member, now);
-        self.remodel(&agent, former.as_deref());
+        self.upsert_member(&agent, member, now);
+        self.model_changed(&agent, former.as_deref());
         Ok(())
     }
 
@@ -207,14 +211,14 @@ impl Maintainer {
     }
 
     /// Composes all models that were added since the last composition, in one step.
-    pub fn compose_taken(&mut self, now: Moment) -> Admission {
+    pub fn compose_added(&mut self, now: Timestamp) -> AdmitResult {
         if self.is_stale() {
             self.recompose();
         }
         let known = self.known_conflicts.take();
         let is_new = |conflict: &&Conflict| known.as_ref().is_some_and(|k| !k.contains(*conflict));
         let conflicts = self.conflicts.iter().filter(is_new).cloned().collect();
-        Admission { change: self.conclude(now), conflicts }
+        AdmitResult { change: self.take_change(now), conflicts }
     }
 
     fn speaks_for_itself(&self, agent: &AgentId, frame: &ActionModel) -> Result<(), Declined> {
@@ -251,12 +255,22 @@ impl Maintainer {
 
     /// Handles the loss of an agent's liveliness token. New plans no longer use its capabilities; its
     /// objects and facts stay. The token of a former incarnation changes nothing.
-    pub fn mask(&mut self, agent: &AgentId, incarnation: Incarnation, now: Moment) -> Change {
+    pub fn mask(
+        &mut self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        now: Timestamp,
+    ) -> DomainChange {
         self.set_masked(agent, incarnation, true, now)
     }
 
     /// Handles the return of an agent's liveliness token.
-    pub fn unmask(&mut self, agent: &AgentId, incarnation: Incarnation, now: Moment) -> Change {
+    pub fn unmask(
+        &mut self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        now: Timestamp,
+    ) -> DomainChange {
         self.set_masked(agent, incarnation, false, now)
     }
 
@@ -265,73 +279,79 @@ impl Maintainer {
         agent: &AgentId,
         incarnation: Incarnation,
         is_masked: bool,
-        now: Moment,
-    ) -> Change {
+        now: Timestamp,
+    ) -> DomainChange {
         self.roster.mask(agent, incarnation, is_masked);
-        self.conclude(now)
+        self.take_change(now)
     }
 
     /// Removes an agent with its actions, its objects and its facts. Facts that it was responsible for
     /// and that are about other objects become unknown. If a newer incarnation of the agent is known,
     /// nothing changes.
-    pub fn remove(&mut self, agent: &AgentId, incarnation: Incarnation, now: Moment) -> Change {
+    pub fn remove(
+        &mut self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        now: Timestamp,
+    ) -> DomainChange {
         if self.roster.check(agent, incarnation).is_err() {
-            return self.conclude(now);
+            return self.take_change(now);
         }
         // Shared maintainers of actuators are informed of unknown facts by the central one.
         let left = match self.scope {
-            Scope::Everything => self.left_behind(agent),
-            Scope::Public => Vec::new(),
+            MaintainerScope::Everything => self.facts_to_become_unknown(agent),
+            MaintainerScope::Public => Vec::new(),
         };
-        let is_over = |_: &FactKey, claim: &Claim| claim.source != Source::Departure;
+        let is_over = |_: &FactKey, claim: &FactClaim| claim.source != ClaimSource::Departure;
         self.beliefs.withdraw_where(&Owner::Agent(agent.clone()), is_over);
-        if let Some(former) = self.roster.release(agent) {
+        if let Some(former) = self.roster.remove_member(agent) {
             self.leave_unknown(agent, left, now);
-            self.remodel(agent, Some(&former.described.manifest));
+            self.model_changed(agent, Some(&former.described.manifest));
         }
         if self.is_stale() {
             self.recompose();
         }
-        self.conclude(now)
+        self.take_change(now)
     }
 
     /// Advances the time: removes expired claims, and masks the agents with overdue heartbeats.
-    pub fn expire(&mut self, now: Moment) -> Change {
+    pub fn expire(&mut self, now: Timestamp) -> DomainChange {
         self.beliefs.expire(now);
-        self.roster.fall_silent(now);
-        self.conclude(now)
+        self.roster.mark_silent(now);
+        self.take_change(now)
     }
 
     /// Returns the next time at which [`expire`](Maintainer::expire) has an effect, if no other input
     /// comes before.
-    pub fn next_expiry(&self) -> Option<Moment> {
+    pub fn next_expiry(&self) -> Option<Timestamp> {
         self.beliefs.next_expiry().into_iter().chain(self.roster.next_silence()).min()
     }
 
     /// Adds or replaces a member, and claims the facts of its model. Claims by heartbeats of the same
     /// incarnation take precedence over them.
-    fn seat(&mut self, agent: &AgentId, member: Member, now: Moment) {
+    fn upsert_member(&mut self, agent: &AgentId, member: Member, now: Timestamp) {
         let owner = Owner::Agent(agent.clone());
         let same_life =
             self.roster.get(agent).is_some_and(|known| known.incarnation == member.incarnation);
-        self.beliefs.withdraw_where(&owner, |_, claim| !same_life || claim.source == Source::Model);
+        self.beliefs
+            .withdraw_where(&owner, |_, claim| !same_life || claim.source == ClaimSource::Model);
         self.believe_model(&owner, &member, now);
-        self.roster.seat(agent, member);
+        self.roster.insert_member(agent, member);
     }
 
-    fn manifest_of(&self, agent: &AgentId) -> Option<Arc<Manifest>> {
+    fn manifest_of(&self, agent: &AgentId) -> Option<Arc<ModelSummary>> {
         self.roster.get(agent).map(|member| Arc::clone(&member.described.manifest))
     }
 
     /// Handles a change of an agent's model. `former` is the manifest before the change.
-    fn remodel(&mut self, agent: &AgentId, former: Option<&Manifest>) {
+    fn model_changed(&mut self, agent: &AgentId, former: Option<&ModelSummary>) {
         self.models += 1;
-        let everything = self.scope == Scope::Everything;
+        let everything = self.scope == MaintainerScope::Everything;
         let now = self.manifest_of(agent);
         let parties = || self.roster.parties(|_| everything);
         self.memory.keep_standing(former, now.as_deref(), everything, parties);
         match self.scope {
-            Scope::Everything => {
+            MaintainerScope::Everything => {
                 match former {
                     None => self.uncomposed.joined.push(agent.clone()),
                     Some(_) => self.uncomposed.others = true,
@@ -340,15 +360,15 @@ impl Maintainer {
                 self.known_conflicts.get_or_insert_with(known);
             }
             // Nothing is composed before a snapshot is requested.
-            Scope::Public => self.is_changed = true,
+            MaintainerScope::Public => self.is_changed = true,
         }
     }
 
     /// Adds the predicates with unknown facts to the domain's symbols, after they have become more.
-    fn reword(&mut self) {
+    fn unknowable_changed(&mut self) {
         self.memory.unknowable.clone_from(self.beliefs.unknowable());
         match self.scope {
-            Scope::Everything => {
+            MaintainerScope::Everything => {
                 let waits = self.is_stale();
                 self.uncomposed.others = true;
                 // Models that wait to be composed are composed together with this change.
@@ -356,7 +376,7 @@ impl Maintainer {
                     self.recompose();
                 }
             }
-            Scope::Public => self.models += 1,
+            MaintainerScope::Public => self.models += 1,
         }
     }
 
@@ -398,24 +418,24 @@ impl Maintainer {
     fn compose(
         &self,
         trusts: impl Fn(&AgentId) -> bool,
-        memory: &mut Memory,
+        memory: &mut CompositionMemory,
     ) -> (Composite, Vec<Conflict>) {
-        let parties: Vec<Party<'_>> = self.roster.parties(trusts).collect();
-        compose(&self.shared, &parties, self.scope == Scope::Everything, memory)
+        let parties: Vec<Contribution<'_>> = self.roster.parties(trusts).collect();
+        compose(&self.shared, &parties, self.scope == MaintainerScope::Everything, memory)
     }
 
     /// Ends a call: returns the difference to the state at the end of the call before.
-    fn conclude(&mut self, now: Moment) -> Change {
+    fn take_change(&mut self, now: Timestamp) -> DomainChange {
         if self.beliefs.take_newly_unknowable() {
-            self.reword();
+            self.unknowable_changed();
         }
         if self.is_stale() {
             // The changes are returned when they are composed.
             let (epoch, revision) = (self.epoch, self.revision);
-            return Change { epoch, revision, ..Change::default() };
+            return DomainChange { epoch, revision, ..DomainChange::default() };
         }
         let (mut joined, mut left) = (Vec::new(), Vec::new());
-        for (agent, is_present) in self.roster.take_stirred() {
+        for (agent, is_present) in self.roster.take_presence_changes() {
             if is_present && self.announced.insert(agent.clone()) {
                 joined.push(agent);
             } else if !is_present && self.announced.remove(&agent) {
@@ -423,15 +443,15 @@ impl Maintainer {
             }
         }
         let (believed, retracted) = match self.scope {
-            Scope::Everything => self.beliefs.settle(&self.composite, now),
-            Scope::Public => Default::default(),
+            MaintainerScope::Everything => self.beliefs.recompute(&self.composite, now),
+            MaintainerScope::Public => Default::default(),
         };
         let is_changed = std::mem::take(&mut self.is_changed);
         let epoch_changed = is_changed || !joined.is_empty() || !left.is_empty();
         self.epoch += u64::from(epoch_changed);
         let (epoch, revision) = (self.epoch, self.revision);
         let mut change =
-            Change { epoch, revision, epoch_changed, joined, left, believed, retracted };
+            DomainChange { epoch, revision, epoch_changed, joined, left, believed, retracted };
         if !change.is_empty() || self.beliefs.take_moved() {
             self.revision += 1;
             change.revision = self.revision;

@@ -10,20 +10,20 @@ use std::collections::{BTreeMap, BTreeSet};
 use acl::AgentId;
 use pddl::Name;
 
-use crate::canonical::Key;
+use crate::canonical::CanonicalText;
 
 /// The offered variants of each name. Each has the agent to name it after: of its offerers, the one
 /// that has been present longest.
-pub(crate) type Variants<'a> = BTreeMap<&'a Name, BTreeMap<&'a Key, &'a AgentId>>;
+pub(crate) type ActionVariants<'a> = BTreeMap<&'a Name, BTreeMap<&'a CanonicalText, &'a AgentId>>;
 
 /// Names that are kept from one composition to the next.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ActionNames {
-    variants: BTreeMap<Name, BTreeMap<Key, Variant>>,
+    variants: BTreeMap<Name, BTreeMap<CanonicalText, ActionVariant>>,
 }
 
 #[derive(Clone, Debug)]
-struct Variant {
+struct ActionVariant {
     introducer: AgentId,
     qualified: Option<Name>,
 }
@@ -34,8 +34,8 @@ impl ActionNames {
     /// Returns a name for every variant in `live`. Drops variants that are not in `live`.
     pub(crate) fn assign<'a>(
         &mut self,
-        live: &Variants<'a>,
-    ) -> BTreeMap<(&'a Name, &'a Key), Name> {
+        live: &ActionVariants<'a>,
+    ) -> BTreeMap<(&'a Name, &'a CanonicalText), Name> {
         self.remember(live);
         let mut taken: BTreeSet<Name> = self.qualified().cloned().collect();
         let plain: BTreeSet<Name> = self.variants.keys().cloned().collect();
@@ -59,13 +59,13 @@ impl ActionNames {
         inside
     }
 
-    fn remember(&mut self, live: &Variants<'_>) {
+    fn remember(&mut self, live: &ActionVariants<'_>) {
         self.variants.retain(|name, _| live.contains_key(name));
         for (outside, keys) in live {
             let variants = self.variants.entry((*outside).clone()).or_default();
             variants.retain(|key, _| keys.contains_key(key));
             for (key, introducer) in keys {
-                variants.entry(Key::clone(key)).or_insert_with(|| Variant {
+                variants.entry(CanonicalText::clone(key)).or_insert_with(|| ActionVariant {
                     introducer: (*introducer).clone(),
                     qualified: None,
                 });

@@ -8,11 +8,11 @@ use acl::content::{self, Guard, Methods, Offer, Offers};
 use pddl::knowledge::{AuxiliaryPredicates, Knowledge};
 use pddl::{ActionModel, Atom, Condition, Domain, InitElement, Metric, Name, PlanStep, Problem};
 
-use crate::composite::{Composite, Offered};
+use crate::composite::{Composite, OfferedAction};
 
 /// The composite domain and problem at one moment.
 #[derive(Clone, Debug)]
-pub struct Snapshot {
+pub struct DomainSnapshot {
     /// Number of changes of the set of capabilities: plans made in another epoch may not be possible.
     pub epoch: u64,
     /// Number of changes of any kind.
@@ -33,7 +33,7 @@ pub struct Snapshot {
 
 // === impl Snapshot ===
 
-impl Snapshot {
+impl DomainSnapshot {
     pub(crate) fn new(
         epoch: u64,
         revision: u64,
@@ -41,9 +41,9 @@ impl Snapshot {
         problem: Problem,
         methods: BTreeMap<AgentId, Methods>,
         former: Vec<Arc<ActionModel>>,
-    ) -> Snapshot {
+    ) -> DomainSnapshot {
         let (domain, qualified) = (Arc::clone(&composite.domain), composite.qualified.clone());
-        Snapshot { epoch, revision, domain, problem, qualified, methods, former, composite }
+        DomainSnapshot { epoch, revision, domain, problem, qualified, methods, former, composite }
     }
 
     /// Returns the digest of the domain's text.
@@ -55,11 +55,11 @@ impl Snapshot {
     /// the metric of the maintainer is used.
     pub fn with_goal(&self, goal: &Condition, metric: Option<Metric>) -> Problem {
         let metric = metric.or_else(|| self.problem.metric.clone());
-        Problem { goal: self.sure(goal), metric, ..self.problem.clone() }
+        Problem { goal: self.known_to_hold(goal), metric, ..self.problem.clone() }
     }
 
     /// Returns the condition that `condition` is known to hold, in the symbols of the domain.
-    pub fn sure(&self, condition: &Condition) -> Condition {
+    pub fn known_to_hold(&self, condition: &Condition) -> Condition {
         self.composite.knowledge.known_to_hold(condition)
     }
 
@@ -105,14 +105,14 @@ impl Snapshot {
     /// Returns the guard of each schema of the domain, whether or not the action can be used now.
     pub fn guards(&self) -> BTreeMap<String, Guard> {
         let offered = self.composite.offers.values().flatten();
-        let guard = |action: &Offered| {
+        let guard = |action: &OfferedAction| {
             let (outside, predicate) = (action.outside.to_string(), action.guard.to_string());
             (action.inside.as_str().to_owned(), Guard { outside, predicate })
         };
         offered.map(guard).collect()
     }
 
-    fn offer(&self, agent: &AgentId, action: &Offered, guard: &Atom) -> (String, Offer) {
+    fn offer(&self, agent: &AgentId, action: &OfferedAction, guard: &Atom) -> (String, Offer) {
         let outside = action.outside.as_str().to_owned();
         let methods = self.methods.get(agent);
         let offer = Offer {
@@ -128,7 +128,7 @@ impl Snapshot {
         &self.composite.knowledge
     }
 
-    fn words(&self) -> BTreeMap<String, content::Auxiliary> {
+    fn auxiliary_symbols(&self) -> BTreeMap<String, content::Auxiliary> {
         let text = ToString::to_string;
         let auxiliary = |auxiliary: &AuxiliaryPredicates| match auxiliary {
             AuxiliaryPredicates::Predicate { unknown, found } => content::Auxiliary::Predicate {
@@ -158,7 +158,7 @@ impl Snapshot {
             offers: self.offers(),
             guards: self.guards(),
             former: self.former.iter().map(ToString::to_string).collect(),
-            knowledge: self.words(),
+            knowledge: self.auxiliary_symbols(),
             conflicts: BTreeMap::new(),
         }
     }

@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 
 use pddl::{Name, TypeExpr, Types};
 
-use crate::canonical::Uses;
-use crate::fact::{FactKey, Space, Value};
+use crate::canonical::UsedSymbols;
+use crate::fact::{FactKey, FactSymbolKind, FactValue};
 
 /// The types of a symbol's parameters.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,7 +21,7 @@ pub(crate) struct Signature {
 
 /// All declared symbols.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Vocabulary {
+pub(crate) struct DomainVocabulary {
     pub(crate) types: Types,
     pub(crate) predicates: BTreeMap<Name, Signature>,
     pub(crate) functions: BTreeMap<Name, Signature>,
@@ -30,16 +30,24 @@ pub(crate) struct Vocabulary {
 
 // === impl Vocabulary ===
 
-impl Vocabulary {
+impl DomainVocabulary {
     /// Whether a predicate or a function has this name.
     pub(crate) fn declares(&self, name: &Name) -> bool {
         self.predicates.contains_key(name) || self.functions.contains_key(name)
     }
 
     /// Returns the reason why a schema with these uses cannot be in the domain; `None` if it can.
-    pub(crate) fn misfit(&self, uses: &Uses) -> Option<String> {
-        let Uses { predicates, functions, observed, types, objects, changed, assigned: _, unbound } =
-            uses;
+    pub(crate) fn misfit(&self, uses: &UsedSymbols) -> Option<String> {
+        let UsedSymbols {
+            predicates,
+            functions,
+            observed,
+            types,
+            objects,
+            changed,
+            assigned: _,
+            unbound,
+        } = uses;
         let symbol = |declared: &BTreeMap<Name, Signature>, what, (name, count): &(Name, usize)| {
             match declared.get(name) {
                 None => Some(format!("it uses the {what} `{name}`, which is not declared")),
@@ -88,16 +96,16 @@ impl Vocabulary {
 
     /// Returns the reason why a fact with this value cannot be in the problem; `None` if it can. A
     /// derived fact cannot be claimed, but it can be reported as unknown.
-    pub(crate) fn fact_misfit(&self, fact: &FactKey, value: Value) -> Option<String> {
+    pub(crate) fn fact_misfit(&self, fact: &FactKey, value: FactValue) -> Option<String> {
         let symbol = fact.symbol();
         let declared = match fact.space() {
-            Space::Predicate => self.predicates.get(symbol),
-            Space::Function => self.functions.get(symbol),
+            FactSymbolKind::Predicate => self.predicates.get(symbol),
+            FactSymbolKind::Function => self.functions.get(symbol),
         };
         let Some(Signature { parameters, derived }) = declared else {
             return Some(format!("`{symbol}` is not declared"));
         };
-        if *derived && value != Value::Unknown {
+        if *derived && value != FactValue::Unknown {
             return Some(format!("`{symbol}` is derived by axioms"));
         }
         if parameters.len() != fact.arguments().len() {

@@ -7,7 +7,7 @@ use crate::turn::PROTOCOLS;
 
 /// Phase of an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Phase {
+pub enum ExchangePhase {
     /// No message has been sent.
     Opening,
     /// The initiator has sent its first message; the participant has not answered.
@@ -24,7 +24,7 @@ pub enum Phase {
 
 /// Role of the sender of a message in an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Role {
+pub enum ExchangeRole {
     /// The agent that opened the exchange.
     Initiator,
     /// The agent that answers.
@@ -34,13 +34,13 @@ pub enum Role {
 /// Error: a message that the protocol does not allow at this point.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{performative}` of the {role:?} does not follow in {protocol:?} at {phase:?}")]
-pub struct Violation {
+pub struct ProtocolViolation {
     /// The protocol.
     pub protocol: Protocol,
     /// Phase of the exchange.
-    pub phase: Phase,
+    pub phase: ExchangePhase,
     /// Role of the sender.
-    pub role: Role,
+    pub role: ExchangeRole,
     /// Performative of the message.
     pub performative: Performative,
 }
@@ -51,18 +51,18 @@ pub struct Exchange {
     protocol: Protocol,
     initiator: AgentId,
     /// Incarnation of the initiator: a replica may open an exchange with another of the same name.
-    life: Incarnation,
-    phase: Phase,
+    incarnation: Incarnation,
+    phase: ExchangePhase,
 }
 
 impl Exchange {
     /// Creates an exchange before its first message, which this incarnation of the initiator will send.
     pub fn new(protocol: Protocol, initiator: AgentId, life: Incarnation) -> Exchange {
-        Exchange { protocol, initiator, life, phase: Phase::Opening }
+        Exchange { protocol, initiator, incarnation: life, phase: ExchangePhase::Opening }
     }
 
     /// Returns the phase.
-    pub fn phase(&self) -> Phase {
+    pub fn phase(&self) -> ExchangePhase {
         self.phase
     }
 
@@ -78,18 +78,18 @@ impl Exchange {
 
     /// Whether the exchange is over.
     pub fn is_closed(&self) -> bool {
-        self.phase == Phase::Closed
+        self.phase == ExchangePhase::Closed
     }
 
     /// Whether a message that cannot follow now may follow later: the message that it answers, or
     /// an earlier one of its sender, may still be on its way.
-    pub fn may_come_to(&self, message: &Message) -> bool {
+    pub fn may_follow_later(&self, message: &Message) -> bool {
         let role = self.role(message);
         let mut reached = vec![self.phase];
         let mut index = 0;
         while let Some(phase) = reached.get(index).copied() {
             index += 1;
-            for turn in PROTOCOLS.iter().filter(|turn| turn.is_of(self.protocol, phase)) {
+            for turn in PROTOCOLS.iter().filter(|turn| turn.applies_to(self.protocol, phase)) {
                 if turn.role == role && turn.performative == message.performative {
                     return true;
                 }
@@ -106,27 +106,33 @@ impl Exchange {
     /// # Errors
     ///
     /// Returns an error if the protocol does not allow the message now; the phase stays as it was.
-    pub fn advance(&mut self, message: &Message) -> Result<Phase, Violation> {
+    pub fn advance(&mut self, message: &Message) -> Result<ExchangePhase, ProtocolViolation> {
         let role = self.role(message);
         let performative = message.performative;
         let next = PROTOCOLS
             .iter()
             .find(|turn| {
-                turn.is_of(self.protocol, self.phase)
+                turn.applies_to(self.protocol, self.phase)
                     && turn.role == role
                     && turn.performative == performative
             })
             .map(|turn| turn.next)
-            .ok_or(Violation { protocol: self.protocol, phase: self.phase, role, performative })?;
+            .ok_or(ProtocolViolation {
+                protocol: self.protocol,
+                phase: self.phase,
+                role,
+                performative,
+            })?;
         if !is_progress(message) {
             self.phase = next;
         }
         Ok(self.phase)
     }
 
-    fn role(&self, message: &Message) -> Role {
-        let is_initiator = message.sender == self.initiator && message.incarnation == self.life;
-        if is_initiator { Role::Initiator } else { Role::Participant }
+    fn role(&self, message: &Message) -> ExchangeRole {
+        let is_initiator =
+            message.sender == self.initiator && message.incarnation == self.incarnation;
+        if is_initiator { ExchangeRole::Initiator } else { ExchangeRole::Participant }
     }
 }
 

@@ -8,12 +8,12 @@
 //! The meaning of a message is decided by the agent that handles it; this crate decides only which
 //! message may follow which.
 
+mod duplicate_window;
 mod exchange;
-mod seen;
 mod transcript;
 mod turn;
 
-pub use exchange::{Exchange, Phase, Role, Violation};
-pub use seen::Seen;
+pub use duplicate_window::DuplicateWindow;
+pub use exchange::{Exchange, ExchangePhase, ExchangeRole, ProtocolViolation};
 pub use transcript::{TRANSCRIPT_EXCHANGES_MAX, Transcript};
-pub use turn::{PROTOCOLS, Turn};
+pub use turn::{PROTOCOLS, ProtocolTurn};

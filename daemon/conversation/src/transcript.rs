@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use acl::{AgentId, Message, Protocol, ReplyToken};
 
-use crate::exchange::{Exchange, Phase, Role, Violation};
-use crate::seen::Seen;
+use crate::duplicate_window::DuplicateWindow;
+use crate::exchange::{Exchange, ExchangePhase, ExchangeRole, ProtocolViolation};
 
 /// Most open exchanges that a transcript follows. Beyond it the one with the smallest token is
 /// dropped, so that a listener that runs for months does not grow.
@@ -14,7 +14,7 @@ pub const TRANSCRIPT_EXCHANGES_MAX: usize = 10_000;
 /// The exchanges that a listener on the network has received.
 #[derive(Clone, Debug)]
 pub struct Transcript {
-    seen: Seen,
+    duplicates: DuplicateWindow,
     /// One exchange per token and participant; `None` is the opening of a broadcast before any
     /// participant has answered.
     exchanges: BTreeMap<(ReplyToken, Option<AgentId>), Exchange>,
@@ -29,7 +29,10 @@ impl Default for Transcript {
 impl Transcript {
     /// Creates an empty transcript.
     pub fn new() -> Transcript {
-        Transcript { seen: Seen::new(TRANSCRIPT_EXCHANGES_MAX), exchanges: BTreeMap::new() }
+        Transcript {
+            duplicates: DuplicateWindow::new(TRANSCRIPT_EXCHANGES_MAX),
+            exchanges: BTreeMap::new(),
+        }
     }
 
     /// Takes a message in the order of arrival. Returns the phase of its exchange; `None` if the
@@ -42,11 +45,14 @@ impl Transcript {
     /// # Errors
     ///
     /// Returns an error if the protocol of its exchange does not allow the message.
-    pub fn hear(&mut self, message: &Message) -> Result<Option<Phase>, Violation> {
+    pub fn receive(
+        &mut self,
+        message: &Message,
+    ) -> Result<Option<ExchangePhase>, ProtocolViolation> {
         let (Some(token), Some(protocol)) = (message.exchange(), message.protocol) else {
             return Ok(None);
         };
-        if !self.seen.note(&message.id) {
+        if !self.duplicates.insert(&message.id) {
             return Ok(None);
         }
         if message.opens_exchange() {
@@ -58,7 +64,7 @@ impl Transcript {
             let key = (token.clone(), Some(participant));
             let Some(exchange) = self.exchange(&key) else { continue };
             let advanced = exchange.advance(message);
-            if advanced == Ok(Phase::Closed) {
+            if advanced == Ok(ExchangePhase::Closed) {
                 self.exchanges.remove(&key);
             }
             heard = heard.and(advanced.map(Some));
@@ -71,7 +77,7 @@ impl Transcript {
         token: &ReplyToken,
         protocol: Protocol,
         message: &Message,
-    ) -> Result<Phase, Violation> {
+    ) -> Result<ExchangePhase, ProtocolViolation> {
         let mut exchange = Exchange::new(protocol, message.sender.clone(), message.incarnation);
         let phase = exchange.advance(message)?;
         if self.exchanges.len() >= TRANSCRIPT_EXCHANGES_MAX {
@@ -85,20 +91,20 @@ impl Transcript {
     /// initiator sent it, else its sender.
     fn participants(&self, token: &ReplyToken, message: &Message) -> Vec<AgentId> {
         match self.role(token, &message.sender) {
-            Some(Role::Initiator) => message.receiver.clone(),
-            Some(Role::Participant) => vec![message.sender.clone()],
+            Some(ExchangeRole::Initiator) => message.receiver.clone(),
+            Some(ExchangeRole::Participant) => vec![message.sender.clone()],
             None => Vec::new(),
         }
     }
 
-    fn role(&self, token: &ReplyToken, sender: &AgentId) -> Option<Role> {
+    fn role(&self, token: &ReplyToken, sender: &AgentId) -> Option<ExchangeRole> {
         let (_, exchange) = self
             .exchanges
             .range((token.clone(), None)..)
             .next()
             .filter(|((found, _), _)| found == token)?;
         let is_initiator = exchange.initiator() == sender;
-        Some(if is_initiator { Role::Initiator } else { Role::Participant })
+        Some(if is_initiator { ExchangeRole::Initiator } else { ExchangeRole::Participant })
     }
 
     /// Returns the exchange under `key`. For a participant that answers a broadcast, it begins as a
@@ -158,7 +164,7 @@ mod tests {
         let mut transcript = Transcript::new();
         let mut numbered = lines.iter().enumerate();
         let first = numbered.position(|(index, line)| {
-            transcript.hear(&message(&index.to_string(), line, protocol)).is_err()
+            transcript.receive(&message(&index.to_string(), line, protocol)).is_err()
         });
         assert_eq!(first, out_of_order, "{lines:#?}");
     }
@@ -229,12 +235,12 @@ mod tests {
                     .iter()
                     .filter(move |turn| turn.protocol == protocol && turn.phase == phase)
             };
-            assert_ne!(of(Phase::Opening).count(), 0, "{protocol:?}");
-            assert_eq!(of(Phase::Closed).count(), 0, "{protocol:?}");
+            assert_ne!(of(ExchangePhase::Opening).count(), 0, "{protocol:?}");
+            assert_eq!(of(ExchangePhase::Closed).count(), 0, "{protocol:?}");
             assert!(
                 crate::PROTOCOLS
                     .iter()
-                    .any(|turn| turn.protocol == protocol && turn.next == Phase::Closed)
+                    .any(|turn| turn.protocol == protocol && turn.next == ExchangePhase::Closed)
             );
         }
     }

@@ -2,52 +2,52 @@
 
 use acl::{Performative, Protocol};
 
-use crate::exchange::{Phase, Role};
+use crate::exchange::{ExchangePhase, ExchangeRole};
 
 /// A turn: in `phase`, `role` may send `performative`, which leads to `next`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Turn {
+pub struct ProtocolTurn {
     /// The protocol.
     pub protocol: Protocol,
     /// Phase before the message.
-    pub phase: Phase,
+    pub phase: ExchangePhase,
     /// Role of the sender.
-    pub role: Role,
+    pub role: ExchangeRole,
     /// Performative of the message.
     pub performative: Performative,
     /// Phase after the message.
-    pub next: Phase,
+    pub next: ExchangePhase,
 }
 
-impl Turn {
+impl ProtocolTurn {
     /// Whether the turn is possible in an exchange of `protocol` at `phase`.
-    pub(crate) fn is_of(&self, protocol: Protocol, phase: Phase) -> bool {
+    pub(crate) fn applies_to(&self, protocol: Protocol, phase: ExchangePhase) -> bool {
         self.protocol == protocol && self.phase == phase
     }
 }
 
 const fn turn(
     protocol: Protocol,
-    phase: Phase,
-    role: Role,
+    phase: ExchangePhase,
+    role: ExchangeRole,
     performative: Performative,
-    next: Phase,
-) -> Turn {
-    Turn { protocol, phase, role, performative, next }
+    next: ExchangePhase,
+) -> ProtocolTurn {
+    ProtocolTurn { protocol, phase, role, performative, next }
 }
 
+use ExchangePhase::{Cancelling, Closed, Committed, Open, Opening, Proposed};
+use ExchangeRole::{Initiator, Participant};
 use Performative::{
     AcceptProposal, Agree, Cancel, Cfp, Confirm, Inform, NotUnderstood, Propose, QueryRef, Refuse,
     RejectProposal, Request,
 };
-use Phase::{Cancelling, Closed, Committed, Open, Opening, Proposed};
 use Protocol::{Action, ContractNet, Execution, Goal, Planning, Query, StateChange};
-use Role::{Initiator, Participant};
 
 /// All turns. A `confirm` without a final outcome does not change the phase; see [`Exchange`].
 ///
 /// [`Exchange`]: crate::Exchange
-pub const PROTOCOLS: &[Turn] = &[
+pub const PROTOCOLS: &[ProtocolTurn] = &[
     // A user asks for a goal; the Plan Requester reports progress, then the outcome.
     turn(Goal, Opening, Initiator, Request, Open),
     turn(Goal, Open, Participant, Refuse, Closed),

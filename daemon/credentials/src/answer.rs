@@ -42,7 +42,7 @@ impl AnswerKey {
 
     /// Returns the public key in hexadecimal, as the question carries it.
     pub fn public(&self) -> String {
-        digits(self.0.public_key().as_bytes())
+        to_hex(self.0.public_key().as_bytes())
     }
 
     /// Opens a sealed answer.
@@ -54,7 +54,7 @@ impl AnswerKey {
         if sealed.len() > 2 * (ANSWER_BYTES_MAX + SEAL_BYTES) {
             return Err(SealError::TooLong);
         }
-        let sealed = bytes(sealed).ok_or(SealError::Foreign)?;
+        let sealed = from_hex(sealed).ok_or(SealError::Foreign)?;
         let text = self.0.unseal(&sealed).map_err(|_| SealError::Foreign)?;
         String::from_utf8(text).map_err(|_| SealError::Foreign)
     }
@@ -72,20 +72,20 @@ impl Default for AnswerKey {
 ///
 /// Returns an error if `key` is not a public key, or the answer is too long.
 pub fn seal_answer(key: &str, text: &str) -> Result<String, SealError> {
-    let key = bytes(key).and_then(|bytes| <[u8; KEY_SIZE]>::try_from(bytes).ok());
+    let key = from_hex(key).and_then(|bytes| <[u8; KEY_SIZE]>::try_from(bytes).ok());
     let key = PublicKey::from_bytes(key.ok_or(SealError::NoKey)?);
     if text.len() > ANSWER_BYTES_MAX {
         return Err(SealError::TooLong);
     }
     let sealed = key.seal(&mut OsRng, text.as_bytes()).map_err(|_| SealError::NoKey)?;
-    Ok(digits(&sealed))
+    Ok(to_hex(&sealed))
 }
 
-fn digits(bytes: &[u8]) -> String {
+fn to_hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn bytes(digits: &str) -> Option<Vec<u8>> {
+fn from_hex(digits: &str) -> Option<Vec<u8>> {
     let is_digits = digits.len().is_multiple_of(2) && digits.bytes().all(|b| b.is_ascii_hexdigit());
     let pairs = (0..digits.len()).step_by(2).filter(|_| is_digits);
     let read: Option<Vec<u8>> =

@@ -14,7 +14,7 @@ use time::OffsetDateTime;
 
 use crate::certificate::Certificate;
 use crate::error::CredentialError;
-use crate::files::{self, Folder};
+use crate::files::{self, CredentialFolder};
 use crate::is_certifiable;
 use crate::revocations::Revocations;
 use crate::trust::Trust;
@@ -32,13 +32,13 @@ const BACKDATED: Duration = Duration::from_secs(24 * 3_600);
 const DAY: Duration = Duration::from_secs(24 * 3_600);
 
 /// Mode of a key file: only its owner may read and write it.
-const SECRET: u32 = 0o600;
+const KEY_MODE: u32 = 0o600;
 /// Mode of a file that every user may read.
-const PUBLIC: u32 = 0o644;
+const PUBLIC_MODE: u32 = 0o644;
 
 /// An ecosystem's authority, with its key.
 pub struct Authority {
-    folder: Folder,
+    folder: CredentialFolder,
     certificate: Certificate,
     issuer: Issuer<'static, KeyPair>,
 }
@@ -58,7 +58,7 @@ impl Authority {
     ///
     /// Returns an error if there is one already, or the folder cannot be written.
     pub fn create(
-        folder: &Folder,
+        folder: &CredentialFolder,
         ecosystem: &EcosystemId,
         days: u32,
     ) -> Result<Authority, CredentialError> {
@@ -71,11 +71,11 @@ impl Authority {
         params.distinguished_name = name(&format!("authority of {ecosystem}"), ecosystem.as_str());
         params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
         params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
-        lasting(&mut params, days);
+        set_validity(&mut params, days);
         let key = KeyPair::generate_for(&PKCS_ED25519)?;
         let certificate = params.self_signed(&key)?;
-        files::write_new(&folder.authority_key(), &key.serialize_pem(), SECRET)?;
-        files::write_new(&folder.authority(), &certificate.pem(), PUBLIC)?;
+        files::write_new(&folder.authority_key(), &key.serialize_pem(), KEY_MODE)?;
+        files::write_new(&folder.authority(), &certificate.pem(), PUBLIC_MODE)?;
         Authority::open(folder)
     }
 
@@ -84,7 +84,7 @@ impl Authority {
     /// # Errors
     ///
     /// Returns an error if there is none, or its key can be read by others.
-    pub fn open(folder: &Folder) -> Result<Authority, CredentialError> {
+    pub fn open(folder: &CredentialFolder) -> Result<Authority, CredentialError> {
         let path = folder.authority_key();
         if !path.exists() {
             let remedy = "certificates are made where `althing cert authority` was run; say which \
@@ -129,14 +129,14 @@ impl Authority {
         params.extended_key_usages =
             vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
         params.use_authority_key_identifier_extension = true;
-        lasting(&mut params, days);
+        set_validity(&mut params, days);
         let key = KeyPair::generate_for(&PKCS_ED25519)?;
         let certificate = params.signed_by(&key, &self.issuer)?;
-        files::replace(&self.folder.key(daemon), &key.serialize_pem(), SECRET)?;
-        files::replace(&self.folder.certificate(daemon), &certificate.pem(), PUBLIC)?;
+        files::replace(&self.folder.key(daemon), &key.serialize_pem(), KEY_MODE)?;
+        files::replace(&self.folder.certificate(daemon), &certificate.pem(), PUBLIC_MODE)?;
         let made = Certificate::read(&self.folder.certificate(daemon))?;
         let copy = format!("{daemon}-{}.pem", hexadecimal(&made.serial));
-        files::replace(&self.folder.issued().join(copy), &certificate.pem(), PUBLIC)?;
+        files::replace(&self.folder.issued().join(copy), &certificate.pem(), PUBLIC_MODE)?;
         Ok(made)
     }
 
@@ -190,7 +190,7 @@ impl Authority {
         };
         let text = list.signed_by(&self.issuer)?.pem()?;
         debug_assert!(Revocations::from_pem(&text, &self.certificate).is_some());
-        files::replace(&self.folder.revocations(), &text, PUBLIC)?;
+        files::replace(&self.folder.revocations(), &text, PUBLIC_MODE)?;
         Ok(count)
     }
 }
@@ -208,7 +208,7 @@ fn name(common: &str, organization: &str) -> DistinguishedName {
 }
 
 /// Sets the validity: from a little before now, for this number of days.
-fn lasting(params: &mut CertificateParams, days: u32) {
+fn set_validity(params: &mut CertificateParams, days: u32) {
     let now = SystemTime::now();
     params.not_before = OffsetDateTime::from(now.checked_sub(BACKDATED).unwrap_or(UNIX_EPOCH));
     params.not_after = OffsetDateTime::from(now) + DAY * days;

@@ -77,7 +77,7 @@ impl Certificate {
     }
 
     /// Returns how long it is still valid; zero if it has expired.
-    pub fn left(&self, now: SystemTime) -> Duration {
+    pub fn remaining(&self, now: SystemTime) -> Duration {
         self.not_after.duration_since(now).unwrap_or_default()
     }
 

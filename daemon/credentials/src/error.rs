@@ -87,7 +87,7 @@ pub enum CredentialError {
         /// The file.
         path: PathBuf,
         /// The reason.
-        why: Distrust,
+        why: DistrustReason,
     },
 }
 
@@ -101,7 +101,7 @@ fn others(names: &[String]) -> String {
 /// Why a message is not believed. Completes “the message …”.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
 #[non_exhaustive]
-pub enum Distrust {
+pub enum DistrustReason {
     /// The message has no seal.
     #[error("is not signed")]
     Unsigned,
@@ -128,13 +128,13 @@ pub enum Distrust {
     Replayed,
     /// The message is for an earlier incarnation of its receiver.
     #[error("is for an earlier incarnation of this daemon: it is replayed, or its sender is late")]
-    Belated,
+    OldReceiver,
     /// The message was sealed too long ago.
     #[error("was delayed for longer than any receiver waits")]
-    Overdue,
+    Delayed,
     /// The sender has not answered a call yet, or had not when it sent this: the message may be old.
     #[error("was sent before its daemon answered a roll call")]
-    Uncalled,
+    NotSynced,
     /// The sender exceeds its rate limit.
     #[error("exceeds the message rate of its sender")]
     Flooded,

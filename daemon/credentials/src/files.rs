@@ -25,14 +25,14 @@ const FILE_BYTES_MAX: u64 = 4 << 20;
 
 /// A folder of credentials.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Folder(PathBuf);
+pub struct CredentialFolder(PathBuf);
 
 // === impl Folder ===
 
-impl Folder {
+impl CredentialFolder {
     /// Returns the folder at this path, which need not exist.
-    pub fn new(path: impl Into<PathBuf>) -> Folder {
-        Folder(path.into())
+    pub fn new(path: impl Into<PathBuf>) -> CredentialFolder {
+        CredentialFolder(path.into())
     }
 
     /// Returns the path of the folder.
@@ -107,7 +107,10 @@ pub(crate) fn read(path: &Path) -> Result<String, CredentialError> {
 
 /// Rejects a file that is world-writable, or in a world-writable folder: a user that can replace the CA
 /// certificate controls which certificates every daemon trusts.
-pub(crate) fn not_for_anybody(folder: &Folder, path: &Path) -> Result<(), CredentialError> {
+pub(crate) fn check_not_world_writable(
+    folder: &CredentialFolder,
+    path: &Path,
+) -> Result<(), CredentialError> {
     for each in [folder.path(), path] {
         let mode = fs::metadata(each).map_err(|source| failed(each, source))?.mode() & 0o1777;
         // In a sticky folder no user can replace another user's file.

@@ -9,26 +9,27 @@ use serde::{Deserialize, Serialize};
 
 use crate::certificate::Certificate;
 use crate::error::CredentialError;
-use crate::files::{self, Folder};
-use crate::seal::{Nonce, Seal, Statement};
+use crate::files::{self, CredentialFolder};
+use crate::seal::{Nonce, Seal, SignedFields};
 use crate::trust::Trust;
 
 /// Number of channels.
 const CHANNELS: usize = 3;
 
 /// The channels with sequence numbers.
-const NUMBERED: [usize; NUMBERED_CHANNELS] = [Channel::Message as usize, Channel::Beat as usize];
+const NUMBERED: [usize; NUMBERED_CHANNELS] =
+    [SealChannel::Message as usize, SealChannel::AgentState as usize];
 pub(crate) const NUMBERED_CHANNELS: usize = 2;
 
 /// Kind of message. Messages of one channel arrive nearly in order; those of two channels may overtake each
 /// other at will, so each channel has its own sequence numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
-pub enum Channel {
+pub enum SealChannel {
     /// Messages to one agent and to all.
     Message = 0,
     /// Models and heartbeats, which travel at a lower priority.
-    Beat = 1,
+    AgentState = 1,
     /// Answers to questions: they are bound to their question by its nonce, and not numbered.
     Answer = 2,
 }
@@ -36,7 +37,7 @@ pub enum Channel {
 /// Sequence numbers that a sender has reached, as it states them in answer to a call: every message with a
 /// number up to these was sent earlier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Said {
+pub struct SequenceState {
     /// Incarnation: microseconds since the Unix epoch at its start.
     pub life: u64,
     /// The last number of each numbered channel, in the order of [`Channel`].
@@ -48,43 +49,43 @@ pub struct Said {
 }
 
 /// Position of a message among the others, for its seal.
-struct Numbers {
-    channel: Channel,
+struct SealNumbers {
+    channel: SealChannel,
     number: u64,
     to: u64,
 }
 
 /// The key of a daemon, and the name under which it signs.
-pub struct Identity {
-    folder: Folder,
+pub struct DaemonIdentity {
+    folder: CredentialFolder,
     certificate: Certificate,
     key: Ed25519KeyPair,
     /// The daemon, or a guest that signs with its key.
-    speaker: DaemonId,
-    life: u64,
+    sender: DaemonId,
+    incarnation: u64,
     began: Instant,
     numbers: [AtomicU64; CHANNELS],
 }
 
-impl std::fmt::Debug for Identity {
+impl std::fmt::Debug for DaemonIdentity {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Identity").field("speaker", &self.speaker).finish_non_exhaustive()
+        f.debug_struct("Identity").field("speaker", &self.sender).finish_non_exhaustive()
     }
 }
 
 // === impl Identity ===
 
-impl Identity {
+impl DaemonIdentity {
     /// Reads a daemon's key and certificate, and checks them against `trust`. A new incarnation begins.
     ///
     /// # Errors
     ///
     /// Returns an error if one of them is missing, can be read by others, or is not valid here.
     pub fn read(
-        folder: &Folder,
+        folder: &CredentialFolder,
         daemon: &DaemonId,
         trust: &Trust,
-    ) -> Result<Identity, CredentialError> {
+    ) -> Result<DaemonIdentity, CredentialError> {
         let (key_path, path) = (folder.key(daemon), folder.certificate(daemon));
         for (what, path) in [("a daemon's key", &key_path), ("a daemon's certificate", &path)] {
             if !path.exists() {
@@ -117,12 +118,12 @@ impl Identity {
         if let Err(why) = trust.check(&certificate, SystemTime::now()) {
             return Err(CredentialError::Distrusted { path, why });
         }
-        Ok(Identity {
+        Ok(DaemonIdentity {
             folder: folder.clone(),
             certificate,
             key,
-            speaker: daemon.clone(),
-            life: now(),
+            sender: daemon.clone(),
+            incarnation: now(),
             began: Instant::now(),
             numbers: Default::default(),
         })
@@ -130,19 +131,19 @@ impl Identity {
 
     /// Sets the incarnation to one known to be later than all before, in case the clock was set back.
     #[must_use]
-    pub fn in_life(self, life: u64) -> Identity {
-        Identity { life, ..self }
+    pub fn with_incarnation(self, life: u64) -> DaemonIdentity {
+        DaemonIdentity { incarnation: life, ..self }
     }
 
     /// Uses the same key for a guest of this daemon; see [`DaemonId::guest`].
     #[must_use]
-    pub fn for_guest(self, guest: DaemonId) -> Identity {
-        Identity { speaker: guest, ..self }
+    pub fn for_guest(self, guest: DaemonId) -> DaemonIdentity {
+        DaemonIdentity { sender: guest, ..self }
     }
 
     /// Returns the daemon or guest that signs.
-    pub fn speaker(&self) -> &DaemonId {
-        &self.speaker
+    pub fn sender(&self) -> &DaemonId {
+        &self.sender
     }
 
     /// Returns the certificate.
@@ -159,9 +160,9 @@ impl Identity {
     }
 
     /// Returns the incarnation, its age, and the number of messages sealed in each numbered channel.
-    pub fn said(&self) -> Said {
+    pub fn sequence_state(&self) -> SequenceState {
         let numbers = NUMBERED.map(|channel| self.numbers[channel].load(Ordering::Relaxed));
-        Said { life: self.life, numbers, age: self.age() }
+        SequenceState { life: self.incarnation, numbers, age: self.age() }
     }
 
     fn age(&self) -> u64 {
@@ -172,36 +173,54 @@ impl Identity {
     /// one daemon, or to all.
     pub fn seal(
         &self,
-        channel: Channel,
+        channel: SealChannel,
         key_expr: &str,
         payload: &[u8],
         to: Option<u64>,
     ) -> Vec<u8> {
         let number = self.numbers[channel as usize].fetch_add(1, Ordering::Relaxed) + 1;
         let to = to.unwrap_or_default();
-        self.sealed(Numbers { channel, number, to }, key_expr, payload, &[])
+        self.write_seal(SealNumbers { channel, number, to }, key_expr, payload, &[])
     }
 
     /// Returns the seal for an answer to the question with this nonce.
     pub fn seal_answer(&self, key_expr: &str, payload: &[u8], nonce: &Nonce) -> Vec<u8> {
-        let numbers = Numbers { channel: Channel::Answer, number: 0, to: 0 };
-        self.sealed(numbers, key_expr, payload, nonce)
+        let numbers = SealNumbers { channel: SealChannel::Answer, number: 0, to: 0 };
+        self.write_seal(numbers, key_expr, payload, nonce)
     }
 
-    fn sealed(
+    fn write_seal(
         &self,
-        Numbers { channel, number, to }: Numbers,
+        SealNumbers { channel, number, to }: SealNumbers,
         key_expr: &str,
         payload: &[u8],
         nonce: &[u8],
     ) -> Vec<u8> {
-        let is_itself = self.speaker.as_str() == self.certificate.subject;
-        let speaker = if is_itself { "" } else { self.speaker.as_str() };
-        let (life, at) = (self.life, self.age());
-        let statement = Statement { channel, life, number, at, to, speaker, key_expr, nonce };
+        let is_itself = self.sender.as_str() == self.certificate.subject;
+        let speaker = if is_itself { "" } else { self.sender.as_str() };
+        let (life, at) = (self.incarnation, self.age());
+        let statement = SignedFields {
+            channel,
+            incarnation: life,
+            number,
+            at,
+            to,
+            sender: speaker,
+            key_expr,
+            nonce,
+        };
         let signature = self.key.sign(&statement.bytes(payload));
         let certificate = self.certificate.der.as_ref();
-        Seal { life, number, at, to, speaker, signature: signature.as_ref(), certificate }.write()
+        Seal {
+            incarnation: life,
+            number,
+            at,
+            to,
+            sender: speaker,
+            signature: signature.as_ref(),
+            certificate,
+        }
+        .write()
     }
 }
 

@@ -17,23 +17,23 @@ mod certificate;
 mod error;
 mod files;
 mod identity;
-mod rate;
 mod replay;
 mod revocations;
 mod seal;
+mod token_bucket;
 mod trust;
 mod verifier;
 
 pub use answer::{AnswerKey, SealError, seal_answer};
 pub use authority::{AUTHORITY_DAYS, Authority, DAEMON_DAYS};
 pub use certificate::Certificate;
-pub use error::{CredentialError, Distrust};
-pub use files::Folder;
-pub use identity::{Channel, Identity, Said};
+pub use error::{CredentialError, DistrustReason};
+pub use files::CredentialFolder;
+pub use identity::{DaemonIdentity, SealChannel, SequenceState};
 pub use revocations::Revocations;
 pub use seal::{NONCE_BYTES, Nonce, nonce};
 pub use trust::Trust;
-pub use verifier::{Sealed, Verified, Verifier};
+pub use verifier::{SealedMessage, VerifiedOrigin, Verifier};
 
 use acl::DaemonId;
 

@@ -13,17 +13,17 @@ use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use crate::error::Distrust;
-use crate::identity::{NUMBERED_CHANNELS, Said};
+use crate::error::DistrustReason;
+use crate::identity::{NUMBERED_CHANNELS, SequenceState};
 
 /// Window size: how far a message may arrive behind a later one of its channel. It is ten times the
 /// reordering that was seen in a burst of bids.
-const WINDOW: u64 = 4_096;
-const WORDS: usize = (WINDOW / 64) as usize;
+const WINDOW_SIZE: u64 = 4_096;
+const WORDS: usize = (WINDOW_SIZE / 64) as usize;
 
 /// How long after the sender's answer a message sent before it may still arrive. It is dropped, but not
 /// reported as a replay.
-const UNDERWAY: Duration = Duration::from_secs(2);
+const OVERTAKEN_GRACE: Duration = Duration::from_secs(2);
 
 /// How long a message may be under way. A sender waits seconds for an answer and then sends again; a
 /// message that arrives later than this was held back.
@@ -32,161 +32,181 @@ const UNDERWAY_MAX: Duration = Duration::from_secs(30);
 /// Maximum number of senders remembered per certificate: a daemon and its guests, each of which exists for
 /// a moment only. Beyond it the one that was silent for longest is dropped. From then on no unknown sender
 /// is believed in an incarnation as old as that one's.
-const SPEAKERS_MAX: usize = 64;
+const SENDERS_MAX: usize = 64;
 
 /// State of all senders with one certificate name.
 #[derive(Debug, Default)]
-pub(crate) struct Replays {
-    speakers: BTreeMap<String, Speaker>,
+pub(crate) struct ReplayGuard {
+    senders: BTreeMap<String, SenderWindows>,
     /// Greatest incarnation that was dropped.
-    forgotten: u64,
+    dropped_incarnation: u64,
     /// Counts messages, to find the sender that was silent for longest.
-    turn: u64,
+    clock: u64,
 }
 
 #[derive(Debug)]
-struct Speaker {
-    life: u64,
+struct SenderWindows {
+    incarnation: u64,
     /// Sequence numbers in its first answer in this incarnation, and the time of that answer.
     from: Option<([u64; NUMBERED_CHANNELS], Instant)>,
     /// Age of the incarnation in milliseconds in its latest answer, and the time of that answer.
     age: Option<(u64, Instant)>,
-    windows: [Option<Box<Window>>; NUMBERED_CHANNELS],
-    heard: u64,
+    windows: [Option<Box<SequenceWindow>>; NUMBERED_CHANNELS],
+    last_used: u64,
 }
 
 /// Position of one message among the others.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Place {
-    pub(crate) life: u64,
+pub(crate) struct MessagePosition {
+    pub(crate) incarnation: u64,
     pub(crate) channel: usize,
     pub(crate) number: u64,
     /// Time of the seal: milliseconds since the sender's incarnation began.
     pub(crate) at: u64,
     /// Whether it is bound to this incarnation of the receiver; it can then not be a recording from before
     /// that.
-    pub(crate) is_for_this_life: bool,
+    pub(crate) is_for_this_incarnation: bool,
 }
 
 /// Duplicate window: the sequence numbers received lately.
 #[derive(Debug)]
-struct Window {
+struct SequenceWindow {
     /// Greatest number received.
     newest: u64,
     /// One bit for each of the last [`WINDOW`] numbers, at the number modulo the window.
-    heard: [u64; WORDS],
+    received: [u64; WORDS],
 }
 
 // === impl Replays ===
 
-impl Replays {
+impl ReplayGuard {
     /// Records a message if it is new.
     ///
     /// # Errors
     ///
     /// Returns the reason if it may be a replay.
-    pub(crate) fn note(
+    pub(crate) fn record(
         &mut self,
         speaker: &str,
-        place: Place,
+        place: MessagePosition,
         now: Instant,
-    ) -> Result<(), Distrust> {
-        let Place { life, channel, number, at, is_for_this_life } = place;
+    ) -> Result<(), DistrustReason> {
+        let MessagePosition {
+            incarnation: life,
+            channel,
+            number,
+            at,
+            is_for_this_incarnation: is_for_this_life,
+        } = place;
         // Only a sender that has answered, or sends to this incarnation, is remembered: recordings of many
         // senders must not displace the real ones.
         let known = match is_for_this_life {
-            true => self.speaker(speaker, life).ok_or(Distrust::Replayed)?,
-            false => self.answerer(speaker, life)?,
+            true => self.current_sender(speaker, life).ok_or(DistrustReason::Replayed)?,
+            false => self.synced_sender(speaker, life)?,
         };
         if !is_for_this_life {
-            let (from, answered) = known.from.as_ref().ok_or(Distrust::Uncalled)?;
+            let (from, answered) = known.from.as_ref().ok_or(DistrustReason::NotSynced)?;
             let is_before = from.get(channel).is_none_or(|from| number <= *from);
-            if is_before && now.saturating_duration_since(*answered) < UNDERWAY {
-                return Err(Distrust::Uncalled);
+            if is_before && now.saturating_duration_since(*answered) < OVERTAKEN_GRACE {
+                return Err(DistrustReason::NotSynced);
             } else if is_before {
-                return Err(Distrust::Replayed);
+                return Err(DistrustReason::Replayed);
             }
         }
         if known.is_overdue(at, now) {
-            return Err(Distrust::Overdue);
+            return Err(DistrustReason::Delayed);
         }
-        let window = known.windows.get_mut(channel).ok_or(Distrust::Replayed)?;
-        let is_new = window.get_or_insert_default().note(number);
-        if is_new { Ok(()) } else { Err(Distrust::Replayed) }
+        let window = known.windows.get_mut(channel).ok_or(DistrustReason::Replayed)?;
+        let is_new = window.get_or_insert_default().record(number);
+        if is_new { Ok(()) } else { Err(DistrustReason::Replayed) }
     }
 
     /// Returns the state of a sender that has answered a call in this incarnation.
-    fn answerer(&mut self, speaker: &str, life: u64) -> Result<&mut Speaker, Distrust> {
-        self.turn += 1;
-        let known = self.speakers.get_mut(speaker).ok_or(Distrust::Uncalled)?;
-        match life.cmp(&known.life) {
-            Ordering::Less => Err(Distrust::Replayed),
+    fn synced_sender(
+        &mut self,
+        speaker: &str,
+        life: u64,
+    ) -> Result<&mut SenderWindows, DistrustReason> {
+        self.clock += 1;
+        let known = self.senders.get_mut(speaker).ok_or(DistrustReason::NotSynced)?;
+        match life.cmp(&known.incarnation) {
+            Ordering::Less => Err(DistrustReason::Replayed),
             Ordering::Equal => {
-                known.heard = self.turn;
+                known.last_used = self.clock;
                 Ok(known)
             }
-            Ordering::Greater => Err(Distrust::Uncalled),
+            Ordering::Greater => Err(DistrustReason::NotSynced),
         }
     }
 
     /// Records the answer of a sender to a call. The answer is fresh, so it also counts if the sender had
     /// been dropped.
-    pub(crate) fn answered(&mut self, speaker: &str, said: Said, now: Instant) {
-        if !self.speakers.contains_key(speaker) {
-            self.remember(speaker, said.life);
+    pub(crate) fn record_reply(&mut self, speaker: &str, said: SequenceState, now: Instant) {
+        if !self.senders.contains_key(speaker) {
+            self.insert(speaker, said.life);
         }
-        if let Some(known) = self.speaker(speaker, said.life) {
+        if let Some(known) = self.current_sender(speaker, said.life) {
             known.from.get_or_insert((said.numbers, now));
             known.age = Some((said.age, now));
         }
     }
 
     /// Returns the incarnation in which a sender has answered; `None` if it has not.
-    pub(crate) fn life(&self, speaker: &str) -> Option<u64> {
-        let known = self.speakers.get(speaker)?;
-        known.from.map(|_| known.life)
+    pub(crate) fn incarnation(&self, speaker: &str) -> Option<u64> {
+        let known = self.senders.get(speaker)?;
+        known.from.map(|_| known.incarnation)
     }
 
     /// Returns the state of a sender, reset if this incarnation is newer; `None` if the incarnation is an
     /// older one.
-    fn speaker(&mut self, speaker: &str, life: u64) -> Option<&mut Speaker> {
-        self.turn += 1;
-        if !self.speakers.contains_key(speaker) && !self.admit(speaker, life) {
+    fn current_sender(&mut self, speaker: &str, life: u64) -> Option<&mut SenderWindows> {
+        self.clock += 1;
+        if !self.senders.contains_key(speaker) && !self.admit(speaker, life) {
             return None;
         }
-        let known = self.speakers.get_mut(speaker).filter(|known| life >= known.life)?;
-        if life > known.life {
-            *known = Speaker::new(life);
+        let known = self.senders.get_mut(speaker).filter(|known| life >= known.incarnation)?;
+        if life > known.incarnation {
+            *known = SenderWindows::new(life);
         }
-        known.heard = self.turn;
+        known.last_used = self.clock;
         Some(known)
     }
 
     /// Makes room for an unknown sender; returns `false` if it may be one that was dropped.
     fn admit(&mut self, speaker: &str, life: u64) -> bool {
-        if life <= self.forgotten {
+        if life <= self.dropped_incarnation {
             return false;
         }
-        self.remember(speaker, life);
+        self.insert(speaker, life);
         true
     }
 
-    fn remember(&mut self, speaker: &str, life: u64) {
-        if self.speakers.len() >= SPEAKERS_MAX {
-            let silent = self.speakers.iter().min_by_key(|(_, known)| known.heard);
-            if let Some((name, life)) = silent.map(|(name, known)| (name.clone(), known.life)) {
-                self.speakers.remove(&name);
-                self.forgotten = self.forgotten.max(life);
+    fn insert(&mut self, speaker: &str, life: u64) {
+        if self.senders.len() >= SENDERS_MAX {
+            let silent = self.senders.iter().min_by_key(|(_, known)| known.last_used);
+            if let Some((name, life)) =
+                silent.map(|(name, known)| (name.clone(), known.incarnation))
+            {
+                self.senders.remove(&name);
+                self.dropped_incarnation = self.dropped_incarnation.max(life);
             }
         }
-        self.speakers
-            .insert(speaker.to_owned(), Speaker { heard: self.turn, ..Speaker::new(life) });
+        self.senders.insert(
+            speaker.to_owned(),
+            SenderWindows { last_used: self.clock, ..SenderWindows::new(life) },
+        );
     }
 }
 
-impl Speaker {
-    fn new(life: u64) -> Speaker {
-        Speaker { life, from: None, age: None, windows: Default::default(), heard: 0 }
+impl SenderWindows {
+    fn new(life: u64) -> SenderWindows {
+        SenderWindows {
+            incarnation: life,
+            from: None,
+            age: None,
+            windows: Default::default(),
+            last_used: 0,
+        }
     }
 
     /// Whether a message sealed at `at` has been under way for too long. The result is a lower bound of its
@@ -202,41 +222,41 @@ impl Speaker {
 
 // === impl Window ===
 
-impl Default for Window {
-    fn default() -> Window {
-        Window { newest: 0, heard: [0; WORDS] }
+impl Default for SequenceWindow {
+    fn default() -> SequenceWindow {
+        SequenceWindow { newest: 0, received: [0; WORDS] }
     }
 }
 
-impl Window {
-    fn note(&mut self, number: u64) -> bool {
+impl SequenceWindow {
+    fn record(&mut self, number: u64) -> bool {
         if number > self.newest {
             self.forget_up_to(number);
             self.newest = number;
-        } else if self.newest - number >= WINDOW {
+        } else if self.newest - number >= WINDOW_SIZE {
             return false;
         }
-        let (word, bit) = place(number);
-        let is_new = self.heard[word] & bit == 0;
-        self.heard[word] |= bit;
+        let (word, bit) = bit_position(number);
+        let is_new = self.received[word] & bit == 0;
+        self.received[word] |= bit;
         is_new
     }
 
     /// Clears the bits of the numbers after the newest, up to this one.
     fn forget_up_to(&mut self, number: u64) {
-        if number - self.newest >= WINDOW {
-            self.heard = [0; WORDS];
+        if number - self.newest >= WINDOW_SIZE {
+            self.received = [0; WORDS];
             return;
         }
         for skipped in self.newest + 1..=number {
-            let (word, bit) = place(skipped);
-            self.heard[word] &= !bit;
+            let (word, bit) = bit_position(skipped);
+            self.received[word] &= !bit;
         }
     }
 }
 
-fn place(number: u64) -> (usize, u64) {
-    let index = number % WINDOW;
+fn bit_position(number: u64) -> (usize, u64) {
+    let index = number % WINDOW_SIZE;
     // The index is less than `WORDS`, so it fits.
     ((index / 64) as usize, 1 << (index % 64))
 }
@@ -251,76 +271,85 @@ mod tests {
 
     /// Whether a broadcast is accepted.
     fn is_heard(
-        replays: &mut Replays,
+        replays: &mut ReplayGuard,
         speaker: &str,
         life: u64,
         channel: usize,
         number: u64,
     ) -> bool {
-        let place = Place { life, channel, number, at: 0, is_for_this_life: false };
-        replays.note(speaker, place, Instant::now()).is_ok()
+        let place = MessagePosition {
+            incarnation: life,
+            channel,
+            number,
+            at: 0,
+            is_for_this_incarnation: false,
+        };
+        replays.record(speaker, place, Instant::now()).is_ok()
     }
 
-    fn begun(life: u64) -> Said {
-        Said { life, numbers: [0; NUMBERED_CHANNELS], age: 0 }
+    fn begun(life: u64) -> SequenceState {
+        SequenceState { life, numbers: [0; NUMBERED_CHANNELS], age: 0 }
     }
 
     #[test]
     fn what_was_said_before_one_listened_is_not_heard() {
-        let (mut replays, began) = (Replays::default(), Instant::now());
+        let (mut replays, began) = (ReplayGuard::default(), Instant::now());
         let (place, later) = (
-            |number, is_for_this_life| Place {
-                life: 5,
+            |number, is_for_this_life| MessagePosition {
+                incarnation: 5,
                 channel: 0,
                 number,
                 at: 0,
-                is_for_this_life,
+                is_for_this_incarnation: is_for_this_life,
             },
-            began + UNDERWAY,
+            began + OVERTAKEN_GRACE,
         );
-        let mut note = |place| replays.note("pi", place, later);
-        assert_eq!(note(place(7, false)), Err(Distrust::Uncalled));
+        let mut note = |place| replays.record("pi", place, later);
+        assert_eq!(note(place(7, false)), Err(DistrustReason::NotSynced));
         assert_eq!(note(place(3, true)), Ok(()), "it cannot have been said before");
-        assert_eq!(replays.life("pi"), None);
-        replays.answered("pi", Said { life: 5, numbers: [9, 40], age: 0 }, began);
-        assert_eq!(replays.life("pi"), Some(5));
-        assert_eq!(replays.note("pi", place(7, false), began), Err(Distrust::Uncalled));
-        let mut note = |place| replays.note("pi", place, later);
-        assert_eq!(note(place(7, false)), Err(Distrust::Replayed));
+        assert_eq!(replays.incarnation("pi"), None);
+        replays.record_reply("pi", SequenceState { life: 5, numbers: [9, 40], age: 0 }, began);
+        assert_eq!(replays.incarnation("pi"), Some(5));
+        assert_eq!(replays.record("pi", place(7, false), began), Err(DistrustReason::NotSynced));
+        let mut note = |place| replays.record("pi", place, later);
+        assert_eq!(note(place(7, false)), Err(DistrustReason::Replayed));
         assert_eq!(note(place(8, true)), Ok(()), "on its way when it answered");
-        assert_eq!(note(place(8, true)), Err(Distrust::Replayed));
+        assert_eq!(note(place(8, true)), Err(DistrustReason::Replayed));
         assert_eq!(note(place(10, false)), Ok(()));
-        let beat = |number| Place { channel: 1, ..place(number, false) };
-        assert_eq!([note(beat(40)), note(beat(41))], [Err(Distrust::Replayed), Ok(())]);
-        replays.answered("pi", Said { life: 5, numbers: [20, 50], age: 0 }, began);
-        let mut note = |place| replays.note("pi", place, later);
+        let beat = |number| MessagePosition { channel: 1, ..place(number, false) };
+        assert_eq!([note(beat(40)), note(beat(41))], [Err(DistrustReason::Replayed), Ok(())]);
+        replays.record_reply("pi", SequenceState { life: 5, numbers: [20, 50], age: 0 }, began);
+        let mut note = |place| replays.record("pi", place, later);
         assert_eq!(note(place(11, false)), Ok(()), "only the first answer counts");
-        replays.answered("pi", Said { life: 4, numbers: [0, 0], age: 0 }, began);
-        let mut note = |place| replays.note("pi", place, later);
-        assert_eq!(note(place(10, false)), Err(Distrust::Replayed));
+        replays.record_reply("pi", SequenceState { life: 4, numbers: [0, 0], age: 0 }, began);
+        let mut note = |place| replays.record("pi", place, later);
+        assert_eq!(note(place(10, false)), Err(DistrustReason::Replayed));
         for guest in 0..1_000 {
             let name = format!("pi--cli-{guest}");
-            assert_eq!(replays.note(&name, place(1, false), later), Err(Distrust::Uncalled));
+            assert_eq!(
+                replays.record(&name, place(1, false), later),
+                Err(DistrustReason::NotSynced)
+            );
         }
-        assert_eq!(replays.speakers.len(), 1, "rejected senders are not remembered");
-        let mut note = |place| replays.note("pi", place, later);
+        assert_eq!(replays.senders.len(), 1, "rejected senders are not remembered");
+        let mut note = |place| replays.record("pi", place, later);
         assert_eq!(note(place(12, false)), Ok(()));
-        let reborn = Place { life: 6, ..place(1, false) };
-        assert_eq!(note(reborn), Err(Distrust::Uncalled));
-        replays.answered("pi", Said { life: 6, numbers: [0, 0], age: 0 }, began);
-        assert_eq!(replays.note("pi", reborn, later), Ok(()));
+        let reborn = MessagePosition { incarnation: 6, ..place(1, false) };
+        assert_eq!(note(reborn), Err(DistrustReason::NotSynced));
+        replays.record_reply("pi", SequenceState { life: 6, numbers: [0, 0], age: 0 }, began);
+        assert_eq!(replays.record("pi", reborn, later), Ok(()));
     }
 
     #[test]
     fn nothing_is_heard_twice_and_nothing_too_late() {
-        let mut replays = Replays::default();
+        let mut replays = ReplayGuard::default();
         for (life, number, expected) in [
             (5, 1, true),
             (5, 1, false),
             (5, 3, true),
             (5, 2, true),
             (5, 2, false),
-            (5, WINDOW + 3, true),
+            (5, WINDOW_SIZE + 3, true),
             (5, 3, false),
             (5, 4, true),
             (4, 9_999, false),
@@ -330,7 +359,7 @@ mod tests {
             (6, u64::MAX, false),
             (6, 2, false),
         ] {
-            replays.answered("pi", begun(life), Instant::now());
+            replays.record_reply("pi", begun(life), Instant::now());
             assert_eq!(is_heard(&mut replays, "pi", life, 0, number), expected, "{life} {number}");
         }
         assert!(is_heard(&mut replays, "pi", 6, 1, 2), "channels are numbered apart");
@@ -338,34 +367,40 @@ mod tests {
 
     #[test]
     fn what_was_held_back_is_overdue_whatever_clocks_say() {
-        let (mut replays, began) = (Replays::default(), Instant::now());
+        let (mut replays, began) = (ReplayGuard::default(), Instant::now());
         let second = Duration::from_secs(1);
         // The incarnation is an hour old when it is called.
         let hour = 3_600_000;
-        replays.answered("pi", Said { life: 5, numbers: [0; 2], age: hour }, began);
+        replays.record_reply("pi", SequenceState { life: 5, numbers: [0; 2], age: hour }, began);
         let mut hears = |number, at, now| {
-            let place = Place { life: 5, channel: 0, number, at, is_for_this_life: true };
-            replays.note("pi", place, now)
+            let place = MessagePosition {
+                incarnation: 5,
+                channel: 0,
+                number,
+                at,
+                is_for_this_incarnation: true,
+            };
+            replays.record("pi", place, now)
         };
         assert_eq!(hears(1, hour + 10_000, began + 11 * second), Ok(()));
         assert_eq!(hears(2, hour - 1_000, began + 28 * second), Ok(()), "a slow reader");
-        assert_eq!(hears(3, hour + 1_000, began + 32 * second), Err(Distrust::Overdue));
-        assert_eq!(hears(4, hour - 60_000, began), Err(Distrust::Overdue));
+        assert_eq!(hears(3, hour + 1_000, began + 32 * second), Err(DistrustReason::Delayed));
+        assert_eq!(hears(4, hour - 60_000, began), Err(DistrustReason::Delayed));
         assert_eq!(hears(3, hour + 1_000, began + 30 * second), Ok(()), "a loss, not a replay");
     }
 
     #[test]
     fn speakers_that_come_and_go_push_nobody_out_who_speaks() {
-        let mut replays = Replays::default();
-        replays.answered("pi", begun(1), Instant::now());
+        let mut replays = ReplayGuard::default();
+        replays.record_reply("pi", begun(1), Instant::now());
         assert!(is_heard(&mut replays, "pi", 1, 0, 1));
         for guest in 0..1_000_u64 {
             let name = format!("pi--cli-{guest}");
-            replays.answered(&name, begun(10 + guest), Instant::now());
+            replays.record_reply(&name, begun(10 + guest), Instant::now());
             assert!(is_heard(&mut replays, &name, 10 + guest, 0, 1), "{guest}");
             assert!(is_heard(&mut replays, "pi", 1, 0, 2 + guest), "the daemon, at {guest}");
         }
-        assert!(replays.speakers.len() <= SPEAKERS_MAX);
+        assert!(replays.senders.len() <= SENDERS_MAX);
         assert!(!is_heard(&mut replays, "pi--cli-0", 10, 0, 2), "a guest of old, played again");
     }
 
@@ -373,12 +408,12 @@ mod tests {
         /// Compares the window with a set that remembers every number.
         #[test]
         fn a_window_is_a_set_of_the_last(numbers in prop::collection::vec(1..10_000_u64, 1..400)) {
-            let (mut window, mut all, mut newest) = (Window::default(), BTreeSet::new(), 0);
+            let (mut window, mut all, mut newest) = (SequenceWindow::default(), BTreeSet::new(), 0);
             for number in numbers {
                 let is_new = all.insert(number);
-                let in_reach = number + WINDOW > newest;
+                let in_reach = number + WINDOW_SIZE > newest;
                 newest = newest.max(number);
-                prop_assert_eq!(window.note(number), is_new && in_reach);
+                prop_assert_eq!(window.record(number), is_new && in_reach);
             }
         }
     }

@@ -51,7 +51,7 @@ impl Revocations {
     }
 
     /// Whether a certificate is on the list.
-    pub fn has(&self, certificate: &Certificate) -> bool {
+    pub fn contains(&self, certificate: &Certificate) -> bool {
         self.serials.contains(&certificate.serial)
     }
 

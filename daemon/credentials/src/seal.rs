@@ -21,7 +21,7 @@
 use ring::digest::{SHA256, digest};
 use ring::rand::{SecureRandom as _, SystemRandom};
 
-use crate::identity::Channel;
+use crate::identity::SealChannel;
 
 const VERSION: u8 = 3;
 const NUMBERS_BYTES: usize = 8;
@@ -48,25 +48,25 @@ pub fn nonce() -> Option<Nonce> {
 /// A parsed seal that is not verified yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Seal<'s> {
-    pub(crate) life: u64,
+    pub(crate) incarnation: u64,
     pub(crate) number: u64,
     pub(crate) at: u64,
     pub(crate) to: u64,
     /// Empty if the sender is the certificate's owner itself, not a guest.
-    pub(crate) speaker: &'s str,
+    pub(crate) sender: &'s str,
     pub(crate) signature: &'s [u8],
     pub(crate) certificate: &'s [u8],
 }
 
 /// The signed fields, without the payload.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Statement<'s> {
-    pub(crate) channel: Channel,
-    pub(crate) life: u64,
+pub(crate) struct SignedFields<'s> {
+    pub(crate) channel: SealChannel,
+    pub(crate) incarnation: u64,
     pub(crate) number: u64,
     pub(crate) at: u64,
     pub(crate) to: u64,
-    pub(crate) speaker: &'s str,
+    pub(crate) sender: &'s str,
     pub(crate) key_expr: &'s str,
     /// Nonce of the question, if this is an answer; empty otherwise.
     pub(crate) nonce: &'s [u8],
@@ -76,7 +76,8 @@ pub(crate) struct Statement<'s> {
 
 impl<'s> Seal<'s> {
     pub(crate) fn write(&self) -> Vec<u8> {
-        let Seal { life, number, at, to, speaker, signature, certificate } = *self;
+        let Seal { incarnation: life, number, at, to, sender: speaker, signature, certificate } =
+            *self;
         let length = 2 + 4 * NUMBERS_BYTES + speaker.len() + signature.len() + certificate.len();
         let mut bytes = Vec::with_capacity(length);
         bytes.push(VERSION);
@@ -106,11 +107,11 @@ impl<'s> Seal<'s> {
             return None;
         }
         Some(Seal {
-            life: u64::from_be_bytes(*life),
+            incarnation: u64::from_be_bytes(*life),
             number: u64::from_be_bytes(*number),
             at: u64::from_be_bytes(*at),
             to: u64::from_be_bytes(*to),
-            speaker: std::str::from_utf8(speaker).ok()?,
+            sender: std::str::from_utf8(speaker).ok()?,
             signature,
             certificate,
         })
@@ -119,10 +120,19 @@ impl<'s> Seal<'s> {
 
 // === impl Statement ===
 
-impl Statement<'_> {
+impl SignedFields<'_> {
     /// Returns the bytes that are signed.
     pub(crate) fn bytes(&self, payload: &[u8]) -> Vec<u8> {
-        let Statement { channel, life, number, at, to, speaker, key_expr, nonce } = *self;
+        let SignedFields {
+            channel,
+            incarnation: life,
+            number,
+            at,
+            to,
+            sender: speaker,
+            key_expr,
+            nonce,
+        } = *self;
         let mut bytes = Vec::with_capacity(CONTEXT.len() + key_expr.len() + speaker.len() + 104);
         bytes.extend(CONTEXT);
         bytes.push(channel as u8);

@@ -16,7 +16,7 @@ const HERE: u64 = 77;
 
 struct House {
     _temporary: tempfile::TempDir,
-    folder: Folder,
+    folder: CredentialFolder,
     authority: Authority,
 }
 
@@ -26,17 +26,17 @@ fn daemon(name: &str) -> DaemonId {
 
 fn house() -> House {
     let temporary = tempfile::tempdir().expect("a folder");
-    let folder = Folder::new(temporary.path().join("keys"));
+    let folder = CredentialFolder::new(temporary.path().join("keys"));
     let office = EcosystemId::new("office").expect("a name");
     let authority = Authority::create(&folder, &office, AUTHORITY_DAYS).expect("a new folder");
     House { _temporary: temporary, folder, authority }
 }
 
 impl House {
-    fn identity(&self, name: &str) -> Identity {
+    fn identity(&self, name: &str) -> DaemonIdentity {
         self.authority.issue(&daemon(name), &[], DAEMON_DAYS).expect("a name");
         let trust = Trust::read(&self.folder).expect("just made");
-        Identity::read(&self.folder, &daemon(name), &trust).expect("just made")
+        DaemonIdentity::read(&self.folder, &daemon(name), &trust).expect("just made")
     }
 
     fn verifier(&self) -> Verifier {
@@ -44,13 +44,26 @@ impl House {
     }
 }
 
-fn sealed<'s>(key_expr: &'s str, payload: &'s [u8], seal: &'s [u8]) -> Sealed<'s> {
-    let channel = Channel::Message;
-    Sealed { channel, key_expr, payload, seal: Some(seal), nonce: None, only: None, heard_in: HERE }
+fn sealed<'s>(key_expr: &'s str, payload: &'s [u8], seal: &'s [u8]) -> SealedMessage<'s> {
+    let channel = SealChannel::Message;
+    SealedMessage {
+        channel,
+        key_expr,
+        payload,
+        seal: Some(seal),
+        nonce: None,
+        only_sender: None,
+        receiver_incarnation: HERE,
+    }
 }
 
 #[track_caller]
-fn refused(verifier: &Verifier, sealed: Sealed<'_>, why: Distrust, whose: Option<&str>) {
+fn refused(
+    verifier: &Verifier,
+    sealed: SealedMessage<'_>,
+    why: DistrustReason,
+    whose: Option<&str>,
+) {
     let error = verifier.open(sealed).expect_err("not to be believed");
     assert_eq!(error, (why, whose.map(str::to_owned)));
 }
@@ -59,10 +72,10 @@ fn refused(verifier: &Verifier, sealed: Sealed<'_>, why: Distrust, whose: Option
 fn what_a_daemon_says_is_believed_once() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
-    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE));
+    let seal = pi.seal(SealChannel::Message, KEY, b"go", Some(HERE));
     let verified = verifier.open(sealed(KEY, b"go", &seal)).expect("it is true");
-    assert_eq!(verified, Verified { speaker: daemon("pi"), voucher: daemon("pi") });
-    refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Replayed, Some("pi"));
+    assert_eq!(verified, VerifiedOrigin { sender: daemon("pi"), signing_daemon: daemon("pi") });
+    refused(&verifier, sealed(KEY, b"go", &seal), DistrustReason::Replayed, Some("pi"));
 }
 
 /// A replay of another daemon's messages does not use up that daemon's rate limit.
@@ -71,16 +84,16 @@ fn what_is_played_again_is_not_charged_to_whose_it_was() {
     let house = house();
     let pi = house.identity("pi");
     let verifier = Verifier::new(Trust::read(&house.folder).expect("just made"), 2);
-    let say = || pi.seal(Channel::Message, KEY, b"go", Some(HERE));
-    let (recorded, late) = (say(), pi.seal(Channel::Message, KEY, b"go", Some(HERE - 1)));
+    let say = || pi.seal(SealChannel::Message, KEY, b"go", Some(HERE));
+    let (recorded, late) = (say(), pi.seal(SealChannel::Message, KEY, b"go", Some(HERE - 1)));
     assert!(verifier.open(sealed(KEY, b"go", &recorded)).is_ok());
     for _ in 0..100 {
-        refused(&verifier, sealed(KEY, b"go", &recorded), Distrust::Replayed, Some("pi"));
-        refused(&verifier, sealed(KEY, b"go", &late), Distrust::Uncalled, Some("pi"));
+        refused(&verifier, sealed(KEY, b"go", &recorded), DistrustReason::Replayed, Some("pi"));
+        refused(&verifier, sealed(KEY, b"go", &late), DistrustReason::NotSynced, Some("pi"));
     }
     assert!(verifier.open(sealed(KEY, b"go", &say())).is_ok(), "of a burst of four");
-    assert_eq!(verifier.allowed(&daemon("pi"), 5), 2, "what is said together is charged");
-    refused(&verifier, sealed(KEY, b"go", &say()), Distrust::Flooded, Some("pi"));
+    assert_eq!(verifier.take_permits(&daemon("pi"), 5), 2, "what is said together is charged");
+    refused(&verifier, sealed(KEY, b"go", &say()), DistrustReason::Flooded, Some("pi"));
 }
 
 #[test]
@@ -88,23 +101,23 @@ fn what_was_recorded_before_one_listened_is_not_believed() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
     let beat = |seal: &[u8]| {
-        let sealed = Sealed { channel: Channel::Beat, ..sealed(KEY, b"go", seal) };
+        let sealed = SealedMessage { channel: SealChannel::AgentState, ..sealed(KEY, b"go", seal) };
         verifier.open(sealed).map_err(|(why, _)| why)
     };
-    let recorded = pi.seal(Channel::Beat, KEY, b"go", None);
-    assert_eq!(beat(&recorded), Err(Distrust::Uncalled));
-    let verified = Verified { speaker: daemon("pi"), voucher: daemon("pi") };
-    verifier.answered(&verified, pi.said());
-    assert_eq!(verifier.life(&daemon("pi")), Some(pi.said().life));
-    assert_eq!(beat(&recorded), Err(Distrust::Uncalled), "it may have been on its way");
-    let said = pi.seal(Channel::Beat, KEY, b"go", None);
+    let recorded = pi.seal(SealChannel::AgentState, KEY, b"go", None);
+    assert_eq!(beat(&recorded), Err(DistrustReason::NotSynced));
+    let verified = VerifiedOrigin { sender: daemon("pi"), signing_daemon: daemon("pi") };
+    verifier.record_reply(&verified, pi.sequence_state());
+    assert_eq!(verifier.incarnation(&daemon("pi")), Some(pi.sequence_state().life));
+    assert_eq!(beat(&recorded), Err(DistrustReason::NotSynced), "it may have been on its way");
+    let said = pi.seal(SealChannel::AgentState, KEY, b"go", None);
     assert_eq!(beat(&said), Ok(verified));
-    assert_eq!(beat(&said), Err(Distrust::Replayed));
+    assert_eq!(beat(&said), Err(DistrustReason::Replayed));
 
-    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE - 1));
+    let seal = pi.seal(SealChannel::Message, KEY, b"go", Some(HERE - 1));
     // The sender may not have noticed yet that this is another incarnation.
-    refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Uncalled, Some("pi"));
-    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE));
+    refused(&verifier, sealed(KEY, b"go", &seal), DistrustReason::NotSynced, Some("pi"));
+    let seal = pi.seal(SealChannel::Message, KEY, b"go", Some(HERE));
     assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
 }
 
@@ -112,12 +125,12 @@ fn what_was_recorded_before_one_listened_is_not_believed() {
 fn whatever_is_changed_is_noticed() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
-    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE));
-    refused(&verifier, sealed(KEY, b"stop", &seal), Distrust::Forged, Some("pi"));
+    let seal = pi.seal(SealChannel::Message, KEY, b"go", Some(HERE));
+    refused(&verifier, sealed(KEY, b"stop", &seal), DistrustReason::Forged, Some("pi"));
     let elsewhere = "althing/office/in/pi/door/request";
-    refused(&verifier, sealed(elsewhere, b"go", &seal), Distrust::Forged, Some("pi"));
-    let beat = Sealed { channel: Channel::Beat, ..sealed(KEY, b"go", &seal) };
-    refused(&verifier, beat, Distrust::Forged, Some("pi"));
+    refused(&verifier, sealed(elsewhere, b"go", &seal), DistrustReason::Forged, Some("pi"));
+    let beat = SealedMessage { channel: SealChannel::AgentState, ..sealed(KEY, b"go", &seal) };
+    refused(&verifier, beat, DistrustReason::Forged, Some("pi"));
     for index in 0..seal.len() {
         let mut seal = seal.clone();
         seal[index] ^= 1;
@@ -126,9 +139,9 @@ fn whatever_is_changed_is_noticed() {
     for length in 0..seal.len() {
         assert!(verifier.open(sealed(KEY, b"go", &seal[..length])).is_err(), "{length} bytes");
     }
-    let bare = Sealed { seal: None, ..sealed(KEY, b"go", &[]) };
-    refused(&verifier, bare, Distrust::Unsigned, None);
-    refused(&verifier, sealed(KEY, b"go", &[0xff; 300]), Distrust::Malformed, None);
+    let bare = SealedMessage { seal: None, ..sealed(KEY, b"go", &[]) };
+    refused(&verifier, bare, DistrustReason::Unsigned, None);
+    refused(&verifier, sealed(KEY, b"go", &[0xff; 300]), DistrustReason::Malformed, None);
     assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok(), "none of that has hurt the true one");
 }
 
@@ -138,22 +151,27 @@ fn an_answer_is_to_one_question() {
     let (pi, verifier) = (house.identity("pi"), house.verifier());
     let (mine, other) = (nonce().expect("random"), nonce().expect("random"));
     let seal = pi.seal_answer(KEY, b"yes", &mine);
-    let answer = Sealed { channel: Channel::Answer, ..sealed(KEY, b"yes", &seal) };
-    assert!(verifier.open(Sealed { nonce: Some(&mine), ..answer }).is_ok());
-    refused(&verifier, Sealed { nonce: Some(&other), ..answer }, Distrust::Forged, Some("pi"));
-    refused(&verifier, answer, Distrust::Forged, Some("pi"));
+    let answer = SealedMessage { channel: SealChannel::Answer, ..sealed(KEY, b"yes", &seal) };
+    assert!(verifier.open(SealedMessage { nonce: Some(&mine), ..answer }).is_ok());
+    refused(
+        &verifier,
+        SealedMessage { nonce: Some(&other), ..answer },
+        DistrustReason::Forged,
+        Some("pi"),
+    );
+    refused(&verifier, answer, DistrustReason::Forged, Some("pi"));
 }
 
 #[test]
 fn another_authoritys_daemon_is_a_stranger() {
     let (house, other) = (house(), self::house());
     let (stranger, verifier) = (other.identity("pi"), house.verifier());
-    let seal = stranger.seal(Channel::Message, KEY, b"go", Some(HERE));
-    refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Stranger, Some("pi"));
+    let seal = stranger.seal(SealChannel::Message, KEY, b"go", Some(HERE));
+    refused(&verifier, sealed(KEY, b"go", &seal), DistrustReason::Stranger, Some("pi"));
     let own = fs::copy(other.folder.authority(), house.folder.authority());
     own.expect("an attacker does not get this far");
     let trust = Trust::read(&house.folder).expect("a certificate");
-    assert!(Identity::read(&house.folder, &daemon("pi"), &trust).is_err());
+    assert!(DaemonIdentity::read(&house.folder, &daemon("pi"), &trust).is_err());
 }
 
 #[test]
@@ -161,7 +179,7 @@ fn the_authority_itself_is_no_daemon() {
     let house = house();
     let trust = Trust::read(&house.folder).expect("just made");
     let authority = house.authority.certificate();
-    assert_eq!(trust.check(authority, SystemTime::now()), Err(Distrust::Stranger));
+    assert_eq!(trust.check(authority, SystemTime::now()), Err(DistrustReason::Stranger));
 }
 
 #[test]
@@ -170,13 +188,13 @@ fn a_guest_speaks_under_its_hosts_name_only() {
     let verifier = house.verifier();
     let name = daemon("pi").guest("cli-7").expect("short");
     let guest = house.identity("pi").for_guest(name.clone());
-    let seal = guest.seal(Channel::Message, KEY, b"go", Some(HERE));
+    let seal = guest.seal(SealChannel::Message, KEY, b"go", Some(HERE));
     let verified = verifier.open(sealed(KEY, b"go", &seal)).expect("it is true");
-    assert_eq!(verified, Verified { speaker: name, voucher: daemon("pi") });
+    assert_eq!(verified, VerifiedOrigin { sender: name, signing_daemon: daemon("pi") });
     for other in ["robot-pi", "robot-pi--cli-7", "pi-"] {
         let impostor = house.identity("pi").for_guest(daemon(other));
-        let seal = impostor.seal(Channel::Message, KEY, b"go", Some(HERE));
-        refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Impostor, Some(other));
+        let seal = impostor.seal(SealChannel::Message, KEY, b"go", Some(HERE));
+        refused(&verifier, sealed(KEY, b"go", &seal), DistrustReason::Impostor, Some(other));
     }
 }
 
@@ -184,10 +202,20 @@ fn a_guest_speaks_under_its_hosts_name_only() {
 fn what_one_alone_may_say_nobody_else_does() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
-    let seal = pi.seal(Channel::Beat, KEY, b"go", None);
-    let beat = Sealed { channel: Channel::Beat, ..sealed(KEY, b"go", &seal) };
-    refused(&verifier, Sealed { only: Some("other"), ..beat }, Distrust::Impostor, Some("pi"));
-    refused(&verifier, Sealed { only: Some("pi"), ..beat }, Distrust::Uncalled, Some("pi"));
+    let seal = pi.seal(SealChannel::AgentState, KEY, b"go", None);
+    let beat = SealedMessage { channel: SealChannel::AgentState, ..sealed(KEY, b"go", &seal) };
+    refused(
+        &verifier,
+        SealedMessage { only_sender: Some("other"), ..beat },
+        DistrustReason::Impostor,
+        Some("pi"),
+    );
+    refused(
+        &verifier,
+        SealedMessage { only_sender: Some("pi"), ..beat },
+        DistrustReason::NotSynced,
+        Some("pi"),
+    );
 }
 
 #[test]
@@ -200,13 +228,13 @@ fn a_certificate_ends() {
     for (then, expected) in [
         (now, Ok(())),
         (now + 29 * day, Ok(())),
-        (now + 31 * day, Err(Distrust::Expired)),
-        (now - 2 * day, Err(Distrust::Expired)),
+        (now + 31 * day, Err(DistrustReason::Expired)),
+        (now - 2 * day, Err(DistrustReason::Expired)),
     ] {
         assert_eq!(trust.check(&made, then), expected, "{then:?}");
     }
-    assert_eq!(made.left(now).as_secs().div_ceil(24 * 3_600), 30);
-    assert_eq!(made.left(now + 31 * day), Duration::ZERO);
+    assert_eq!(made.remaining(now).as_secs().div_ceil(24 * 3_600), 30);
+    assert_eq!(made.remaining(now + 31 * day), Duration::ZERO);
 }
 
 #[test]
@@ -214,20 +242,20 @@ fn who_is_revoked_is_believed_no_more_and_may_come_back_with_a_new_certificate()
     let house = house();
     let (pi, other) = (house.identity("pi"), house.identity("other"));
     let verifier = house.verifier();
-    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE));
+    let seal = pi.seal(SealChannel::Message, KEY, b"go", Some(HERE));
     assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
 
     assert_eq!(house.authority.revoke(&daemon("pi")).expect("it has one"), 1);
     assert!(verifier.reread_revocations().expect("just written"));
 
-    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE));
-    refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Revoked, Some("pi"));
-    let seal = other.seal(Channel::Message, KEY, b"go", Some(HERE));
+    let seal = pi.seal(SealChannel::Message, KEY, b"go", Some(HERE));
+    refused(&verifier, sealed(KEY, b"go", &seal), DistrustReason::Revoked, Some("pi"));
+    let seal = other.seal(SealChannel::Message, KEY, b"go", Some(HERE));
     assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
     assert!(house.verifier().revocations().is_some(), "a new life knows it from the start");
 
     let anew = house.identity("pi");
-    let seal = anew.seal(Channel::Message, KEY, b"go", Some(HERE));
+    let seal = anew.seal(SealChannel::Message, KEY, b"go", Some(HERE));
     assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
     assert_eq!(house.authority.revoke(&daemon("pi")).expect("it has two"), 1, "one is new");
     assert_eq!(house.authority.revoke(&daemon("pi")).expect("it has two"), 0);
@@ -258,7 +286,7 @@ fn a_list_of_revocations_is_believed_for_its_signature_and_never_an_older_one() 
     assert_eq!(verifier.take_revocations(&changed), None);
 
     fs::remove_file(house.folder.revocations()).expect("it was there");
-    verifier.keep_revocations().expect("the folder is ours");
+    verifier.store_revocations().expect("the folder is ours");
     assert_eq!(house.verifier().revocations(), verifier.revocations());
 }
 
@@ -267,14 +295,14 @@ fn who_speaks_too_much_is_not_heard_and_others_are() {
     let house = house();
     let (pi, other) = (house.identity("pi"), house.identity("other"));
     let verifier = Verifier::new(Trust::read(&house.folder).expect("just made"), 10);
-    let open = |identity: &Identity| {
-        let seal = identity.seal(Channel::Message, KEY, b"go", Some(HERE));
+    let open = |identity: &DaemonIdentity| {
+        let seal = identity.seal(SealChannel::Message, KEY, b"go", Some(HERE));
         verifier.open(sealed(KEY, b"go", &seal))
     };
     let flood: Vec<_> = (0..100).map(|_| open(&pi)).collect();
     let passed = flood.iter().filter(|each| each.is_ok()).count();
     assert!((20..100).contains(&passed), "{passed}");
-    assert!(flood.contains(&Err((Distrust::Flooded, Some("pi".to_owned())))));
+    assert!(flood.contains(&Err((DistrustReason::Flooded, Some("pi".to_owned())))));
     assert!(open(&other).is_ok());
 }
 
@@ -289,7 +317,7 @@ fn a_key_that_others_can_read_is_refused_with_the_remedy() {
     }
     let trust = Trust::read(&house.folder).expect("just made");
     let key = house.folder.key(&daemon("pi"));
-    let error = Identity::read(&house.folder, &daemon("pi"), &trust).expect_err("loose");
+    let error = DaemonIdentity::read(&house.folder, &daemon("pi"), &trust).expect_err("loose");
     let error = error.to_string();
     assert!(error.contains("mode 640") && error.ends_with(&format!("chmod 600 {}", key.display())));
     assert!(matches!(Authority::open(&house.folder), Err(CredentialError::Loose { .. })));
@@ -318,7 +346,7 @@ fn what_anybody_can_write_is_not_trusted() {
 fn what_is_missing_or_mistaken_is_named() {
     let house = house();
     let trust = Trust::read(&house.folder).expect("just made");
-    let missing = Identity::read(&house.folder, &daemon("pi"), &trust).expect_err("none yet");
+    let missing = DaemonIdentity::read(&house.folder, &daemon("pi"), &trust).expect_err("none yet");
     assert!(missing.to_string().contains("`althing cert daemon pi`"), "{missing}");
     let office = EcosystemId::new("office").expect("a name");
     let again = Authority::create(&house.folder, &office, 1).expect_err("there is one");
@@ -335,7 +363,8 @@ fn what_is_missing_or_mistaken_is_named() {
     drop(house.identity("other"));
     fs::copy(house.folder.certificate(&daemon("pi")), house.folder.certificate(&daemon("other")))
         .expect("ours");
-    let mixed = Identity::read(&house.folder, &daemon("other"), &trust).expect_err("mixed up");
+    let mixed =
+        DaemonIdentity::read(&house.folder, &daemon("other"), &trust).expect_err("mixed up");
     assert!(mixed.to_string().contains("it is not the certificate of"), "{mixed}");
     assert_eq!(house.folder.daemons(), ["other", "pi"].map(daemon));
 }

@@ -7,16 +7,16 @@ use rustls_pki_types::{TrustAnchor, UnixTime};
 use webpki::{EndEntityCert, KeyUsage};
 
 use crate::certificate::Certificate;
-use crate::error::{CredentialError, Distrust};
-use crate::files::{self, Folder};
+use crate::error::{CredentialError, DistrustReason};
+use crate::files::{self, CredentialFolder};
 use crate::revocations::Revocations;
 
 /// The authority's certificate, and the newest list of revocations.
 #[derive(Clone, Debug)]
 pub struct Trust {
-    folder: Folder,
+    folder: CredentialFolder,
     /// File for lists that come over the network; by default the same as the folder's own.
-    kept: PathBuf,
+    stored_list: PathBuf,
     authority: Certificate,
     anchor: TrustAnchor<'static>,
     revocations: Option<Revocations>,
@@ -30,7 +30,7 @@ impl Trust {
     /// # Errors
     ///
     /// Returns an error if there is no authority, or a file cannot be read.
-    pub fn read(folder: &Folder) -> Result<Trust, CredentialError> {
+    pub fn read(folder: &CredentialFolder) -> Result<Trust, CredentialError> {
         let path = folder.authority();
         if !path.exists() {
             let remedy = "make one with `althing cert authority`, or copy it from the machine \
@@ -39,7 +39,7 @@ impl Trust {
             let what = "the authority's certificate";
             return Err(CredentialError::Missing { what, path, remedy });
         }
-        files::not_for_anybody(folder, &path)?;
+        files::check_not_world_writable(folder, &path)?;
         let authority = Certificate::read(&path)?;
         if authority.public_key.is_none() {
             let problem = "it is not one that `althing cert authority` has made (Ed25519)";
@@ -49,7 +49,7 @@ impl Trust {
             .map_err(|error| CredentialError::Malformed { path, problem: error.to_string() })?
             .to_owned();
         let (folder, kept) = (folder.clone(), folder.revocations());
-        let mut trust = Trust { folder, kept, authority, anchor, revocations: None };
+        let mut trust = Trust { folder, stored_list: kept, authority, anchor, revocations: None };
         trust.revocations = trust.read_revocations()?;
         Ok(trust)
     }
@@ -60,8 +60,8 @@ impl Trust {
     /// # Errors
     ///
     /// As [`Trust::read`].
-    pub fn keeping(mut self, kept: PathBuf) -> Result<Trust, CredentialError> {
-        self.kept = kept;
+    pub fn storing_at(mut self, kept: PathBuf) -> Result<Trust, CredentialError> {
+        self.stored_list = kept;
         self.revocations = self.read_revocations()?;
         Ok(self)
     }
@@ -83,7 +83,7 @@ impl Trust {
     /// Returns an error if a file cannot be read, or the authority has not signed it.
     pub fn read_revocations(&self) -> Result<Option<Revocations>, CredentialError> {
         let own = self.folder.revocations();
-        let kept = Some(&self.kept).filter(|kept| **kept != own);
+        let kept = Some(&self.stored_list).filter(|kept| **kept != own);
         let mut newest: Option<Revocations> = None;
         for path in kept.into_iter().chain([&own]).filter(|path| path.exists()) {
             let list = Revocations::from_pem(&files::read(path)?, &self.authority);
@@ -100,7 +100,7 @@ impl Trust {
     }
 
     /// Reads a list that came over the network. Returns `None` if the authority has not signed it.
-    pub fn revocations_of(&self, der: &[u8]) -> Option<Revocations> {
+    pub fn verify_revocations(&self, der: &[u8]) -> Option<Revocations> {
         Revocations::from_der(der, &self.authority)
     }
 
@@ -118,9 +118,9 @@ impl Trust {
     /// # Errors
     ///
     /// Returns an error if the folder cannot be written.
-    pub fn keep(&self, list: &Revocations) -> Result<(), CredentialError> {
+    pub fn store(&self, list: &Revocations) -> Result<(), CredentialError> {
         let text = pem::encode(&pem::Pem::new("X509 CRL", list.der()));
-        files::replace(&self.kept, &text, 0o644)
+        files::replace(&self.stored_list, &text, 0o644)
     }
 
     /// Checks that a certificate is a daemon's of this ecosystem, and valid at `now`.
@@ -128,24 +128,25 @@ impl Trust {
     /// # Errors
     ///
     /// Returns the reason if it is not.
-    pub fn check(&self, certificate: &Certificate, now: SystemTime) -> Result<(), Distrust> {
+    pub fn check(&self, certificate: &Certificate, now: SystemTime) -> Result<(), DistrustReason> {
         if certificate.daemon().is_none() || certificate.public_key.is_none() {
-            return Err(Distrust::Stranger);
+            return Err(DistrustReason::Stranger);
         }
-        let read = EndEntityCert::try_from(&certificate.der).map_err(|_| Distrust::Stranger)?;
+        let read =
+            EndEntityCert::try_from(&certificate.der).map_err(|_| DistrustReason::Stranger)?;
         let time = UnixTime::since_unix_epoch(now.duration_since(UNIX_EPOCH).unwrap_or_default());
         let (anchors, usage) = (std::slice::from_ref(&self.anchor), KeyUsage::client_auth());
         let algorithms = &[webpki::ring::ED25519];
         read.verify_for_usage(algorithms, anchors, &[], time, usage, None, None).map_err(
             |error| match error {
                 webpki::Error::CertExpired { .. } | webpki::Error::CertNotValidYet { .. } => {
-                    Distrust::Expired
+                    DistrustReason::Expired
                 }
-                _ => Distrust::Stranger,
+                _ => DistrustReason::Stranger,
             },
         )?;
         match &self.revocations {
-            Some(list) if list.has(certificate) => Err(Distrust::Revoked),
+            Some(list) if list.contains(certificate) => Err(DistrustReason::Revoked),
             _ => Ok(()),
         }
     }

@@ -11,7 +11,7 @@ use std::sync::atomic::Ordering;
 
 use acl::content::{Achieve, Outcome, Reason, Refusal, Report, Request};
 use acl::{AgentId, EcosystemId, Message, Performative, ReplyToken};
-use agent::{Agent, Callbacks, Context, Engagement, Work};
+use agent::{Agent, Callbacks, Context, Participation, WorkHandle};
 use keyboard::GoalRequest;
 use pddl::{Domain, Problem};
 
@@ -38,7 +38,7 @@ pub(super) struct GoalGateway {
     pub(super) outward: Arc<RateLimiter>,
     pub(super) counters: Arc<InterfaceCounters>,
     /// Open goals, by initiator and token: tokens of different initiators may be equal.
-    pub(super) open: BTreeMap<RequestKey, Work>,
+    pub(super) open: BTreeMap<RequestKey, WorkHandle>,
 }
 
 /// Initiator of a request, and the token that it gave it.
@@ -54,7 +54,7 @@ impl Agent for GoalGateway {
 
 impl GoalGateway {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let achieve = match message.content_as::<Request>() {
             Ok(Request::Achieve(achieve)) => achieve,
             Ok(_) => {
@@ -96,7 +96,7 @@ impl GoalGateway {
         Ok(GoalRequest { goal, keep, priority, partition })
     }
 
-    fn forward(&mut self, engagement: Engagement, wish: GoalRequest, ctx: &mut Context<Self>) {
+    fn forward(&mut self, engagement: Participation, wish: GoalRequest, ctx: &mut Context<Self>) {
         self.counters.passed.fetch_add(1, Ordering::Relaxed);
         let (voice, revocable) = (self.voice.clone(), self.revocable);
         let asked = async move { voice.request_goal(wish, revocable).await };
@@ -110,7 +110,7 @@ impl GoalGateway {
     /// Waits for the next report on a goal.
     fn await_update(
         &mut self,
-        engagement: Engagement,
+        engagement: Participation,
         mut asked: RemoteRequest,
         ctx: &mut Context<Self>,
     ) {
@@ -131,7 +131,7 @@ impl GoalGateway {
     }
 
     /// Passes on how a goal stands, without the other ecosystem's texts.
-    fn answer(&mut self, engagement: &Engagement, news: &RemoteUpdate, ctx: &mut Context<Self>) {
+    fn answer(&mut self, engagement: &Participation, news: &RemoteUpdate, ctx: &mut Context<Self>) {
         let far = &self.far;
         match news {
             RemoteUpdate::Report(report) => {
@@ -158,12 +158,12 @@ impl GoalGateway {
         // Dropping the work also cancels the goal in the other ecosystem.
         if self.open.remove(&(message.sender.clone(), exchange)).is_some() {
             let report = Report::new(Outcome::Cancelled, "given up as asked");
-            ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+            ctx.answer(&Participation::of(&message), Performative::Confirm, &report);
         }
     }
 }
 
-fn request_key(engagement: &Engagement) -> RequestKey {
+fn request_key(engagement: &Participation) -> RequestKey {
     (engagement.initiator.clone(), engagement.exchange.clone())
 }
 
@@ -179,7 +179,7 @@ mod tests {
                 r#"{{"version":1,"id":"{asker}.1","performative":"request","sender":"{asker}",
                 "incarnation":1,"content":{{}},"conversation_id":"c","reply_with":"r-1"}}"#
             );
-            request_key(&Engagement::of(&acl::decode(text.as_bytes()).expect("a message")))
+            request_key(&Participation::of(&acl::decode(text.as_bytes()).expect("a message")))
         };
         assert_eq!(of("anna"), of("anna"));
         assert_ne!(of("anna"), of("bert"));

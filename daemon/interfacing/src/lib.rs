@@ -27,7 +27,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use acl::{AgentId, EcosystemId, Performative};
-use agent::{Landing, Launch, Observer, Sight};
+use agent::{AgentWatch, LaunchableAgent, Observer, Spawner};
 use keyboard::Keyboard;
 use pddl::{Domain, Problem};
 
@@ -49,7 +49,7 @@ pub struct EcosystemEndpoint {
     /// Its map.
     pub problem: Arc<Problem>,
     /// Where agents are started.
-    pub spawner: Landing,
+    pub spawner: Spawner,
 }
 
 /// Counters of a running interface.
@@ -167,7 +167,7 @@ impl InterfaceDirection<'_> {
         &self,
         rule: &RuleEntry,
         passage: AgentMapping,
-        sights: &BTreeMap<AgentId, Sight>,
+        sights: &BTreeMap<AgentId, AgentWatch>,
         voice: &RemoteClient,
     ) {
         let Some(sight) = sights.get(&passage.agent).cloned() else { return };
@@ -216,12 +216,12 @@ impl InterfaceDirection<'_> {
 
     fn launch_agent(
         &self,
-        landing: &Landing,
+        landing: &Spawner,
         id: &AgentId,
         agent: impl agent::Agent,
         via: Vec<EcosystemId>,
     ) {
-        let life = Box::new(agent).launch(landing.berth(id, via, &landing.stopping));
+        let life = Box::new(agent).launch(landing.launch_context(id, via, &landing.stopping));
         let id = id.clone();
         landing.tasks.spawn(async move {
             match life.await {

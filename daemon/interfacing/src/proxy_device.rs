@@ -15,7 +15,7 @@ use acl::{Deadline, EcosystemId, Performative};
 use actuator::{
     BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult, OwnFact,
 };
-use agent::{Sight, Sighted};
+use agent::{AgentSnapshot, AgentWatch};
 use pddl::{ActionModel, Domain, InitElement, Name, Problem};
 use tokio::time::Instant;
 
@@ -72,12 +72,12 @@ impl ProxyContext {
     /// # Errors
     ///
     /// Returns an error if the agent cannot be represented at all.
-    pub(super) fn export(&self, sighted: &Sighted) -> Result<ExportedModel, String> {
+    pub(super) fn export(&self, sighted: &AgentSnapshot) -> Result<ExportedModel, String> {
         let shores = EcosystemFiles {
             far: (&self.far_files.0, &self.far_files.1),
             near: (&self.near_files.0, &self.near_files.1),
         };
-        let Sighted { model, methods, .. } = sighted;
+        let AgentSnapshot { model, methods, .. } = sighted;
         let mut exported = export::export(&self.vocabulary, &self.mapping, shores, model, methods)?;
         if !self.passes(Performative::Request) {
             exported.model.actions.clear();
@@ -107,8 +107,8 @@ impl ProxyContext {
 /// Device of the actuator that is a proxy agent.
 pub(super) struct ProxyDevice {
     context: Arc<ProxyContext>,
-    sight: Sight,
-    sighted: Sighted,
+    sight: AgentWatch,
+    sighted: AgentSnapshot,
     exported: ExportedModel,
 }
 
@@ -116,8 +116,8 @@ impl ProxyDevice {
     /// Returns a proxy of the agent as it is observed now.
     pub(super) fn new(
         crossing: Arc<ProxyContext>,
-        sight: Sight,
-        sighted: Sighted,
+        sight: AgentWatch,
+        sighted: AgentSnapshot,
         exported: ExportedModel,
     ) -> ProxyDevice {
         report_left_out(&crossing, &exported.excluded);

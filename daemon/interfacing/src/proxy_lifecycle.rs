@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use acl::{EcosystemId, Incarnation};
 use actuator::Actuator;
-use agent::{Blueprint, Landing, Launch as _, Sight, Sighted};
+use agent::{AgentSnapshot, AgentWatch, Blueprint, LaunchableAgent as _, Spawner};
 use serde_json::Value;
 
 use super::proxy_device::{ProxyContext, ProxyDevice};
@@ -19,7 +19,7 @@ const VIA_MAX: usize = 3;
 const RESTART_DELAY: Duration = Duration::from_secs(5);
 
 /// Keeps the proxy agent of one agent running until the daemon drains.
-pub(super) async fn run_proxy(crossing: Arc<ProxyContext>, mut sight: Sight, near: Landing) {
+pub(super) async fn run_proxy(crossing: Arc<ProxyContext>, mut sight: AgentWatch, near: Spawner) {
     let stopping = near.stopping.clone();
     loop {
         let sighted = tokio::select! {
@@ -31,7 +31,7 @@ pub(super) async fn run_proxy(crossing: Arc<ProxyContext>, mut sight: Sight, nea
             },
         };
         let life = (sighted.incarnation, sighted.digest.clone());
-        let Some(via) = route(&crossing, &sighted, near.switchboard.ecosystem()) else {
+        let Some(via) = route(&crossing, &sighted, near.router.ecosystem()) else {
             crossing.counters.loops.fetch_add(1, Ordering::Relaxed);
             wait_until_changed(&mut sight, life).await;
             continue;
@@ -62,8 +62,8 @@ async fn run_incarnation(
     device: ProxyDevice,
     via: Vec<EcosystemId>,
     incarnation: Incarnation,
-    sight: &mut Sight,
-    near: &Landing,
+    sight: &mut AgentWatch,
+    near: &Spawner,
 ) -> bool {
     let id = &crossing.mapping.proxy;
     let blueprint = Blueprint {
@@ -80,7 +80,7 @@ async fn run_incarnation(
         }
     };
     let stopping = near.stopping.child_token();
-    let mut life = agent.launch(near.berth(id, via, &stopping));
+    let mut life = agent.launch(near.launch_context(id, via, &stopping));
     tracing::info!(%id, of = %crossing.mapping.agent, far = %crossing.far, "has a proxy agent");
     let ended = tokio::select! {
         biased;
@@ -105,7 +105,7 @@ async fn run_incarnation(
 /// Returns the route of an agent up to here; `None` if it must not be represented here.
 fn route(
     crossing: &ProxyContext,
-    sighted: &Sighted,
+    sighted: &AgentSnapshot,
     near: &EcosystemId,
 ) -> Option<Vec<EcosystemId>> {
     let mut via = sighted.via.clone();
@@ -123,22 +123,23 @@ fn route(
 }
 
 /// Waits until the agent is present. Returns `None` if the observer has ended.
-async fn wait_until_present(sight: &mut Sight) -> Option<Sighted> {
+async fn wait_until_present(sight: &mut AgentWatch) -> Option<AgentSnapshot> {
     sight.wait_for(Option::is_some).await.ok()?.clone()
 }
 
 /// Waits until the agent is gone, or another incarnation of it is present.
-async fn wait_until_gone(sight: &mut Sight, incarnation: Incarnation) {
-    let is_gone =
-        |sighted: &Option<Sighted>| sighted.as_ref().is_none_or(|it| it.incarnation != incarnation);
+async fn wait_until_gone(sight: &mut AgentWatch, incarnation: Incarnation) {
+    let is_gone = |sighted: &Option<AgentSnapshot>| {
+        sighted.as_ref().is_none_or(|it| it.incarnation != incarnation)
+    };
     // An observer that has ended counts as a missing agent.
     let _ = sight.wait_for(is_gone).await;
 }
 
 /// Waits until the agent has another incarnation or model, or is gone: the present one cannot be
 /// represented.
-async fn wait_until_changed(sight: &mut Sight, (incarnation, digest): (Incarnation, String)) {
-    let is_other = |sighted: &Option<Sighted>| {
+async fn wait_until_changed(sight: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
+    let is_other = |sighted: &Option<AgentSnapshot>| {
         sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
     };
     let _ = sight.wait_for(is_other).await;

@@ -13,10 +13,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use acl::{AgentId, DaemonId, EcosystemId, HostName};
-use agent::{Landing, Launch as _, Observer, Settings, Sight, Switchboard};
+use agent::{AgentSettings, AgentWatch, LaunchableAgent as _, MessageRouter, Observer, Spawner};
 use pddl::ActionModel;
 use serde_json::{Value, json};
-use substrate::{Answer, Delivery, Inbound, Presence, Question, Rejected, Substrate};
+use substrate::{Answer, Delivery, Inbound, Presence, ReceivedQuery, Rejected, Substrate};
 use substrate_zenoh::OpenError;
 use tokio::sync::{Notify, mpsc};
 use tokio_util::sync::CancellationToken;
@@ -70,21 +70,21 @@ pub(crate) struct Endpoint {
 pub(crate) struct EndpointParameters<'p> {
     pub(crate) ecosystem: &'p EcosystemId,
     pub(crate) daemon: &'p DaemonId,
-    pub(crate) settings: &'p Settings,
+    pub(crate) settings: &'p AgentSettings,
     pub(crate) socket: &'p Path,
     pub(crate) package: &'p Arc<Package>,
     /// Agents that the plugin has to bring, each with its action model if the package has one.
     pub(crate) agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
-    pub(crate) landing: &'p Landing,
+    pub(crate) landing: &'p Spawner,
 }
 
 impl Endpoint {
     pub(crate) async fn open(purpose: EndpointParameters<'_>) -> Result<Endpoint, OpenError> {
         let EndpointParameters { ecosystem, daemon, settings, socket, package, agents, landing } =
             purpose;
-        let machine = landing.switchboard.machine();
+        let machine = landing.router.host_services();
         let switchboard =
-            Switchboard::on(machine, ecosystem.clone(), daemon.clone(), settings.clone());
+            MessageRouter::on(machine, ecosystem.clone(), daemon.clone(), settings.clone());
         let meter = Arc::new(RateLimit::new(Arc::clone(&switchboard)));
         let locator = format!("unixsock-stream/{}", socket.display());
         let mut config = substrate_zenoh::Config::new(ecosystem.clone(), daemon.clone());
@@ -94,19 +94,19 @@ impl Endpoint {
         let substrate: Arc<dyn Substrate> = config.open(inbound).await?;
         switchboard.connect(Arc::clone(&substrate));
         let (stopping, tasks) = (landing.stopping.child_token(), TaskTracker::new());
-        let own = Landing {
-            switchboard,
+        let own = Spawner {
+            router: switchboard,
             host: Arc::clone(&landing.host),
             stopping: CancellationToken::new(),
             tasks: tasks.clone(),
-            tells_way: false,
+            records_via: false,
         };
         let (attendant, bell) = PluginClient::new();
         let (newcomers, met) = mpsc::channel(AGENTS_MAX);
         let host = HostName { daemon: daemon.clone(), agent: plain(HOST) };
-        drop(Box::new(attendant).launch(own.berth(&host.agent, Vec::new(), &stopping)));
+        drop(Box::new(attendant).launch(own.launch_context(&host.agent, Vec::new(), &stopping)));
         let observer = Observer::of_all(newcomers);
-        drop(Box::new(observer).launch(own.berth(&plain(WATCHER), Vec::new(), &stopping)));
+        drop(Box::new(observer).launch(own.launch_context(&plain(WATCHER), Vec::new(), &stopping)));
         let accepted = Arc::new(AdmittedAgents::new(BTreeMap::new()));
         let reception = AgentReception {
             package: Arc::clone(package),
@@ -153,7 +153,7 @@ struct AgentReception {
     package: Arc<Package>,
     agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
     client: PluginClientHandle,
-    landing: Landing,
+    landing: Spawner,
     accepted: Arc<AdmittedAgents>,
     stopping: CancellationToken,
     tasks: TaskTracker,
@@ -161,7 +161,7 @@ struct AgentReception {
 }
 
 impl AgentReception {
-    async fn run(self, mut met: mpsc::Receiver<(AgentId, Sight)>) {
+    async fn run(self, mut met: mpsc::Receiver<(AgentId, AgentWatch)>) {
         loop {
             let (agent, sight) = tokio::select! {
                 biased;
@@ -203,7 +203,7 @@ impl AgentReception {
 
 /// Limits the rate of messages from a plugin: counts them and drops those that are too many.
 pub(crate) struct RateLimit {
-    inner: Arc<Switchboard>,
+    inner: Arc<MessageRouter>,
     per_second: AtomicU32,
     second: Mutex<RateWindow>,
     /// Notified when there were too many messages for [`FLOOD_SECONDS`] in a row.
@@ -219,7 +219,7 @@ struct RateWindow {
 }
 
 impl RateLimit {
-    fn new(inner: Arc<Switchboard>) -> RateLimit {
+    fn new(inner: Arc<MessageRouter>) -> RateLimit {
         let second = RateWindow { began: Instant::now(), count: 0, over: 0, dropped: 0 };
         RateLimit {
             inner,
@@ -273,9 +273,9 @@ impl Inbound for RateLimit {
         }
     }
 
-    fn question(&self, question: Question) {
+    fn receive_query(&self, question: ReceivedQuery) {
         if self.accepts_message() {
-            self.inner.question(question);
+            self.inner.receive_query(question);
         }
     }
 
@@ -283,8 +283,8 @@ impl Inbound for RateLimit {
         self.inner.rejected(rejected);
     }
 
-    fn admits(&self, answer: &Answer<'_>) -> bool {
-        self.inner.admits(answer)
+    fn accepts_answer(&self, answer: &Answer<'_>) -> bool {
+        self.inner.accepts_answer(answer)
     }
 }
 

@@ -8,7 +8,7 @@ use std::os::unix::fs::{DirBuilderExt as _, FileTypeExt as _};
 use std::path::{Path, PathBuf};
 
 use acl::{DaemonId, Deadline, Hello, HelloAgent, SCHEMA_VERSION};
-use agent::Landing;
+use agent::Spawner;
 use pddl::ActionModel;
 
 use crate::cgroup::{CgroupTree, PluginCgroup};
@@ -239,12 +239,12 @@ fn path(program: &ResolvedProgram, read: &BTreeSet<PathBuf>) -> OsString {
 /// Returns the first line of input of the program: the agents to bring, and the endpoint to connect to.
 pub(crate) fn hello(
     package: &Package,
-    landing: &Landing,
+    landing: &Spawner,
     endpoint: &Endpoint,
     agents: &[HelloAgent],
     building: Option<&Path>,
 ) -> String {
-    let Landing { host, switchboard, .. } = landing;
+    let Spawner { host, router: switchboard, .. } = landing;
     let daemon = DaemonId::new(&format!("plugin-{}", package.manifest.name));
     let hello = Hello {
         protocol: SCHEMA_VERSION,

@@ -52,7 +52,7 @@ use std::time::Duration;
 
 use acl::AgentId;
 use acl::content::Discovered;
-use agent::{Admission, Admissions, Landing};
+use agent::{AdmissionStatus, Admissions, Spawner};
 use notify::{RecursiveMode, Watcher as _};
 use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
@@ -98,7 +98,7 @@ pub struct HostSettings {
     /// The plugin folder, with the packages.
     pub packages: PackageStore,
     /// The ecosystem that the proxy agents join.
-    pub landing: Landing,
+    pub landing: Spawner,
     /// Agents that the ecosystem file assigns to this daemon, by package.
     pub agents: BTreeMap<String, Vec<WantedAgent>>,
     /// All agents that the ecosystem file names, on any daemon.
@@ -122,7 +122,7 @@ pub struct HostSettings {
 /// State that the supervisions of all plugins share.
 pub(crate) struct HostContext {
     pub(crate) packages: PackageStore,
-    pub(crate) landing: Landing,
+    pub(crate) landing: Spawner,
     pub(crate) launcher: Launcher,
     pub(crate) sockets: PathBuf,
     pub(crate) data: PathBuf,
@@ -209,7 +209,7 @@ pub fn host(setting: HostSettings) -> std::io::Result<()> {
     let statuses = Statuses::default();
     // A weak reference: the ground owns the switchboard, which keeps this closure.
     let (told_of, told_ground) = (Arc::clone(&statuses), Arc::downgrade(&ground));
-    ground.landing.switchboard.tell_plugins(move || {
+    ground.landing.router.tell_plugins(move || {
         told_ground.upgrade().map(|ground| status_json(&ground, &told_of)).unwrap_or_default()
     });
     let keeper = PluginReconciler {
@@ -226,7 +226,7 @@ pub fn host(setting: HostSettings) -> std::io::Result<()> {
 
 fn status_json(ground: &HostContext, statuses: &Statuses) -> String {
     let plugins = PluginList {
-        daemon: ground.landing.switchboard.daemon().clone(),
+        daemon: ground.landing.router.daemon().clone(),
         folder: ground.packages.folder.display().to_string(),
         confinement: ground.confined(),
         plugins: statuses
@@ -262,7 +262,7 @@ struct PackageSnapshot {
     stamp: Stamp,
     is_disabled: bool,
     allowed: Vec<Right>,
-    admission: Admission,
+    admission: AdmissionStatus,
     /// Reason if another user could have changed the package.
     writable: Option<String>,
 }
@@ -380,7 +380,7 @@ impl PluginReconciler {
             }
         }
         self.admissions.present(PLUGINS, applicants);
-        self.context.landing.switchboard.discovered(PLUGINS, discovered);
+        self.context.landing.router.discovered(PLUGINS, discovered);
     }
 
     fn snapshot_of(&self, name: &str) -> PackageSnapshot {
@@ -404,7 +404,7 @@ impl PluginReconciler {
         is_disabled: bool,
     ) -> Option<String> {
         let manifest = &package?.manifest;
-        let is_asked = self.admissions.of(PLUGINS, name) == Admission::Asked;
+        let is_asked = self.admissions.of(PLUGINS, name) == AdmissionStatus::Asked;
         if is_disabled || !is_asked || self.agents.contains_key(name) {
             return None;
         }
@@ -436,7 +436,7 @@ impl PluginReconciler {
             }
         };
         let PackageSnapshot { admission, is_disabled, .. } = looked;
-        let joined = named.is_none() && *admission == Admission::Granted && !is_disabled;
+        let joined = named.is_none() && *admission == AdmissionStatus::Granted && !is_disabled;
         let own = || package.manifest.agents.iter().filter(|own| !self.named.contains(&own.name));
         if named.is_none() {
             discovered.extend(own().map(|own| Discovered {
@@ -467,10 +467,10 @@ impl PluginReconciler {
             let has_agents =
                 !package.manifest.agents.is_empty() || !package.manifest.brings.is_empty();
             let reason = match admission {
-                Admission::Listed if has_agents => {
+                AdmissionStatus::Listed if has_agents => {
                     "its agents are listed and do not join: `admit = \"listed\"`".to_owned()
                 }
-                Admission::Asked | Admission::Denied if has_agents => {
+                AdmissionStatus::Asked | AdmissionStatus::Denied if has_agents => {
                     admission.reason().unwrap_or_default()
                 }
                 _ => "no [[agent]] of the ecosystem's file names it, and it brings none".to_owned(),

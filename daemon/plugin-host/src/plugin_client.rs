@@ -7,7 +7,7 @@ use std::time::Duration;
 use acl::content::{Act, ActionToken, Cancelling, Outcome, Refusal, Report, Request, value};
 use acl::{AgentId, Performative, Protocol, ReplyToken};
 use actuator::{MethodCall, MethodFailure};
-use agent::{Agent, Answer, Callbacks, Context, Opening, Work};
+use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, WorkHandle};
 use tokio::sync::{mpsc, oneshot};
 
 /// Capacity of the queue of orders. An agent carries out one action at a time, so more are not expected.
@@ -39,7 +39,7 @@ pub(crate) struct PluginClient {
     orders: Option<mpsc::Receiver<ClientOrder>>,
     under_way: BTreeMap<u64, PendingAction>,
     /// The task that waits for the next order.
-    listening: Option<Work>,
+    listening: Option<WorkHandle>,
 }
 
 struct PendingAction {
@@ -98,7 +98,7 @@ impl PluginClient {
         let (epoch, round) = (ctx.incarnation().0, 0);
         let token = ActionToken { epoch, conversation: conversation.clone(), round, step: 0 };
         let MethodCall { action, method, arguments } = call;
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(to.clone()),
             performative: Performative::Request,
             protocol: Protocol::Action,
@@ -112,15 +112,15 @@ impl PluginClient {
         self.under_way.insert(number, PendingAction { exchange, to, tell });
     }
 
-    fn answered(&mut self, number: u64, answer: Answer, ctx: &mut Context<Self>) {
+    fn answered(&mut self, number: u64, answer: ExchangeEvent, ctx: &mut Context<Self>) {
         let outcome = match answer {
-            Answer::Silence => {
+            ExchangeEvent::TimedOut => {
                 Err(MethodFailure::Driver("receive an answer from its plugin in time".to_owned()))
             }
-            Answer::Undelivered(why) => {
+            ExchangeEvent::Undelivered(why) => {
                 Err(MethodFailure::Driver(format!("reach its plugin: {why}")))
             }
-            Answer::Message(message) => match message.performative {
+            ExchangeEvent::Message(message) => match message.performative {
                 Performative::Agree => return,
                 Performative::Confirm => match message.content_as::<Report>() {
                     Ok(report) if !report.outcome.is_final() => return,
@@ -149,7 +149,7 @@ impl PluginClient {
     fn cancel_action(&mut self, number: u64, ctx: &mut Context<Self>) {
         if let Some(PendingAction { exchange, to, .. }) = self.under_way.remove(&number) {
             tracing::debug!(agent = %to, "cancels the action");
-            ctx.withdraw(&exchange, &Cancelling::default());
+            ctx.cancel(&exchange, &Cancelling::default());
         }
     }
 }

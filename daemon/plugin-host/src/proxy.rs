@@ -14,7 +14,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact,
 };
-use agent::{Blueprint, Landing, Launch as _, Sight, Sighted};
+use agent::{AgentSnapshot, AgentWatch, Blueprint, LaunchableAgent as _, Spawner};
 use pddl::ActionModel;
 use serde_json::Value;
 use tokio::sync::watch;
@@ -42,12 +42,12 @@ pub(crate) type AdmittedAgents =
 /// Keeps the proxy agent of one agent in the ecosystem while the plugin brings it.
 pub(crate) struct ProxyRunner {
     pub(crate) agent: AgentId,
-    pub(crate) sight: Sight,
+    pub(crate) sight: AgentWatch,
     pub(crate) client: PluginClientHandle,
     pub(crate) package: Arc<Package>,
     /// Action model that the package has for the agent, if any.
     pub(crate) own: Option<Arc<ActionModel>>,
-    pub(crate) landing: Landing,
+    pub(crate) landing: Spawner,
     pub(crate) accepted: Arc<AdmittedAgents>,
     pub(crate) stopping: CancellationToken,
 }
@@ -97,12 +97,12 @@ impl ProxyRunner {
         });
     }
 
-    fn objection(&self, sighted: &Sighted) -> Option<String> {
+    fn objection(&self, sighted: &AgentSnapshot) -> Option<String> {
         objection(&self.agent, &self.package, self.own.as_deref(), sighted)
     }
 
     /// Runs one incarnation of the proxy agent. Returns an error with the reason if it could not run.
-    async fn run_incarnation(&mut self, sighted: Sighted) -> Result<(), String> {
+    async fn run_incarnation(&mut self, sighted: AgentSnapshot) -> Result<(), String> {
         let device = PluginProxy {
             agent: self.agent.clone(),
             package: Arc::clone(&self.package),
@@ -120,8 +120,11 @@ impl ProxyRunner {
         };
         let actuator = Actuator::new(&blueprint, device).map_err(|error| error.to_string())?;
         let stopping = self.stopping.child_token();
-        let mut life =
-            Box::new(actuator).launch(self.landing.berth(&self.agent, Vec::new(), &stopping));
+        let mut life = Box::new(actuator).launch(self.landing.launch_context(
+            &self.agent,
+            Vec::new(),
+            &stopping,
+        ));
         self.note(Some(Ok(())));
         let ended = loop {
             tokio::select! {
@@ -159,7 +162,7 @@ fn objection(
     agent: &AgentId,
     package: &Package,
     own: Option<&ActionModel>,
-    sighted: &Sighted,
+    sighted: &AgentSnapshot,
 ) -> Option<String> {
     if sighted.model.agent != agent.as_str() {
         return Some(format!("it describes itself as `{}`", sighted.model.agent));
@@ -168,19 +171,19 @@ fn objection(
 }
 
 /// Waits until the agent is present; `None` if it is not observed any more.
-async fn appeared(sight: &mut Sight) -> Option<Sighted> {
+async fn appeared(sight: &mut AgentWatch) -> Option<AgentSnapshot> {
     sight.wait_for(Option::is_some).await.ok()?.clone()
 }
 
-async fn wait_until_absent(sight: &mut Sight) {
+async fn wait_until_absent(sight: &mut AgentWatch) {
     // If the agent is not observed any more, that counts as absent.
     let _ = sight.wait_for(Option::is_none).await;
 }
 
 /// Waits until the agent is absent, or present with another incarnation or description than the one that
 /// was not admitted.
-async fn wait_until_changed(sight: &mut Sight, (incarnation, digest): (Incarnation, String)) {
-    let is_other = |sighted: &Option<Sighted>| {
+async fn wait_until_changed(sight: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
+    let is_other = |sighted: &Option<AgentSnapshot>| {
         sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
     };
     let _ = sight.wait_for(is_other).await;
@@ -191,11 +194,11 @@ struct PluginProxy {
     agent: AgentId,
     package: Arc<Package>,
     own: Option<Arc<ActionModel>>,
-    sight: Sight,
+    sight: AgentWatch,
     /// Snapshot of the plugin's agent; `None` while it is away or not admitted.
-    sighted: Option<Sighted>,
+    sighted: Option<AgentSnapshot>,
     /// Latest snapshot that was admitted.
-    last: Sighted,
+    last: AgentSnapshot,
     client: PluginClientHandle,
 }
 
@@ -203,7 +206,7 @@ impl PluginProxy {
     /// Updates the snapshot of the plugin's agent.
     fn update_snapshot(&mut self) {
         let now = self.sight.borrow_and_update().clone();
-        let may = |sighted: &Sighted| {
+        let may = |sighted: &AgentSnapshot| {
             sighted.digest == self.last.digest
                 || objection(&self.agent, &self.package, self.own.as_deref(), sighted).is_none()
         };
@@ -262,7 +265,7 @@ impl Device for PluginProxy {
         let incarnation = self.last.incarnation;
         let number = ASKED.fetch_add(1, Ordering::Relaxed);
         Box::pin(async move {
-            let is_gone = |sighted: &Option<Sighted>| {
+            let is_gone = |sighted: &Option<AgentSnapshot>| {
                 sighted.as_ref().is_none_or(|sighted| sighted.incarnation != incarnation)
             };
             tokio::select! {

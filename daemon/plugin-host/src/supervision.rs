@@ -176,8 +176,8 @@ impl PluginSupervisor {
         }
         let socket = self.context.sockets.join(format!("{}.sock", self.name));
         let purpose = EndpointParameters {
-            ecosystem: self.context.landing.switchboard.ecosystem(),
-            daemon: self.context.landing.switchboard.daemon(),
+            ecosystem: self.context.landing.router.ecosystem(),
+            daemon: self.context.landing.router.daemon(),
             settings: &self.context.landing.host.settings,
             socket: &socket,
             package: &wanted.package,

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Host, Landing, Machine, Switchboard};
+use agent::{Host, HostServices, MessageRouter, Spawner};
 use substrate::memory::Network;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -73,7 +73,7 @@ struct TrialEnvironment {
     package: Arc<Package>,
     program: ResolvedProgram,
     wanted: Vec<WantedAgent>,
-    landing: Landing,
+    landing: Spawner,
     /// Network of an ecosystem without other daemons; closed on drop.
     _network: Network,
     folder: TemporaryFolder,
@@ -132,8 +132,8 @@ impl TrialEnvironment {
             models.insert(agent.name.clone(), model.map(Arc::new));
         }
         let purpose = EndpointParameters {
-            ecosystem: landing.switchboard.ecosystem(),
-            daemon: landing.switchboard.daemon(),
+            ecosystem: landing.router.ecosystem(),
+            daemon: landing.router.daemon(),
             settings: &landing.host.settings,
             socket: &self.folder.0.join("socket"),
             package,
@@ -230,19 +230,19 @@ pub(crate) fn not_confined(is_required: bool, lacks: &[String]) -> Option<String
 }
 
 /// Returns the daemon of an ecosystem without other daemons.
-fn landing(host: Host, network: &Network) -> Landing {
+fn landing(host: Host, network: &Network) -> Spawner {
     let ecosystem = EcosystemId::new("trial").expect("invariant: it is a name");
     let daemon = DaemonId::new("trial").expect("invariant: it is a name");
-    let machine = Machine::new(None);
-    let switchboard = Switchboard::on(machine, ecosystem, daemon.clone(), host.settings.clone());
-    let inbound = Arc::<Switchboard>::clone(&switchboard);
+    let machine = HostServices::new(None);
+    let switchboard = MessageRouter::on(machine, ecosystem, daemon.clone(), host.settings.clone());
+    let inbound = Arc::<MessageRouter>::clone(&switchboard);
     switchboard.connect(network.open(daemon, inbound));
-    Landing {
-        switchboard,
+    Spawner {
+        router: switchboard,
         host: Arc::new(host),
         stopping: CancellationToken::new(),
         tasks: TaskTracker::new(),
-        tells_way: false,
+        records_via: false,
     }
 }
 

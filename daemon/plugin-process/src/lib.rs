@@ -19,9 +19,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{Hello, HelloAgent, SCHEMA_VERSION};
-use agent::{Berth, Blueprint, Host, Machine, PluginEntry, Resources, Settings, Switchboard};
+use agent::{
+    AgentSettings, Blueprint, Host, HostServices, LaunchContext, MessageRouter, PluginEntry,
+    Resources,
+};
 use building::BuildingHandle;
-use substrate_zenoh::{Config, Mode};
+use substrate_zenoh::{Config, SessionMode};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 use tracing_subscriber::EnvFilter;
@@ -91,17 +94,18 @@ async fn run_agents(plugins: &[PluginEntry], hello: Hello) -> Result<(), String>
         let building = BuildingHandle::connect(std::path::Path::new(socket)).await;
         resources.insert(building.map_err(|error| error.to_string())?);
     }
-    let settings = Settings { heartbeat_period: hello.heartbeat_period.0, ..Settings::default() };
+    let settings =
+        AgentSettings { heartbeat_period: hello.heartbeat_period.0, ..AgentSettings::default() };
     let ontology = pddl::parse_domain(&hello.domain).into_result().map_err(first)?;
     let host = Host::new(ontology, pddl::parse_problem(&hello.map).into_result().map_err(first)?);
     let host = Arc::new(Host { mode: hello.mode, settings: settings.clone(), resources, ..host });
-    let machine = Machine::new(None);
+    let machine = HostServices::new(None);
     let switchboard =
-        Switchboard::on(machine, hello.ecosystem.clone(), hello.daemon.clone(), settings);
+        MessageRouter::on(machine, hello.ecosystem.clone(), hello.daemon.clone(), settings);
     let mut config = Config::new(hello.ecosystem, hello.daemon);
-    config.mode = Mode::Client;
+    config.mode = SessionMode::Client;
     config.connect = vec![hello.endpoint];
-    let inbound = Arc::<Switchboard>::clone(&switchboard);
+    let inbound = Arc::<MessageRouter>::clone(&switchboard);
     let substrate = config.open(inbound).await.map_err(|error| error.to_string())?;
     let opened = Arc::clone(&substrate);
     switchboard.connect(opened);
@@ -109,13 +113,13 @@ async fn run_agents(plugins: &[PluginEntry], hello: Hello) -> Result<(), String>
     let mut lives = tokio::task::JoinSet::new();
     for agent in hello.agents {
         let built = build(plugins, agent, &host)?;
-        let berth = Berth {
+        let berth = LaunchContext {
             id: built.0,
-            incarnation: switchboard.machine().next_life(),
-            switchboard: Arc::clone(&switchboard),
+            incarnation: switchboard.host_services().next_incarnation(),
+            router: Arc::clone(&switchboard),
             ontology: Arc::from(host.ontology.name.as_str()),
             stopping: stopping.clone(),
-            stands_by: false,
+            has_replicas: false,
             via: [].into(),
         };
         lives.spawn(built.1.launch(berth));
@@ -140,7 +144,7 @@ fn build(
     plugins: &[PluginEntry],
     agent: HelloAgent,
     host: &Arc<Host>,
-) -> Result<(acl::AgentId, Box<dyn agent::Launch>), String> {
+) -> Result<(acl::AgentId, Box<dyn agent::LaunchableAgent>), String> {
     let HelloAgent { name, plugin: called, driver, config, .. } = agent;
     // If the package has another name than its plugins, the first plugin is used.
     let plugin = plugins.iter().find(|plugin| plugin.name == called).or(plugins.first());

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
-use substrate::{Delivery, Inbound, Presence, Question, Substrate as _};
+use substrate::{Delivery, Inbound, Presence, ReceivedQuery, Substrate as _};
 use substrate_zenoh::Config;
 
 struct Deaf;
@@ -21,7 +21,7 @@ impl Inbound for Deaf {
 
     fn presence(&self, _: Presence) {}
 
-    fn question(&self, _: Question) {}
+    fn receive_query(&self, _: ReceivedQuery) {}
 }
 
 #[tokio::main(worker_threads = 2)]

@@ -13,11 +13,11 @@ use substrate::Inbound;
 use zenoh::qos::Priority;
 
 use crate::endpoint::{self, EndpointError};
-use crate::key_expr::Keys;
+use crate::key_expr::KeySpace;
 use crate::scouting;
 use crate::sealing::Security;
 use crate::session::ZenohSubstrate;
-use crate::{listening, own_address};
+use crate::{listen_problem, own_address};
 
 /// How long a silent daemon counts as alive. A killed process is detected in milliseconds whatever the
 /// lease is; this is for the frozen machine and the pulled cable. It is four keep-alives, of which a loaded
@@ -62,8 +62,8 @@ const ROUTES_MS: u32 = 100;
 const _: () = assert!(RECONNECT_FIRST_MS > 2 * ROUTES_MS);
 
 /// How long a daemon that has left should wait before it opens a session again, for the same reason.
-pub const REST: Duration = Duration::from_millis(250);
-const _: () = assert!(REST.as_millis() > 2 * ROUTES_MS as u128);
+pub const REOPEN_DELAY: Duration = Duration::from_millis(250);
+const _: () = assert!(REOPEN_DELAY.as_millis() > 2 * ROUTES_MS as u128);
 
 /// Settings of a session. Plain data: cloning it opens nothing.
 #[derive(Clone, Debug)]
@@ -76,7 +76,7 @@ pub struct Config {
     /// chooses; persist [`ZenohSubstrate::zid`] so that others recognise this daemon later.
     pub zid: Option<String>,
     /// How the session takes part.
-    pub mode: Mode,
+    pub mode: SessionMode,
     /// Endpoints at which others reach this daemon, like `tls/[::]:7447` or `unixsock-stream/PATH`.
     pub listen: Vec<String>,
     /// Endpoints it connects to, and again whenever the connection is lost.
@@ -94,7 +94,7 @@ pub struct Config {
 
 /// How a session takes part in the mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mode {
+pub enum SessionMode {
     /// Relays for others. Every daemon is a router, because Zenoh's peers do not relay since 1.9.
     #[default]
     Router,
@@ -165,7 +165,7 @@ pub enum OpenError {
 
 /// The settings, checked and merged.
 #[derive(Debug)]
-pub(crate) struct Settings {
+pub(crate) struct SessionSettings {
     pub(crate) zenoh: zenoh::Config,
     /// All endpoints to connect to, in the shape in which they were written.
     connect_as_written: Value,
@@ -176,14 +176,14 @@ pub(crate) struct Settings {
     /// The lease: from the `[zenoh]` table if it is set there, otherwise from the field of [`Config`].
     pub(crate) lease: Duration,
     pub(crate) security: Option<Security>,
-    pub(crate) mode: Mode,
+    pub(crate) mode: SessionMode,
 }
 
 // === impl Settings ===
 
-impl Settings {
+impl SessionSettings {
     /// Removes the endpoints that are this daemon's own: one file for all machines names every daemon.
-    pub(crate) async fn without_self(mut self) -> Settings {
+    pub(crate) async fn without_self(mut self) -> SessionSettings {
         let own = own_address::own(&self.listen, &self.connect).await;
         if own.is_empty() {
             return self;
@@ -206,7 +206,7 @@ pub(crate) fn not_opened(
     connect: Vec<String>,
     source: zenoh::Error,
 ) -> OpenError {
-    match listening::obstacle(&listen) {
+    match listen_problem::obstacle(&listen) {
         Some(obstacle) => OpenError::Listen { obstacle, source },
         None => OpenError::Session { listen, connect, source },
     }
@@ -221,7 +221,7 @@ impl Config {
             ecosystem,
             daemon,
             zid: None,
-            mode: Mode::Router,
+            mode: SessionMode::Router,
             listen: Vec::new(),
             connect: Vec::new(),
             lease: LEASE,
@@ -247,7 +247,7 @@ impl Config {
         self.settings().is_ok_and(|settings| settings.scouts_at.is_some())
     }
 
-    pub(crate) fn settings(&self) -> Result<Settings, OpenError> {
+    pub(crate) fn settings(&self) -> Result<SessionSettings, OpenError> {
         let mut merged = self.defaults();
         if self.security.is_some() {
             // Host names are not verified: addresses change, and daemons that find each other by scouting
@@ -255,7 +255,7 @@ impl Config {
             // origin of a message follows from its signature. The file may require more.
             let tls = json!({ "tls": { "verify_name_on_connect": false } });
             merge(&mut merged, &json!({ "transport": { "link": tls } }));
-            let keys = Keys::new(&self.ecosystem, self.daemon.clone());
+            let keys = KeySpace::new(&self.ecosystem, self.daemon.clone());
             merged["access_control"] = access_control(keys.everything().as_str());
         }
         let mut said = match &self.zenoh {
@@ -272,10 +272,10 @@ impl Config {
             merged["access_control"] = Value::Null;
         }
         let mut listen = self.listen.clone();
-        if self.mode == Mode::Router {
+        if self.mode == SessionMode::Router {
             let told = [&listen[..], &endpoints(&said["listen"]["endpoints"])].concat();
             let secured = self.security.is_some();
-            listen.extend(scouting::settle(&self.ecosystem, secured, &told, &mut said)?);
+            listen.extend(scouting::complete_settings(&self.ecosystem, secured, &told, &mut said)?);
         }
         merge(&mut merged, &said);
         if let Some(zid) = &self.zid {
@@ -292,7 +292,7 @@ impl Config {
         }
         listen.iter().try_for_each(|each| endpoint::check_listen(each))?;
         connect.iter().try_for_each(|each| endpoint::check_connect(each))?;
-        if self.mode == Mode::Client && connect.is_empty() && !scouts(&merged) {
+        if self.mode == SessionMode::Client && connect.is_empty() && !scouts(&merged) {
             return Err(OpenError::NowhereToConnect);
         }
         let zenoh = read(&merged)
@@ -303,7 +303,7 @@ impl Config {
         let security = self.security.clone();
         let connect_as_written = merged["connect"]["endpoints"].clone();
         let mode = self.mode;
-        Ok(Settings {
+        Ok(SessionSettings {
             zenoh,
             connect_as_written,
             listen,
@@ -318,12 +318,12 @@ impl Config {
     /// Returns the settings that differ from Zenoh's defaults, with the reasons.
     fn defaults(&self) -> Value {
         let mode = match self.mode {
-            Mode::Router => "router",
-            Mode::Client => "client",
+            SessionMode::Router => "router",
+            SessionMode::Client => "client",
         };
         let open_timeout_ms = match self.mode {
-            Mode::Router => OPEN_MS,
-            Mode::Client => CLIENT_OPEN_MS,
+            SessionMode::Router => OPEN_MS,
+            SessionMode::Client => CLIENT_OPEN_MS,
         };
         json!({
             "mode": mode,
@@ -400,7 +400,7 @@ pub fn problems(ecosystem: &EcosystemId, zenoh: &Value, is_secured: bool) -> Vec
     }
     let mut said = zenoh.clone();
     let told = endpoints(&said["listen"]["endpoints"]);
-    if let Err(error) = scouting::settle(ecosystem, is_secured, &told, &mut said) {
+    if let Err(error) = scouting::complete_settings(ecosystem, is_secured, &told, &mut said) {
         found.push(problem("scouting", error.to_string()));
     }
     for side in ["listen", "connect"] {
@@ -630,7 +630,7 @@ mod tests {
         let good = json!({ "listen": { "endpoints": ["tls/[::]:7447"] }, "scouting": true });
         assert_eq!(problems(&ecosystem, &good, true), []);
         assert_eq!(problems(&ecosystem, &good, false).len(), 1, "plain text is not scouted with");
-        let client = Config { mode: Mode::Client, ..config(Value::Null) };
+        let client = Config { mode: SessionMode::Client, ..config(Value::Null) };
         assert!(matches!(client.settings(), Err(OpenError::NowhereToConnect)));
     }
 }

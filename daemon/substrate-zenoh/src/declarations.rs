@@ -16,37 +16,37 @@ use zenoh::pubsub::Subscriber;
 use zenoh::query::Queryable;
 use zenoh::{Session, Wait};
 
+use crate::anti_entropy::KnownSessions;
 use crate::config::OpenError;
 use crate::inbound::{self, undeclared};
-use crate::key_expr::Keys;
-use crate::questions::Answering;
+use crate::key_expr::KeySpace;
+use crate::queries::QueryResponder;
 use crate::revocations;
-use crate::roll_call::Told;
 use crate::sealing::Security;
 
 /// The declarations of one session.
 pub(crate) struct Declarations {
-    keys: Keys,
+    keys: KeySpace,
     /// Weak, because the session's callbacks lead back to here.
     session: Weak<Session>,
     inbound: Arc<dyn Inbound>,
     security: Option<Security>,
-    told: Told,
+    known_sessions: KnownSessions,
     /// How often everything was declared again.
-    telling: AtomicU64,
-    held: Mutex<Held>,
+    round: AtomicU64,
+    held: Mutex<HeldDeclarations>,
 }
 
 #[derive(Default)]
-struct Held {
-    entities: Vec<Entity>,
+struct HeldDeclarations {
+    entities: Vec<ZenohDeclaration>,
     /// Agents this daemon has announced; only these may have a model. `None` while the token is being
     /// declared.
     residents: BTreeMap<(AgentId, Incarnation), Option<LivelinessToken>>,
 }
 
 /// A declaration, valid for as long as this is held.
-enum Entity {
+enum ZenohDeclaration {
     Subscriber(Subscriber<()>),
     Queryable(Queryable<()>),
     Token(LivelinessToken),
@@ -58,18 +58,18 @@ impl Declarations {
     /// Makes the declarations that every session has.
     pub(crate) fn declare(
         session: &Arc<Session>,
-        keys: &Keys,
+        keys: &KeySpace,
         inbound: &Arc<dyn Inbound>,
         security: Option<&Security>,
-        told: &Told,
+        told: &KnownSessions,
     ) -> Result<Arc<Declarations>, OpenError> {
         let declarations = Arc::new(Declarations {
             keys: keys.clone(),
             session: Arc::downgrade(session),
             inbound: Arc::clone(inbound),
             security: security.cloned(),
-            told: told.clone(),
-            telling: AtomicU64::new(0),
+            known_sessions: told.clone(),
+            round: AtomicU64::new(0),
             held: Mutex::default(),
         });
         let entities = declarations.entities(session, 0)?;
@@ -79,13 +79,13 @@ impl Declarations {
 
     /// Declares everything again. Messages to this session in the instant between are lost, as on any bad
     /// link. No agent seems to leave, because its new token is declared before the old one is undeclared.
-    pub(crate) fn tell_again(self: &Arc<Self>) {
+    pub(crate) fn redeclare_all(self: &Arc<Self>) {
         let Some(session) = self.session.upgrade().filter(|session| !session.is_closed()) else {
             return;
         };
-        let telling = self.telling.fetch_add(1, Ordering::Relaxed) + 1;
+        let telling = self.round.fetch_add(1, Ordering::Relaxed) + 1;
         let old = std::mem::take(&mut self.lock().entities);
-        old.into_iter().for_each(Entity::undeclare);
+        old.into_iter().for_each(ZenohDeclaration::undeclare);
         match self.entities(&session, telling) {
             Ok(entities) => self.lock().entities = entities,
             Err(error) => tracing::error!(%error, "failed to announce the agents again"),
@@ -103,17 +103,17 @@ impl Declarations {
         incarnation: Incarnation,
     ) -> zenoh::Result<()> {
         self.lock().residents.insert((agent.clone(), incarnation), None);
-        let telling = self.telling.load(Ordering::Relaxed);
+        let telling = self.round.load(Ordering::Relaxed);
         let key_expr = self.keys.alive(agent, incarnation, telling);
         let token = session.liveliness().declare_token(key_expr).wait()?;
-        self.hold(agent.clone(), incarnation, token);
+        self.replace_token(agent.clone(), incarnation, token);
         Ok(())
     }
 
     pub(crate) fn withdraw(&self, agent: &AgentId, incarnation: Incarnation) {
         let token = self.lock().residents.remove(&(agent.clone(), incarnation));
         if let Some(token) = token.flatten() {
-            Entity::Token(token).undeclare();
+            ZenohDeclaration::Token(token).undeclare();
         }
     }
 
@@ -138,21 +138,21 @@ impl Declarations {
     ) {
         let key_expr = self.keys.alive(&agent, incarnation, telling);
         match session.liveliness().declare_token(key_expr).wait() {
-            Ok(token) => self.hold(agent, incarnation, token),
+            Ok(token) => self.replace_token(agent, incarnation, token),
             Err(error) => tracing::debug!(%error, "an agent was not announced again"),
         }
     }
 
     /// Holds a token in place of the previous one. That one is undeclared outside the lock, as it was
     /// declared: its callback may lead back to here.
-    fn hold(&self, agent: AgentId, incarnation: Incarnation, token: LivelinessToken) {
+    fn replace_token(&self, agent: AgentId, incarnation: Incarnation, token: LivelinessToken) {
         let old = match self.lock().residents.get_mut(&(agent, incarnation)) {
             Some(held) => held.replace(token),
             // The agent has been withdrawn meanwhile.
             None => Some(token),
         };
         if let Some(old) = old {
-            Entity::Token(old).undeclare();
+            ZenohDeclaration::Token(old).undeclare();
         }
     }
 
@@ -160,44 +160,44 @@ impl Declarations {
         self: &Arc<Self>,
         session: &Session,
         telling: u64,
-    ) -> Result<Vec<Entity>, OpenError> {
+    ) -> Result<Vec<ZenohDeclaration>, OpenError> {
         let (keys, security) = (&self.keys, self.security.as_ref());
         let mut entities = Vec::new();
         if let Some(security) = security {
             let subscriber = revocations::declare(session, keys, &self.inbound, security, telling)?;
-            entities.push(Entity::Subscriber(subscriber));
+            entities.push(ZenohDeclaration::Subscriber(subscriber));
         }
-        let answering = Answering {
+        let answering = QueryResponder {
             keys: keys.clone(),
             declarations: Arc::downgrade(self),
-            told: self.told.clone(),
+            known_sessions: self.known_sessions.clone(),
             inbound: Arc::clone(&self.inbound),
             security: security.cloned(),
         };
-        entities.extend(answering.declare(session)?.map(Entity::Queryable));
+        entities.extend(answering.declare(session)?.map(ZenohDeclaration::Queryable));
         let heard = inbound::declare(session, keys, &self.inbound, security, telling)?;
-        entities.extend(heard.into_iter().map(Entity::Subscriber));
+        entities.extend(heard.into_iter().map(ZenohDeclaration::Subscriber));
         // Last: a daemon that receives this token can then ask and send.
         let key_expr = keys.own_session(&session.zid().to_string(), telling);
         let token = session.liveliness().declare_token(&key_expr).wait();
         let token = token.map_err(|source| undeclared("liveliness", &key_expr, source))?;
-        entities.push(Entity::Token(token));
+        entities.push(ZenohDeclaration::Token(token));
         Ok(entities)
     }
 
-    fn lock(&self) -> MutexGuard<'_, Held> {
+    fn lock(&self) -> MutexGuard<'_, HeldDeclarations> {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 // === impl Entity ===
 
-impl Entity {
+impl ZenohDeclaration {
     fn undeclare(self) {
         let undeclared = match self {
-            Entity::Subscriber(subscriber) => subscriber.undeclare().wait(),
-            Entity::Queryable(queryable) => queryable.undeclare().wait(),
-            Entity::Token(token) => token.undeclare().wait(),
+            ZenohDeclaration::Subscriber(subscriber) => subscriber.undeclare().wait(),
+            ZenohDeclaration::Queryable(queryable) => queryable.undeclare().wait(),
+            ZenohDeclaration::Token(token) => token.undeclare().wait(),
         };
         if let Err(error) = undeclared {
             tracing::debug!(%error, "a declaration ended with its session");

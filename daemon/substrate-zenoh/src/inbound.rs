@@ -8,23 +8,23 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use credentials::Distrust;
-use substrate::{Addressed, Breach, Delivery, Inbound, Origin, Rejected};
+use credentials::DistrustReason;
+use substrate::{Delivery, Destination, Inbound, Origin, Rejected, ViolationKind};
 use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Session, Wait};
 
+use crate::batch;
 use crate::config::OpenError;
-use crate::key_expr::Keys;
+use crate::key_expr::KeySpace;
 use crate::sealing::Security;
-use crate::together;
 
 /// Receiver of the messages for one daemon.
 #[derive(Clone)]
-struct Ear {
-    keys: Keys,
+struct InboundReceiver {
+    keys: KeySpace,
     inbound: Arc<dyn Inbound>,
     /// Opens the seals of messages that come over links; `None` if the ecosystem is not secured.
     security: Option<Security>,
@@ -36,13 +36,13 @@ struct Ear {
 /// links may be forged. `telling` is how often everything was declared again.
 pub(crate) fn declare(
     session: &Session,
-    keys: &Keys,
+    keys: &KeySpace,
     inbound: &Arc<dyn Inbound>,
     security: Option<&Security>,
     telling: u64,
 ) -> Result<Vec<Subscriber<()>>, OpenError> {
     let (keys, inbound, security) = (keys.clone(), Arc::clone(inbound), security.cloned());
-    let ear = Ear { keys, inbound, security };
+    let ear = InboundReceiver { keys, inbound, security };
     let keys = &ear.keys;
     let mut heard = vec![keys.inbox(), keys.every_broadcast(telling)];
     heard.extend(keys.every_model(telling));
@@ -62,7 +62,7 @@ pub(crate) fn undeclared(what: &str, key_expr: &KeyExpr, source: zenoh::Error) -
 
 // === impl Ear ===
 
-impl Ear {
+impl InboundReceiver {
     fn declare(
         &self,
         session: &Session,
@@ -78,7 +78,7 @@ impl Ear {
     }
 
     fn deliver(&self, sample: &Sample, is_own: bool) {
-        let Ear { keys, inbound, security } = self;
+        let InboundReceiver { keys, inbound, security } = self;
         let key = sample.key_expr().as_str();
         let (addressed, is_together) = (keys.addressed(key), keys.is_together(key));
         if sample.kind() != SampleKind::Put || (addressed.is_none() && !is_together) {
@@ -96,33 +96,33 @@ impl Ear {
         let Some(addressed) = addressed else {
             return self.deliver_together(key, &payload, origin.as_ref(), is_own);
         };
-        inbound.deliver(Delivery { addressed, payload, origin });
+        inbound.deliver(Delivery { destination: addressed, payload, origin });
     }
 
     /// Delivers the heartbeats of a batch, each as if it had come alone.
     fn deliver_together(&self, key: &str, bundle: &Bytes, origin: Option<&Origin>, is_own: bool) {
         let claimed = origin.map(|origin| origin.daemon.as_str());
         let reject = |breach, detail: &str| {
-            self.inbound.rejected(&Rejected { breach, detail, claimed, key });
+            self.inbound.rejected(&Rejected { violation: breach, detail, claimed, key });
         };
-        let Some(words) = together::unpack(bundle) else {
+        let Some(words) = batch::unpack(bundle) else {
             let detail = format!("is a batch of {} bytes that cannot be read", bundle.len());
-            return reject(Breach::Oversized, &detail);
+            return reject(ViolationKind::Oversized, &detail);
         };
         let mut allowed = words.len();
         if let (Some(security), Some(origin)) = (&self.security, origin.filter(|_| !is_own)) {
             // The seal of the batch has already been counted as one message.
             let beside = u32::try_from(words.len().saturating_sub(1)).unwrap_or(u32::MAX);
-            let taken = security.verifier.allowed(&origin.voucher, beside);
+            let taken = security.verifier.take_permits(&origin.signing_daemon, beside);
             allowed = 1 + usize::try_from(taken).unwrap_or(0);
         }
         for (index, (sender, payload)) in words.into_iter().enumerate() {
             if index >= allowed {
-                reject(Breach::Flooded, &Distrust::Flooded.to_string());
+                reject(ViolationKind::Flooded, &DistrustReason::Flooded.to_string());
                 continue;
             }
-            let (addressed, origin) = (Addressed::Beat(sender), origin.cloned());
-            self.inbound.deliver(Delivery { addressed, payload, origin });
+            let (addressed, origin) = (Destination::AgentState(sender), origin.cloned());
+            self.inbound.deliver(Delivery { destination: addressed, payload, origin });
         }
     }
 }

@@ -7,7 +7,7 @@
 //! `telling` is how often a session has declared everything again; see `declarations`.
 
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
-use substrate::{Address, Addressed, Resident, Resource, Subject};
+use substrate::{AgentAddress, Destination, Resident, Resource, Subject};
 use zenoh::key_expr::KeyExpr;
 
 /// The last chunk of a receipt's key, where a message has its performative.
@@ -21,7 +21,7 @@ pub(crate) const AGENT_PARAMETER: &str = "agent";
 
 /// The key expressions of one daemon in one ecosystem.
 #[derive(Clone, Debug)]
-pub(crate) struct Keys {
+pub(crate) struct KeySpace {
     /// `althing/{ecosystem}`.
     root: String,
     daemon: DaemonId,
@@ -31,9 +31,9 @@ pub(crate) struct Keys {
 
 // === building ===
 
-impl Keys {
-    pub(crate) fn new(ecosystem: &EcosystemId, daemon: DaemonId) -> Keys {
-        Keys { root: format!("althing/{ecosystem}"), daemon, is_guest: false }
+impl KeySpace {
+    pub(crate) fn new(ecosystem: &EcosystemId, daemon: DaemonId) -> KeySpace {
+        KeySpace { root: format!("althing/{ecosystem}"), daemon, is_guest: false }
     }
 
     /// Returns keys that subscribe to the same under key expressions other than those of daemons.
@@ -41,8 +41,8 @@ impl Keys {
     /// Zenoh 1.10.2 keeps its records of a closed link as long as another link declares a key expression of
     /// the same text, which for daemons is for ever; a command each minute would fill the memory of a
     /// board.
-    pub(crate) fn of_guest(self) -> Keys {
-        Keys { is_guest: true, ..self }
+    pub(crate) fn of_guest(self) -> KeySpace {
+        KeySpace { is_guest: true, ..self }
     }
 
     /// Returns the name of this daemon.
@@ -51,17 +51,17 @@ impl Keys {
     }
 
     /// `in/{daemon}/{agent}/{performative}`: a message to one agent.
-    pub(crate) fn to_one(&self, to: &Address, subject: Subject) -> KeyExpr<'static> {
+    pub(crate) fn to_one(&self, to: &AgentAddress, subject: Subject) -> KeyExpr<'static> {
         let what = match subject {
             Subject::Message(performative) => performative.as_str(),
             Subject::Receipt => RECEIPT,
         };
-        self.under(&["in", to.daemon.as_str(), to.agent.as_str(), what])
+        self.build(&["in", to.daemon.as_str(), to.agent.as_str(), what])
     }
 
     /// `all/{performative}/{sender}`: a message to all.
     pub(crate) fn to_all(&self, sender: &AgentId, performative: Performative) -> KeyExpr<'static> {
-        self.under(&["all", performative.as_str(), sender.as_str()])
+        self.build(&["all", performative.as_str(), sender.as_str()])
     }
 
     /// `alive/{daemon}/{agent}/{incarnation}`: the presence of one agent of this daemon. If `telling` is
@@ -74,113 +74,113 @@ impl Keys {
     ) -> KeyExpr<'static> {
         let (incarnation, telling) = (incarnation.to_string(), telling.to_string());
         let chunks = ["alive", self.daemon.as_str(), agent.as_str(), &incarnation, &telling];
-        self.under(if telling == "0" { &chunks[..4] } else { &chunks })
+        self.build(if telling == "0" { &chunks[..4] } else { &chunks })
     }
 
     /// `session/{daemon}/{zid}/{telling}`: the presence of one Zenoh session.
     pub(crate) fn own_session(&self, zid: &str, telling: u64) -> KeyExpr<'static> {
-        self.under(&["session", self.daemon.as_str(), zid, &telling.to_string()])
+        self.build(&["session", self.daemon.as_str(), zid, &telling.to_string()])
     }
 
     /// `model/{daemon}/{agent}`: the action model of one agent of this daemon.
     pub(crate) fn model(&self, agent: &AgentId) -> KeyExpr<'static> {
-        self.under(&["model", self.daemon.as_str(), agent.as_str()])
+        self.build(&["model", self.daemon.as_str(), agent.as_str()])
     }
 
     /// `model/{daemon}`: the heartbeats of several agents of this daemon, together.
     pub(crate) fn models_together(&self) -> KeyExpr<'static> {
-        self.under(&["model", self.daemon.as_str()])
+        self.build(&["model", self.daemon.as_str()])
     }
 
     /// `at/{daemon}/{what}`: a resource of this daemon.
     pub(crate) fn at(&self, resource: Resource) -> KeyExpr<'static> {
-        self.under(&["at", self.daemon.as_str(), resource.as_str()])
+        self.build(&["at", self.daemon.as_str(), resource.as_str()])
     }
 
     /// `at/{daemon}/reach`: the probe whether a daemon can be reached; this crate answers it.
     pub(crate) fn reach(&self, daemon: &DaemonId) -> KeyExpr<'static> {
-        self.under(&["at", daemon.as_str(), REACH])
+        self.build(&["at", daemon.as_str(), REACH])
     }
 
     /// Matches everything sent to agents of this daemon.
     pub(crate) fn inbox(&self) -> KeyExpr<'static> {
-        self.under(&["in", self.daemon.as_str(), "**"])
+        self.build(&["in", self.daemon.as_str(), "**"])
     }
 
     /// Matches everything sent to all. Even and odd `telling` give two texts with the same meaning; see
     /// `declarations`.
     pub(crate) fn every_broadcast(&self, telling: u64) -> KeyExpr<'static> {
         match (self.is_guest, telling.is_multiple_of(2)) {
-            (false, true) => self.under(&["all", "**"]),
-            (false, false) => self.under(&["all", "*", "**"]),
-            (true, true) => self.under(&["all", "*", "*"]),
-            (true, false) => self.under(&["all", "*", "*", "**"]),
+            (false, true) => self.build(&["all", "**"]),
+            (false, false) => self.build(&["all", "*", "**"]),
+            (true, true) => self.build(&["all", "*", "*"]),
+            (true, false) => self.build(&["all", "*", "*", "**"]),
         }
     }
 
     /// Matches the action models and heartbeats of all agents, single ones and batches.
     pub(crate) fn every_model(&self, telling: u64) -> Vec<KeyExpr<'static>> {
         match (self.is_guest, telling.is_multiple_of(2)) {
-            (false, true) => vec![self.under(&["model", "**"])],
-            (false, false) => vec![self.under(&["model", "*", "**"])],
-            (true, true) => vec![self.under(&["model", "*"]), self.under(&["model", "*", "*"])],
+            (false, true) => vec![self.build(&["model", "**"])],
+            (false, false) => vec![self.build(&["model", "*", "**"])],
+            (true, true) => vec![self.build(&["model", "*"]), self.build(&["model", "*", "*"])],
             (true, false) => {
-                vec![self.under(&["model", "*"]), self.under(&["model", "*", "*", "**"])]
+                vec![self.build(&["model", "*"]), self.build(&["model", "*", "*", "**"])]
             }
         }
     }
 
     /// Matches all messages of the ecosystem.
     pub(crate) fn everything(&self) -> KeyExpr<'static> {
-        self.under(&["**"])
+        self.build(&["**"])
     }
 
     /// `revoked`: the list of revoked certificates, sent to all.
     pub(crate) fn revoked(&self) -> KeyExpr<'static> {
-        self.under(&["revoked"])
+        self.build(&["revoked"])
     }
 
     /// Same as [`Keys::revoked`], to subscribe to: one of two texts with the same meaning.
     pub(crate) fn every_revocation(&self, telling: u64) -> KeyExpr<'static> {
-        if telling.is_multiple_of(2) { self.revoked() } else { self.under(&["revoked", "**"]) }
+        if telling.is_multiple_of(2) { self.revoked() } else { self.build(&["revoked", "**"]) }
     }
 
     /// Matches the session tokens of all daemons.
     pub(crate) fn every_session(&self) -> KeyExpr<'static> {
         if self.is_guest {
-            self.under(&["session", "*", "*", "*"])
+            self.build(&["session", "*", "*", "*"])
         } else {
-            self.under(&["session", "**"])
+            self.build(&["session", "**"])
         }
     }
 
     /// The probe of all daemons.
     pub(crate) fn everyone_reached(&self) -> KeyExpr<'static> {
-        self.under(&["at", "*", REACH])
+        self.build(&["at", "*", REACH])
     }
 
     /// Matches the presence tokens of all agents.
     pub(crate) fn everyone_alive(&self) -> KeyExpr<'static> {
         if self.is_guest {
-            self.under(&["alive", "*", "*", "*", "**"])
+            self.build(&["alive", "*", "*", "*", "**"])
         } else {
-            self.under(&["alive", "**"])
+            self.build(&["alive", "**"])
         }
     }
 
     /// Everything this daemon can be asked for, except its models.
     pub(crate) fn own_resources(&self) -> KeyExpr<'static> {
-        self.under(&["at", self.daemon.as_str(), "*"])
+        self.build(&["at", self.daemon.as_str(), "*"])
     }
 
     /// The action models this daemon can be asked for.
     pub(crate) fn own_models(&self) -> KeyExpr<'static> {
-        self.under(&["model", self.daemon.as_str(), "*"])
+        self.build(&["model", self.daemon.as_str(), "*"])
     }
 
     /// Returns the key expression of a question. With `None` it goes to all daemons, each of which answers
     /// under its own key.
-    pub(crate) fn asked(
+    pub(crate) fn query(
         &self,
         daemon: Option<&DaemonId>,
         resource: Resource,
@@ -188,8 +188,8 @@ impl Keys {
     ) -> KeyExpr<'static> {
         let daemon = daemon.map_or("*", DaemonId::as_str);
         match resource {
-            Resource::Model => self.under(&["model", daemon, agent.map_or("*", AgentId::as_str)]),
-            _ => self.under(&["at", daemon, resource.as_str()]),
+            Resource::Model => self.build(&["model", daemon, agent.map_or("*", AgentId::as_str)]),
+            _ => self.build(&["at", daemon, resource.as_str()]),
         }
     }
 
@@ -201,7 +201,7 @@ impl Keys {
         }
     }
 
-    fn under(&self, chunks: &[&str]) -> KeyExpr<'static> {
+    fn build(&self, chunks: &[&str]) -> KeyExpr<'static> {
         let text = format!("{}/{}", self.root, chunks.join("/"));
         KeyExpr::try_from(text).expect("invariant: names, numbers and wildcards are chunks")
     }
@@ -209,19 +209,19 @@ impl Keys {
 
 // === reading ===
 
-impl Keys {
+impl KeySpace {
     /// Returns how a message with this key was addressed; `None` if it is not one for this daemon.
-    pub(crate) fn addressed(&self, key: &str) -> Option<Addressed> {
+    pub(crate) fn addressed(&self, key: &str) -> Option<Destination> {
         match self.chunks(key)?.as_slice() {
             ["in", daemon, agent, what] if *daemon == self.daemon.as_str() => {
-                Some(Addressed::To(AgentId::new(agent).ok()?, subject(what)?))
+                Some(Destination::To(AgentId::new(agent).ok()?, subject(what)?))
             }
             ["all", performative, sender] => {
-                Some(Addressed::All(AgentId::new(sender).ok()?, performative.parse().ok()?))
+                Some(Destination::All(AgentId::new(sender).ok()?, performative.parse().ok()?))
             }
             ["model", daemon, agent] => {
                 DaemonId::new(daemon).ok()?;
-                Some(Addressed::Beat(AgentId::new(agent).ok()?))
+                Some(Destination::AgentState(AgentId::new(agent).ok()?))
             }
             _ => None,
         }
@@ -269,7 +269,7 @@ impl Keys {
     }
 
     /// Returns the only daemon that may send under this key; `None` if there is no such restriction.
-    pub(crate) fn speaker<'key>(&self, key: &'key str) -> Option<&'key str> {
+    pub(crate) fn only_sender<'key>(&self, key: &'key str) -> Option<&'key str> {
         match self.chunks(key)?.as_slice() {
             ["model" | "at", daemon, _] | ["model", daemon] => Some(daemon),
             _ => None,
@@ -277,7 +277,7 @@ impl Keys {
     }
 
     /// Returns the resource and the agent that an answer with this key is about.
-    pub(crate) fn answered(&self, key: &str) -> Option<(Resource, Option<AgentId>)> {
+    pub(crate) fn answered_resource(&self, key: &str) -> Option<(Resource, Option<AgentId>)> {
         match self.chunks(key)?.as_slice() {
             ["model", _, agent] => Some((Resource::Model, AgentId::new(agent).ok())),
             ["at", _, what] => {
@@ -313,8 +313,8 @@ fn number(chunk: &str) -> Option<u64> {
 mod tests {
     use super::*;
 
-    fn keys() -> Keys {
-        Keys::new(&EcosystemId::new("office").expect("a name"), daemon("pi"))
+    fn keys() -> KeySpace {
+        KeySpace::new(&EcosystemId::new("office").expect("a name"), daemon("pi"))
     }
 
     fn daemon(name: &str) -> DaemonId {
@@ -328,7 +328,7 @@ mod tests {
     #[test]
     fn every_documented_row_has_its_key() {
         let (keys, robot) = (keys(), agent("robot"));
-        let to = Address { daemon: daemon("pi"), agent: robot.clone() };
+        let to = AgentAddress { daemon: daemon("pi"), agent: robot.clone() };
         let request = Subject::Message(Performative::Request);
         let rows = [
             (keys.to_one(&to, request), "in/pi/robot/request"),
@@ -343,9 +343,9 @@ mod tests {
             (keys.at(Resource::Goals), "at/pi/goals"),
             (keys.reach(&daemon("x")), "at/x/reach"),
             (keys.inbox(), "in/pi/**"),
-            (keys.asked(None, Resource::State, Some(&robot)), "at/*/state"),
-            (keys.asked(None, Resource::Model, None), "model/*/*"),
-            (keys.asked(Some(&daemon("x")), Resource::Model, Some(&robot)), "model/x/robot"),
+            (keys.query(None, Resource::State, Some(&robot)), "at/*/state"),
+            (keys.query(None, Resource::Model, None), "model/*/*"),
+            (keys.query(Some(&daemon("x")), Resource::Model, Some(&robot)), "model/x/robot"),
         ];
         for (key_expr, expected) in rows {
             assert_eq!(key_expr.as_str(), format!("althing/office/{expected}"));
@@ -357,7 +357,7 @@ mod tests {
     fn guests_hear_the_same_under_other_key_expressions() {
         let (daemons, guests) = (keys(), keys().of_guest());
         let robot = agent("robot");
-        let heard = |keys: &Keys| {
+        let heard = |keys: &KeySpace| {
             let mut heard = vec![keys.every_session(), keys.everyone_alive()];
             for telling in [0, 1] {
                 heard.push(keys.every_broadcast(telling));
@@ -392,15 +392,18 @@ mod tests {
     #[test]
     fn what_is_built_can_be_read() {
         let (keys, robot) = (keys(), agent("robot"));
-        let to = Address { daemon: daemon("pi"), agent: robot.clone() };
+        let to = AgentAddress { daemon: daemon("pi"), agent: robot.clone() };
         for subject in Performative::ALL.map(Subject::Message).into_iter().chain([Subject::Receipt])
         {
             let read = keys.addressed(&keys.to_one(&to, subject));
-            assert_eq!(read, Some(Addressed::To(robot.clone(), subject)));
+            assert_eq!(read, Some(Destination::To(robot.clone(), subject)));
         }
         let cfp = keys.addressed(&keys.to_all(&robot, Performative::Cfp));
-        assert_eq!(cfp, Some(Addressed::All(robot.clone(), Performative::Cfp)));
-        assert_eq!(keys.addressed(&keys.model(&robot)), Some(Addressed::Beat(robot.clone())));
+        assert_eq!(cfp, Some(Destination::All(robot.clone(), Performative::Cfp)));
+        assert_eq!(
+            keys.addressed(&keys.model(&robot)),
+            Some(Destination::AgentState(robot.clone()))
+        );
         let incarnation = Incarnation(u64::MAX);
         let resident = Resident { agent: robot.clone(), daemon: daemon("pi"), incarnation };
         for telling in [0, 1, u64::MAX] {

@@ -15,34 +15,35 @@
 //! on a Tokio worker. Dropping the last handle closes the session and does block; Zenoh therefore panics on
 //! Tokio's current-thread scheduler: use the multi-thread one.
 
+mod anti_entropy;
+mod batch;
 mod config;
 mod declarations;
 mod endpoint;
 mod inbound;
 mod key_expr;
-mod listening;
+mod listen_problem;
+mod membership;
+mod oversize;
 mod own_address;
-mod plain_words;
 mod presence;
 mod publishers;
-mod questions;
+mod queries;
 mod revocations;
-mod roll_call;
-mod roster;
 mod scouting;
 mod sealing;
 mod session;
 mod tap;
-mod together;
-mod too_long;
+mod zenoh_errors;
 
 pub use config::{
-    Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST, SettingProblem, lease, problems,
+    Config, LEASE, MESSAGE_BYTES_MAX, OpenError, REOPEN_DELAY, SessionMode, SettingProblem, lease,
+    problems,
 };
 pub use endpoint::EndpointError;
-pub use own_address::without_calls_to_self;
-pub use plain_words::{is_error_of_zenoh, plain_words};
+pub use oversize::oversize_layer;
+pub use own_address::self_link_filter;
 pub use sealing::Security;
 pub use session::ZenohSubstrate;
 pub use tap::{Tap, tap};
-pub use too_long::too_long;
+pub use zenoh_errors::{is_error_of_zenoh, zenoh_error_layer};

@@ -63,13 +63,13 @@ pub(crate) fn without(value: &mut Value, own: &BTreeSet<String>) {
 
 /// Returns a log filter that drops Zenoh's lines about links to itself, which Zenoh closes. They can still
 /// occur: a host name that did not resolve at the start may become this machine's later.
-pub fn without_calls_to_self<S>() -> impl Filter<S> {
-    NotToSelf
+pub fn self_link_filter<S>() -> impl Filter<S> {
+    SelfLinkFilter
 }
 
-struct NotToSelf;
+struct SelfLinkFilter;
 
-impl<S> Filter<S> for NotToSelf {
+impl<S> Filter<S> for SelfLinkFilter {
     fn enabled(&self, _: &Metadata<'_>, _: &Context<'_, S>) -> bool {
         true
     }
@@ -78,18 +78,18 @@ impl<S> Filter<S> for NotToSelf {
         if !event.metadata().target().starts_with(ESTABLISHMENT) {
             return true;
         }
-        let mut line = Line::default();
+        let mut line = SelfLinkVisitor::default();
         event.record(&mut line);
         !line.is_to_self
     }
 }
 
 #[derive(Default)]
-struct Line {
+struct SelfLinkVisitor {
     is_to_self: bool,
 }
 
-impl Visit for Line {
+impl Visit for SelfLinkVisitor {
     fn record_debug(&mut self, _: &Field, value: &dyn Debug) {
         self.is_to_self |= format!("{value:?}").contains("CONNECTION_TO_SELF");
     }

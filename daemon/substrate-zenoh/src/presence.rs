@@ -9,18 +9,18 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use acl::DaemonId;
-use substrate::{Breach, Presence, Rejected, Resident};
+use substrate::{Presence, Rejected, Resident, ViolationKind};
 use tokio::runtime::Handle;
 use tokio::sync::{Notify, oneshot};
 use tracing::Instrument as _;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
+use crate::anti_entropy::{SyncReply, SyncRequest, digest};
 use crate::config::OpenError;
 use crate::inbound::undeclared;
-use crate::questions::Asking;
-use crate::roll_call::{Call, Roll, digest};
-use crate::roster::{Follows, Hosts, Roster};
+use crate::membership::{HostedAgents, Membership, TokenEffects};
+use crate::queries::QuerySender;
 
 /// How long a daemon is probed after its first token; after that it is called together with all others,
 /// once a second. The routes exist after 100 ms on an idle machine, and took three times as long on a busy
@@ -36,18 +36,18 @@ const PROBE_PERIOD: Duration = Duration::from_millis(5);
 const _: () = assert!(PROBE_PERIOD.as_millis() < ANSWERED_WITHIN.as_millis());
 
 /// The liveliness subscriber. It passes presence on in the order in which it was received.
-pub(crate) struct Watch {
-    asking: Asking,
+pub(crate) struct LivelinessSubscriber {
+    queries: QuerySender,
     /// Weak: the session owns the callback that owns this.
     session: Weak<Session>,
     runtime: Handle,
-    state: Mutex<State>,
+    state: Mutex<PresenceState>,
     /// Notified whenever a token of another daemon comes or goes.
-    pub(crate) unrest: Notify,
+    pub(crate) churn: Notify,
 }
 
-struct State {
-    roster: Roster,
+struct PresenceState {
+    membership: Membership,
     /// Presence that is still to be passed on. `is_passing` is set while a thread is doing so.
     outbox: VecDeque<Presence>,
     is_passing: bool,
@@ -60,19 +60,23 @@ struct State {
 /// Panics outside a Tokio runtime.
 pub(crate) fn declare(
     session: &Arc<Session>,
-    asking: &Asking,
+    asking: &QuerySender,
     lease: Duration,
-) -> Result<Arc<Watch>, OpenError> {
-    let roster = Roster::new(asking.keys.daemon().clone(), lease);
-    let watch = Arc::new(Watch {
-        asking: asking.clone(),
+) -> Result<Arc<LivelinessSubscriber>, OpenError> {
+    let roster = Membership::new(asking.keys.daemon().clone(), lease);
+    let watch = Arc::new(LivelinessSubscriber {
+        queries: asking.clone(),
         session: Arc::downgrade(session),
         runtime: Handle::current(),
-        state: Mutex::new(State { roster, outbox: VecDeque::new(), is_passing: false }),
-        unrest: Notify::new(),
+        state: Mutex::new(PresenceState {
+            membership: roster,
+            outbox: VecDeque::new(),
+            is_passing: false,
+        }),
+        churn: Notify::new(),
     });
     let (key_expr, hearing) = (asking.keys.everyone_alive(), Arc::clone(&watch));
-    let hear = move |sample: Sample| Watch::hear(&hearing, &sample);
+    let hear = move |sample: Sample| LivelinessSubscriber::receive_token(&hearing, &sample);
     let liveliness = session.liveliness();
     let subscriber = liveliness.declare_subscriber(&key_expr).history(true).callback(hear);
     let subscriber = subscriber.background().wait();
@@ -82,34 +86,34 @@ pub(crate) fn declare(
 
 // === impl Watch ===
 
-impl Watch {
-    fn hear(watch: &Arc<Watch>, sample: &Sample) {
+impl LivelinessSubscriber {
+    fn receive_token(watch: &Arc<LivelinessSubscriber>, sample: &Sample) {
         let key = sample.key_expr().as_str();
-        let Some((resident, telling)) = watch.asking.keys.resident(key) else {
+        let Some((resident, telling)) = watch.queries.keys.resident(key) else {
             return tracing::debug!(key, "ignored a liveliness token that names no agent");
         };
         let daemon = resident.daemon.clone();
         let mut is_unknown = false;
-        let take = |roster: &mut Roster| {
-            let Follows { passed_on, probe } = match sample.kind() {
-                SampleKind::Put => roster.put(resident, telling),
-                SampleKind::Delete => roster.delete(&resident, telling),
+        let take = |roster: &mut Membership| {
+            let TokenEffects { passed_on, probe } = match sample.kind() {
+                SampleKind::Put => roster.add_token(resident, telling),
+                SampleKind::Delete => roster.remove_token(&resident, telling),
             };
             is_unknown = probe;
             passed_on
         };
-        if daemon == *watch.asking.keys.daemon() {
+        if daemon == *watch.queries.keys.daemon() {
             // Passed on at once: when `announce` returns, its caller has received the agent's presence.
-            let passed_on = take(&mut watch.lock().roster);
+            let passed_on = take(&mut watch.lock().membership);
             return passed_on
                 .into_iter()
-                .for_each(|presence| watch.asking.inbound.presence(presence));
+                .for_each(|presence| watch.queries.inbound.presence(presence));
         }
         watch.with(take);
-        watch.unrest.notify_one();
+        watch.churn.notify_one();
         if is_unknown {
             let span = tracing::debug_span!("probe", %daemon);
-            let probe = Watch::probe(Arc::clone(watch), daemon);
+            let probe = LivelinessSubscriber::probe(Arc::clone(watch), daemon);
             watch.runtime.spawn(probe.instrument(span));
         }
     }
@@ -117,12 +121,12 @@ impl Watch {
     /// Applies a change to the roster and passes on the resulting presence. The lock is not held meanwhile,
     /// because the receiver may announce an agent, which leads back to here. If another thread is already
     /// passing on, that thread takes this presence too, so that the order is kept.
-    fn with(&self, change: impl FnOnce(&mut Roster) -> Vec<Presence>) {
+    fn with(&self, change: impl FnOnce(&mut Membership) -> Vec<Presence>) {
         let surplus = {
             let mut state = self.lock();
-            let follows = change(&mut state.roster);
+            let follows = change(&mut state.membership);
             state.outbox.extend(follows);
-            state.roster.surplus()
+            state.membership.take_rejected()
         };
         self.reject(&surplus);
         let mut state = self.lock();
@@ -131,7 +135,7 @@ impl Watch {
         }
         while let Some(presence) = state.outbox.pop_front() {
             drop(state);
-            self.asking.inbound.presence(presence);
+            self.queries.inbound.presence(presence);
             state = self.lock();
         }
         state.is_passing = false;
@@ -141,50 +145,63 @@ impl Watch {
     fn reject(&self, surplus: &[Resident]) {
         for Resident { agent, daemon, .. } in surplus {
             let detail = format!("is a token of `{agent}`, for which there is no room");
-            let (breach, claimed, key) = (Breach::Flooded, Some(daemon.as_str()), agent.as_str());
-            self.asking.inbound.rejected(&Rejected { breach, detail: &detail, claimed, key });
+            let (breach, claimed, key) =
+                (ViolationKind::Flooded, Some(daemon.as_str()), agent.as_str());
+            self.queries.inbound.rejected(&Rejected {
+                violation: breach,
+                detail: &detail,
+                claimed,
+                key,
+            });
         }
     }
 
     /// Returns the other daemons that have a token.
     pub(crate) fn others(&self) -> BTreeSet<DaemonId> {
-        let (_, known) = self.known();
-        known.into_keys().filter(|daemon| daemon != self.asking.keys.daemon()).collect()
+        let (_, known) = self.known_digests();
+        known.into_keys().filter(|daemon| daemon != self.queries.keys.daemon()).collect()
     }
 
     /// Returns the number of tokens received so far, to be stored when a call goes out, and the digest of
     /// the known agents per daemon.
-    pub(crate) fn known(&self) -> (u64, BTreeMap<DaemonId, u64>) {
+    pub(crate) fn known_digests(&self) -> (u64, BTreeMap<DaemonId, u64>) {
         self.known_of(None)
     }
 
     /// Same as [`Watch::known`]; of `one` daemon only, if it is given.
     fn known_of(&self, one: Option<&DaemonId>) -> (u64, BTreeMap<DaemonId, u64>) {
         let state = self.lock();
-        let known = state.roster.known(one);
-        (state.roster.mark(), known.map(|(daemon, agents)| (daemon, digest(&agents))).collect())
+        let known = state.membership.known_agents(one);
+        (
+            state.membership.watermark(),
+            known.map(|(daemon, agents)| (daemon, digest(&agents))).collect(),
+        )
     }
 
     /// Handles the reply of `daemon` to a call sent when the token counter was `mark`.
-    pub(crate) fn answered(&self, daemon: &DaemonId, roll: Option<&Roll>, mark: u64) {
-        let hosts = roll.map_or(Hosts::Unsaid, |roll| match &roll.hosts {
-            Some(hosts) => Hosts::Named(hosts),
-            None => Hosts::AsKnown,
+    pub(crate) fn receive_reply(&self, daemon: &DaemonId, roll: Option<&SyncReply>, mark: u64) {
+        let hosts = roll.map_or(HostedAgents::Unstated, |roll| match &roll.hosts {
+            Some(hosts) => HostedAgents::Listed(hosts),
+            None => HostedAgents::AsKnown,
         });
-        self.with(|roster| roster.answered(daemon, hosts, mark));
+        self.with(|roster| roster.receive_reply(daemon, hosts, mark));
     }
 
     /// Handles the end of a call to all. Returns the daemons that have a token and did not answer.
-    pub(crate) fn called(&self, answered: &BTreeSet<DaemonId>, mark: u64) -> BTreeSet<DaemonId> {
-        self.with(|roster| roster.called(answered, mark, Instant::now()));
-        self.lock().roster.silent()
+    pub(crate) fn finish_round(
+        &self,
+        answered: &BTreeSet<DaemonId>,
+        mark: u64,
+    ) -> BTreeSet<DaemonId> {
+        self.with(|roster| roster.finish_round(answered, mark, Instant::now()));
+        self.lock().membership.silent()
     }
 
     /// Probes a daemon until it answers, all its tokens are gone, or [`REACHED_WITHIN`] has passed.
-    async fn probe(watch: Arc<Watch>, daemon: DaemonId) {
+    async fn probe(watch: Arc<LivelinessSubscriber>, daemon: DaemonId) {
         let answered = async {
-            while watch.lock().roster.awaits(&daemon) {
-                let Some(ended) = Watch::call(&watch, &daemon) else { return };
+            while watch.lock().membership.awaits(&daemon) {
+                let Some(ended) = LivelinessSubscriber::call(&watch, &daemon) else { return };
                 // Without a route the question ends at once.
                 if tokio::time::timeout(ANSWERED_WITHIN, ended).await.is_ok() {
                     tokio::time::sleep(PROBE_PERIOD).await;
@@ -193,32 +210,32 @@ impl Watch {
         };
         if tokio::time::timeout(REACHED_WITHIN, answered).await.is_err() {
             tracing::debug!("no answer yet; it will be called again");
-            watch.lock().roster.unreached(&daemon);
+            watch.lock().membership.unreached(&daemon);
         }
     }
 
     /// Calls one daemon. The returned future ends with the first answer, or when no more will come. Returns
     /// `None` if the session is closed.
-    fn call(watch: &Arc<Watch>, daemon: &DaemonId) -> Option<impl Future + use<>> {
+    fn call(watch: &Arc<LivelinessSubscriber>, daemon: &DaemonId) -> Option<impl Future + use<>> {
         let (ends, ended) = oneshot::channel::<()>();
         let mut ends = Some(ends);
         let (mark, known) = watch.known_of(Some(daemon));
-        let Asking { keys, .. } = &watch.asking;
-        let call = Call::new(known, keys.daemon());
+        let QuerySender { keys, .. } = &watch.queries;
+        let call = SyncRequest::new(known, keys.daemon());
         let hearing = Arc::downgrade(watch);
-        let hear = move |daemon, roll: Option<Roll>| {
+        let hear = move |daemon, roll: Option<SyncReply>| {
             if let Some(watch) = hearing.upgrade() {
-                watch.answered(&daemon, roll.as_ref(), mark);
+                watch.receive_reply(&daemon, roll.as_ref(), mark);
             }
             // Dropping the sender ends the returned future.
             ends.take();
         };
         let session = watch.session.upgrade()?;
-        watch.asking.call(&session, keys.reach(daemon), &call, REACHED_WITHIN, hear)?;
+        watch.queries.call(&session, keys.reach(daemon), &call, REACHED_WITHIN, hear)?;
         Some(ended)
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, PresenceState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

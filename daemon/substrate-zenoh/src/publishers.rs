@@ -14,7 +14,7 @@ pub(crate) const PUBLISHERS_MAX: usize = 1024;
 /// Cache with two generations of values: a value that is not used for a whole generation is dropped.
 ///
 /// This is nearly least-recently-used, without a list to maintain on every message.
-pub(crate) struct Cache<K, V>(Mutex<Generations<K, V>>);
+pub(crate) struct GenerationCache<K, V>(Mutex<Generations<K, V>>);
 
 struct Generations<K, V> {
     young: Generation<K, V>,
@@ -25,10 +25,10 @@ struct Generations<K, V> {
 
 type Generation<K, V> = HashMap<K, Arc<V>>;
 
-impl<K: Clone + Eq + Hash, V> Cache<K, V> {
-    pub(crate) fn new(values_max: usize) -> Cache<K, V> {
+impl<K: Clone + Eq + Hash, V> GenerationCache<K, V> {
+    pub(crate) fn new(values_max: usize) -> GenerationCache<K, V> {
         let young_max = (values_max / 2).max(1);
-        Cache(Mutex::new(Generations {
+        GenerationCache(Mutex::new(Generations {
             young: Generation::new(),
             old: Generation::new(),
             young_max,
@@ -97,7 +97,7 @@ mod tests {
 
     /// Uses the keys in order; returns those for which a value was made.
     fn made(values_max: usize, keys: &[u8]) -> Vec<u8> {
-        let cache = Cache::new(values_max);
+        let cache = GenerationCache::new(values_max);
         let mut made = Vec::new();
         for key in keys {
             let value = cache.get_or_make::<()>(key, || {
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn it_never_holds_more_than_it_may() {
-        let cache = Cache::new(8);
+        let cache = GenerationCache::new(8);
         let values: Vec<_> = (0..100_u8)
             .map(|key| {
                 Arc::downgrade(&cache.get_or_make::<()>(&(key % 23), || Ok(key)).expect("ok"))

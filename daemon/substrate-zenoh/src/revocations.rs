@@ -10,8 +10,8 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 
-use credentials::{Distrust, Verifier};
-use substrate::{Breach, Inbound, Rejected};
+use credentials::{DistrustReason, Verifier};
+use substrate::{Inbound, Rejected, ViolationKind};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 use tracing::Instrument as _;
 use zenoh::pubsub::Subscriber;
@@ -23,7 +23,7 @@ use zenoh_link_tls::reading;
 
 use crate::config::OpenError;
 use crate::inbound::{into_bytes, undeclared};
-use crate::key_expr::Keys;
+use crate::key_expr::KeySpace;
 use crate::sealing::Security;
 
 /// How often the file is checked.
@@ -35,14 +35,14 @@ const REPEAT_PERIOD: Duration = Duration::from_secs(10);
 /// Declares the subscriber for lists. `telling` is how often everything was declared again.
 pub(crate) fn declare(
     session: &Session,
-    keys: &Keys,
+    keys: &KeySpace,
     inbound: &Arc<dyn Inbound>,
     security: &Security,
     telling: u64,
 ) -> Result<Subscriber<()>, OpenError> {
     let key_expr = keys.every_revocation(telling);
     let (hearing, inbound) = (Arc::clone(&security.verifier), Arc::clone(inbound));
-    let hear = move |sample: Sample| hear(&hearing, &*inbound, &sample);
+    let hear = move |sample: Sample| receive_list(&hearing, &*inbound, &sample);
     let subscriber = session.declare_subscriber(&key_expr).callback(hear);
     subscriber.wait().map_err(|source| undeclared("subscriber", &key_expr, source))
 }
@@ -54,27 +54,33 @@ pub(crate) fn admission(security: &Security, inbound: &Arc<dyn Inbound>) -> Arc<
     let (key, _, _) = security.identity.files();
     let told = Weak::clone(&inbound);
     let admits = move |certificate: &[u8], from| {
-        let Some(subject) = verifier.revoked(certificate) else { return true };
-        refused(&inbound, Breach::Revoked, Some(&subject), from, &Distrust::Revoked.to_string());
+        let Some(subject) = verifier.revoked_subject(certificate) else { return true };
+        refused(
+            &inbound,
+            ViolationKind::Revoked,
+            Some(&subject),
+            from,
+            &DistrustReason::Revoked.to_string(),
+        );
         false
     };
     let unlinked = move |from, why: &str| {
         let detail = format!("would have come over a link that was refused: {why}");
-        refused(&told, Breach::Unlinked, None, from, &detail);
+        refused(&told, ViolationKind::RefusedLink, None, from, &detail);
     };
     admission::decide(key.to_string_lossy().into_owned(), admits, unlinked)
 }
 
 fn refused(
     inbound: &Weak<dyn Inbound>,
-    breach: Breach,
+    breach: ViolationKind,
     claimed: Option<&str>,
     from: SocketAddr,
     detail: &str,
 ) {
     if let Some(inbound) = inbound.upgrade() {
         let key = format!("a link with {from}");
-        inbound.rejected(&Rejected { breach, detail, claimed, key: &key });
+        inbound.rejected(&Rejected { violation: breach, detail, claimed, key: &key });
     }
 }
 
@@ -85,22 +91,23 @@ fn refused(
 /// Panics outside a Tokio runtime.
 pub(crate) fn spread(
     session: &Arc<Session>,
-    keys: &Keys,
+    keys: &KeySpace,
     security: &Security,
     admission: Arc<Admission>,
 ) {
-    let told = tell(Arc::downgrade(session), keys.clone(), security.clone(), admission);
+    let told =
+        send_periodically(Arc::downgrade(session), keys.clone(), security.clone(), admission);
     tokio::spawn(told.instrument(tracing::debug_span!("revocations")));
 }
 
-fn hear(verifier: &Verifier, inbound: &dyn Inbound, sample: &Sample) {
+fn receive_list(verifier: &Verifier, inbound: &dyn Inbound, sample: &Sample) {
     if sample.kind() != SampleKind::Put {
         return;
     }
     match verifier.take_revocations(&into_bytes(sample.payload())) {
         Some(true) => {
             tracing::warn!("certificates were revoked: a new list has come");
-            if let Err(error) = verifier.keep_revocations() {
+            if let Err(error) = verifier.store_revocations() {
                 tracing::error!("failed to keep the list of revocations: {error}");
             }
         }
@@ -111,14 +118,19 @@ fn hear(verifier: &Verifier, inbound: &dyn Inbound, sample: &Sample) {
             let peer = reading::peer();
             let claimed = peer.as_ref().and_then(|peer| peer.name.as_deref());
             let detail = "is a list of revocations that the authority has not signed";
-            let (breach, key) = (Breach::Forged, sample.key_expr().as_str());
-            inbound.rejected(&Rejected { breach, detail, claimed, key });
+            let (breach, key) = (ViolationKind::Forged, sample.key_expr().as_str());
+            inbound.rejected(&Rejected { violation: breach, detail, claimed, key });
         }
     }
 }
 
 /// Sends the list to all until the session is closed.
-async fn tell(session: Weak<Session>, keys: Keys, security: Security, admission: Arc<Admission>) {
+async fn send_periodically(
+    session: Weak<Session>,
+    keys: KeySpace,
+    security: Security,
+    admission: Arc<Admission>,
+) {
     let Security { identity, verifier } = security;
     let mut is_revoked = false;
     let mut ticks = interval(REREAD_PERIOD);
@@ -131,7 +143,9 @@ async fn tell(session: Weak<Session>, keys: Keys, security: Security, admission:
         let Some(session) = session.upgrade().filter(|session| !session.is_closed()) else {
             return;
         };
-        if std::mem::replace(&mut admitted_by, verifier.revisions()) != verifier.revisions() {
+        if std::mem::replace(&mut admitted_by, verifier.revocations_revision())
+            != verifier.revocations_revision()
+        {
             admission.look_again();
         }
         let is_news = match verifier.reread_revocations() {

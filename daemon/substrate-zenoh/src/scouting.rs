@@ -35,7 +35,7 @@ const ANYWHERE: &str = "tls/0.0.0.0:0";
 /// # Errors
 ///
 /// Returns an error if the file asks for scouting in an ecosystem that is not secured.
-pub(crate) fn settle(
+pub(crate) fn complete_settings(
     ecosystem: &EcosystemId,
     is_secured: bool,
     listen: &[String],
@@ -106,7 +106,8 @@ mod tests {
     fn settled(secured: bool, listen: &str, said: &Value) -> (Value, Option<String>) {
         let mut said = said.clone();
         let listen = [listen.to_owned()];
-        let besides = settle(&ecosystem("office"), secured, &listen, &mut said).expect("it may");
+        let besides =
+            complete_settings(&ecosystem("office"), secured, &listen, &mut said).expect("it may");
         (said["scouting"].clone(), besides)
     }
 
@@ -140,7 +141,7 @@ mod tests {
     #[test]
     fn plain_text_is_not_found() {
         let mut said = json!({ "scouting": true });
-        let refused = settle(&ecosystem("office"), false, &[], &mut said);
+        let refused = complete_settings(&ecosystem("office"), false, &[], &mut said);
         assert!(matches!(refused, Err(OpenError::ScoutingUnsecured)));
     }
 

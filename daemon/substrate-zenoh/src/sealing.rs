@@ -8,26 +8,29 @@ use std::sync::Arc;
 
 use acl::DaemonId;
 use bytes::Bytes;
-use credentials::{Channel, Distrust, Identity, Nonce, Said, Sealed, Verified, Verifier};
-use substrate::{Answer, Breach, Inbound, Origin, Rejected};
+use credentials::{
+    DaemonIdentity, DistrustReason, Nonce, SealChannel, SealedMessage, SequenceState,
+    VerifiedOrigin, Verifier,
+};
+use substrate::{Answer, Inbound, Origin, Rejected, ViolationKind};
 use zenoh::bytes::ZBytes;
 use zenoh::sample::Sample;
 
-use crate::key_expr::Keys;
+use crate::key_expr::KeySpace;
 
 /// Keys of a daemon of a secured ecosystem.
 #[derive(Clone, Debug)]
 pub struct Security {
     /// The daemon's own key and certificate, which sign.
-    pub identity: Arc<Identity>,
+    pub identity: Arc<DaemonIdentity>,
     /// The trusted certificates, which verify.
     pub verifier: Arc<Verifier>,
 }
 
 /// An answer, with what is needed to verify it.
 #[derive(Clone, Copy)]
-pub(crate) struct Answered<'a> {
-    pub(crate) keys: &'a Keys,
+pub(crate) struct UnverifiedAnswer<'a> {
+    pub(crate) keys: &'a KeySpace,
     pub(crate) inbound: &'a dyn Inbound,
     pub(crate) sample: &'a Sample,
     pub(crate) payload: &'a Bytes,
@@ -39,71 +42,77 @@ pub(crate) struct Answered<'a> {
 
 impl Security {
     /// Returns the seal for a payload that goes to all under this key.
-    pub(crate) fn seal(&self, channel: Channel, key_expr: &str, payload: &[u8]) -> ZBytes {
+    pub(crate) fn seal(&self, channel: SealChannel, key_expr: &str, payload: &[u8]) -> ZBytes {
         ZBytes::from(self.identity.seal(channel, key_expr, payload, None))
     }
 
     /// Returns the seal for a message to one daemon, bound to the incarnation in which that daemon last
     /// answered.
     pub(crate) fn seal_to(&self, to: &DaemonId, key_expr: &str, payload: &[u8]) -> ZBytes {
-        let life = self.verifier.life(to);
-        ZBytes::from(self.identity.seal(Channel::Message, key_expr, payload, life))
+        let life = self.verifier.incarnation(to);
+        ZBytes::from(self.identity.seal(SealChannel::Message, key_expr, payload, life))
     }
 
     /// Returns the sequence numbers this daemon has signed so far, for its answers to calls.
-    pub(crate) fn said(&self) -> Said {
-        self.identity.said()
+    pub(crate) fn said(&self) -> SequenceState {
+        self.identity.sequence_state()
     }
 
     /// Handles the answer of a daemon to a call. Broadcasts with a number up to `said` are rejected from
     /// now on.
-    pub(crate) fn answered(&self, answerer: Origin, said: Said) {
-        let Origin { daemon: speaker, voucher } = answerer;
-        self.verifier.answered(&Verified { speaker, voucher }, said);
+    pub(crate) fn record_reply(&self, answerer: Origin, said: SequenceState) {
+        let Origin { daemon: speaker, signing_daemon: voucher } = answerer;
+        self.verifier
+            .record_reply(&VerifiedOrigin { sender: speaker, signing_daemon: voucher }, said);
     }
 
     /// Returns the verified origin of a message. If there is none, the message is reported to `inbound`.
     pub(crate) fn origin(
         &self,
-        keys: &Keys,
+        keys: &KeySpace,
         inbound: &dyn Inbound,
         sample: &Sample,
         payload: &Bytes,
     ) -> Option<Origin> {
         let key = sample.key_expr().as_str();
-        let channel = match keys.speaker(key) {
-            Some(_) => Channel::Beat,
-            None => Channel::Message,
+        let channel = match keys.only_sender(key) {
+            Some(_) => SealChannel::AgentState,
+            None => SealChannel::Message,
         };
         self.open(keys, inbound, channel, key, payload, sample.attachment(), None)
     }
 
     /// Whether this is an answer to the question with this nonce, from a daemon that may give it.
-    pub(crate) fn admits(&self, answered: &Answered<'_>) -> bool {
+    pub(crate) fn admits(&self, answered: &UnverifiedAnswer<'_>) -> bool {
         let origin = self.answerer(answered);
-        let about = answered.keys.answered(answered.sample.key_expr().as_str());
+        let about = answered.keys.answered_resource(answered.sample.key_expr().as_str());
         let (Some(origin), Some((resource, agent))) = (origin, about) else {
             return false;
         };
-        let Answered { inbound, payload, .. } = answered;
-        inbound.admits(&Answer { origin: &origin, resource, agent: agent.as_ref(), payload })
+        let UnverifiedAnswer { inbound, payload, .. } = answered;
+        inbound.accepts_answer(&Answer {
+            origin: &origin,
+            resource,
+            agent: agent.as_ref(),
+            payload,
+        })
     }
 
     /// Returns the verified origin of an answer to the question with this nonce. It is the daemon that the
     /// answer's key names.
-    pub(crate) fn answerer(&self, answered: &Answered<'_>) -> Option<Origin> {
-        let Answered { keys, inbound, sample, payload, nonce } = *answered;
+    pub(crate) fn answerer(&self, answered: &UnverifiedAnswer<'_>) -> Option<Origin> {
+        let UnverifiedAnswer { keys, inbound, sample, payload, nonce } = *answered;
         let (key, seal, channel) =
-            (sample.key_expr().as_str(), sample.attachment(), Channel::Answer);
+            (sample.key_expr().as_str(), sample.attachment(), SealChannel::Answer);
         self.open(keys, inbound, channel, key, payload, seal, Some(nonce?))
     }
 
     #[expect(clippy::too_many_arguments, reason = "a message in its parts")]
     fn open(
         &self,
-        keys: &Keys,
+        keys: &KeySpace,
         inbound: &dyn Inbound,
-        channel: Channel,
+        channel: SealChannel,
         key_expr: &str,
         payload: &Bytes,
         attachment: Option<&ZBytes>,
@@ -111,34 +120,45 @@ impl Security {
     ) -> Option<Origin> {
         let seal = attachment.map(ZBytes::to_bytes);
         let seal = seal.as_deref();
-        let heard_in = self.identity.said().life;
-        let only = keys.speaker(key_expr);
-        let sealed = Sealed { channel, key_expr, payload, seal, nonce, only, heard_in };
+        let heard_in = self.identity.sequence_state().life;
+        let only = keys.only_sender(key_expr);
+        let sealed = SealedMessage {
+            channel,
+            key_expr,
+            payload,
+            seal,
+            nonce,
+            only_sender: only,
+            receiver_incarnation: heard_in,
+        };
         let opened = self.verifier.open(sealed);
         opened
-            .map(|Verified { speaker, voucher }| Origin { daemon: speaker, voucher })
+            .map(|VerifiedOrigin { sender: speaker, signing_daemon: voucher }| Origin {
+                daemon: speaker,
+                signing_daemon: voucher,
+            })
             .map_err(|(why, claimed)| {
-                if why == Distrust::Uncalled {
+                if why == DistrustReason::NotSynced {
                     // Nothing is wrong with the message; its daemon has just started and has not joined
                     // yet.
                     return tracing::debug!(from = claimed, key = key_expr, "ignored: it {why}");
                 }
                 let (breach, detail) = (breach(why), why.to_string());
                 let (detail, claimed) = (detail.as_str(), claimed.as_deref());
-                inbound.rejected(&Rejected { breach, detail, claimed, key: key_expr });
+                inbound.rejected(&Rejected { violation: breach, detail, claimed, key: key_expr });
             })
             .ok()
     }
 
     /// Returns the origin of this daemon's messages to its own agents.
     pub(crate) fn own(daemon: &DaemonId) -> Origin {
-        Origin { daemon: daemon.clone(), voucher: daemon.clone() }
+        Origin { daemon: daemon.clone(), signing_daemon: daemon.clone() }
     }
 }
 
 /// Returns the seal for an answer; `None` if the question came without a nonce.
 pub(crate) fn seal_answer(
-    identity: &Identity,
+    identity: &DaemonIdentity,
     key_expr: &str,
     payload: &[u8],
     nonce: Option<&ZBytes>,
@@ -148,14 +168,16 @@ pub(crate) fn seal_answer(
     Some(ZBytes::from(identity.seal_answer(key_expr, payload, &nonce)))
 }
 
-fn breach(why: Distrust) -> Breach {
+fn breach(why: DistrustReason) -> ViolationKind {
     match why {
-        Distrust::Unsigned => Breach::Unsigned,
-        Distrust::Stranger | Distrust::Expired => Breach::Unknown,
-        Distrust::Revoked => Breach::Revoked,
-        Distrust::Replayed | Distrust::Belated | Distrust::Overdue => Breach::Replayed,
-        Distrust::Flooded => Breach::Flooded,
+        DistrustReason::Unsigned => ViolationKind::Unsigned,
+        DistrustReason::Stranger | DistrustReason::Expired => ViolationKind::Unknown,
+        DistrustReason::Revoked => ViolationKind::Revoked,
+        DistrustReason::Replayed | DistrustReason::OldReceiver | DistrustReason::Delayed => {
+            ViolationKind::Replayed
+        }
+        DistrustReason::Flooded => ViolationKind::Flooded,
         // All other defects are the result of an attempt to forge.
-        _ => Breach::Forged,
+        _ => ViolationKind::Forged,
     }
 }

@@ -5,23 +5,27 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
 use bytes::Bytes;
-use credentials::Channel;
-use substrate::{Address, Ask, BoxFuture, Inbound, PresenceToken, SendError, Subject, Substrate};
+use credentials::SealChannel;
+use substrate::{
+    AgentAddress, BoxFuture, Inbound, PresenceToken, ResourceQuery, SendError, Subject, Substrate,
+};
 use tracing::Instrument as _;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
-use crate::config::{MESSAGE_BYTES_MAX, MESSAGE_PRIORITY, Mode, OpenError, Settings, not_opened};
+use crate::anti_entropy::{AntiEntropy, KnownSessions};
+use crate::batch::{self, HeartbeatMessage};
+use crate::config::{
+    MESSAGE_BYTES_MAX, MESSAGE_PRIORITY, OpenError, SessionMode, SessionSettings, not_opened,
+};
 use crate::declarations::Declarations;
-use crate::key_expr::Keys;
-use crate::presence::{self, Watch};
-use crate::publishers::{Cache, PUBLISHERS_MAX};
-use crate::questions::{self, Asking};
-use crate::roll_call::{RollCall, Told};
+use crate::key_expr::KeySpace;
+use crate::oversize::{self, OversizeListener};
+use crate::presence::{self, LivelinessSubscriber};
+use crate::publishers::{GenerationCache, PUBLISHERS_MAX};
+use crate::queries::{self, QuerySender};
 use crate::sealing::Security;
-use crate::together::{self, Parcel};
-use crate::too_long::{self, Listening};
 use crate::{revocations, scouting};
 
 /// Part of the longest message that is reserved for its seal, its key and Zenoh's own headers.
@@ -32,27 +36,27 @@ const SEAL_BYTES_MAX: usize = 16 << 10;
 /// A message from a daemon to its own agents arrives on the sender's thread before `send` returns, as it
 /// does in memory: hold no lock that [`Inbound`] takes.
 pub struct ZenohSubstrate {
-    keys: Keys,
+    keys: KeySpace,
     declarations: Arc<Declarations>,
-    asking: Asking,
-    told: Told,
-    watch: Arc<Watch>,
+    queries: QuerySender,
+    known_sessions: KnownSessions,
+    liveliness: Arc<LivelinessSubscriber>,
     /// Seals messages that go over links; `None` if the ecosystem is not secured.
     security: Option<Security>,
     /// Stands before `session`, so that they are undeclared while it is still open.
-    publishers: Cache<Route, Publisher<'static>>,
+    publishers: GenerationCache<Route, Publisher<'static>>,
     session: Arc<Session>,
     /// Detector of messages that are too long; `None` after `close`.
-    too_long: Mutex<Option<Arc<Listening>>>,
+    too_long: Mutex<Option<Arc<OversizeListener>>>,
 }
 
 /// Destination of a message; there is one declared publisher for each.
 #[derive(Clone, PartialEq, Eq, Hash)]
 enum Route {
-    To(Address, Subject),
+    To(AgentAddress, Subject),
     All(AgentId, Performative),
     /// Heartbeats of several agents of this daemon.
-    Together,
+    HeartbeatBatch,
 }
 
 // === impl ZenohSubstrate ===
@@ -61,11 +65,12 @@ impl ZenohSubstrate {
     pub(crate) async fn open(
         ecosystem: &EcosystemId,
         daemon: DaemonId,
-        settings: Settings,
+        settings: SessionSettings,
         inbound: Arc<dyn Inbound>,
     ) -> Result<Arc<ZenohSubstrate>, OpenError> {
-        let Settings { zenoh, listen, connect, scouts_at, lease, security, mode, .. } = settings;
-        let too_long = too_long::listen(security.as_ref(), &inbound);
+        let SessionSettings { zenoh, listen, connect, scouts_at, lease, security, mode, .. } =
+            settings;
+        let too_long = oversize::listen(security.as_ref(), &inbound);
         let admission = security.as_ref().map(|each| revocations::admission(each, &inbound));
         let opened = match scouts_at {
             Some(at) => scouting::open(zenoh, &at).await,
@@ -73,32 +78,32 @@ impl ZenohSubstrate {
         };
         let session = opened.map_err(|source| not_opened(listen, connect, source))?;
         let session = Arc::new(session);
-        let keys = Keys::new(ecosystem, daemon);
-        let keys = if mode == Mode::Client { keys.of_guest() } else { keys };
-        let told = Told::declare(&session, &keys, &inbound)?;
+        let keys = KeySpace::new(ecosystem, daemon);
+        let keys = if mode == SessionMode::Client { keys.of_guest() } else { keys };
+        let told = KnownSessions::declare(&session, &keys, &inbound)?;
         let declarations =
             Declarations::declare(&session, &keys, &inbound, security.as_ref(), &told)?;
-        let asking = Asking { keys: keys.clone(), inbound, security: security.clone() };
+        let asking = QuerySender { keys: keys.clone(), inbound, security: security.clone() };
         let watch = presence::declare(&session, &asking, lease)?;
         if let (Some(security), Some(admission)) = (&security, admission) {
             revocations::spread(&session, &keys, security, admission);
         }
-        let roll_call = RollCall {
+        let roll_call = AntiEntropy {
             session: Arc::downgrade(&session),
-            asking: asking.clone(),
-            told: told.clone(),
-            watch: Arc::clone(&watch),
+            queries: asking.clone(),
+            known_sessions: told.clone(),
+            liveliness: Arc::clone(&watch),
             declarations: Arc::clone(&declarations),
             lease,
         };
         tokio::spawn(roll_call.run().instrument(tracing::debug_span!("roll_call")));
-        let publishers = Cache::new(PUBLISHERS_MAX);
+        let publishers = GenerationCache::new(PUBLISHERS_MAX);
         let substrate = ZenohSubstrate {
             keys,
             declarations,
-            asking,
-            told,
-            watch,
+            queries: asking,
+            known_sessions: told,
+            liveliness: watch,
             security,
             publishers,
             session,
@@ -128,8 +133,8 @@ impl ZenohSubstrate {
             let key_expr = publisher.key_expr().as_str();
             match &route {
                 Route::To(to, _) => security.seal_to(&to.daemon, key_expr, &payload),
-                Route::All(..) => security.seal(Channel::Message, key_expr, &payload),
-                Route::Together => security.seal(Channel::Beat, key_expr, &payload),
+                Route::All(..) => security.seal(SealChannel::Message, key_expr, &payload),
+                Route::HeartbeatBatch => security.seal(SealChannel::AgentState, key_expr, &payload),
             }
         });
         publisher.put(payload).attachment(seal).wait().map_err(declined)
@@ -151,15 +156,15 @@ impl ZenohSubstrate {
         let key_expr = match route {
             Route::To(to, subject) => self.keys.to_one(to, *subject),
             Route::All(sender, performative) => self.keys.to_all(sender, *performative),
-            Route::Together => self.keys.models_together(),
+            Route::HeartbeatBatch => self.keys.models_together(),
         };
         let priority = match route {
             Route::To(..) | Route::All(..) => MESSAGE_PRIORITY,
-            Route::Together => Priority::DataLow,
+            Route::HeartbeatBatch => Priority::DataLow,
         };
         // Receipts, which are delayed on purpose, and heartbeats are not urgent: they may travel in the
         // batch of the next message.
-        let is_urgent = !matches!(route, Route::To(_, Subject::Receipt) | Route::Together);
+        let is_urgent = !matches!(route, Route::To(_, Subject::Receipt) | Route::HeartbeatBatch);
         let publisher = self.session.declare_publisher(key_expr);
         let publisher = publisher.congestion_control(CongestionControl::Drop);
         publisher.priority(priority).express(is_urgent).wait()
@@ -167,7 +172,7 @@ impl ZenohSubstrate {
 }
 
 impl Substrate for ZenohSubstrate {
-    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+    fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError> {
         self.put(Route::To(to.clone(), subject), payload)
     }
 
@@ -182,21 +187,22 @@ impl Substrate for ZenohSubstrate {
 
     /// Publishes by key, without a declared publisher: that would take three or four kilobytes with its
     /// routes, and save a few microseconds once a second.
-    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
+    fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         self.check_open()?;
         check_length(&payload)?;
         let key_expr = self.keys.model(sender);
         let security = self.security.as_ref();
-        let seal = security.map(|each| each.seal(Channel::Beat, key_expr.as_str(), &payload));
+        let seal =
+            security.map(|each| each.seal(SealChannel::AgentState, key_expr.as_str(), &payload));
         let put = self.session.put(key_expr, payload).attachment(seal);
         let put = put.congestion_control(CongestionControl::Drop).priority(Priority::DataLow);
         put.wait().map_err(declined)
     }
 
-    fn beat_together(&self, beats: Vec<(AgentId, Bytes)>) -> Result<(), SendError> {
-        together::pack(beats).into_iter().try_for_each(|parcel| match parcel {
-            Parcel::One(sender, payload) => self.beat(&sender, payload),
-            Parcel::Together(bundle) => self.put(Route::Together, bundle),
+    fn broadcast_heartbeats(&self, beats: Vec<(AgentId, Bytes)>) -> Result<(), SendError> {
+        batch::pack(beats).into_iter().try_for_each(|parcel| match parcel {
+            HeartbeatMessage::Single(sender, payload) => self.broadcast_state(&sender, payload),
+            HeartbeatMessage::Batch(bundle) => self.put(Route::HeartbeatBatch, bundle),
         })
     }
 
@@ -211,15 +217,15 @@ impl Substrate for ZenohSubstrate {
         Ok(PresenceToken::new(move || declarations.withdraw(&agent, incarnation)))
     }
 
-    fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
-        questions::ask(&self.session, &self.asking, &ask, timeout)
+    fn ask(&self, ask: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+        queries::ask(&self.session, &self.queries, &ask, timeout)
     }
 
-    fn introduced(&self) -> BoxFuture<()> {
+    fn broadcast_ready(&self) -> BoxFuture<()> {
         if self.security.is_none() {
             return Box::pin(std::future::ready(()));
         }
-        let (told, others) = (self.told.clone(), self.watch.others());
+        let (told, others) = (self.known_sessions.clone(), self.liveliness.others());
         Box::pin(async move { told.called_by(&others).await })
     }
 

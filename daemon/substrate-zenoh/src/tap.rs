@@ -4,10 +4,10 @@ use bytes::Bytes;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
+use crate::batch;
 use crate::config::{Config, OpenError};
 use crate::inbound::{into_bytes, undeclared};
-use crate::key_expr::Keys;
-use crate::together;
+use crate::key_expr::KeySpace;
 
 /// Handle of a listener, which runs until this is dropped.
 pub struct Tap {
@@ -26,7 +26,7 @@ pub async fn tap(
     heard: impl Fn(&str, Bytes) + Send + Sync + 'static,
 ) -> Result<Tap, OpenError> {
     let settings = config.settings()?;
-    let keys = Keys::new(&config.ecosystem, config.daemon);
+    let keys = KeySpace::new(&config.ecosystem, config.daemon);
     let (listen, connect) = (settings.listen, settings.connect);
     let session = zenoh::open(settings.zenoh).await.map_err(|source| OpenError::Session {
         listen,
@@ -37,7 +37,7 @@ pub async fn tap(
     let hear = move |sample: Sample| {
         let (key, payload) = (sample.key_expr().as_str(), into_bytes(sample.payload()));
         match sample.kind() {
-            SampleKind::Put if keys.is_together(key) => together::unpack(&payload)
+            SampleKind::Put if keys.is_together(key) => batch::unpack(&payload)
                 .into_iter()
                 .flatten()
                 .for_each(|(sender, payload)| heard(&format!("{key}/{sender}"), payload)),

@@ -7,7 +7,7 @@
 //! - Messages of a daemon to itself never leave the process and are never lost.
 //! - A daemon that reads slowly receives everything late. At most [`UNDER_WAY_MAX`] messages wait for it.
 
-mod wire;
+mod network_state;
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -19,11 +19,11 @@ use bytes::Bytes;
 use tokio::sync::{Notify, mpsc};
 use tokio::time::Instant;
 
-use self::wire::{Coming, Connected, Island, Target, Wire};
+use self::network_state::{ConnectedDaemon, ConnectionId, InFlight, IsolatedDaemons, NetworkState};
 use crate::memory::{ANSWERS_MAX, collect_answers};
 use crate::{
-    Address, Addressed, Ask, BoxFuture, Delivery, Inbound, PresenceToken, Question, SendError,
-    Subject, Substrate,
+    AgentAddress, BoxFuture, Delivery, Destination, Inbound, PresenceToken, ReceivedQuery,
+    ResourceQuery, SendError, Subject, Substrate,
 };
 
 /// Most messages under way to one daemon. Further ones are lost, as on a network that must not block.
@@ -31,7 +31,7 @@ pub const UNDER_WAY_MAX: usize = 20_000;
 
 /// Quality of the links.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Weather {
+pub struct LinkConditions {
     /// Share of messages that are lost.
     pub loss: f64,
     /// Share of messages that arrive twice.
@@ -44,24 +44,24 @@ pub struct Weather {
 
 /// The network of one ecosystem. Clones are the same network.
 #[derive(Clone)]
-pub struct Network(Arc<Shared>);
+pub struct Network(Arc<SharedNetwork>);
 
-struct Shared {
-    wire: Mutex<Wire>,
+struct SharedNetwork {
+    wire: Mutex<NetworkState>,
     /// Notified when something is due earlier than before.
     sooner: Notify,
 }
 
 /// Identifies a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Cut(u64);
+pub struct CutId(u64);
 
 /// Observer of everything that is sent, with the sending daemon.
-type Tap = Arc<dyn Fn(&DaemonId, &Addressed, &Bytes) + Send + Sync>;
+type SendObserver = Arc<dyn Fn(&DaemonId, &Destination, &Bytes) + Send + Sync>;
 
 /// Counts of what has happened to messages so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Told {
+pub struct MessageCounts {
     /// Messages that were sent.
     pub sent: u64,
     /// Messages lost because of the link quality, or because too many were under way.
@@ -80,16 +80,16 @@ pub struct Told {
 
 /// One daemon's end of the network.
 struct Port {
-    target: Target,
-    shared: Weak<Shared>,
+    target: ConnectionId,
+    shared: Weak<SharedNetwork>,
 }
 
 // === impl Weather ===
 
-impl Weather {
+impl LinkConditions {
     /// Links as they are in a building: nothing is lost, and a message takes 0.1 to 2 milliseconds.
-    pub fn fair() -> Weather {
-        Weather { loss: 0.0, doubled: 0.0, overtaken: 0.0, delay: 100..2_000 }
+    pub fn good() -> LinkConditions {
+        LinkConditions { loss: 0.0, doubled: 0.0, overtaken: 0.0, delay: 100..2_000 }
     }
 }
 
@@ -99,22 +99,29 @@ impl Network {
     /// Creates a network without daemons, with good links. A task of the present runtime delivers
     /// the messages.
     pub fn new(seed: u64) -> Network {
-        let shared = Arc::new(Shared { wire: Mutex::new(Wire::new(seed)), sooner: Notify::new() });
-        tokio::spawn(carry(Arc::downgrade(&shared)));
+        let shared = Arc::new(SharedNetwork {
+            wire: Mutex::new(NetworkState::new(seed)),
+            sooner: Notify::new(),
+        });
+        tokio::spawn(run_deliveries(Arc::downgrade(&shared)));
         Network(shared)
     }
 
     /// Connects a daemon.
     pub fn open(&self, daemon: DaemonId, inbound: Arc<dyn Inbound>) -> Arc<dyn Substrate> {
         let life = self.0.with(|wire| {
-            wire.lives_count += 1;
-            let life = wire.lives_count;
-            let connected = Connected { inbound, life, sees: BTreeSet::new(), under_way: 0 };
+            wire.connections_count += 1;
+            let life = wire.connections_count;
+            let connected =
+                ConnectedDaemon { inbound, number: life, sees: BTreeSet::new(), under_way: 0 };
             wire.daemons.insert(daemon.clone(), connected);
-            wire.look(&daemon);
+            wire.refresh_presence(&daemon);
             life
         });
-        Arc::new(Port { target: Target { daemon, life }, shared: Arc::downgrade(&self.0) })
+        Arc::new(Port {
+            target: ConnectionId { daemon, number: life },
+            shared: Arc::downgrade(&self.0),
+        })
     }
 
     /// Disconnects a daemon as a SIGKILL of its process would: messages under way to it are lost,
@@ -123,35 +130,35 @@ impl Network {
         self.0.with(|wire| {
             wire.daemons.remove(daemon);
             wire.residents.retain(|(_, host), _| host != daemon);
-            wire.look_all();
+            wire.refresh_all();
         });
     }
 
     /// Breaks the links between these daemons and all others. The ends see that after `lease`.
-    pub fn cut(&self, daemons: BTreeSet<DaemonId>, lease: Duration) -> Cut {
+    pub fn cut(&self, daemons: BTreeSet<DaemonId>, lease: Duration) -> CutId {
         self.0.with(|wire| {
             wire.cuts_count += 1;
-            let cut = Cut(wire.cuts_count);
+            let cut = CutId(wire.cuts_count);
             let lease = Instant::now() + lease;
-            wire.cuts.insert(cut, Island { daemons, lease, stopped: 0 });
+            wire.cuts.insert(cut, IsolatedDaemons { daemons, lease, stopped: 0 });
             let ends: Vec<_> = wire.daemons.keys().cloned().collect();
-            ends.iter().for_each(|end| wire.happens(lease, end, Coming::Look));
+            ends.iter().for_each(|end| wire.schedule(lease, end, InFlight::RefreshPresence));
             cut
         })
     }
 
     /// Mends the links that a cut broke, except those that another cut broke too. Returns how many
     /// messages the cut has stopped.
-    pub fn mend(&self, cut: Cut) -> u64 {
+    pub fn heal(&self, cut: CutId) -> u64 {
         self.0.with(|wire| {
             let stopped = wire.cuts.remove(&cut).map_or(0, |island| island.stopped);
-            wire.look_all();
+            wire.refresh_all();
             stopped
         })
     }
 
     /// Delays everything that a daemon receives by this time; zero ends the delay.
-    pub fn slow(&self, daemon: &DaemonId, by: Duration) {
+    pub fn delay_receiver(&self, daemon: &DaemonId, by: Duration) {
         self.0.with(|wire| {
             if by.is_zero() {
                 wire.slow.remove(daemon)
@@ -162,23 +169,23 @@ impl Network {
     }
 
     /// Sets the quality of all links.
-    pub fn weather(&self, weather: Weather) {
-        self.0.with(|wire| wire.weather = weather);
+    pub fn set_conditions(&self, weather: LinkConditions) {
+        self.0.with(|wire| wire.conditions = weather);
     }
 
     /// Passes everything that is sent from now on to `tap` too, including what is lost.
-    pub fn tap(&self, tap: impl Fn(&DaemonId, &Addressed, &Bytes) + Send + Sync + 'static) {
+    pub fn tap(&self, tap: impl Fn(&DaemonId, &Destination, &Bytes) + Send + Sync + 'static) {
         self.0.with(|wire| wire.tap = Some(Arc::new(tap)));
     }
 
     /// Returns the counts of what has happened to messages so far.
-    pub fn told(&self) -> Told {
-        self.0.with(|wire| wire.told)
+    pub fn counts(&self) -> MessageCounts {
+        self.0.with(|wire| wire.counts)
     }
 }
 
 /// Delivers what is due, at its time, as long as the network is in use.
-async fn carry(shared: Weak<Shared>) {
+async fn run_deliveries(shared: Weak<SharedNetwork>) {
     loop {
         let Some(held) = shared.upgrade() else { return };
         let next = held.with(|wire| wire.due.keys().next().map(|(due, _)| *due));
@@ -202,8 +209,8 @@ async fn carry(shared: Weak<Shared>) {
 
 // === impl Shared ===
 
-impl Shared {
-    fn with<T>(&self, act: impl FnOnce(&mut Wire) -> T) -> T {
+impl SharedNetwork {
+    fn with<T>(&self, act: impl FnOnce(&mut NetworkState) -> T) -> T {
         let mut wire = self.wire.lock().unwrap_or_else(PoisonError::into_inner);
         let first = wire.due.keys().next().copied();
         let acted = act(&mut wire);
@@ -218,22 +225,22 @@ impl Shared {
             let mut wire = self.wire.lock().unwrap_or_else(PoisonError::into_inner);
             let Some((_, (target, coming))) = wire.due.pop_first() else { return };
             let Some(connected) = wire.daemons.get_mut(&target.daemon) else { return };
-            if connected.life != target.life {
+            if connected.number != target.number {
                 return;
             }
             connected.under_way = connected.under_way.saturating_sub(1);
-            if let Coming::Look = coming {
-                return wire.look(&target.daemon);
+            if let InFlight::RefreshPresence = coming {
+                return wire.refresh_presence(&target.daemon);
             }
             (Arc::clone(&connected.inbound), coming)
         };
         // The lock is released: a receiver may answer at once.
         match coming {
-            Coming::Message(delivery) => inbound.deliver(delivery),
-            Coming::Presence(presence) => inbound.presence(presence),
-            Coming::Question(question) => inbound.question(question),
-            Coming::Answer(answers, payload) => drop(answers.try_send(payload)),
-            Coming::Nothing(_) | Coming::Look => (),
+            InFlight::Message(delivery) => inbound.deliver(delivery),
+            InFlight::Presence(presence) => inbound.presence(presence),
+            InFlight::Question(question) => inbound.receive_query(question),
+            InFlight::Answer(answers, payload) => drop(answers.try_send(payload)),
+            InFlight::LostReply(_) | InFlight::RefreshPresence => (),
         }
     }
 }
@@ -242,20 +249,20 @@ impl Shared {
 
 impl Port {
     /// Runs `act` on the network if this connection of the daemon still exists.
-    fn with<T>(&self, act: impl FnOnce(&mut Wire) -> T) -> Result<T, SendError> {
+    fn with<T>(&self, act: impl FnOnce(&mut NetworkState) -> T) -> Result<T, SendError> {
         let shared = self.shared.upgrade().ok_or(SendError::Closed)?;
         shared.with(|wire| {
             let connected = wire.daemons.get(&self.target.daemon);
-            match connected.is_some_and(|connected| connected.life == self.target.life) {
+            match connected.is_some_and(|connected| connected.number == self.target.number) {
                 true => Ok(act(wire)),
                 false => Err(SendError::Closed),
             }
         })
     }
 
-    fn say(
+    fn submit(
         &self,
-        addressed: Addressed,
+        addressed: Destination,
         payload: Bytes,
         to: Option<&DaemonId>,
     ) -> Result<(), SendError> {
@@ -267,8 +274,8 @@ impl Port {
             };
             for to in to {
                 let (addressed, payload) = (addressed.clone(), payload.clone());
-                let delivery = Delivery { addressed, payload, origin: None };
-                let _ = wire.send(from, &to, Coming::Message(delivery));
+                let delivery = Delivery { destination: addressed, payload, origin: None };
+                let _ = wire.send(from, &to, InFlight::Message(delivery));
             }
             wire.tap.clone()
         })?;
@@ -280,8 +287,8 @@ impl Port {
 }
 
 impl Substrate for Port {
-    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
-        self.say(Addressed::To(to.agent.clone(), subject), payload, Some(&to.daemon))
+    fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+        self.submit(Destination::To(to.agent.clone(), subject), payload, Some(&to.daemon))
     }
 
     fn broadcast(
@@ -290,11 +297,11 @@ impl Substrate for Port {
         performative: Performative,
         payload: Bytes,
     ) -> Result<(), SendError> {
-        self.say(Addressed::All(sender.clone(), performative), payload, None)
+        self.submit(Destination::All(sender.clone(), performative), payload, None)
     }
 
-    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
-        self.say(Addressed::Beat(sender.clone()), payload, None)
+    fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
+        self.submit(Destination::AgentState(sender.clone()), payload, None)
     }
 
     fn announce(
@@ -305,7 +312,7 @@ impl Substrate for Port {
         let key = (agent.clone(), self.target.daemon.clone());
         self.with(|wire| {
             wire.residents.insert(key.clone(), incarnation);
-            wire.look_all();
+            wire.refresh_all();
         })?;
         let shared = Weak::clone(&self.shared);
         Ok(PresenceToken::new(move || {
@@ -313,13 +320,13 @@ impl Substrate for Port {
             shared.with(|wire| {
                 if wire.residents.get(&key) == Some(&incarnation) {
                     wire.residents.remove(&key);
-                    wire.look_all();
+                    wire.refresh_all();
                 }
             });
         }))
     }
 
-    fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+    fn ask(&self, ask: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         let (answers, heard) = mpsc::channel(ANSWERS_MAX);
         let asker = self.target.clone();
         let shared = Weak::clone(&self.shared);
@@ -335,13 +342,13 @@ impl Substrate for Port {
                 let (from, shared, asker) = (daemon.clone(), Weak::clone(&shared), asker.clone());
                 let back = answers.clone();
                 let answer = Arc::new(move |payload| {
-                    bring_back(&shared, &from, &asker, back.clone(), payload, timeout);
+                    return_answer(&shared, &from, &asker, back.clone(), payload, timeout);
                 });
-                let Ask { resource, ref agent, .. } = ask;
-                let question = Question { resource, agent: agent.clone(), answer };
-                if wire.send(&self.target.daemon, &daemon, Coming::Question(question)).is_err() {
-                    let nothing = Coming::Nothing(answers.clone());
-                    wire.happens(Instant::now() + timeout, &self.target.daemon, nothing);
+                let ResourceQuery { resource, ref agent, .. } = ask;
+                let question = ReceivedQuery { resource, agent: agent.clone(), answer };
+                if wire.send(&self.target.daemon, &daemon, InFlight::Question(question)).is_err() {
+                    let nothing = InFlight::LostReply(answers.clone());
+                    wire.schedule(Instant::now() + timeout, &self.target.daemon, nothing);
                 }
             }
         });
@@ -360,19 +367,19 @@ impl Substrate for Port {
 }
 
 /// Sends an answer to the asker. If it is lost, the asker waits until `timeout`.
-fn bring_back(
-    shared: &Weak<Shared>,
+fn return_answer(
+    shared: &Weak<SharedNetwork>,
     from: &DaemonId,
-    asker: &Target,
+    asker: &ConnectionId,
     answers: mpsc::Sender<Bytes>,
     payload: Bytes,
     timeout: Duration,
 ) {
     let Some(shared) = shared.upgrade() else { return };
     shared.with(|wire| {
-        let answer = Coming::Answer(answers, payload);
-        if let Err(Coming::Answer(answers, _)) = wire.send(from, &asker.daemon, answer) {
-            wire.happens(Instant::now() + timeout, &asker.daemon, Coming::Nothing(answers));
+        let answer = InFlight::Answer(answers, payload);
+        if let Err(InFlight::Answer(answers, _)) = wire.send(from, &asker.daemon, answer) {
+            wire.schedule(Instant::now() + timeout, &asker.daemon, InFlight::LostReply(answers));
         }
     });
 }

@@ -12,11 +12,11 @@
 //! for the length of a lease. Receipts, retries and the removal of duplicates are left to the
 //! Communication Agent.
 
-#[cfg(test)]
-mod ear;
 pub mod faulty;
+mod forwarding;
 pub mod memory;
-mod through;
+#[cfg(test)]
+mod recording_inbound;
 
 use std::fmt;
 use std::future::Future;
@@ -28,7 +28,7 @@ use acl::{AgentId, DaemonId, Incarnation, Performative};
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-pub use crate::through::Through;
+pub use crate::forwarding::ForwardingSubstrate;
 
 /// A future that a trait object can return.
 pub type BoxFuture<T> = Pin<Box<dyn Future<Output = T> + Send>>;
@@ -42,7 +42,7 @@ pub trait Substrate: Send + Sync + 'static {
     ///
     /// Returns an error if the substrate is closed or refuses the message. Success does not mean
     /// delivery.
-    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError>;
+    fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError>;
 
     /// Sends to all: the paper's global topic per message type.
     ///
@@ -61,7 +61,7 @@ pub trait Substrate: Send + Sync + 'static {
     /// # Errors
     ///
     /// As [`Substrate::send`].
-    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError>;
+    fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError>;
 
     /// Sends the heartbeats of several agents to all: each as [`Substrate::beat`] does, but at the
     /// cost of one message where that is possible.
@@ -69,8 +69,8 @@ pub trait Substrate: Send + Sync + 'static {
     /// # Errors
     ///
     /// As [`Substrate::send`].
-    fn beat_together(&self, beats: Vec<(AgentId, Bytes)>) -> Result<(), SendError> {
-        beats.into_iter().try_for_each(|(sender, payload)| self.beat(&sender, payload))
+    fn broadcast_heartbeats(&self, beats: Vec<(AgentId, Bytes)>) -> Result<(), SendError> {
+        beats.into_iter().try_for_each(|(sender, payload)| self.broadcast_state(&sender, payload))
     }
 
     /// Makes an agent present until the returned token is dropped or the process dies.
@@ -86,12 +86,12 @@ pub trait Substrate: Send + Sync + 'static {
 
     /// Queries daemons for a resource. Resolves to all answers that come within `timeout`, which
     /// may be none.
-    fn ask(&self, question: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>>;
+    fn ask(&self, question: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>>;
 
     /// Completes when every daemon that is present now receives this daemon's broadcasts, or soon
     /// if some of them never will. A sender that joins, broadcasts once and leaves must wait for
     /// it. An agent must have been announced before.
-    fn introduced(&self) -> BoxFuture<()> {
+    fn broadcast_ready(&self) -> BoxFuture<()> {
         Box::pin(std::future::ready(()))
     }
 
@@ -108,13 +108,13 @@ pub trait Inbound: Send + Sync + 'static {
     fn presence(&self, presence: Presence);
 
     /// Called when a daemon queries a resource. Dropping the question gives no answer.
-    fn question(&self, question: Question);
+    fn receive_query(&self, question: ReceivedQuery);
 
     /// Called when something was rejected and is not passed on. By default this is not recorded.
     fn rejected(&self, _rejected: &Rejected<'_>) {}
 
     /// Whether the origin of an answer may give it. By default every answer is admitted.
-    fn admits(&self, _answer: &Answer<'_>) -> bool {
+    fn accepts_answer(&self, _answer: &Answer<'_>) -> bool {
         true
     }
 }
@@ -125,14 +125,14 @@ pub struct Origin {
     /// Daemon that sent the message, or a guest of one.
     pub daemon: DaemonId,
     /// Daemon with the key that signed the message: the same daemon, or the host of the guest.
-    pub voucher: DaemonId,
+    pub signing_daemon: DaemonId,
 }
 
 /// Something that arrived and was rejected.
 #[derive(Clone, Copy, Debug)]
 pub struct Rejected<'r> {
     /// Kind of the violation.
-    pub breach: Breach,
+    pub violation: ViolationKind,
     /// Description that continues the sentence “the message …”.
     pub detail: &'r str,
     /// Name of the claimed sender, as far as it is known.
@@ -143,7 +143,7 @@ pub struct Rejected<'r> {
 
 /// Kind of violation by something that arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Breach {
+pub enum ViolationKind {
     /// The message is not signed.
     Unsigned,
     /// The signer is not known to the ecosystem, or is not known any more.
@@ -157,13 +157,13 @@ pub enum Breach {
     /// The sender sends too much.
     Flooded,
     /// The origin has no right to send this.
-    Overstepped,
+    Unauthorized,
     /// The message is longer than allowed.
     Oversized,
     /// An announcement or heartbeat cannot be read, or cannot be accepted.
     NotUnderstood,
     /// A daemon wanted to connect and showed no certificate that is valid here.
-    Unlinked,
+    RefusedLink,
 }
 
 /// An answer to a query, with its origin.
@@ -181,7 +181,7 @@ pub struct Answer<'a> {
 
 /// Address of an agent.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Address {
+pub struct AgentAddress {
     /// The daemon that hosts it.
     pub daemon: DaemonId,
     /// The agent.
@@ -202,7 +202,7 @@ pub enum Subject {
 #[derive(Clone, Debug)]
 pub struct Delivery {
     /// Address of the message.
-    pub addressed: Addressed,
+    pub destination: Destination,
     /// The bytes as they were sent.
     pub payload: Bytes,
     /// Origin proved by the signature; `None` if messages are not signed.
@@ -211,13 +211,13 @@ pub struct Delivery {
 
 /// Address of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Addressed {
+pub enum Destination {
     /// To one agent of this daemon.
     To(AgentId, Subject),
     /// To all agents, from this sender.
     All(AgentId, Performative),
     /// An action model or a heartbeat, from this sender.
-    Beat(AgentId),
+    AgentState(AgentId),
 }
 
 /// One incarnation of an agent at one daemon.
@@ -269,7 +269,7 @@ pub enum Resource {
 
 /// A query to daemons.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Ask {
+pub struct ResourceQuery {
     /// Daemon to ask; `None` asks all.
     pub daemon: Option<DaemonId>,
     /// Resource to ask for.
@@ -279,7 +279,7 @@ pub struct Ask {
 }
 
 /// A query that has arrived.
-pub struct Question {
+pub struct ReceivedQuery {
     /// Resource that is asked for.
     pub resource: Resource,
     /// Agent that is asked; `None` for all.
@@ -341,20 +341,20 @@ impl Presence {
     }
 }
 
-impl Breach {
+impl ViolationKind {
     /// Returns the name, for people and for programs that count.
     pub fn as_str(self) -> &'static str {
         match self {
-            Breach::Unsigned => "unsigned",
-            Breach::Unknown => "unknown",
-            Breach::Forged => "forged",
-            Breach::Replayed => "replayed",
-            Breach::Revoked => "revoked",
-            Breach::Flooded => "flooded",
-            Breach::Overstepped => "overstepped",
-            Breach::Oversized => "oversized",
-            Breach::NotUnderstood => "not-understood",
-            Breach::Unlinked => "unlinked",
+            ViolationKind::Unsigned => "unsigned",
+            ViolationKind::Unknown => "unknown",
+            ViolationKind::Forged => "forged",
+            ViolationKind::Replayed => "replayed",
+            ViolationKind::Revoked => "revoked",
+            ViolationKind::Flooded => "flooded",
+            ViolationKind::Unauthorized => "overstepped",
+            ViolationKind::Oversized => "oversized",
+            ViolationKind::NotUnderstood => "not-understood",
+            ViolationKind::RefusedLink => "unlinked",
         }
     }
 }
@@ -376,7 +376,7 @@ impl Resource {
     ];
 
     /// Whether only the leader answers, if an agent has several replicas.
-    pub fn is_of_who_acts(self) -> bool {
+    pub fn is_answered_by_leader(self) -> bool {
         matches!(self, Resource::Domain | Resource::State | Resource::Goals)
     }
 

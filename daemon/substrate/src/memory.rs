@@ -12,8 +12,8 @@ use bytes::Bytes;
 use tokio::sync::mpsc;
 
 use crate::{
-    Address, Addressed, Ask, BoxFuture, Delivery, Inbound, Presence, PresenceToken, Question,
-    Resident, SendError, Subject, Substrate,
+    AgentAddress, BoxFuture, Delivery, Destination, Inbound, Presence, PresenceToken,
+    ReceivedQuery, Resident, ResourceQuery, SendError, Subject, Substrate,
 };
 
 /// Most answers to one query that wait to be read: one per agent of a large ecosystem.
@@ -21,22 +21,22 @@ pub const ANSWERS_MAX: usize = 4096;
 
 /// The network of one ecosystem. Clones are the same network.
 #[derive(Clone, Default)]
-pub struct Network(Arc<Mutex<Wire>>);
+pub struct Network(Arc<Mutex<MemoryNetwork>>);
 
 #[derive(Default)]
-struct Wire {
+struct MemoryNetwork {
     daemons: BTreeMap<DaemonId, Arc<dyn Inbound>>,
     residents: BTreeMap<(AgentId, DaemonId), Incarnation>,
     /// Observers of all messages.
-    taps: Vec<Tap>,
+    taps: Vec<MessageObserver>,
 }
 
-type Tap = Arc<dyn Fn(&Addressed, &Bytes) + Send + Sync>;
+type MessageObserver = Arc<dyn Fn(&Destination, &Bytes) + Send + Sync>;
 
 /// One daemon's end of the network.
 struct Port {
     daemon: DaemonId,
-    wire: Weak<Mutex<Wire>>,
+    wire: Weak<Mutex<MemoryNetwork>>,
 }
 
 impl Network {
@@ -72,18 +72,18 @@ impl Network {
 
     /// Passes everything that is sent from now on to `tap` too, as to the tool of a stranger on the
     /// network.
-    pub fn tap(&self, tap: impl Fn(&Addressed, &Bytes) + Send + Sync + 'static) {
+    pub fn tap(&self, tap: impl Fn(&Destination, &Bytes) + Send + Sync + 'static) {
         self.with(|wire| wire.taps.push(Arc::new(tap)));
     }
 
-    fn with<T>(&self, act: impl FnOnce(&mut Wire) -> T) -> T {
+    fn with<T>(&self, act: impl FnOnce(&mut MemoryNetwork) -> T) -> T {
         act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
 // === impl Wire ===
 
-impl Wire {
+impl MemoryNetwork {
     fn residents(&self) -> Vec<Resident> {
         let resident = |((agent, daemon), incarnation): (&(AgentId, DaemonId), &Incarnation)| {
             Resident { agent: agent.clone(), daemon: daemon.clone(), incarnation: *incarnation }
@@ -100,7 +100,7 @@ impl Wire {
 
 impl Port {
     /// Runs `act` on the network if this daemon is still connected.
-    fn with<T>(&self, act: impl FnOnce(&mut Wire) -> T) -> Result<T, SendError> {
+    fn with<T>(&self, act: impl FnOnce(&mut MemoryNetwork) -> T) -> Result<T, SendError> {
         let wire = self.wire.upgrade().ok_or(SendError::Closed)?;
         let mut wire = wire.lock().unwrap_or_else(PoisonError::into_inner);
         if !wire.daemons.contains_key(&self.daemon) {
@@ -109,9 +109,9 @@ impl Port {
         Ok(act(&mut wire))
     }
 
-    fn carry(
+    fn dispatch(
         &self,
-        addressed: Addressed,
+        addressed: Destination,
         payload: Bytes,
         to: Option<&DaemonId>,
     ) -> Result<(), SendError> {
@@ -128,15 +128,15 @@ impl Port {
         }
         for receiver in receivers {
             let (addressed, payload) = (addressed.clone(), payload.clone());
-            receiver.deliver(Delivery { addressed, payload, origin: None });
+            receiver.deliver(Delivery { destination: addressed, payload, origin: None });
         }
         Ok(())
     }
 }
 
 impl Substrate for Port {
-    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
-        self.carry(Addressed::To(to.agent.clone(), subject), payload, Some(&to.daemon))
+    fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+        self.dispatch(Destination::To(to.agent.clone(), subject), payload, Some(&to.daemon))
     }
 
     fn broadcast(
@@ -145,11 +145,11 @@ impl Substrate for Port {
         performative: Performative,
         payload: Bytes,
     ) -> Result<(), SendError> {
-        self.carry(Addressed::All(sender.clone(), performative), payload, None)
+        self.dispatch(Destination::All(sender.clone(), performative), payload, None)
     }
 
-    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
-        self.carry(Addressed::Beat(sender.clone()), payload, None)
+    fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
+        self.dispatch(Destination::AgentState(sender.clone()), payload, None)
     }
 
     fn announce(
@@ -175,7 +175,7 @@ impl Substrate for Port {
         }))
     }
 
-    fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+    fn ask(&self, ask: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         let asked: Result<Vec<_>, _> = self.with(|wire| match &ask.daemon {
             Some(daemon) => wire.daemons.get(daemon).cloned().into_iter().collect(),
             None => wire.everyone(),
@@ -184,9 +184,9 @@ impl Substrate for Port {
         for inbound in asked.unwrap_or_default() {
             let answers = answers.clone();
             let answer = move |bytes| drop(answers.try_send(bytes));
-            let Ask { resource, ref agent, .. } = ask;
+            let ResourceQuery { resource, ref agent, .. } = ask;
             let answer = Arc::new(answer);
-            inbound.question(Question { resource, agent: agent.clone(), answer });
+            inbound.receive_query(ReceivedQuery { resource, agent: agent.clone(), answer });
         }
         Box::pin(collect_answers(heard, timeout))
     }
@@ -212,7 +212,12 @@ pub async fn collect_answers(mut heard: mpsc::Receiver<Bytes>, timeout: Duration
     answers
 }
 
-fn withdraw(wire: &Mutex<Wire>, agent: &AgentId, daemon: &DaemonId, incarnation: Incarnation) {
+fn withdraw(
+    wire: &Mutex<MemoryNetwork>,
+    agent: &AgentId,
+    daemon: &DaemonId,
+    incarnation: Incarnation,
+) {
     let key = (agent.clone(), daemon.clone());
     let everyone = {
         let mut wire = wire.lock().unwrap_or_else(PoisonError::into_inner);
@@ -233,44 +238,44 @@ fn withdraw(wire: &Mutex<Wire>, agent: &AgentId, daemon: &DaemonId, incarnation:
 mod tests {
     use super::*;
     use crate::Resource;
-    use crate::ear::{Ear, agent, daemon};
+    use crate::recording_inbound::{RecordingInbound, agent, daemon};
 
     #[test]
     fn a_killed_daemon_is_deaf_and_its_agents_are_gone() {
         let network = Network::new();
-        let (a, b) = (Ear::new(), Ear::new());
-        let port_a = network.open(daemon("a"), Arc::<Ear>::clone(&a) as _);
-        let port_b = network.open(daemon("b"), Arc::<Ear>::clone(&b) as _);
+        let (a, b) = (RecordingInbound::new(), RecordingInbound::new());
+        let port_a = network.open(daemon("a"), Arc::<RecordingInbound>::clone(&a) as _);
+        let port_b = network.open(daemon("b"), Arc::<RecordingInbound>::clone(&b) as _);
         let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
-        assert_eq!(a.words(), ["joined robot"]);
+        assert_eq!(a.take_lines(), ["joined robot"]);
 
         network.kill(&daemon("b"));
 
-        assert_eq!(a.words(), ["left robot"]);
-        assert_eq!(port_b.beat(&agent("robot"), Bytes::new()), Err(SendError::Closed));
-        b.words();
+        assert_eq!(a.take_lines(), ["left robot"]);
+        assert_eq!(port_b.broadcast_state(&agent("robot"), Bytes::new()), Err(SendError::Closed));
+        b.take_lines();
         port_a.broadcast(&agent("x"), Performative::Cfp, Bytes::new()).expect("open");
-        assert_eq!(b.words(), [""; 0]);
+        assert_eq!(b.take_lines(), [""; 0]);
     }
 
     #[test]
     fn a_message_to_one_reaches_its_daemon_alone() {
         let network = Network::new();
-        let (a, b) = (Ear::new(), Ear::new());
-        let port = network.open(daemon("a"), Arc::<Ear>::clone(&a) as _);
-        network.open(daemon("b"), Arc::<Ear>::clone(&b) as _);
-        let to = Address { daemon: daemon("b"), agent: agent("robot") };
+        let (a, b) = (RecordingInbound::new(), RecordingInbound::new());
+        let port = network.open(daemon("a"), Arc::<RecordingInbound>::clone(&a) as _);
+        network.open(daemon("b"), Arc::<RecordingInbound>::clone(&b) as _);
+        let to = AgentAddress { daemon: daemon("b"), agent: agent("robot") };
         port.send(&to, Subject::Receipt, Bytes::from_static(b"m1")).expect("open");
-        assert_eq!(a.words(), [""; 0]);
-        assert_eq!(b.words(), ["robot Receipt m1"]);
+        assert_eq!(a.take_lines(), [""; 0]);
+        assert_eq!(b.take_lines(), ["robot Receipt m1"]);
     }
 
     #[tokio::test]
     async fn everyone_asked_may_answer() {
         let network = Network::new();
-        let port = network.open(daemon("a"), Ear::new());
-        network.open(daemon("b"), Ear::new());
-        let ask = Ask { daemon: None, resource: Resource::Domain, agent: None };
+        let port = network.open(daemon("a"), RecordingInbound::new());
+        network.open(daemon("b"), RecordingInbound::new());
+        let ask = ResourceQuery { daemon: None, resource: Resource::Domain, agent: None };
         let answers = port.ask(ask, Duration::from_secs(1)).await;
         assert_eq!(answers, [&b"domain"[..], b"domain"]);
     }

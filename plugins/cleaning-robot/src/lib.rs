@@ -15,7 +15,7 @@ use actuator::{
     Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, MethodCall,
     MethodFailure, MethodResult, MobileBase, OwnFact, facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use pddl::InitElement;
 use serde::Deserialize;
 
@@ -24,7 +24,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "cleaning-robot",
     about: "a mobile base that sweeps rooms, and empties its bin at home",
     drivers: &["simulated"],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -82,7 +82,7 @@ enum CleaningResult {
     Emptied,
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { base, bin, unknown } = blueprint.config_as()?;
     if let Some(key) = unknown.keys().next() {
         return Err(blueprint.problem(format!("a cleaning robot's config has no key `{key}`")));

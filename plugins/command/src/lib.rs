@@ -20,7 +20,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact,
 };
-use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use pddl::{ActionModel, InitElement};
 use programs::ProgramError;
 use tokio::time::Instant;
@@ -42,11 +42,11 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "command",
     about: "an actuator that is any program, with an action model of its own",
     drivers: &[],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     Ok(Box::new(Actuator::new(&blueprint, commanded(&blueprint)?)?))
 }
 

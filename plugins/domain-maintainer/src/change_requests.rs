@@ -9,24 +9,24 @@ use acl::content::{
     Report, Request,
 };
 use acl::{AgentId, Message, Performative};
-use agent::upkeep;
-use agent::{Context, Engagement};
-use capability::{Change, Effects, Known, Owner};
+use agent::domain_sync;
+use agent::{Context, Participation};
+use capability::{DomainChange, Effects, KnownFact, Owner};
 use pddl::{Diagnostic, InitElement, Name, Severity, check_init_elements};
 
 use crate::{AnnouncementScope, DomainMaintainer};
 
 /// Result of an accepted request: the resulting change, and the text of the answer.
-type AcceptedChange = (Change, String);
+type AcceptedChange = (DomainChange, String);
 
 /// Maximum number of remarks in an answer.
 const REMARKS_MAX: usize = 8;
 
 impl DomainMaintainer {
     pub(crate) fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        upkeep::compose(self, ctx);
+        domain_sync::compose(self, ctx);
         self.check_replicas(ctx);
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let asker = &message.sender;
         let request = message.content_as::<Request>();
         let taken = match request {
@@ -45,7 +45,7 @@ impl DomainMaintainer {
         match taken {
             Ok((change, detail)) => {
                 self.announcement_scope = self.announcement_scope.max(AnnouncementScope::Changes);
-                upkeep::conclude(self, &change, ctx);
+                domain_sync::report_change(self, &change, ctx);
                 // A repeated request changes nothing here. Elsewhere it prolongs facts, or makes them
                 // newer than those of another agent.
                 if change.is_empty() {
@@ -71,11 +71,13 @@ impl DomainMaintainer {
         let living = change.owner.as_ref().and_then(|owner| ctx.find(owner));
         let owner = Owner::Agent(change.owner.as_ref().unwrap_or(asker).clone());
         let notes = self.remarks(&effects.believe, &owner);
-        let now = self.upkeep.moment();
+        let now = self.upkeep.timestamp();
         let maintainer = &mut self.upkeep.maintainer;
         let changed = match living {
-            Some(owner) => maintainer.confirm(&owner.agent, Some(owner.incarnation), &effects, now),
-            None => maintainer.set(&owner, &effects, now),
+            Some(owner) => {
+                maintainer.apply_effects(&owner.agent, Some(owner.incarnation), &effects, now)
+            }
+            None => maintainer.apply_request(&owner, &effects, now),
         };
         let changed = changed.map_err(|declined| declined.refusal())?;
         let detail = if changed.is_empty() { "it was so already" } else { "believed" };
@@ -86,7 +88,7 @@ impl DomainMaintainer {
     /// predicate would be stored and never seen again. The facts of an agent are not checked: they may
     /// arrive before the agent's declarations.
     fn check_against_domain(&self, change: &ChangeState, effects: &Effects) -> Result<(), Refusal> {
-        let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
+        let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.timestamp());
         let texts = [(&change.believe, &effects.believe), (&change.retract, &effects.retract)];
         for (text, facts) in texts {
             let diagnostics = check_init_elements(&snapshot.domain, &snapshot.problem, facts);
@@ -106,8 +108,8 @@ impl DomainMaintainer {
             Some(metric) => format!("plans are measured by `{metric}` from now on"),
             None => "plans are measured as the map says again".to_owned(),
         };
-        let now = self.upkeep.moment();
-        let changed = self.upkeep.maintainer.measure(metric, now);
+        let now = self.upkeep.timestamp();
+        let changed = self.upkeep.maintainer.set_metric(metric, now);
         Ok((changed.map_err(|declined| declined.refusal())?, detail))
     }
 
@@ -119,7 +121,7 @@ impl DomainMaintainer {
         let of = |of: ActionOf| (Name::new(&of.action), of.agent);
         let withhold: Vec<_> = withhold.into_iter().map(of).collect();
         let give_back: Vec<_> = give_back.into_iter().map(of).collect();
-        let now = self.upkeep.moment();
+        let now = self.upkeep.timestamp();
         let changed = self.upkeep.maintainer.change_actions(&withhold, &give_back, now);
         let changed = changed.map_err(|declined| declined.refusal())?;
         let parts = [("withheld", withhold), ("given back", give_back)];
@@ -135,14 +137,14 @@ impl DomainMaintainer {
         asker: &AgentId,
         observed: &Observation,
     ) -> Result<AcceptedChange, Refusal> {
-        let now = self.upkeep.moment();
-        let known = Known::read(observed, now).map_err(|mistakes| bad_content(&mistakes))?;
+        let now = self.upkeep.timestamp();
+        let known = KnownFact::read(observed, now).map_err(|mistakes| bad_content(&mistakes))?;
         if known.is_empty() {
             return Err(Refusal::new(Reason::BadContent, "it states no fact"));
         }
         let facts: Vec<InitElement> = known.iter().map(|known| known.fact.clone()).collect();
         let notes = self.remarks(&facts, &Owner::Agent(asker.clone()));
-        let changed = self.upkeep.maintainer.observe(asker, &known, now);
+        let changed = self.upkeep.maintainer.apply_observation(asker, &known, now);
         Ok((changed.map_err(|declined| declined.refusal())?, with_remarks("believed", notes)))
     }
 

@@ -1,7 +1,7 @@
 //! Facts that follow by axioms from the known facts; part of the answer to a query for the state.
 
 use acl::content::BelievedFact;
-use capability::Snapshot;
+use capability::DomainSnapshot;
 use pddl::knowledge::AuxiliaryPredicates;
 use pddl::{Atom, Condition, Name};
 use planner::validate::World;
@@ -10,7 +10,7 @@ use planner::validate::World;
 const AXIOM: &str = "axiom";
 
 /// Returns the facts that axioms derive, and as unknown those that axioms neither derive nor rule out.
-pub(crate) fn derived_facts(snapshot: &Snapshot) -> Vec<BelievedFact> {
+pub(crate) fn derived_facts(snapshot: &DomainSnapshot) -> Vec<BelievedFact> {
     if snapshot.domain.derived.is_empty() {
         return Vec::new();
     }

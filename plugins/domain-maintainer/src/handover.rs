@@ -11,9 +11,9 @@ use acl::content::{
     Keeping, Outcome, Reason, Record, Refusal, Report, Request, RequestedSince, value,
 };
 use acl::{DaemonId, Deadline, Message, Performative, Protocol};
-use agent::upkeep;
-use agent::{Answer, Context, Engagement, Opening};
-use capability::{Moment, RequestsSince};
+use agent::domain_sync;
+use agent::{Context, ExchangeEvent, ExchangeOpening, Participation};
+use capability::{RequestedChangesSince, Timestamp};
 
 use crate::{AnnouncementScope, DomainMaintainer, REQUESTED};
 
@@ -31,33 +31,33 @@ pub(crate) struct KnownReplicas {
     /// Daemons on which replicas were present; a daemon that is missing now has not come back.
     seen_on: BTreeSet<DaemonId>,
     /// Since when all of them are present.
-    complete_since: Option<Moment>,
+    complete_since: Option<Timestamp>,
 }
 
 impl DomainMaintainer {
     /// Checks whether another leader may be active in another partition, and if so begins to note
     /// changes. To be called before anything is changed, so that no change is left out.
     pub(crate) fn check_replicas(&mut self, ctx: &Context<Self>) {
-        let (directory, own) = (ctx.directory(), ctx.switchboard().daemon());
+        let (directory, own) = (ctx.directory(), ctx.router().daemon());
         let daemons = directory.all(ctx.id()).iter().map(|resident| &resident.daemon);
         let here: BTreeSet<_> = daemons.filter(|daemon| *daemon != own).cloned().collect();
-        let now = self.upkeep.moment();
+        let now = self.upkeep.timestamp();
         let KnownReplicas { seen_on: met, complete_since: together } = &mut self.known_replicas;
         if !met.is_subset(&here) {
             *together = None;
-            self.upkeep.maintainer.part();
+            self.upkeep.maintainer.begin_partition_log();
         } else if !here.is_empty() {
             *met = here;
             let since = *together.get_or_insert(now);
             if self.is_leading && now.since(since) >= REUNITED_AFTER {
-                self.upkeep.maintainer.reunite();
+                self.upkeep.maintainer.drop_partition_log();
             }
         }
     }
 
     /// Stands down: sends the noted changes to the new leader.
     pub(crate) fn stand_down(&mut self, ctx: &mut Context<Self>) {
-        let changed = self.upkeep.maintainer.stand_down(self.upkeep.moment());
+        let changed = self.upkeep.maintainer.stand_down(self.upkeep.timestamp());
         if changed != RequestedSince::default() {
             self.hand_over(changed, 0, ctx);
         }
@@ -75,7 +75,7 @@ impl DomainMaintainer {
             return retry_handover(changed, times, ctx);
         }
         let record = self.keeper.write(REQUESTED.to_owned(), value(&changed));
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(ctx.id().clone()),
             performative: Performative::Request,
             protocol: Protocol::StateChange,
@@ -87,7 +87,11 @@ impl DomainMaintainer {
         ctx.open(opening, patience, move |_: &mut Self, answer, ctx| {
             let Some(changed) = changed.take() else { return };
             match answer {
-                Answer::Message(message) if message.performative == Performative::Confirm => (),
+                ExchangeEvent::Message(message)
+                    if message.performative == Performative::Confirm =>
+                {
+                    ()
+                }
                 _ => retry_handover(changed, times, ctx),
             }
         });
@@ -104,9 +108,9 @@ impl DomainMaintainer {
             // If the sender leads again, the message has come back to itself; the sender tries again.
             let detail = "a Domain Maintainer takes changes over only from its own standby";
             let refusal = Refusal::new(Reason::Incapable, detail);
-            return ctx.answer(&Engagement::of(message), Performative::Refuse, &refusal);
+            return ctx.answer(&Participation::of(message), Performative::Refuse, &refusal);
         }
-        let engagement = Engagement::of(message);
+        let engagement = Participation::of(message);
         for Record { body, .. } in handed.records.iter().filter(|record| record.key == REQUESTED) {
             match serde_json::from_value(body.clone()) {
                 Ok(changed) => self.reconcile(&changed, ctx),
@@ -118,19 +122,19 @@ impl DomainMaintainer {
     }
 
     fn reconcile(&mut self, changed: &RequestedSince, ctx: &mut Context<Self>) {
-        let now = self.upkeep.moment();
-        let read = RequestsSince::read(changed, now).map_err(|mistakes| {
+        let now = self.upkeep.timestamp();
+        let read = RequestedChangesSince::read(changed, now).map_err(|mistakes| {
             mistakes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
         });
         let taken = read.and_then(|read| {
-            let taken = self.upkeep.maintainer.reconcile(&read, now);
+            let taken = self.upkeep.maintainer.merge_partition_log(&read, now);
             taken.map_err(|declined| declined.to_string())
         });
         match taken {
             Ok(change) => {
                 tracing::info!("takes over the requests of another leader, after a partition");
                 self.announcement_scope = AnnouncementScope::Full;
-                upkeep::conclude(self, &change, ctx);
+                domain_sync::report_change(self, &change, ctx);
                 self.announce_requests(ctx);
             }
             Err(why) => tracing::warn!(why, "the requests of another leader cannot be taken over"),

@@ -21,13 +21,15 @@ use acl::content::{
     RequestedSince, Version, value,
 };
 use acl::{Deadline, Message, Performative};
-use agent::keeping::{self, Keeper, Keeps};
-use agent::upkeep::{self, Maintains, Upkeep};
+use agent::domain_sync::{self, DomainSync, MaintainsDomain};
+use agent::replication::{self, JournalClient, ReplicatesRecords};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, Launch, PluginEntry, Presence, Resource,
-    TimerId,
+    Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, PluginEntry, Presence,
+    Resource, TimerId,
 };
-use capability::{Change, Conflict, Maintainer, Moment, Requests, Scope};
+use capability::{
+    Conflict, DomainChange, Maintainer, MaintainerScope, RequestedChanges, Timestamp,
+};
 use serde::Deserialize;
 
 use crate::handover::KnownReplicas;
@@ -49,26 +51,27 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "domain-maintainer",
     about: "composes the actions of all agents, and keeps the known facts",
     drivers: &[],
-    stands_by: true,
+    has_replicas: true,
     build,
 };
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let (ontology, map) = (&blueprint.host.ontology, &blueprint.host.map);
-    let maintainer = Maintainer::new(Arc::clone(ontology), Arc::clone(map), Scope::Everything);
+    let maintainer =
+        Maintainer::new(Arc::clone(ontology), Arc::clone(map), MaintainerScope::Everything);
     let silence = blueprint.host.settings.silence_limit();
     let mut maintainer = maintainer.with_silence_limit(silence);
     // Standby until the agent is told that it leads.
-    maintainer.stands_by(true);
+    maintainer.set_standby(true);
     Ok(Box::new(DomainMaintainer {
-        upkeep: Upkeep::new(maintainer),
+        upkeep: DomainSync::new(maintainer),
         unannounced: None,
         announcement_timer: None,
         last_announced: None,
         announcement_scope: AnnouncementScope::Nothing,
         full_announcement_timer: None,
         has_requests: false,
-        keeper: Keeper::new(&blueprint.host),
+        keeper: JournalClient::new(&blueprint.host),
         is_leading: false,
         record_version: None,
         known_replicas: KnownReplicas::default(),
@@ -76,18 +79,18 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 }
 
 struct DomainMaintainer {
-    upkeep: Upkeep,
+    upkeep: DomainSync,
     /// Changes since the last announcement.
     unannounced: Option<EpochChange>,
     announcement_timer: Option<TimerId>,
     /// When the last announcement was sent.
-    last_announced: Option<Moment>,
+    last_announced: Option<Timestamp>,
     /// How much of the requested changes the next announcement contains.
     announcement_scope: AnnouncementScope,
     full_announcement_timer: Option<TimerId>,
     /// Whether any requested changes were in force at the last announcement of them.
     has_requests: bool,
-    keeper: Keeper<DomainMaintainer>,
+    keeper: JournalClient<DomainMaintainer>,
     /// Whether this replica leads. A standby receives the same messages and sends none.
     is_leading: bool,
     /// Version of the last record of requested changes that was read or written.
@@ -114,13 +117,13 @@ impl Agent for DomainMaintainer {
             .on_broadcast(Performative::Inform, Self::informed)
     }
 
-    fn leads(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
+    fn leadership_changed(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
         let was_leading = std::mem::replace(&mut self.is_leading, is_leading);
-        self.upkeep.maintainer.stands_by(!is_leading);
-        keeping::leads(self, is_leading, ctx);
+        self.upkeep.maintainer.set_standby(!is_leading);
+        replication::handle_leadership(self, is_leading, ctx);
         if is_leading {
             // Another leader may be active in another partition.
-            self.upkeep.maintainer.part();
+            self.upkeep.maintainer.begin_partition_log();
             self.check_replicas(ctx);
         } else if was_leading {
             self.stand_down(ctx);
@@ -133,20 +136,20 @@ impl Agent for DomainMaintainer {
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
-        upkeep::presence(self, presence, ctx);
-        keeping::presence(self, presence, ctx);
+        domain_sync::presence(self, presence, ctx);
+        replication::handle_presence(self, presence, ctx);
         if presence.resident().agent == *ctx.id() {
             self.check_replicas(ctx);
         }
     }
 
-    fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
+    fn answer_query(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
         if matches!(resource, Resource::Domain | Resource::State) {
-            upkeep::compose(self, ctx);
+            domain_sync::compose(self, ctx);
         }
         let answer = match resource {
             Resource::Domain => {
-                let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
+                let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.timestamp());
                 let mut content = snapshot.to_content();
                 for conflict in self.upkeep.maintainer.conflicts() {
                     // The last agent lost the conflict; an agent before it has precedence.
@@ -171,12 +174,12 @@ impl Agent for DomainMaintainer {
     }
 }
 
-impl Maintains for DomainMaintainer {
-    fn upkeep(&mut self) -> &mut Upkeep {
+impl MaintainsDomain for DomainMaintainer {
+    fn domain_sync(&mut self) -> &mut DomainSync {
         &mut self.upkeep
     }
 
-    fn changed(&mut self, change: &Change, ctx: &mut Context<Self>) {
+    fn domain_changed(&mut self, change: &DomainChange, ctx: &mut Context<Self>) {
         if change.epoch_changed {
             tracing::info!(epoch = change.epoch, joined = ?change.joined, left = ?change.left,
                 "a new epoch");
@@ -188,11 +191,11 @@ impl Maintains for DomainMaintainer {
         self.announce_soon(EpochChange::from(change), ctx);
     }
 
-    fn conflicted(&mut self, conflicts: &[Conflict], ctx: &mut Context<Self>) {
+    fn conflicts_found(&mut self, conflicts: &[Conflict], ctx: &mut Context<Self>) {
         for conflict in conflicts {
             tracing::warn!(agents = ?conflict.agents, "{conflict}");
             for agent in &conflict.agents {
-                ctx.tell(
+                ctx.send_once(
                     agent,
                     Performative::Refuse,
                     &Refusal::new(Reason::Conflict, conflict.to_string()),
@@ -202,13 +205,13 @@ impl Maintains for DomainMaintainer {
     }
 }
 
-impl Keeps for DomainMaintainer {
-    fn keeper(&mut self) -> &mut Keeper<Self> {
+impl ReplicatesRecords for DomainMaintainer {
+    fn journal_client(&mut self) -> &mut JournalClient<Self> {
         &mut self.keeper
     }
 
     /// Restores the requested changes from before all replicas were restarted.
-    fn recalled(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
+    fn records_restored(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
         let Some(record) = records.into_iter().find(|record| record.key == REQUESTED) else {
             return;
         };
@@ -219,24 +222,24 @@ impl Keeps for DomainMaintainer {
             return;
         }
         self.record_version = Some(record.version);
-        let now = self.upkeep.moment();
-        let wall_clock = ctx.switchboard().machine().wall_clock();
+        let now = self.upkeep.timestamp();
+        let wall_clock = ctx.router().host_services().wall_clock();
         let kept = StoredRequests::deserialize(record.body).map_err(|error| error.to_string());
         let requests = kept.and_then(|kept| {
             let mistakes = |found: Vec<pddl::Diagnostic>| {
                 found.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
             };
-            Requests::read(&kept.in_force_at(wall_clock), now).map_err(mistakes)
+            RequestedChanges::read(&kept.in_force_at(wall_clock), now).map_err(mistakes)
         });
         let recalled = requests.and_then(|requests| {
             let maintainer = &mut self.upkeep.maintainer;
-            maintainer.recall(&requests, now).map_err(|declined| declined.to_string())
+            maintainer.restore_requests(&requests, now).map_err(|declined| declined.to_string())
         });
         match recalled {
             Ok(change) => {
                 tracing::info!("restores the changes that were requested earlier");
                 self.announcement_scope = AnnouncementScope::Full;
-                upkeep::conclude(self, &change, ctx);
+                domain_sync::report_change(self, &change, ctx);
             }
             Err(why) => tracing::warn!(why, "earlier requests cannot be restored"),
         }
@@ -245,7 +248,7 @@ impl Keeps for DomainMaintainer {
 
 impl DomainMaintainer {
     fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
-        upkeep::informed(self, &message, ctx);
+        domain_sync::receive_inform(self, &message, ctx);
     }
 
     /// Announces the requested changes, even if nothing else is new.
@@ -260,10 +263,10 @@ impl DomainMaintainer {
         if self.keeper.journals().is_empty() {
             return;
         }
-        let kept = StoredRequests::new(requested, ctx.switchboard().machine().wall_clock());
+        let kept = StoredRequests::new(requested, ctx.router().host_services().wall_clock());
         let record = self.keeper.write(REQUESTED.to_owned(), value(&kept));
         self.record_version = Some(record.version);
-        keeping::keep_on(self, &[record], ctx);
+        replication::replicate_detached(self, &[record], ctx);
     }
 
     /// Collects changes, to announce them in one message.
@@ -278,7 +281,7 @@ impl DomainMaintainer {
         if self.announcement_timer.is_some() {
             return;
         }
-        let now = self.upkeep.moment();
+        let now = self.upkeep.timestamp();
         let over = self.last_announced.map_or(ANNOUNCE_INTERVAL_MIN, |last| now.since(last));
         match ANNOUNCE_INTERVAL_MIN.saturating_sub(over) {
             // Without a timer: even the shortest one fires a millisecond later.
@@ -294,7 +297,7 @@ impl DomainMaintainer {
     fn announce(&mut self, ctx: &mut Context<Self>) {
         self.announcement_timer = None;
         let Some(mut change) = self.unannounced.take() else { return };
-        self.last_announced = Some(self.upkeep.moment());
+        self.last_announced = Some(self.upkeep.timestamp());
         let tells = std::mem::replace(&mut self.announcement_scope, AnnouncementScope::Nothing);
         match tells {
             AnnouncementScope::Nothing => (),
@@ -314,7 +317,7 @@ impl DomainMaintainer {
     /// Adds the new requested changes to the announcement and schedules the full list. So the message
     /// is only as long as the news, and an agent that missed it soon gets the full list.
     fn add_changes(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
-        let now = self.upkeep.moment();
+        let now = self.upkeep.timestamp();
         let Some(since) = self.upkeep.maintainer.requested_since(now) else {
             return self.add_all_requests(AnnouncementScope::Full, change, ctx);
         };
@@ -344,9 +347,9 @@ impl DomainMaintainer {
         ctx: &mut Context<Self>,
     ) {
         if let Some(timer) = self.full_announcement_timer.take() {
-            ctx.forget(timer);
+            ctx.cancel_timer(timer);
         }
-        let now = self.upkeep.moment();
+        let now = self.upkeep.timestamp();
         // News are counted from here on.
         let since = self.upkeep.maintainer.requested_since(now);
         let requested = self.upkeep.maintainer.requested(now);
@@ -365,7 +368,7 @@ impl DomainMaintainer {
 
     fn state(&self) -> BelievedState {
         let maintainer = &self.upkeep.maintainer;
-        let provenance = maintainer.provenance(self.upkeep.moment());
+        let provenance = maintainer.provenance(self.upkeep.timestamp());
         let known = provenance.into_iter().filter(|fact| fact.left_out.is_none()).map(|fact| {
             BelievedFact {
                 fact: fact.fact.to_string(),
@@ -381,7 +384,7 @@ impl DomainMaintainer {
             }
         });
         let mut facts: Vec<BelievedFact> = known.collect();
-        let mut derived = derived::derived_facts(&maintainer.snapshot(self.upkeep.moment()));
+        let mut derived = derived::derived_facts(&maintainer.snapshot(self.upkeep.timestamp()));
         // The facts of an agent that has left are already known to be unknown.
         derived.retain(|derived| facts.iter().all(|known| known.fact != derived.fact));
         facts.extend(derived);
@@ -389,7 +392,7 @@ impl DomainMaintainer {
     }
 }
 
-fn claim_content(claim: &capability::ClaimedBy) -> Claim {
+fn claim_content(claim: &capability::OwnerClaim) -> Claim {
     Claim {
         owner: claim.owner.to_string(),
         fact: claim.said.to_string(),
@@ -400,7 +403,7 @@ fn claim_content(claim: &capability::ClaimedBy) -> Claim {
 }
 
 /// Returns the longest remaining time of the claims of a fact; `None` if any of them has no limit.
-fn known_for(claims: &[capability::ClaimedBy]) -> Option<Deadline> {
+fn known_for(claims: &[capability::OwnerClaim]) -> Option<Deadline> {
     let left: Option<Vec<Duration>> = claims.iter().map(|claim| claim.left).collect();
     left?.into_iter().max().map(Deadline)
 }

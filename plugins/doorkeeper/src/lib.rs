@@ -16,8 +16,9 @@ use std::time::Duration;
 use acl::content::{Inform, Question, Withdrawal};
 use acl::{AgentId, Performative, Protocol, ReplyToken};
 use agent::{
-    Admissions, Admit, Agent, Answer, Applicant, Blueprint, BuildError, Callbacks, Context, Launch,
-    Opening, PluginEntry, Presence, StateFolder, Work,
+    AdmissionPolicy, Admissions, Agent, Applicant, Blueprint, BuildError, Callbacks, Context,
+    ExchangeEvent, ExchangeOpening, LaunchableAgent, PluginEntry, Presence, StateFolder,
+    WorkHandle,
 };
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
@@ -39,16 +40,16 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "doorkeeper",
     about: "asks a person whether agents that no file names may take part",
     drivers: &[],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let resources = &blueprint.host.resources;
     let admissions = resources.get::<Admissions>();
     let folder = resources.get::<StateFolder>();
     Ok(Box::new(Doorkeeper {
-        admissions: admissions.unwrap_or_else(|| Arc::new(Admissions::new(Admit::Ask))),
+        admissions: admissions.unwrap_or_else(|| Arc::new(Admissions::new(AdmissionPolicy::Ask))),
         file: folder.map(|folder| folder.0.join("admitted.json")),
         open_questions: BTreeMap::new(),
         last_question_id: 0,
@@ -66,7 +67,7 @@ struct Doorkeeper {
     last_question_id: u64,
     /// Whether a check for new applicants is scheduled.
     is_check_scheduled: bool,
-    admission_watch: Option<Work>,
+    admission_watch: Option<WorkHandle>,
 }
 
 struct AdmissionQuestion {
@@ -180,7 +181,7 @@ impl Doorkeeper {
     fn send_question(&mut self, id: u64, to: Option<AgentId>, ctx: &mut Context<Self>) {
         let Some(asking) = self.open_questions.get_mut(&id) else { return };
         let is_to_all = to.is_none();
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to,
             performative: Performative::QueryRef,
             protocol: Protocol::Query,
@@ -194,20 +195,26 @@ impl Doorkeeper {
         asking.exchanges.push(exchange);
     }
 
-    fn answered(&mut self, id: u64, answer: &Answer, is_of_all: bool, ctx: &mut Context<Self>) {
+    fn answered(
+        &mut self,
+        id: u64,
+        answer: &ExchangeEvent,
+        is_of_all: bool,
+        ctx: &mut Context<Self>,
+    ) {
         let (said, by) = match answer {
-            Answer::Message(message) if message.performative == Performative::Inform => {
+            ExchangeEvent::Message(message) if message.performative == Performative::Inform => {
                 match message.content_as::<Inform>() {
                     Ok(Inform::Answer(answer)) => (answer.text, &message.sender),
                     Ok(_) => return ctx.not_understood(message, "this does not answer a question"),
                     Err(error) => return ctx.not_understood(message, error.to_string()),
                 }
             }
-            Answer::Message(message) => {
+            ExchangeEvent::Message(message) => {
                 tracing::debug!(from = %message.sender, "declines; another may answer");
                 return;
             }
-            Answer::Silence | Answer::Undelivered(_) => {
+            ExchangeEvent::TimedOut | ExchangeEvent::Undelivered(_) => {
                 if is_of_all {
                     self.close_question(id, "no answer came in time".to_owned(), ctx);
                     self.schedule_check(REASK_DELAY, ctx);
@@ -238,7 +245,7 @@ impl Doorkeeper {
     ) -> Option<AdmissionQuestion> {
         let asking = self.open_questions.remove(&id)?;
         for exchange in &asking.exchanges {
-            ctx.withdraw(exchange, &Withdrawal { detail: detail.clone() });
+            ctx.cancel(exchange, &Withdrawal { detail: detail.clone() });
         }
         Some(asking)
     }

@@ -18,7 +18,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
     facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use serde::Deserialize;
 use tokio::time::Instant;
 
@@ -33,7 +33,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "ir-temperature-sensor",
     about: "reports the temperature wherever its mobile base stands",
     drivers: &["simulated"],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -66,7 +66,7 @@ pub struct IrMeasurement {
     pub at: Instant,
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { mounted_on, valid_for } = blueprint.config_as()?;
     let valid_for = valid_for
         .map(|text| {

@@ -19,8 +19,8 @@ use std::time::Duration;
 use acl::content::{Keeping, Outcome, Reason, Record, Refusal, Report, Request};
 use acl::{AgentId, Message, Performative};
 use agent::{
-    Agent, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, PluginEntry,
-    Presence, Resource, StateFolder, Work,
+    Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, Participation, PluginEntry,
+    Presence, Resource, ResourceQuery, StateFolder, WorkHandle,
 };
 
 use crate::records::Records;
@@ -43,11 +43,11 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "journal",
     about: "keeps goals, plans and outcomes for a standby that takes over",
     drivers: &[],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let resources = &blueprint.host.resources;
     let folder = resources.get::<StateFolder>();
     let path = folder.map(|folder| folder.0.join(format!("{}.redb", blueprint.id)));
@@ -78,17 +78,17 @@ struct Journal {
     records: Records,
     /// Records for the next write, with the exchange that waits for each. `None` for records from
     /// another Journal.
-    queued: Vec<(Option<Engagement>, Vec<Record>)>,
+    queued: Vec<(Option<Participation>, Vec<Record>)>,
     /// The running write, or the opening of the file.
-    work: Option<Work>,
-    fetching: Vec<(AgentId, Work)>,
+    work: Option<WorkHandle>,
+    fetching: Vec<(AgentId, WorkHandle)>,
     /// Whether the last write failed, so that other Journals may have newer records.
     has_missed_writes: bool,
 }
 
 enum DiskState {
     /// Opening; holds the requests that have arrived meanwhile.
-    Opening(Vec<(Option<Engagement>, Vec<Record>)>),
+    Opening(Vec<(Option<Participation>, Vec<Record>)>),
     Open(Arc<Store>),
     /// The file cannot be used, for this reason.
     Unusable(String),
@@ -111,12 +111,12 @@ impl Agent for Journal {
         }
     }
 
-    fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
+    fn answer_query(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
         let is_open = matches!(self.disk, DiskState::Open(_));
         (resource == Resource::Journal && is_open).then(|| self.records.to_json())?
     }
 
-    fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
+    fn drain(&mut self, _ctx: &mut Context<Self>) -> bool {
         self.work.is_none() && self.queued.is_empty()
     }
 }
@@ -124,7 +124,7 @@ impl Agent for Journal {
 impl Journal {
     fn open(&mut self, ctx: &mut Context<Self>) {
         let place = self.location.clone();
-        let opening = ctx.switchboard().machine().work(move || open_location(&place));
+        let opening = ctx.router().host_services().run_blocking(move || open_location(&place));
         self.work = Some(ctx.run(opening, |journal: &mut Self, opened, ctx| {
             journal.work = None;
             journal.opened(
@@ -149,7 +149,7 @@ impl Journal {
             }
             Err(error) => {
                 tracing::error!(agent = %ctx.id(), %error, "the journal keeps nothing");
-                ctx.switchboard().count_unkept();
+                ctx.router().count_not_persisted();
                 if error.is_transient() {
                     ctx.after(REOPEN_INTERVAL, |journal: &mut Self, ctx| journal.open(ctx));
                 }
@@ -167,7 +167,7 @@ impl Journal {
     }
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         match message.content_as::<Request>() {
             Ok(Request::Keep(Keeping { records })) => {
                 self.queue_records(Some(engagement), records, ctx)
@@ -180,7 +180,7 @@ impl Journal {
     /// Queues records for the next write.
     fn queue_records(
         &mut self,
-        asker: Option<Engagement>,
+        asker: Option<Participation>,
         records: Vec<Record>,
         ctx: &mut Context<Self>,
     ) {
@@ -219,8 +219,8 @@ impl Journal {
         let (store, written) = (Arc::clone(store), newer.clone());
         let surplus = self.records.keys_to_evict(newer.len());
         let gone = surplus.clone();
-        let machine = ctx.switchboard().machine();
-        let writing = machine.work(move || store.write(&written, &gone));
+        let machine = ctx.router().host_services();
+        let writing = machine.run_blocking(move || store.write(&written, &gone));
         self.work = Some(ctx.run(writing, move |journal: &mut Self, outcome, ctx| {
             journal.work = None;
             let outcome = outcome.unwrap_or_else(|error| Err(StoreError::Lost(error.to_string())));
@@ -231,7 +231,7 @@ impl Journal {
 
     fn written(
         &mut self,
-        waiting: Vec<(Option<Engagement>, Vec<Record>)>,
+        waiting: Vec<(Option<Participation>, Vec<Record>)>,
         newer: Vec<Record>,
         gone: &[String],
         outcome: Result<(), StoreError>,
@@ -243,7 +243,7 @@ impl Journal {
         }
         if let Err(error) = &outcome {
             tracing::error!(agent = %ctx.id(), %error, "records are not kept");
-            ctx.switchboard().count_unkept();
+            ctx.router().count_not_persisted();
         }
         let was_behind = std::mem::replace(&mut self.has_missed_writes, outcome.is_err());
         if was_behind && outcome.is_ok() {
@@ -266,12 +266,12 @@ impl Journal {
     /// Fetches all records of another Journal and takes those that are newer.
     fn fetch(&mut self, other: AgentId, ctx: &mut Context<Self>) {
         let Some(resident) = ctx.find(&other) else { return };
-        let ask = Ask {
+        let ask = ResourceQuery {
             daemon: Some(resident.daemon),
             resource: Resource::Journal,
             agent: Some(other.clone()),
         };
-        let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        let asked = ctx.router().ask(ask, ctx.settings().answer_deadline);
         let from = other.clone();
         let work = ctx.run(asked, move |journal: &mut Self, answers, ctx| {
             journal.fetching.retain(|(other, _)| *other != from);

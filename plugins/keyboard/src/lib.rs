@@ -22,8 +22,8 @@ use acl::content::{
 };
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
-    Agent, Answer, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
-    PluginEntry, Presence, Resource, Undelivered, Work,
+    Agent, Blueprint, BuildError, Callbacks, Context, DeliveryError, ExchangeEvent,
+    ExchangeOpening, LaunchableAgent, Participation, PluginEntry, Presence, Resource, WorkHandle,
 };
 use serde::Deserialize;
 use tokio::sync::mpsc;
@@ -54,7 +54,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "keyboard",
     about: "serves a person: sends goals, actions, changes and answers, shows reports",
     drivers: &[],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -91,17 +91,17 @@ pub struct Keyboard {
     startup_goals: Vec<GoalRequest>,
     questions: Questions,
     /// Actions in preparation: the domain is being fetched.
-    actions_in_preparation: BTreeMap<ConversationId, Work>,
+    actions_in_preparation: BTreeMap<ConversationId, WorkHandle>,
     /// Requested goals that have not ended.
     goals: BTreeMap<ConversationId, RequestedGoal>,
     /// Running actions, by conversation.
     running_actions: BTreeMap<ConversationId, ReplyToken>,
     user_requests: Option<mpsc::Receiver<UserRequest>>,
-    listening: Option<Work>,
+    listening: Option<WorkHandle>,
     user_events: Option<mpsc::Sender<UserEvent>>,
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { goals } = blueprint.config_as()?;
     Ok(Box::new(Keyboard { startup_goals: goals, ..Keyboard::without_terminal() }))
 }
@@ -166,14 +166,14 @@ impl Agent for Keyboard {
         }
     }
 
-    fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
+    fn answer_query(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
         if resource != Resource::Questions {
             return None;
         }
         serde_json::to_string(&self.questions.list(ctx.id(), ctx.now())).ok()
     }
 
-    fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
+    fn drain(&mut self, ctx: &mut Context<Self>) -> bool {
         while let Some((_, question)) = self.questions.take_first() {
             let detail = format!("`{}` was closed before an answer came", ctx.id());
             ctx.refuse(&question.engagement, Reason::Stopping, detail);
@@ -261,7 +261,7 @@ impl Keyboard {
             }
             return;
         }
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(to),
             performative: Performative::Request,
             protocol: Protocol::Goal,
@@ -278,7 +278,7 @@ impl Keyboard {
     /// about them: then no Journal had them.
     fn reopen_goals(&mut self, came: Instant, ctx: &mut Context<Self>) {
         for asked in self.goals.values().filter(|asked| asked.last_report_at < came) {
-            ctx.open_again(&asked.exchange);
+            ctx.reopen_with_leader(&asked.exchange);
         }
     }
 
@@ -306,7 +306,8 @@ impl Keyboard {
         let about = conversation.clone();
         let performative = Performative::Request;
         let content = value(request);
-        let opening = Opening { to: Some(to), performative, protocol, conversation, content };
+        let opening =
+            ExchangeOpening { to: Some(to), performative, protocol, conversation, content };
         (about, self.open(opening, patience, ctx))
     }
 
@@ -317,9 +318,9 @@ impl Keyboard {
         }
         let nothing = serde_json::Value::Null;
         if let Some(action) = self.running_actions.get(&conversation) {
-            return ctx.go_on(action, &self.plan_executor, Performative::Cancel, nothing);
+            return ctx.send_turn(action, &self.plan_executor, Performative::Cancel, nothing);
         }
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(self.plan_requester.clone()),
             performative: Performative::Cancel,
             protocol: Protocol::Goal,
@@ -366,7 +367,7 @@ impl Keyboard {
                 return self.emit(UserEvent::Refused(conversation, refusal));
             }
         };
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(self.plan_executor.clone()),
             performative: Performative::Request,
             protocol: Protocol::Execution,
@@ -386,15 +387,17 @@ impl Keyboard {
         let conversation = conversation.unwrap_or_else(|| ctx.new_conversation());
         self.emit(UserEvent::Sent(conversation.clone()));
         let about = conversation.clone();
-        let opening = Opening { to, performative, protocol, conversation, content };
+        let opening = ExchangeOpening { to, performative, protocol, conversation, content };
         ctx.open(opening, patience, move |keyboard: &mut Self, answer, _| {
             keyboard.emit(match answer {
-                Answer::Message(message) => UserEvent::Answered(message),
-                Answer::Silence => UserEvent::Unanswered(
+                ExchangeEvent::Message(message) => UserEvent::Answered(message),
+                ExchangeEvent::TimedOut => UserEvent::Unanswered(
                     about.clone(),
                     format!("no further answer within {patience:?}"),
                 ),
-                Answer::Undelivered(why) => UserEvent::Unanswered(about.clone(), why.to_string()),
+                ExchangeEvent::Undelivered(why) => {
+                    UserEvent::Unanswered(about.clone(), why.to_string())
+                }
             });
         });
     }
@@ -403,7 +406,7 @@ impl Keyboard {
 
     fn open(
         &mut self,
-        opening: Opening,
+        opening: ExchangeOpening,
         patience: Duration,
         ctx: &mut Context<Self>,
     ) -> ReplyToken {
@@ -411,7 +414,7 @@ impl Keyboard {
         let is_cancel = opening.performative == Performative::Cancel;
         ctx.open(opening, patience, move |keyboard: &mut Self, answer, ctx| match answer {
             // The goal goes on; it must not be requested again because its cancellation failed.
-            Answer::Undelivered(why) if is_cancel => {
+            ExchangeEvent::Undelivered(why) if is_cancel => {
                 let who = to.as_ref().map_or("everyone", AgentId::as_str);
                 let why = format!("`{who}` could not be reached to cancel it: {why}");
                 keyboard.emit(UserEvent::Unanswered(conversation.clone(), why));
@@ -424,20 +427,20 @@ impl Keyboard {
         &mut self,
         about: &ConversationId,
         who: Option<&AgentId>,
-        answer: Answer,
+        answer: ExchangeEvent,
         ctx: &mut Context<Self>,
     ) {
         let about = about.clone();
         let who = who.map(AgentId::as_str).unwrap_or("everyone");
         let heard = match answer {
-            Answer::Message(message) => match read(&message) {
+            ExchangeEvent::Message(message) => match read(&message) {
                 Ok(heard) => heard,
                 Err(error) => return ctx.not_understood(&message, error),
             },
-            Answer::Silence => {
+            ExchangeEvent::TimedOut => {
                 UserEvent::Unanswered(about, format!("`{who}` did not answer in time"))
             }
-            Answer::Undelivered(Undelivered::Left)
+            ExchangeEvent::Undelivered(DeliveryError::Left)
                 if let Some(asked) = self.goals.get_mut(&about)
                     && asked.departures < DEPARTURES_MAX =>
             {
@@ -445,7 +448,7 @@ impl Keyboard {
                 let until = ctx.now() + RETURN_TIMEOUT;
                 return self.request_on_return(about, until, ctx);
             }
-            Answer::Undelivered(why) => {
+            ExchangeEvent::Undelivered(why) => {
                 UserEvent::Unanswered(about, format!("`{who}` could not be reached: {why}"))
             }
         };
@@ -493,7 +496,7 @@ impl Keyboard {
             Ok(question) => question,
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let Some(number) = self.questions.next_number() else {
             let detail = "too many questions are open at this keyboard";
             return ctx.refuse(&engagement, Reason::Busy, detail);
@@ -529,7 +532,7 @@ impl Keyboard {
         else {
             return;
         };
-        ctx.forget(question.timer);
+        ctx.cancel_timer(question.timer);
         let why = message.content_as::<Withdrawal>().map(|withdrawal| withdrawal.detail);
         let why = why.unwrap_or_else(|_| "no reason is given".to_owned());
         self.emit(UserEvent::QuestionClosed(number, format!("withdrawn: {why}")));
@@ -555,7 +558,7 @@ impl Keyboard {
 
     /// Takes an answer from another keyboard.
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let answer = match message.content_as::<Request>() {
             Ok(Request::AnswerQuestion(answer)) => answer,
             Ok(_) => {
@@ -591,7 +594,7 @@ impl Keyboard {
             let detail = format!("`{}` has no open question {number}; open: {open}", ctx.id());
             return Err(Refusal::new(Reason::Unknown, detail));
         };
-        ctx.forget(question.timer);
+        ctx.cancel_timer(question.timer);
         let inform = Inform::Answer(said);
         ctx.answer(&question.engagement, Performative::Inform, &inform);
         let asker = &question.engagement.initiator;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use acl::content::OpenQuestion;
 use acl::{AgentId, Deadline, ReplyToken};
-use agent::{Engagement, TimerId};
+use agent::{Participation, TimerId};
 use tokio::time::Instant;
 
 /// Maximum number of open questions; further ones are refused. A person answers a few.
@@ -22,7 +22,7 @@ pub(crate) struct Questions {
 #[derive(Debug)]
 pub(crate) struct PendingQuestion {
     /// Exchange that the answer goes to.
-    pub(crate) engagement: Engagement,
+    pub(crate) engagement: Participation,
     /// Text of the question.
     pub(crate) text: String,
     /// Key that the answer is encrypted to; `None` if it travels in plain text.
@@ -43,7 +43,7 @@ impl Questions {
     /// Stores a question under [`Questions::next_number`]. Returns that number.
     pub(crate) fn store(
         &mut self,
-        engagement: Engagement,
+        engagement: Participation,
         asked: acl::content::Question,
         patience: Duration,
         timer: TimerId,

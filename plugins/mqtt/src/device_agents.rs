@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::PoisonError;
 
 use acl::AgentId;
-use agent::bringing::{Finding, NOWHERE};
-use agent::{Blueprint, Named};
+use agent::discovery::{FoundDevice, ROOM_UNKNOWN};
+use agent::{Blueprint, ConfiguredNames};
 
 use crate::Gateway;
 use crate::description::DescribedDevice;
@@ -19,7 +19,7 @@ const IDENTIFIER_CHARS: usize = 6;
 impl Gateway {
     /// Returns all agents that the described devices can become, without the devices that the config
     /// ignores.
-    pub(crate) fn census(&self) -> Vec<Finding<DevicePart>> {
+    pub(crate) fn census(&self) -> Vec<FoundDevice<DevicePart>> {
         let mut devices = self.home_assistant.devices();
         // Zigbee2MQTT describes its devices to Home Assistant too, under an identifier that contains their
         // address. Such a device is taken from Zigbee2MQTT only.
@@ -43,7 +43,7 @@ impl Gateway {
     /// file.
     fn is_taken(&self, name: &str) -> bool {
         let Blueprint { id, host, .. } = &self.blueprint;
-        let named = host.resources.get::<Named>();
+        let named = host.resources.get::<ConfiguredNames>();
         id.as_str() == name
             || host.places().any(|place| place == name)
             || host.ontology.constants.iter().any(|constant| constant.name == name)
@@ -57,10 +57,10 @@ impl Gateway {
         device: &DescribedDevice,
         name: &str,
         is_alone: bool,
-    ) -> Vec<Finding<DevicePart>> {
+    ) -> Vec<FoundDevice<DevicePart>> {
         let DividedDevice { parts, problem } = DividedDevice::of(device, &self.classes);
         let room = self.room(device);
-        let finding = |agent: AgentId, part: Result<DevicePart, String>| Finding {
+        let finding = |agent: AgentId, part: Result<DevicePart, String>| FoundDevice {
             agent,
             is_named: is_listed(&self.config.devices, device),
             room: room.clone().ok(),
@@ -104,7 +104,7 @@ impl Gateway {
         }
         let begins = self.rooms.values().filter(|room| begins_with(&device.name, room));
         let room = begins.max_by_key(|room| core(room).len());
-        room.cloned().ok_or_else(|| NOWHERE.to_owned())
+        room.cloned().ok_or_else(|| ROOM_UNKNOWN.to_owned())
     }
 
     /// Returns the lines of configuration that would let the device take part.

@@ -40,10 +40,10 @@ use std::time::Duration;
 
 use acl::AgentId;
 use actuator::Actuator;
-use agent::bringing::Finding;
+use agent::discovery::FoundDevice;
 use agent::{
-    Agent, Blueprint, Bringing, Brings, BuildError, Callbacks, Context, Launch, PluginEntry, Work,
-    bringing,
+    Agent, Blueprint, BuildError, Callbacks, Context, DiscoveredAgents, DiscoversAgents,
+    LaunchableAgent, PluginEntry, WorkHandle, discovery,
 };
 use mqtt_link::{Broker, BrokerConnection, Inbox};
 use serde::Deserialize;
@@ -60,7 +60,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "mqtt",
     about: "a gateway to an MQTT broker: its devices appear as agents by themselves",
     drivers: &[],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -126,7 +126,7 @@ fn tasmota() -> String {
     "tasmota/discovery".to_owned()
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let mut config: Config = blueprint.config_as()?;
     let (user, password_file) = (config.user.take(), config.password_file.take());
     let broker = Broker::new(config.broker.as_deref(), user, password_file, config.ca.take());
@@ -141,7 +141,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     }
     let rooms = blueprint.host.places().map(|name| (core(name), name.to_owned())).collect();
     Ok(Box::new(Gateway {
-        bringing: Bringing::new(&blueprint.host, AGENTS_MAX),
+        bringing: DiscoveredAgents::new(&blueprint.host, AGENTS_MAX),
         blueprint,
         config,
         broker,
@@ -173,15 +173,15 @@ struct Gateway {
     home_assistant: home_assistant::HomeAssistantDiscovery,
     tasmota: tasmota::TasmotaDiscovery,
     shelly: shelly::ShellyDiscovery,
-    bringing: Bringing<DevicePart>,
+    bringing: DiscoveredAgents<DevicePart>,
     /// The names of devices.
     given: Mutex<device_agents::AssignedNames>,
     /// The task of each subscription, by its number.
-    subscriptions: BTreeMap<usize, Work>,
+    subscriptions: BTreeMap<usize, WorkHandle>,
     /// The task that asks devices at each connection to describe themselves.
-    birth: Option<Work>,
+    birth: Option<WorkHandle>,
     /// The task that watches the connection to the broker.
-    following: Option<Work>,
+    following: Option<WorkHandle>,
 }
 
 impl Agent for Gateway {
@@ -212,27 +212,31 @@ impl Agent for Gateway {
         }
         self.follow(connection.problem(), ctx);
         self.connection = Some(connection);
-        bringing::begin(self, ctx);
+        discovery::follow_admissions(self, ctx);
     }
 }
 
-impl Brings for Gateway {
+impl DiscoversAgents for Gateway {
     type Part = DevicePart;
 
-    fn bringing(&mut self) -> &mut Bringing<DevicePart> {
+    fn discovered_agents(&mut self) -> &mut DiscoveredAgents<DevicePart> {
         &mut self.bringing
     }
 
-    fn found(&self) -> Vec<Finding<DevicePart>> {
+    fn found_devices(&self) -> Vec<FoundDevice<DevicePart>> {
         self.census()
     }
 
-    fn trouble(&self) -> Option<String> {
+    fn discovery_problem(&self) -> Option<String> {
         let problem = self.connection.as_ref()?.problem().borrow().clone()?;
         Some(format!("the broker {} is not reached: {problem}", self.broker))
     }
 
-    fn build(&self, agent: &AgentId, part: &DevicePart) -> Result<Box<dyn Launch>, BuildError> {
+    fn build(
+        &self,
+        agent: &AgentId,
+        part: &DevicePart,
+    ) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         let (id, host) = (agent.clone(), Arc::clone(&self.blueprint.host));
         let connection = self.connection.as_ref().expect("there is one since it was activated");
         let device = MqttDevice::new(part.clone(), Arc::clone(&host.ontology), connection);
@@ -248,7 +252,7 @@ impl Gateway {
         let next = async move { trouble.changed().await.is_ok().then_some(trouble) };
         let work = ctx.run(next, |gateway: &mut Self, trouble, ctx| {
             let Some(trouble) = trouble else { return };
-            bringing::settle_soon(gateway, ctx);
+            discovery::schedule_reconcile(gateway, ctx);
             gateway.follow(trouble, ctx);
         });
         self.following = Some(work);
@@ -262,7 +266,7 @@ impl Gateway {
                 is_news |= gateway.handle_message(&topic, &text);
             }
             if is_news {
-                bringing::settle_soon(gateway, ctx);
+                discovery::schedule_reconcile(gateway, ctx);
             }
             gateway.subscribe(number, inbox, ctx);
         });

@@ -20,8 +20,8 @@ use std::collections::BTreeMap;
 use acl::content::{Act, ActionToken, Execute, Outcome, Reason, Refusal, Report, Request, value};
 use acl::{AgentId, Incarnation, Message, Performative, Protocol, ReplyToken};
 use agent::{
-    Agent, Answer, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
-    PluginEntry, Presence, Resident, TimerId, Work,
+    Agent, Blueprint, BuildError, Callbacks, Context, ExchangeEvent, ExchangeOpening,
+    LaunchableAgent, Participation, PluginEntry, Presence, Resident, TimerId, WorkHandle,
 };
 use serde::Deserialize;
 
@@ -38,7 +38,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "plan-executor",
     about: "carries plans out, step by step, and watches them",
     drivers: &[],
-    stands_by: true,
+    has_replicas: true,
     build,
 };
 
@@ -58,7 +58,7 @@ impl Default for Config {
     }
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { domain_maintainer } = blueprint.config_as()?;
     let (words, running, ended) =
         (LastHeartbeats::default(), BTreeMap::new(), FinishedPlans::default());
@@ -101,7 +101,7 @@ struct RunningPlan {
     grace_timer: Option<TimerId>,
     /// Whether the grace was used since the last check that succeeded.
     grace_used: bool,
-    state_query: Option<Work>,
+    state_query: Option<WorkHandle>,
     /// 1 if the last check failed, otherwise 0. A failed check is repeated before the plan is given up:
     /// news may still be on their way.
     retries: u32,
@@ -131,7 +131,7 @@ impl Agent for PlanExecutor {
             .on_broadcast(Performative::Inform, Self::informed)
     }
 
-    fn leads(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
+    fn leadership_changed(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
         if !is_leading {
             self.abandon_all(ctx);
         }
@@ -147,13 +147,13 @@ impl Agent for PlanExecutor {
                 self.departure_timer
                     .replace(borne)
                     .into_iter()
-                    .for_each(|former| ctx.forget(former));
+                    .for_each(|former| ctx.cancel_timer(former));
             }
             Presence::Joined(resident) => self.repeat_requests(resident, ctx),
         }
     }
 
-    fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
+    fn drain(&mut self, ctx: &mut Context<Self>) -> bool {
         let is_other = |resident: &Resident| resident.incarnation != ctx.incarnation();
         if ctx.directory().all(ctx.id()).iter().any(is_other) {
             // The standby continues the running plans.
@@ -172,7 +172,7 @@ impl PlanExecutor {
     // === requests ===
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let execute = match message.content_as::<Request>() {
             Ok(Request::Execute(execute)) => execute,
             Ok(Request::CallOff(plan)) => return self.called_off(&engagement, plan, ctx),
@@ -198,7 +198,7 @@ impl PlanExecutor {
 
     fn begin(
         &mut self,
-        engagement: Engagement,
+        engagement: Participation,
         execution: Execution,
         (plan, asked): (PlanId, Box<Execute>),
         ctx: &mut Context<Self>,
@@ -280,7 +280,7 @@ impl PlanExecutor {
             },
         };
         tracing::info!(%conversation, action = act.action, agent = %order.agent, "dispatches");
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(order.agent.clone()),
             performative: Performative::Request,
             protocol: Protocol::Action,
@@ -305,7 +305,7 @@ impl PlanExecutor {
         token: &ReplyToken,
         step: usize,
         timeout: std::time::Duration,
-        answer: Answer,
+        answer: ExchangeEvent,
         ctx: &mut Context<Self>,
     ) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
@@ -314,12 +314,12 @@ impl PlanExecutor {
             return;
         };
         let message = match answer {
-            Answer::Message(message) => message,
-            Answer::Silence => {
+            ExchangeEvent::Message(message) => message,
+            ExchangeEvent::TimedOut => {
                 let problem = format!("`{agent}` did not answer in time");
                 return self.failed(token, step, problem, ctx);
             }
-            Answer::Undelivered(why) => {
+            ExchangeEvent::Undelivered(why) => {
                 let problem = format!("`{agent}` could not be reached: {why}");
                 return self.failed(token, step, problem, ctx);
             }
@@ -444,7 +444,7 @@ impl PlanExecutor {
     ) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         running.unconfirmed_changes += 1;
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(self.domain_maintainer.clone()),
             performative: Performative::Request,
             protocol: Protocol::StateChange,
@@ -508,7 +508,7 @@ impl PlanExecutor {
             running.final_report = Some(report);
             let patience = ctx.settings().answer_deadline;
             running.running_steps.retain(|_, RunningStep { exchange, agent, .. }| {
-                ctx.go_on(exchange, agent, Performative::Cancel, serde_json::Value::Null);
+                ctx.send_turn(exchange, agent, Performative::Cancel, serde_json::Value::Null);
                 let is_here = ctx.find(agent).is_some();
                 if is_here {
                     ctx.extend(exchange, patience);
@@ -534,7 +534,7 @@ impl PlanExecutor {
             .into_iter()
             .flatten()
         {
-            ctx.forget(timer);
+            ctx.cancel_timer(timer);
         }
         tracing::info!(conversation = %running.plan.conversation, outcome = %report.outcome,
             detail = report.detail, "ends");

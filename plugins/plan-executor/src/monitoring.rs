@@ -87,7 +87,7 @@ impl PlanExecutor {
             return;
         }
         let timers = [running.check_timer.take(), running.grace_timer.take()];
-        timers.into_iter().flatten().for_each(|timer| ctx.forget(timer));
+        timers.into_iter().flatten().for_each(|timer| ctx.cancel_timer(timer));
         if is_gone {
             running.state_query = None;
         }

@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 
 use acl::content::{CallOff, Cancelling, Execute, Outcome, Reason, Refusal, Report, value};
 use acl::{ConversationId, Performative, ReplyToken};
-use agent::{Context, Engagement, Resident};
+use agent::{Context, Participation, Resident};
 
 use crate::{PlanExecutor, RunningStep};
 
@@ -40,7 +40,7 @@ const SUBSCRIBERS_MAX: usize = 8;
 
 /// Exchanges in which a plan was requested, the latest last.
 #[derive(Clone, Debug)]
-pub(crate) struct Subscribers(Vec<Engagement>);
+pub(crate) struct Subscribers(Vec<Participation>);
 
 /// Outcomes of the plans that ended last.
 #[derive(Debug, Default)]
@@ -62,19 +62,19 @@ impl PlanId {
 // === impl Askers ===
 
 impl Subscribers {
-    pub(crate) fn new(first: Engagement) -> Subscribers {
+    pub(crate) fn new(first: Participation) -> Subscribers {
         Subscribers(vec![first])
     }
 
     /// Adds a requester. A requester that asks twice gets each report twice: its requests may come in
     /// any order, so the exchange in which it still listens is not known. If the list is full, drops a
     /// requester that is not the leader.
-    fn add(&mut self, asker: &Engagement, ctx: &Context<PlanExecutor>) {
+    fn add(&mut self, asker: &Participation, ctx: &Context<PlanExecutor>) {
         if self.has(Some(&asker.exchange)) {
             return;
         }
         if self.0.len() >= SUBSCRIBERS_MAX {
-            let acts = |asker: &Engagement| {
+            let acts = |asker: &Participation| {
                 ctx.find(&asker.initiator).map(|resident| resident.incarnation) == asker.life
             };
             self.0.remove(self.0.iter().position(|asker| !acts(asker)).unwrap_or(0));
@@ -113,7 +113,7 @@ impl PlanExecutor {
     /// the same goal of the same term; a running plan of another term goes on.
     pub(crate) fn answer_if_known(
         &mut self,
-        engagement: &Engagement,
+        engagement: &Participation,
         plan: &PlanId,
         ctx: &mut Context<Self>,
     ) -> bool {
@@ -155,7 +155,7 @@ impl PlanExecutor {
     /// request for it may still be on its way.
     pub(crate) fn called_off(
         &mut self,
-        engagement: &Engagement,
+        engagement: &Participation,
         plan: CallOff,
         ctx: &mut Context<Self>,
     ) {
@@ -180,7 +180,7 @@ impl PlanExecutor {
     fn refuse_with_running(
         &mut self,
         token: &ReplyToken,
-        engagement: &Engagement,
+        engagement: &Participation,
         ctx: &mut Context<Self>,
     ) {
         let Some(running) = self.running_plans.get(token) else { return };
@@ -196,7 +196,7 @@ impl PlanExecutor {
     fn add_subscriber(
         &mut self,
         token: &ReplyToken,
-        engagement: &Engagement,
+        engagement: &Participation,
         ctx: &mut Context<Self>,
     ) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
@@ -222,7 +222,7 @@ impl PlanExecutor {
                     && acting.agent_incarnation != life
                 {
                     acting.agent_incarnation = life;
-                    ctx.open_again(&acting.exchange);
+                    ctx.reopen_with_leader(&acting.exchange);
                 }
             }
         }
@@ -235,11 +235,11 @@ impl PlanExecutor {
         let cancelling = value(&Cancelling { unless_followed: true });
         for (_, running) in std::mem::take(&mut self.running_plans) {
             for RunningStep { exchange, agent, .. } in running.running_steps.values() {
-                ctx.go_on(exchange, agent, Performative::Cancel, cancelling.clone());
+                ctx.send_turn(exchange, agent, Performative::Cancel, cancelling.clone());
                 ctx.close(exchange);
             }
             let timers = [running.check_timer, running.grace_timer, running.verification_timer];
-            timers.into_iter().flatten().for_each(|timer| ctx.forget(timer));
+            timers.into_iter().flatten().for_each(|timer| ctx.cancel_timer(timer));
         }
     }
 }

@@ -13,7 +13,7 @@ use acl::content::{
     Bid, CallForProposals, Choice, Outcome, Proposal, Reason, Refusal, Report, value,
 };
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
-use agent::{Answer, Context, Opening, TimerId};
+use agent::{Context, ExchangeEvent, ExchangeOpening, TimerId};
 use pddl::{Condition, Plan};
 use planner::Cancel;
 use planner::explain::Explanation;
@@ -103,8 +103,8 @@ impl ContractNetState {
     /// Accepts the chosen proposals, rejects all others with the reason `why`, and closes the
     /// exchanges.
     fn award(self, chosen: Option<&Selection>, why: &str, ctx: &mut Context<PlanRequester>) {
-        ctx.forget(self.timer);
-        ctx.forget(self.reminder);
+        ctx.cancel_timer(self.timer);
+        ctx.cancel_timer(self.reminder);
         let mut judged = BTreeSet::new();
         for (agent, covers, token) in &self.made_in {
             let is_chosen = chosen.is_some_and(|selection| {
@@ -116,7 +116,7 @@ impl ContractNetState {
             if is_chosen {
                 let detail = "this proposal is in the cheapest set of proposals".to_owned();
                 let choice = value(&Choice { covers: covers.clone(), detail });
-                ctx.go_on(token, agent, Performative::AcceptProposal, choice);
+                ctx.send_turn(token, agent, Performative::AcceptProposal, choice);
                 judged.insert((agent.clone(), token.clone()));
             }
         }
@@ -129,9 +129,9 @@ impl ContractNetState {
         for (token, agents) in rejected {
             let choice = value(&Choice { covers: Vec::new(), detail: why.to_owned() });
             match agents.as_slice() {
-                [agent] => ctx.go_on(token, agent, Performative::RejectProposal, choice),
+                [agent] => ctx.send_turn(token, agent, Performative::RejectProposal, choice),
                 // A rejection has no receiver-specific content: one multicast is enough.
-                _ => ctx.go_on_with(token, agents, Performative::RejectProposal, choice),
+                _ => ctx.multicast_turn(token, agents, Performative::RejectProposal, choice),
             }
         }
         for token in &self.tokens {
@@ -193,7 +193,7 @@ impl PlanRequester {
         content: CallForProposals,
         ctx: &mut Context<Self>,
     ) -> ReplyToken {
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to,
             performative: Performative::Cfp,
             protocol: Protocol::ContractNet,
@@ -204,7 +204,7 @@ impl PlanRequester {
         let patience = ctx.settings().proposals_deadline * 3;
         let called = id.clone();
         ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
-            if let Answer::Message(message) = answer {
+            if let ExchangeEvent::Message(message) = answer {
                 requester.bidder_answered(&called, *message, ctx);
             }
         })
@@ -228,7 +228,7 @@ impl PlanRequester {
         ctx.after(after, move |requester: &mut Self, ctx| {
             let Some(call) = requester.calling(&called) else { return };
             for (agent, token) in &call.awaited {
-                ctx.remind(token, agent);
+                ctx.resend_cfp(token, agent);
             }
             let next = requester.reminder(&called, after * 2, ctx);
             if let Some(call) = requester.calling(&called) {
@@ -298,8 +298,8 @@ impl PlanRequester {
 
     fn close_round(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(call) = self.calling(id) else { return };
-        ctx.forget(call.timer);
-        ctx.forget(call.reminder);
+        ctx.cancel_timer(call.timer);
+        ctx.cancel_timer(call.reminder);
         let silent: Vec<_> = call.awaited.keys().map(ToString::to_string).collect();
         if !silent.is_empty() {
             tracing::info!(conversation = %id, silent = silent.join(", "),

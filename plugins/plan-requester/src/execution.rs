@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use acl::content::{Execute, Keep, Outcome, Refusal, Report, Request, value};
 use acl::{AgentId, ConversationId, Performative, Protocol};
-use agent::{Answer, Context, Opening, Undelivered};
+use agent::{Context, DeliveryError, ExchangeEvent, ExchangeOpening};
 use pddl::Plan;
 
 use crate::PlanRequester;
@@ -63,7 +63,7 @@ impl PlanRequester {
         // No step takes longer than the longest method and two answers. Each progress report restarts
         // this time.
         let patience = timeouts.max().unwrap_or_default() + ctx.settings().answer_deadline * 3;
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(self.config.plan_executor.clone()),
             performative: Performative::Request,
             protocol: Protocol::Execution,
@@ -84,7 +84,7 @@ impl PlanRequester {
         &mut self,
         id: &ConversationId,
         patience: Duration,
-        answer: Answer,
+        answer: ExchangeEvent,
         ctx: &mut Context<Self>,
     ) {
         let Some(goal) = self.goals.get_mut(id) else { return };
@@ -96,7 +96,7 @@ impl PlanRequester {
         };
         let token = token.clone();
         let is_executing = matches!(goal.phase, GoalPhase::Executing(_));
-        if is_executing && matches!(answer, Answer::Undelivered(Undelivered::Restarted)) {
+        if is_executing && matches!(answer, ExchangeEvent::Undelivered(DeliveryError::Restarted)) {
             // The executor may have lost the plan, or another executor leads now: asks for the same
             // plan again.
             return self.ask_executor(id, ctx);
@@ -199,8 +199,10 @@ impl PlanRequester {
 
 /// Returns the plan that runs instead, if the executor refused for that reason; otherwise returns
 /// `answer`.
-pub(crate) fn running_plan_of_refusal(answer: Answer) -> Result<Box<Execute>, Answer> {
-    let Answer::Message(message) = &answer else { return Err(answer) };
+pub(crate) fn running_plan_of_refusal(
+    answer: ExchangeEvent,
+) -> Result<Box<Execute>, ExchangeEvent> {
+    let ExchangeEvent::Message(message) = &answer else { return Err(answer) };
     if message.performative != Performative::Refuse {
         return Err(answer);
     }
@@ -210,13 +212,13 @@ pub(crate) fn running_plan_of_refusal(answer: Answer) -> Result<Box<Execute>, An
 
 /// Reads the Plan Executor's report. If there is none, returns the reason and how long to wait before
 /// the next try.
-fn read(answer: Answer) -> Result<Report, (String, Duration)> {
+fn read(answer: ExchangeEvent) -> Result<Report, (String, Duration)> {
     let message = match answer {
-        Answer::Message(message) => message,
-        Answer::Silence => {
+        ExchangeEvent::Message(message) => message,
+        ExchangeEvent::TimedOut => {
             return Err(("the Plan Executor stopped answering".to_owned(), crate::ASK_AGAIN));
         }
-        Answer::Undelivered(why) => {
+        ExchangeEvent::Undelivered(why) => {
             let why = format!("the Plan Executor could not be reached: {why}");
             return Err((why, crate::ASK_AGAIN));
         }

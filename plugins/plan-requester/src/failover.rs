@@ -16,8 +16,8 @@ use acl::content::{
     Achieve, Execute, HistoryEntry, Outcome, Partition, Record, Report, Version, value,
 };
 use acl::{ConversationId, Incarnation, Performative};
-use agent::keeping::{self, Keeper, Keeps, Kept};
-use agent::{Context, Engagement, Resident};
+use agent::replication::{self, JournalClient, ReplicatesRecords, ReplicationOutcome};
+use agent::{Context, Participation, Resident};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -30,7 +30,7 @@ const PLAN: &str = "plan/";
 /// Replicated record of a goal.
 #[derive(Debug, Serialize, Deserialize)]
 struct GoalRecord {
-    engagement: Engagement,
+    engagement: Participation,
     /// Incarnation of the initiator that asked for the goal.
     life: Incarnation,
     asked: Achieve,
@@ -58,12 +58,12 @@ struct RunningPlanId {
     done: Vec<u32>,
 }
 
-impl Keeps for PlanRequester {
-    fn keeper(&mut self) -> &mut Keeper<Self> {
+impl ReplicatesRecords for PlanRequester {
+    fn journal_client(&mut self) -> &mut JournalClient<Self> {
         &mut self.keeper
     }
 
-    fn recalled(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
+    fn records_restored(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
         let (goals, others): (Vec<_>, Vec<_>) =
             records.into_iter().partition(|record| record.key.starts_with(GOAL));
         let mut plans: BTreeMap<String, Execute> = BTreeMap::new();
@@ -109,11 +109,11 @@ impl PlanRequester {
         }
         let Some(record) = self.record(id) else { return };
         let accepted = id.clone();
-        keeping::keep(self, &[record], ctx, move |requester: &mut Self, kept, ctx| {
+        replication::replicate(self, &[record], ctx, move |requester: &mut Self, kept, ctx| {
             let listed = requester.keeper.journals().len();
             let detail = acceptance(&kept, listed);
-            if kept.by.is_empty() {
-                tracing::warn!(conversation = %accepted, refusals = ?kept.not_by, detail, "goal");
+            if kept.stored_by.is_empty() {
+                tracing::warn!(conversation = %accepted, refusals = ?kept.failed_by, detail, "goal");
             }
             requester.send_report(&accepted, Report::new(Outcome::Progress, detail), ctx);
         });
@@ -149,7 +149,7 @@ impl PlanRequester {
         let record =
             if self.goals.contains_key(id) { self.record(id) } else { self.ended.record(id) };
         let Some(record) = record else { return then(ctx) };
-        keeping::keep(self, &[record], ctx, move |_, _, ctx| then(ctx));
+        replication::replicate(self, &[record], ctx, move |_, _, ctx| then(ctx));
     }
 
     /// Sends all records again. Called when a Journal joins, which may have missed any of them.
@@ -235,7 +235,7 @@ impl PlanRequester {
     }
 
     fn send(&mut self, records: &[Record], ctx: &mut Context<Self>) {
-        keeping::keep_on(self, records, ctx);
+        replication::replicate_detached(self, records, ctx);
     }
 
     // === resuming ===
@@ -322,7 +322,7 @@ impl PlanRequester {
 
     /// Returns the exchange in which the same incarnation of the initiator has asked this replica;
     /// `None` if it has not.
-    fn local_exchange(&self, elsewhere: &Engagement) -> Option<Engagement> {
+    fn local_exchange(&self, elsewhere: &Participation) -> Option<Participation> {
         let engagement = &self.goals.get(&elsewhere.conversation)?.engagement;
         (engagement.life == elsewhere.life).then(|| engagement.clone())
     }
@@ -432,7 +432,7 @@ impl PlanRequester {
         let Some(goal) = self.goals.get_mut(id) else { return };
         if let GoalPhase::Executing(token) = &goal.phase {
             let executor = &self.config.plan_executor;
-            ctx.go_on(token, executor, Performative::Cancel, Value::Null);
+            ctx.send_turn(token, executor, Performative::Cancel, Value::Null);
             ctx.extend(token, ctx.settings().answer_deadline * 2);
             // The exchange stays open until the executor has received the `cancel`.
             goal.phase = GoalPhase::Queued;
@@ -443,7 +443,7 @@ impl PlanRequester {
     fn drop_goal(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.remove(id) else { return };
         if let Some(timer) = goal.timer {
-            ctx.forget(timer);
+            ctx.cancel_timer(timer);
         }
         match goal.phase {
             GoalPhase::Planning(token)
@@ -586,8 +586,8 @@ fn record_of(goal: &Goal) -> GoalRecord {
 }
 
 /// Text that tells the initiator which Journals have its new goal.
-fn acceptance(kept: &Kept, listed: usize) -> String {
-    let mut names: Vec<_> = kept.by.iter().map(|journal| format!("`{journal}`")).collect();
+fn acceptance(kept: &ReplicationOutcome, listed: usize) -> String {
+    let mut names: Vec<_> = kept.stored_by.iter().map(|journal| format!("`{journal}`")).collect();
     names.sort();
     match names.as_slice() {
         [] => format!("accepted, but kept nowhere: none of {listed} Journals has it"),

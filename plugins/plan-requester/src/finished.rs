@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use acl::ConversationId;
 use acl::content::{Record, Report, Version};
-use agent::{Engagement, Resident};
+use agent::{Participation, Resident};
 
 use crate::failover::conversation_of;
 
@@ -26,9 +26,9 @@ pub(crate) struct FinishedGoals {
     known: VecDeque<(ConversationId, Version, Report)>,
     /// Final records of the goals that this replica ended itself.
     own: VecDeque<Record>,
-    sent: VecDeque<(Engagement, Report)>,
+    sent: VecDeque<(Participation, Report)>,
     /// Outcomes that could not be sent yet, because too many messages are under way.
-    unsent: VecDeque<(Engagement, Report)>,
+    unsent: VecDeque<(Participation, Report)>,
 }
 
 impl FinishedGoals {
@@ -76,7 +76,7 @@ impl FinishedGoals {
     }
 
     /// Stores an outcome that was sent to the initiator. Whether it arrived is not known.
-    pub(crate) fn store_sent(&mut self, engagement: Engagement, report: Report) {
+    pub(crate) fn store_sent(&mut self, engagement: Participation, report: Report) {
         self.sent.retain(|(other, _)| other.exchange != engagement.exchange);
         if self.sent.len() >= TOLD_MAX {
             self.sent.pop_front();
@@ -86,7 +86,7 @@ impl FinishedGoals {
 
     /// Queues an outcome that could not be sent. The queue has a bound: each entry counts towards the
     /// goals that are accepted at a time.
-    pub(crate) fn queue_unsent(&mut self, engagement: Engagement, report: Report) {
+    pub(crate) fn queue_unsent(&mut self, engagement: Participation, report: Report) {
         self.unsent.push_back((engagement, report));
     }
 
@@ -98,7 +98,7 @@ impl FinishedGoals {
     }
 
     /// Removes and returns the oldest outcome that could not be sent; `None` if there is none.
-    pub(crate) fn pop_unsent(&mut self) -> Option<(Engagement, Report)> {
+    pub(crate) fn pop_unsent(&mut self) -> Option<(Participation, Report)> {
         self.unsent.pop_front()
     }
 
@@ -108,16 +108,16 @@ impl FinishedGoals {
     }
 
     /// Returns the outcome of the goal that `engagement` asks for once more; `None` if it is unknown.
-    pub(crate) fn of(&self, engagement: &Engagement) -> Option<&Report> {
-        let is_it = |other: &Engagement| {
+    pub(crate) fn of(&self, engagement: &Participation) -> Option<&Report> {
+        let is_it = |other: &Participation| {
             other.conversation == engagement.conversation && other.initiator == engagement.initiator
         };
         self.sent.iter().find(|(other, _)| is_it(other)).map(|(_, report)| report)
     }
 
     /// Returns the outcomes that an agent which has just joined may not have received.
-    pub(crate) fn of_asker(&self, asker: &Resident) -> Vec<(Engagement, Report)> {
-        let is_its = |engagement: &Engagement| {
+    pub(crate) fn of_asker(&self, asker: &Resident) -> Vec<(Participation, Report)> {
+        let is_its = |engagement: &Participation| {
             engagement.initiator == asker.agent
                 && engagement.life.is_none_or(|life| life == asker.incarnation)
         };

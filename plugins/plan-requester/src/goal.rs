@@ -8,7 +8,7 @@ use acl::content::{
     Version,
 };
 use acl::{AgentId, ConversationId, Incarnation, ReplyToken};
-use agent::{Engagement, TimerId, Work};
+use agent::{Participation, TimerId, WorkHandle};
 use pddl::{Condition, PlanStep};
 use tokio::time::Instant;
 
@@ -38,7 +38,7 @@ pub(crate) const FAILURES_MAX: u32 = 12;
 
 /// One goal.
 pub(crate) struct Goal {
-    pub(crate) engagement: Engagement,
+    pub(crate) engagement: Participation,
     /// Incarnation of the initiator that asked for this goal.
     pub(crate) initiator_incarnation: Incarnation,
     pub(crate) text: String,
@@ -108,7 +108,9 @@ pub(crate) enum GoalPhase {
     /// The goal waits for a capability, or for the state to change.
     WaitingForChange(String),
     /// The state and the domain are being fetched.
-    FetchingDomain(#[expect(dead_code, reason = "ends the question when it is dropped")] Work),
+    FetchingDomain(
+        #[expect(dead_code, reason = "ends the question when it is dropped")] WorkHandle,
+    ),
     /// The central planner is asked.
     Planning(ReplyToken),
     /// Proposals are called for.
@@ -122,7 +124,7 @@ pub(crate) enum GoalPhase {
     /// The executor was asked to cancel the plan, because another goal or a better plan comes first.
     Preempted(ReplyToken),
     /// The plan was carried out; whether the goal holds is being checked.
-    Verifying(Option<Work>),
+    Verifying(Option<WorkHandle>),
     /// The goal holds and is watched.
     Holding,
 }
@@ -169,7 +171,7 @@ impl GoalPhase {
 
 impl Goal {
     pub(crate) fn new(
-        engagement: Engagement,
+        engagement: Participation,
         life: Incarnation,
         asked: Achieve,
         condition: Condition,
@@ -343,7 +345,7 @@ impl Goal {
     }
 
     /// Whether `asked` repeats this goal, because its initiator did not learn that it was received.
-    pub(crate) fn is_asked_again(&self, by: &Engagement, asked: &Achieve) -> bool {
+    pub(crate) fn is_asked_again(&self, by: &Participation, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
         is_same && self.engagement.initiator == by.initiator
     }
@@ -375,7 +377,7 @@ mod tests {
     use super::*;
 
     fn goal(keep: Keep) -> Goal {
-        let engagement = Engagement {
+        let engagement = Participation {
             initiator: AgentId::new("ann").expect("a name"),
             life: None,
             exchange: ReplyToken::new("e"),

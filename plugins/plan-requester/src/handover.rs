@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use acl::content::{Keeping, Outcome, Record, Report, Request, value};
 use acl::{Message, Performative, Protocol};
-use agent::keeping::Keeps as _;
-use agent::{Answer, Context, Engagement, Opening};
+use agent::replication::ReplicatesRecords as _;
+use agent::{Context, ExchangeEvent, ExchangeOpening, Participation};
 
 use crate::PlanRequester;
 use crate::failover::conversation_of;
@@ -34,7 +34,7 @@ impl PlanRequester {
             // The new leader is not known here yet.
             return retry_handover(records, times, ctx);
         }
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(ctx.id().clone()),
             performative: Performative::Request,
             protocol: Protocol::StateChange,
@@ -46,7 +46,11 @@ impl PlanRequester {
         ctx.open(opening, patience, move |_: &mut Self, answer, ctx| {
             let Some(records) = records.take() else { return };
             match answer {
-                Answer::Message(message) if message.performative == Performative::Confirm => (),
+                ExchangeEvent::Message(message)
+                    if message.performative == Performative::Confirm =>
+                {
+                    ()
+                }
                 _ => retry_handover(records, times, ctx),
             }
         });
@@ -64,7 +68,7 @@ impl PlanRequester {
             // sender tries again.
             return;
         }
-        let engagement = Engagement::of(message);
+        let engagement = Participation::of(message);
         self.adopt_records(records, ctx);
         let report = Report::new(Outcome::Done, "taken over");
         ctx.answer(&engagement, Performative::Confirm, &report);
@@ -72,12 +76,12 @@ impl PlanRequester {
 
     fn adopt_records(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
         let life = ctx.incarnation();
-        self.keeper.learn(life, &records);
+        self.keeper.advance_term_past(life, &records);
         let handed: Vec<_> = records
             .iter()
             .filter_map(|record| Some((conversation_of(&record.key)?, record.version)))
             .collect();
-        self.recalled(records, ctx);
+        self.records_restored(records, ctx);
         for (id, version) in handed {
             // The goal goes on here, and it is not known whether any Journal has this record.
             if self.goals.get(&id).is_some_and(|goal| goal.version == version) {

@@ -33,10 +33,10 @@ use acl::content::{
     Achieve, Inform, Keep, Keeping, Outcome, Reason, Report, Request, SetMode, Snapshot,
 };
 use acl::{AgentId, ConversationId, Message, Performative};
-use agent::keeping::{self, Keeper};
+use agent::replication::{self, JournalClient};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Mode, PluginEntry,
-    Presence, Resource, TimerId, Work,
+    Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, Mode, Participation,
+    PluginEntry, Presence, Resource, TimerId, WorkHandle,
 };
 use pddl::Condition;
 use serde::Deserialize;
@@ -75,7 +75,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "plan-requester",
     about: "takes goals, has plans made for them and carried out",
     drivers: &[],
-    stands_by: true,
+    has_replicas: true,
     build,
 };
 
@@ -102,11 +102,11 @@ impl Default for Config {
     }
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let config = blueprint.config_as()?;
     let mode = blueprint.host.mode;
     let (keeper, goals, ended) =
-        (Keeper::new(&blueprint.host), BTreeMap::new(), FinishedGoals::default());
+        (JournalClient::new(&blueprint.host), BTreeMap::new(), FinishedGoals::default());
     Ok(Box::new(PlanRequester {
         config,
         mode,
@@ -123,9 +123,9 @@ struct PlanRequester {
     mode: Mode,
     goals: BTreeMap<ConversationId, Goal>,
     ended: FinishedGoals,
-    keeper: Keeper<PlanRequester>,
+    keeper: JournalClient<PlanRequester>,
     /// Work that checks whether running plans could be much cheaper.
-    cheaper_plan_check: Option<Work>,
+    cheaper_plan_check: Option<WorkHandle>,
     /// Timer until the next try to send outcomes that could not be sent before.
     resend_timer: Option<TimerId>,
 }
@@ -138,15 +138,15 @@ impl Agent for PlanRequester {
             .on_broadcast(Performative::Inform, Self::informed)
     }
 
-    fn leads(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
-        keeping::leads(self, is_leading, ctx);
+    fn leadership_changed(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
+        replication::handle_leadership(self, is_leading, ctx);
         if !is_leading {
             self.resign(ctx);
         }
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
-        keeping::presence(self, presence, ctx);
+        replication::handle_presence(self, presence, ctx);
         match presence {
             Presence::Left(resident) => self.bidder_left(&resident.agent, ctx),
             Presence::Joined(resident) if resident.agent == self.config.plan_executor => {
@@ -162,11 +162,11 @@ impl Agent for PlanRequester {
         }
     }
 
-    fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
+    fn drain(&mut self, _ctx: &mut Context<Self>) -> bool {
         self.keeper.has_delivered()
     }
 
-    fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
+    fn answer_query(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
         if resource != Resource::Goals {
             return None;
         }
@@ -179,7 +179,7 @@ impl PlanRequester {
     // === requests ===
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let asked = match message.content_as::<Request>() {
             Ok(Request::Achieve(asked)) => asked,
             Ok(Request::SetMode(SetMode { mode })) => {
@@ -213,7 +213,7 @@ impl PlanRequester {
             Ok(condition) => {
                 self.take_place(&message, &asked, ctx);
                 let mut goal = Goal::new(engagement, message.incarnation, asked, condition);
-                goal.add_history(ctx.switchboard().machine().wall_clock(), None, "asked for");
+                goal.add_history(ctx.router().host_services().wall_clock(), None, "asked for");
                 let id = goal.conversation().clone();
                 tracing::info!(conversation = %id, goal = goal.text, "a goal");
                 self.goals.insert(id.clone(), goal);
@@ -240,7 +240,7 @@ impl PlanRequester {
     fn admissible(
         &self,
         asked: &Achieve,
-        engagement: &Engagement,
+        engagement: &Participation,
     ) -> Result<Condition, (Reason, String)> {
         let untold = self.ended.unsent_count();
         if self.goals.len() + untold >= GOALS_MAX {
@@ -272,7 +272,7 @@ impl PlanRequester {
         self.cancel(id, ctx);
         // A `cancel` within the goal's own exchange gets the goal's final report and needs no answer of
         // its own. Only a sender that opens an exchange for the `cancel` is answered here.
-        let other = message.opens_exchange().then(|| Engagement::of(&message));
+        let other = message.opens_exchange().then(|| Participation::of(&message));
         if !is_here {
             let unknown = || format!("there is no goal `{id}`");
             other.iter().for_each(|other| ctx.refuse(other, Reason::Unknown, unknown()));
@@ -287,20 +287,20 @@ impl PlanRequester {
 
     fn cancel(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.add_history(ctx.switchboard().machine().wall_clock(), None, "cancelled");
+        goal.add_history(ctx.router().host_services().wall_clock(), None, "cancelled");
         match &goal.phase {
             GoalPhase::Executing(token) => {
                 let token = token.clone();
                 goal.phase = GoalPhase::Cancelling(token.clone());
                 let executor = self.config.plan_executor.clone();
-                ctx.go_on(&token, &executor, Performative::Cancel, serde_json::Value::Null);
+                ctx.send_turn(&token, &executor, Performative::Cancel, serde_json::Value::Null);
                 ctx.extend(&token, ctx.settings().answer_deadline * 2);
             }
             GoalPhase::Preempted(token) => goal.phase = GoalPhase::Cancelling(token.clone()),
             GoalPhase::Cancelling(_) => (),
             GoalPhase::Planning(token) => {
                 let (token, planner) = (token.clone(), self.config.planning_agent.clone());
-                ctx.go_on(&token, &planner, Performative::Cancel, serde_json::Value::Null);
+                ctx.send_turn(&token, &planner, Performative::Cancel, serde_json::Value::Null);
                 ctx.close(&token);
                 self.end(id, Outcome::Cancelled, "cancelled as asked", ctx);
             }
@@ -335,7 +335,7 @@ impl PlanRequester {
         });
         if let Some(goal) = self.goals.get_mut(id) {
             if let Some(timer) = goal.timer.take() {
-                ctx.forget(timer);
+                ctx.cancel_timer(timer);
             }
             goal.phase = GoalPhase::FetchingDomain(work);
             goal.is_request_stale = false;
@@ -447,7 +447,7 @@ impl PlanRequester {
         });
         if let Some(goal) = self.goals.get_mut(id) {
             if let Some(earlier) = goal.timer.replace(timer) {
-                ctx.forget(earlier);
+                ctx.cancel_timer(earlier);
             }
             goal.phase = GoalPhase::WaitingForChange(why);
         }
@@ -499,7 +499,7 @@ impl PlanRequester {
     fn send_report(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         tracing::info!(conversation = %id, outcome = %report.outcome, detail = report.detail, "goal");
-        let now = ctx.switchboard().machine().wall_clock();
+        let now = ctx.router().host_services().wall_clock();
         goal.add_history(now, Some(report.outcome), report.detail.as_str());
         let told = ctx.try_answer(&goal.engagement, Performative::Confirm, &report);
         if !report.outcome.is_final() {
@@ -516,7 +516,7 @@ impl PlanRequester {
     }
 
     /// Sends the outcome of a goal to its initiator: now, or when there is room in the outbox.
-    fn send_or_queue(&mut self, to: &Engagement, report: Report, ctx: &mut Context<Self>) {
+    fn send_or_queue(&mut self, to: &Participation, report: Report, ctx: &mut Context<Self>) {
         if ctx.try_answer(to, Performative::Confirm, &report).is_err() {
             self.ended.queue_unsent(to.clone(), report);
             self.schedule_resend(ctx);
@@ -559,7 +559,7 @@ impl PlanRequester {
             self.ended.store_sent(goal.engagement.clone(), Report { history, ..report.clone() });
             self.replicate_outcome(&goal, report, ctx);
             if let Some(timer) = goal.timer {
-                ctx.forget(timer);
+                ctx.cancel_timer(timer);
             }
             if let GoalPhase::CollectingProposals(call) = goal.phase {
                 call.reject_all("the goal has ended", ctx);
@@ -620,7 +620,7 @@ impl PlanRequester {
         if let Some(goal) = self.goals.get_mut(id)
             && let Some(earlier) = goal.timer.replace(timer)
         {
-            ctx.forget(earlier);
+            ctx.cancel_timer(earlier);
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use acl::content::{CallOff, Execute, Request, value};
 use acl::{ConversationId, Performative, Protocol};
-use agent::{Context, Opening};
+use agent::{Context, ExchangeOpening};
 
 use crate::PlanRequester;
 use crate::execution::running_plan_of_refusal;
@@ -22,7 +22,7 @@ impl PlanRequester {
         times: u32,
         ctx: &mut Context<Self>,
     ) {
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(self.config.plan_executor.clone()),
             performative: Performative::Request,
             protocol: Protocol::Execution,

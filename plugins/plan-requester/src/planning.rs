@@ -5,7 +5,7 @@ use acl::content::{
     Choice, Outcome, PlanProposal, PlanRequest, PlanStatus, Refusal, Report, Request, value,
 };
 use acl::{ConversationId, Performative, Protocol};
-use agent::{Answer, Context, Opening};
+use agent::{Context, ExchangeEvent, ExchangeOpening};
 use pddl::Condition;
 use planner::Cancel;
 use planner::explain::Explanation;
@@ -34,7 +34,7 @@ impl PlanRequester {
             epoch: known.epoch,
             rest: known.nameable(&goal.failed_steps).map(|rest| rest.to_string()),
         };
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(self.config.planning_agent.clone()),
             performative: Performative::Request,
             protocol: Protocol::Planning,
@@ -72,7 +72,7 @@ impl PlanRequester {
         id: &ConversationId,
         known: &PlanningSnapshot,
         open: &[Condition],
-        answer: Answer,
+        answer: ExchangeEvent,
         ctx: &mut Context<Self>,
     ) {
         let Some(GoalPhase::Planning(token)) = self.goals.get(id).map(|goal| &goal.phase) else {
@@ -80,12 +80,12 @@ impl PlanRequester {
         };
         let token = token.clone();
         let message = match answer {
-            Answer::Message(message) => message,
-            Answer::Silence => {
+            ExchangeEvent::Message(message) => message,
+            ExchangeEvent::TimedOut => {
                 let why = "the Planning Agent did not answer in time".to_owned();
                 return self.retry(id, why, std::time::Duration::ZERO, ctx);
             }
-            Answer::Undelivered(why) => {
+            ExchangeEvent::Undelivered(why) => {
                 let why = format!("the Planning Agent could not be reached: {why}");
                 return self.retry(id, why, crate::ASK_AGAIN, ctx);
             }
@@ -107,7 +107,7 @@ impl PlanRequester {
             Err(detail) => (Performative::RejectProposal, detail.clone()),
         };
         let choice = value(&Choice { covers: Vec::new(), detail });
-        ctx.go_on(&token, &message.sender, performative, choice);
+        ctx.send_turn(&token, &message.sender, performative, choice);
         ctx.close(&token);
         match judged {
             Ok((plan, cost, verdict)) => {

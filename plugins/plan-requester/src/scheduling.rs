@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use acl::content::{Keep, Outcome, Report, Snapshot};
 use acl::{AgentId, ConversationId, Performative};
-use agent::{Context, Resource, Work};
+use agent::{Context, Resource, WorkHandle};
 use pddl::{Condition, Plan};
 use planner::{Budget, Cancel, Options};
 use tokio::time::Instant;
@@ -50,7 +50,7 @@ pub(crate) enum PlanningMode {
 /// Computation of why there is no plan; cancelled on drop.
 pub(crate) struct ExplanationTask {
     cancel: Cancel,
-    _work: Work,
+    _work: WorkHandle,
 }
 
 impl Drop for ExplanationTask {
@@ -367,7 +367,7 @@ impl PlanRequester {
         let token = token.clone();
         goal.phase = GoalPhase::Preempted(token.clone());
         let executor = self.config.plan_executor.clone();
-        ctx.go_on(&token, &executor, Performative::Cancel, serde_json::Value::Null);
+        ctx.send_turn(&token, &executor, Performative::Cancel, serde_json::Value::Null);
         ctx.extend(&token, ctx.settings().answer_deadline * 2);
         self.send_report(id, Report::new(Outcome::Progress, why), ctx);
     }

@@ -13,7 +13,8 @@ use std::sync::{Arc, Mutex};
 use acl::content::{PlanProposal, PlanRequest, PlanStatus, Reason, Request};
 use acl::{Message, Performative, ReplyToken};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, PluginEntry, Work,
+    Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, Participation, PluginEntry,
+    WorkHandle,
 };
 use pddl::{Domain, PlanStep};
 use planner::{Budget, Cancel, Options, PlanError, Replanner, StopReason};
@@ -27,11 +28,11 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "planning-agent",
     about: "plans centrally, with the embedded planner",
     drivers: &[],
-    stands_by: true,
+    has_replicas: true,
     build,
 };
 
-fn build(_: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(_: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     Ok(Box::new(PlanningAgent { searches: BTreeMap::new(), cache: Arc::default() }))
 }
 
@@ -51,7 +52,7 @@ struct PlannerCache {
 
 struct RunningSearch {
     cancel: Cancel,
-    _work: Work,
+    _work: WorkHandle,
 }
 
 impl Agent for PlanningAgent {
@@ -63,7 +64,7 @@ impl Agent for PlanningAgent {
             .on(Performative::RejectProposal, Self::proposal_judged)
     }
 
-    fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
+    fn drain(&mut self, _ctx: &mut Context<Self>) -> bool {
         self.searches.values().for_each(|search| search.cancel.set());
         true
     }
@@ -71,7 +72,7 @@ impl Agent for PlanningAgent {
 
 impl PlanningAgent {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let request = match message.content_as::<Request>() {
             Ok(Request::Plan(request)) => request,
             Ok(_) => {
@@ -89,7 +90,7 @@ impl PlanningAgent {
 
     fn search(
         &mut self,
-        engagement: Engagement,
+        engagement: Participation,
         message: Message,
         request: PlanRequest,
         ctx: &mut Context<Self>,

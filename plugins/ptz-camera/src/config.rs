@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use acl::content::{Achieve, Keep};
 use actuator::{PlaceName, StateFolder};
-use agent::{Blueprint, BuildError, Rehearsal};
+use agent::{Blueprint, BuildCheck, BuildError};
 use serde::Deserialize;
 
 use crate::album::Album;
@@ -144,7 +144,7 @@ impl Config {
         let resources = &blueprint.host.resources;
         let beside_state = || resources.get::<StateFolder>().map(|state| state.0.join("pictures"));
         // In a rehearsal no pictures are taken, so no folder is needed.
-        let nowhere = || resources.get::<Rehearsal>().map(|_| PathBuf::new());
+        let nowhere = || resources.get::<BuildCheck>().map(|_| PathBuf::new());
         let folder = folder.clone().or_else(beside_state).or_else(nowhere);
         let folder = folder.ok_or_else(|| problem("pictures need a `folder`".to_owned()))?;
         Ok(CameraSettings {

@@ -25,7 +25,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact, facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use tokio::time::Instant;
 
 use config::{CameraSettings, Config};
@@ -43,7 +43,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "ptz-camera",
     about: "turns, zooms, takes pictures, records, and says when something moves",
     drivers: &["simulated"],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -112,7 +112,7 @@ impl PtzPosition {
     }
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let settings = blueprint.config_as::<Config>()?.understand(&blueprint)?;
     let camera = PtzCamera {
         id: blueprint.id.to_string(),

@@ -19,7 +19,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, Initiative, MethodCall, MethodFailure,
     MethodResult, OwnFact, PlaceName, facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use serde::Deserialize;
 
 /// Pause between two checks of the screen. It bounds the time until a meeting can go on at another screen
@@ -37,7 +37,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "screen",
     about: "shows media to the people in its room",
     drivers: &["simulated"],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -73,7 +73,7 @@ pub struct DisplayState {
     pub text: Option<String>,
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { location, media } = blueprint.config_as()?;
     for name in media.keys() {
         PlaceName::try_from(name.clone()).map_err(|_| {

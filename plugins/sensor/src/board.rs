@@ -10,10 +10,10 @@ use std::time::Duration;
 
 use acl::AgentId;
 use actuator::Actuator;
-use agent::bringing::{Finding, NOWHERE};
+use agent::discovery::{FoundDevice, ROOM_UNKNOWN};
 use agent::{
-    Agent, Blueprint, Bringing, Brings, BuildError, Callbacks, Context, Launch, PluginEntry, Work,
-    bringing,
+    Agent, Blueprint, BuildError, Callbacks, Context, DiscoveredAgents, DiscoversAgents,
+    LaunchableAgent, PluginEntry, WorkHandle, discovery,
 };
 use linux_sensors::{SensorBundle, Sysfs};
 use serde::Deserialize;
@@ -27,7 +27,7 @@ pub const BOARD: PluginEntry = PluginEntry {
     name: "board",
     about: "all sensors that a machine's kernel knows, as agents that appear by themselves",
     drivers: &[],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -60,7 +60,7 @@ struct BoardConfig {
     sysfs: Option<PathBuf>,
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let config: BoardConfig = blueprint.config_as()?;
     for room in config.location.iter().chain(config.rooms.values()) {
         blueprint.host.has_place(room).map_err(|problem| blueprint.problem(problem))?;
@@ -68,7 +68,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let valid_for = config.valid_for.as_deref().map(humantime::parse_duration).transpose();
     valid_for.map_err(|error| blueprint.problem(format!("valid-for: {error}")))?;
     let sysfs = config.sysfs.clone().map_or_else(Sysfs::default, Sysfs::new);
-    let bringing = Bringing::new(&blueprint.host, AGENTS_MAX);
+    let bringing = DiscoveredAgents::new(&blueprint.host, AGENTS_MAX);
     let (bundles, looking) = (Vec::new(), None);
     Ok(Box::new(SensorBoard { blueprint, config, sysfs, bringing, bundles, scan_task: looking }))
 }
@@ -78,10 +78,10 @@ struct SensorBoard {
     config: BoardConfig,
     sysfs: Sysfs,
     /// Its agents, with their configs.
-    bringing: Bringing<Value>,
+    bringing: DiscoveredAgents<Value>,
     /// The sensors found by the last check.
     bundles: Vec<SensorBundle>,
-    scan_task: Option<Work>,
+    scan_task: Option<WorkHandle>,
 }
 
 impl Agent for SensorBoard {
@@ -90,23 +90,27 @@ impl Agent for SensorBoard {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        bringing::begin(self, ctx);
+        discovery::follow_admissions(self, ctx);
         self.start_scanning(ctx);
     }
 }
 
-impl Brings for SensorBoard {
+impl DiscoversAgents for SensorBoard {
     type Part = Value;
 
-    fn bringing(&mut self) -> &mut Bringing<Value> {
+    fn discovered_agents(&mut self) -> &mut DiscoveredAgents<Value> {
         &mut self.bringing
     }
 
-    fn found(&self) -> Vec<Finding<Value>> {
+    fn found_devices(&self) -> Vec<FoundDevice<Value>> {
         self.bundles.iter().filter_map(|bundle| self.finding(bundle)).collect()
     }
 
-    fn build(&self, agent: &AgentId, config: &Value) -> Result<Box<dyn Launch>, BuildError> {
+    fn build(
+        &self,
+        agent: &AgentId,
+        config: &Value,
+    ) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         let blueprint = Blueprint {
             id: agent.clone(),
             driver: LINUX.to_owned(),
@@ -128,7 +132,7 @@ impl SensorBoard {
         let work = ctx.run(looking, |board: &mut Self, found, ctx| {
             if let Ok(bundles) = found {
                 board.bundles = bundles;
-                bringing::settle_soon(board, ctx);
+                discovery::schedule_reconcile(board, ctx);
             }
             ctx.after(SCAN_INTERVAL, |board: &mut Self, ctx| board.start_scanning(ctx));
         });
@@ -136,17 +140,19 @@ impl SensorBoard {
     }
 
     /// Returns the agent of a bundle; `None` if its quantity is unknown here, or the config ignores it.
-    fn finding(&self, bundle: &SensorBundle) -> Option<Finding<Value>> {
+    fn finding(&self, bundle: &SensorBundle) -> Option<FoundDevice<Value>> {
         SensorQuantity::named(bundle.quantity.name()).ok()?;
         if self.is_in(&self.config.ignore, bundle) {
             return None;
         }
         let room = self.room(bundle);
-        Some(Finding {
+        Some(FoundDevice {
             agent: AgentId::new(&name_of(bundle)).ok()?,
             is_named: self.is_in(&self.config.devices, bundle),
             room: room.map(str::to_owned),
-            part: room.map(|room| self.config_of(bundle, room)).ok_or_else(|| NOWHERE.to_owned()),
+            part: room
+                .map(|room| self.config_of(bundle, room))
+                .ok_or_else(|| ROOM_UNKNOWN.to_owned()),
             problem: None,
             toml: self.lines(bundle),
         })

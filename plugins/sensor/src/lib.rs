@@ -39,7 +39,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact, PlaceName, facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use pddl::Domain;
 use tokio::time::Instant;
 
@@ -67,7 +67,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "sensor",
     about: "reports the CO2, humidity, light, motion … of the room it stands in",
     drivers: DRIVERS,
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -76,7 +76,7 @@ pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
     name: "temperature-sensor",
     about: "reports the temperature, and if asked to the humidity, of the room it stands in",
     drivers: DRIVERS,
-    stands_by: false,
+    has_replicas: false,
     build: build_temperature_sensor,
 };
 
@@ -120,11 +120,11 @@ pub struct Measurement {
     pub at: Instant,
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     Ok(Box::new(Actuator::new(&blueprint, sensor(&blueprint)?)?))
 }
 
-fn build_temperature_sensor(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build_temperature_sensor(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     Ok(Box::new(Actuator::new(&blueprint, temperature_sensor(&blueprint)?)?))
 }
 

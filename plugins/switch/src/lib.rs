@@ -25,7 +25,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact, PlaceName, facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use pddl::Domain;
 use tokio::time::Instant;
 
@@ -53,7 +53,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "switch",
     about: "switches a lamp, a relay or a lock in a room, by a line of a board or any program",
     drivers: &[GPIO, COMMAND],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -72,7 +72,7 @@ trait Driver: Send + Sync + 'static {
     fn time_out(&self) -> Duration;
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     Ok(Box::new(Actuator::new(&blueprint, switch(&blueprint)?)?))
 }
 

@@ -21,7 +21,7 @@ use actuator::{
     InitiativeUpdate, MethodCall, MethodFailure, MethodResult, MobileBase, OwnFact, facts_of,
     model_of,
 };
-use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use serde::Deserialize;
 use tokio::time::Instant;
 
@@ -33,7 +33,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "turtlebot",
     about: "a mobile base: moves between the places of the map, carries sensors, lets people log in",
     drivers: &["simulated"],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -54,7 +54,7 @@ struct Config {
     unknown: serde_json::Map<String, serde_json::Value>,
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { base, login, patrol, unknown } = blueprint.config_as()?;
     if let Some(key) = unknown.keys().next() {
         return Err(blueprint.problem(format!("a turtlebot's config has no key `{key}`")));

@@ -19,7 +19,7 @@ use std::time::Duration;
 
 use acl::content::Question;
 use actuator::{BoxFuture, Initiative, InitiativeUpdate, MethodFailure};
-use agent::{Blueprint, BuildError, Rehearsal};
+use agent::{Blueprint, BuildCheck, BuildError};
 use serde::Deserialize;
 use tokio::sync::{Mutex, mpsc};
 use tokio::time::Instant;
@@ -131,7 +131,7 @@ impl Login {
     pub(crate) fn new(blueprint: &Blueprint, config: LoginConfig) -> Result<Login, BuildError> {
         let LoginConfig { pin, pin_file, patience, attempts, valid_for } = config;
         let problem = |text: String| blueprint.problem(text);
-        let is_rehearsal = blueprint.host.resources.get::<Rehearsal>().is_some();
+        let is_rehearsal = blueprint.host.resources.get::<BuildCheck>().is_some();
         let secret = match (pin, pin_file) {
             (Some(pin), None) => pin,
             // The file is on the robot's own machine, and is not read in a rehearsal.

@@ -17,7 +17,7 @@ use actuator::{
     Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, MethodCall,
     MethodFailure, MethodResult, MobileBase, OwnFact, PlaceName, facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use serde::Deserialize;
 
 /// Time limit of lighting up its screen.
@@ -28,7 +28,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "video-robot",
     about: "a mobile base with a screen: presents wherever it drives",
     drivers: &["simulated"],
-    stands_by: false,
+    has_replicas: false,
     build,
 };
 
@@ -51,7 +51,7 @@ pub trait ScreenDriver: Send + Sync + 'static {
     fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>>;
 }
 
-fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { base, media, unknown } = blueprint.config_as()?;
     if let Some(key) = unknown.keys().next() {
         return Err(blueprint.problem(format!("a video-robot's config has no key `{key}`")));

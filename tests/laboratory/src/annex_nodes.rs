@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use acl::content::{Achieve, Keep, Request, value};
 use acl::{AgentId, DaemonId, EcosystemId, Performative, Protocol};
-use agent::{Host, Landing, Machine, Resources, StateFolder, Switchboard};
+use agent::{Host, HostServices, MessageRouter, Resources, Spawner, StateFolder};
 use interfacing::{
     EcosystemEndpoint, Interface, InterfaceCounters, InterfaceEntry, PASSABLE_PERFORMATIVES,
     RuleEntry, connect,
@@ -62,7 +62,7 @@ pub struct InterfaceNode {
 }
 
 struct OpenInterface {
-    annex: Arc<Switchboard>,
+    annex: Arc<MessageRouter>,
     stopping: CancellationToken,
 }
 
@@ -84,14 +84,14 @@ impl InterfaceNode {
     pub fn open(
         &mut self,
         world: &TrialContext,
-        machine: impl FnOnce(PathBuf) -> Machine,
-        home: (&Arc<Switchboard>, &Arc<Host>),
+        machine: impl FnOnce(PathBuf) -> HostServices,
+        home: (&Arc<MessageRouter>, &Arc<Host>),
     ) {
         let Some(wire) = &world.annex else { return };
         let daemon = home.0.daemon().clone();
         let (machine, settings) = (machine(self.state.clone()), world.settings.clone());
-        let annex = Switchboard::on(machine, ecosystem(ANNEX), daemon.clone(), settings.clone());
-        annex.connect(wire.open(daemon, Arc::<Switchboard>::clone(&annex) as _));
+        let annex = MessageRouter::on(machine, ecosystem(ANNEX), daemon.clone(), settings.clone());
+        annex.connect(wire.open(daemon, Arc::<MessageRouter>::clone(&annex) as _));
         let mut resources = Resources::default();
         resources.insert(StateFolder(self.state.clone()));
         let host = Arc::new(Host {
@@ -103,16 +103,16 @@ impl InterfaceNode {
             resources,
         });
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
-        let shore = |name, switchboard: &Arc<Switchboard>, host: &Arc<Host>| EcosystemEndpoint {
+        let shore = |name, switchboard: &Arc<MessageRouter>, host: &Arc<Host>| EcosystemEndpoint {
             name: ecosystem(name),
             domain: Arc::clone(&world.ontology),
             problem: Arc::clone(&world.map),
-            spawner: Landing {
-                switchboard: Arc::clone(switchboard),
+            spawner: Spawner {
+                router: Arc::clone(switchboard),
                 host: Arc::clone(host),
                 stopping: stopping.clone(),
                 tasks: tasks.clone(),
-                tells_way: world.without != Some(Safeguard::Loops),
+                records_via: world.without != Some(Safeguard::Loops),
             },
         };
         let (near, far) = (shore(LABORATORY, home.0, home.1), shore(ANNEX, &annex, &host));
@@ -157,7 +157,7 @@ impl InterfaceNode {
 }
 
 /// Returns a message if the proxy that must not exist is present.
-pub fn looped_proxy(here: &Switchboard) -> Option<String> {
+pub fn looped_proxy(here: &MessageRouter) -> Option<String> {
     here.find(&id(LOOPED_PROXY))
         .map(|_| format!("`{LENT_ROBOT}` was lent, and came back as `{LOOPED_PROXY}`"))
 }

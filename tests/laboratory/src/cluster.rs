@@ -7,12 +7,12 @@ use std::time::Duration;
 
 use acl::content::{ActionToken, GoalStatus, Mailboxes};
 use acl::{ConversationId, DaemonId, MessageId, Performative};
-use agent::{Ask, Resource, Settings};
+use agent::{AgentSettings, Resource, ResourceQuery};
 use building::{Building, Truth};
 use keyboard::Terminal;
 use serde::de::DeserializeOwned;
-use substrate::faulty::{Cut, Network, Told, Weather};
-use substrate::{Addressed, Subject};
+use substrate::faulty::{CutId, LinkConditions, MessageCounts, Network};
+use substrate::{Destination, Subject};
 use tokio::time::Instant;
 
 use crate::annex_nodes;
@@ -64,8 +64,10 @@ pub struct ConfirmationLog(Mutex<BTreeMap<ConversationId, BTreeSet<MessageId>>>)
 
 impl ConfirmationLog {
     /// Records a message that passes over the network.
-    pub fn record_confirmation(&self, addressed: &Addressed, payload: &[u8]) {
-        let Addressed::To(to, Subject::Message(Performative::Confirm)) = addressed else { return };
+    pub fn record_confirmation(&self, addressed: &Destination, payload: &[u8]) {
+        let Destination::To(to, Subject::Message(Performative::Confirm)) = addressed else {
+            return;
+        };
         if !PEOPLE.contains(&to.as_str()) {
             return;
         }
@@ -86,9 +88,9 @@ impl ConfirmationLog {
 /// from before.
 enum Recovery {
     RestartDaemon(usize),
-    MendLinks(Cut),
-    RestoreLinks(Told),
-    RestoreSpeed(usize, Told),
+    MendLinks(CutId),
+    RestoreLinks(MessageCounts),
+    RestoreSpeed(usize, MessageCounts),
 }
 
 impl Cluster {
@@ -115,13 +117,13 @@ impl Cluster {
         heard_messages_max: usize,
         folder: &Path,
     ) -> Result<Cluster, TrialError> {
-        Cluster::with(script, None, Settings { heard_messages_max, ..settings(None) }, folder)
+        Cluster::with(script, None, AgentSettings { heard_messages_max, ..settings(None) }, folder)
     }
 
     fn with(
         script: TrialScript,
         without: Option<Safeguard>,
-        settings: Settings,
+        settings: AgentSettings,
         folder: &Path,
     ) -> Result<Cluster, TrialError> {
         let since = Instant::now();
@@ -213,7 +215,7 @@ impl Cluster {
     /// Injects a fault.
     pub fn inject(&mut self, fault: &InjectedFault) {
         let network = self.world.network.clone();
-        let (told, crashed) = (network.told(), self.effects.crashed);
+        let (told, crashed) = (network.counts(), self.effects.crashed);
         match *fault {
             InjectedFault::Crash(number, lasts) => {
                 self.kill(number);
@@ -233,16 +235,21 @@ impl Cluster {
             InjectedFault::Storm { lost, doubled, overtaken, lasts } => {
                 let share = |hundredths| f64::from(hundredths) / 100.0;
                 let (loss, doubled, overtaken) = (share(lost), share(doubled), share(overtaken));
-                network.weather(Weather { loss, doubled, overtaken, ..Weather::fair() });
+                network.set_conditions(LinkConditions {
+                    loss,
+                    doubled,
+                    overtaken,
+                    ..LinkConditions::good()
+                });
                 self.schedule_recovery(lasts, Recovery::RestoreLinks(told));
             }
             InjectedFault::Delay(delay, lasts) => {
                 let delay = 100..u64::try_from(delay.as_micros()).unwrap_or(u64::MAX);
-                network.weather(Weather { delay, ..Weather::fair() });
+                network.set_conditions(LinkConditions { delay, ..LinkConditions::good() });
                 self.schedule_recovery(lasts, Recovery::RestoreLinks(told));
             }
             InjectedFault::Slow(number, by, lasts) => {
-                network.slow(&self.machines[number].daemon, by);
+                network.delay_receiver(&self.machines[number].daemon, by);
                 self.schedule_recovery(lasts, Recovery::RestoreSpeed(number, told));
             }
             InjectedFault::Clock(number, seconds) => {
@@ -291,15 +298,15 @@ impl Cluster {
                 // Its crash was counted already.
                 false
             }
-            Recovery::MendLinks(cut) => network.mend(cut) > 0,
+            Recovery::MendLinks(cut) => network.heal(cut) > 0,
             Recovery::RestoreLinks(before) => {
-                network.weather(Weather::fair());
-                fault_effects::bad_link_count(&network.told())
+                network.set_conditions(LinkConditions::good());
+                fault_effects::bad_link_count(&network.counts())
                     > fault_effects::bad_link_count(&before)
             }
             Recovery::RestoreSpeed(number, before) => {
-                network.slow(&self.machines[number].daemon, Duration::ZERO);
-                network.told().slowed > before.slowed
+                network.delay_receiver(&self.machines[number].daemon, Duration::ZERO);
+                network.counts().slowed > before.slowed
             }
         };
         self.effects.struck += u64::from(has_struck);
@@ -318,7 +325,7 @@ impl Cluster {
 
     /// Returns the counters of the faults that took effect.
     pub fn effects(&self) -> FaultEffects {
-        FaultEffects { message_faults: self.world.network.told(), ..self.effects }
+        FaultEffects { message_faults: self.world.network.counts(), ..self.effects }
     }
 
     /// Returns the exchanges that are open beyond their deadlines.
@@ -346,7 +353,7 @@ impl Cluster {
 
     async fn ask<T: DeserializeOwned>(&self, resource: Resource) -> Vec<T> {
         let Some(switchboard) = self.machines[0].switchboard() else { return Vec::new() };
-        let ask = Ask { daemon: None, resource, agent: None };
+        let ask = ResourceQuery { daemon: None, resource, agent: None };
         let answers = switchboard.ask(ask, Duration::from_secs(2)).await;
         answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
     }
@@ -393,8 +400,8 @@ fn ontology_and_map(script: &TrialScript) -> Result<(pddl::Domain, pddl::Problem
 }
 
 /// Default settings, with one guard taken out.
-fn settings(without: Option<Safeguard>) -> Settings {
-    let mut settings = Settings::default();
+fn settings(without: Option<Safeguard>) -> AgentSettings {
+    let mut settings = AgentSettings::default();
     match without {
         Some(Safeguard::Fencing) => settings.tokens_max = 0,
         Some(Safeguard::Duplicates) => settings.heard_messages_max = 0,

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use acl::content::{ActionToken, Request};
 use acl::{ConversationId, Performative};
 use building::{BuildingEvent, Truth};
-use substrate::{Addressed, Subject};
+use substrate::{Destination, Subject};
 
 /// The action of each token, by agent and token.
 #[derive(Default)]
@@ -20,8 +20,10 @@ pub type Begun = BTreeMap<String, Vec<ActionToken>>;
 
 impl CommandLog {
     /// Records a message that passes over the network.
-    pub fn record_command(&self, addressed: &Addressed, payload: &[u8]) {
-        let Addressed::To(to, Subject::Message(Performative::Request)) = addressed else { return };
+    pub fn record_command(&self, addressed: &Destination, payload: &[u8]) {
+        let Destination::To(to, Subject::Message(Performative::Request)) = addressed else {
+            return;
+        };
         let Ok(message) = acl::decode(payload) else { return };
         if let Ok(Request::Act(act)) = message.content_as() {
             let mut given = self.0.lock().unwrap_or_else(PoisonError::into_inner);

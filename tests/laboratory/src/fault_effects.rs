@@ -1,13 +1,13 @@
 //! Counters of faults, counted only if they took effect: a dead process does not crash, and a cut that
 //! stops no message has no effect.
 
-use substrate::faulty::Told;
+use substrate::faulty::MessageCounts;
 
 /// Number of faults that took effect, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultEffects {
     /// Faults of messages.
-    pub message_faults: Told,
+    pub message_faults: MessageCounts,
     /// Processes that died.
     pub crashed: u64,
     /// Processes that were started again after a crash.
@@ -22,7 +22,7 @@ impl FaultEffects {
     /// Returns each kind with the number of messages or processes that it affected.
     pub fn kinds(&self) -> [(&'static str, u64); 9] {
         let FaultEffects { message_faults: told, crashed, restarted, jumped, struck: _ } = *self;
-        let Told { sent: _, lost, cut, doubled, overtaken, delayed, slowed } = told;
+        let MessageCounts { sent: _, lost, cut, doubled, overtaken, delayed, slowed } = told;
         [
             ("lost", lost),
             ("cut off", cut),
@@ -38,7 +38,7 @@ impl FaultEffects {
 }
 
 /// Returns the number of messages that were affected by bad link conditions so far.
-pub fn bad_link_count(told: &Told) -> u64 {
-    let Told { lost, doubled, overtaken, delayed, .. } = told;
+pub fn bad_link_count(told: &MessageCounts) -> u64 {
+    let MessageCounts { lost, doubled, overtaken, delayed, .. } = told;
     lost + doubled + overtaken + delayed
 }

@@ -8,8 +8,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use acl::content::{ActionToken, Record};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
 use agent::{
-    Berth, Blueprint, Exchanges, Host, Launch, LaunchError, Machine, PluginEntry, Resources,
-    Settings, Simulated, StateFolder, Switchboard,
+    AgentSettings, Blueprint, ExchangeSummary, Host, HostServices, LaunchContext, LaunchError,
+    LaunchableAgent, MachineSimulation, MessageRouter, PluginEntry, Resources, StateFolder,
 };
 use building::BuildingHandle;
 use fastrand::Rng;
@@ -56,7 +56,7 @@ pub struct TrialContext {
     /// The trial.
     pub script: TrialScript,
     /// Times and bounds.
-    pub settings: Settings,
+    pub settings: AgentSettings,
     /// The network between the machines.
     pub network: Network,
     /// The network of the second ecosystem, if there is one.
@@ -85,7 +85,7 @@ pub struct SimulatedMachine {
 
 /// A running daemon.
 struct DaemonProcess {
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
     host: Arc<Host>,
     agents: Vec<JoinHandle<()>>,
 }
@@ -107,7 +107,7 @@ struct MachineClock {
     disk: Mutex<Rng>,
 }
 
-impl Simulated for MachineServices {
+impl MachineSimulation for MachineServices {
     fn wall_clock(&self) -> SystemTime {
         let MachineClock { began, apart, jumped, .. } = &*self.clock;
         let now = UNIX_EPOCH + CLOCK_START + *apart + began.elapsed();
@@ -116,12 +116,12 @@ impl Simulated for MachineServices {
         if jumped < 0 { now - by } else { now + by }
     }
 
-    fn work_takes(&self) -> Duration {
+    fn work_duration(&self) -> Duration {
         let mut disk = self.clock.disk.lock().unwrap_or_else(PoisonError::into_inner);
         Duration::from_micros(disk.u64(200..15_000))
     }
 
-    fn waits(&self, agent: &AgentId, life: Incarnation, exchanges: Exchanges) {
+    fn waits_changed(&self, agent: &AgentId, life: Incarnation, exchanges: ExchangeSummary) {
         self.waits.record_exchanges(agent, life, exchanges);
     }
 }
@@ -183,14 +183,14 @@ impl SimulatedMachine {
             clock: self.clock.clone(),
             waits: self.open_exchanges.clone(),
         });
-        let machine = move |state| Machine::simulated(given.clone(), Some(state));
-        let switchboard = Switchboard::on(
+        let machine = move |state| HostServices::simulated(given.clone(), Some(state));
+        let switchboard = MessageRouter::on(
             machine(self.state.clone()),
             ecosystem,
             self.daemon.clone(),
             world.settings.clone(),
         );
-        let inbound = Arc::<Switchboard>::clone(&switchboard);
+        let inbound = Arc::<MessageRouter>::clone(&switchboard);
         switchboard.connect(world.network.open(self.daemon.clone(), inbound));
         let host = self.host();
         let mut process = DaemonProcess { switchboard, host, agents: Vec::new() };
@@ -229,14 +229,14 @@ impl SimulatedMachine {
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(name).expect("invariant: a name");
         let berth = process.launch_context(&id, false);
-        let life = AbortOnDrop(Launch::launch(Box::new(keyboard), berth));
+        let life = AbortOnDrop(LaunchableAgent::launch(Box::new(keyboard), berth));
         process.agents.push(tokio::spawn(async move { drop(life.ended().await) }));
         Some(terminal)
     }
 
     /// Returns the switchboard, through which a person at this machine queries the daemons; `None` if
     /// the daemon does not run.
-    pub fn switchboard(&self) -> Option<&Arc<Switchboard>> {
+    pub fn switchboard(&self) -> Option<&Arc<MessageRouter>> {
         self.process.as_ref().map(|process| &process.switchboard)
     }
 
@@ -308,8 +308,8 @@ impl DaemonProcess {
         let span = tracing::info_span!("on", daemon = %self.switchboard.daemon());
         let lives = async move {
             loop {
-                let incarnation = berth.switchboard.machine().next_life();
-                let berth = Berth { incarnation, ..berth.clone() };
+                let incarnation = berth.router.host_services().next_incarnation();
+                let berth = LaunchContext { incarnation, ..berth.clone() };
                 let ended = match (plugin.build)(blueprint.clone()) {
                     Ok(agent) => AbortOnDrop(agent.launch(berth)).ended().await,
                     Err(error) => Err(error.to_string()),
@@ -325,14 +325,14 @@ impl DaemonProcess {
         self.agents.push(tokio::spawn(lives.instrument(span)));
     }
 
-    fn launch_context(&self, id: &AgentId, stands_by: bool) -> Berth {
-        Berth {
+    fn launch_context(&self, id: &AgentId, stands_by: bool) -> LaunchContext {
+        LaunchContext {
             id: id.clone(),
-            incarnation: self.switchboard.machine().next_life(),
-            switchboard: Arc::clone(&self.switchboard),
+            incarnation: self.switchboard.host_services().next_incarnation(),
+            router: Arc::clone(&self.switchboard),
             ontology: Arc::from(self.host.ontology.name.as_str()),
             stopping: CancellationToken::new(),
-            stands_by,
+            has_replicas: stands_by,
             via: [].into(),
         }
     }

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use acl::{AgentId, Incarnation};
-use agent::Exchanges;
+use agent::ExchangeSummary;
 use tokio::time::Instant;
 
 /// How long after its deadline an exchange may stay open: the waiting agent is woken at the deadline in
@@ -14,11 +14,11 @@ const MARGIN: Duration = Duration::from_millis(100);
 
 /// Open exchanges of each incarnation of each agent, as last reported.
 #[derive(Default)]
-pub struct OpenExchanges(Mutex<BTreeMap<(AgentId, Incarnation), Exchanges>>);
+pub struct OpenExchanges(Mutex<BTreeMap<(AgentId, Incarnation), ExchangeSummary>>);
 
 impl OpenExchanges {
     /// Records the open exchanges of an agent.
-    pub fn record_exchanges(&self, agent: &AgentId, life: Incarnation, exchanges: Exchanges) {
+    pub fn record_exchanges(&self, agent: &AgentId, life: Incarnation, exchanges: ExchangeSummary) {
         self.with(|waits| {
             if exchanges.open_count == 0 {
                 waits.remove(&(agent.clone(), life));
@@ -45,7 +45,7 @@ impl OpenExchanges {
 
     fn with<T>(
         &self,
-        act: impl FnOnce(&mut BTreeMap<(AgentId, Incarnation), Exchanges>) -> T,
+        act: impl FnOnce(&mut BTreeMap<(AgentId, Incarnation), ExchangeSummary>) -> T,
     ) -> T {
         act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -60,11 +60,11 @@ mod tests {
         let (waits, now) = (OpenExchanges::default(), Instant::now());
         let (robot, life) = (AgentId::new("robot").expect("a name"), Incarnation(1));
         let due = now + Duration::from_secs(1);
-        waits.record_exchanges(&robot, life, Exchanges { open_count: 2, due: Some(due) });
+        waits.record_exchanges(&robot, life, ExchangeSummary { open_count: 2, due: Some(due) });
         assert_eq!(waits.open(), [(robot.clone(), 2)]);
         assert_eq!(waits.overdue(due + MARGIN), [""; 0]);
         assert_eq!(waits.overdue(due + MARGIN * 2).len(), 1);
-        waits.record_exchanges(&robot, life, Exchanges::default());
+        waits.record_exchanges(&robot, life, ExchangeSummary::default());
         assert_eq!((waits.open(), waits.overdue(due + MARGIN * 2)), (vec![], vec![]));
     }
 }

@@ -8,10 +8,10 @@ use std::time::Duration;
 use acl::content::{BelievedState, ChangeState, Request, value};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative, Protocol};
 use agent::{
-    Agent, Answer, Berth, Blueprint, Callbacks, Context, Host, Opening, Resource, Settings,
-    Switchboard,
+    Agent, AgentSettings, Blueprint, Callbacks, Context, ExchangeEvent, ExchangeOpening, Host,
+    LaunchContext, MessageRouter, Resource,
 };
-use substrate::Ask;
+use substrate::ResourceQuery;
 use substrate::faulty::Network;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
@@ -34,7 +34,7 @@ impl Agent for Asker {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(name("domain-maintainer")),
             performative: Performative::Request,
             protocol: Protocol::StateChange,
@@ -42,7 +42,7 @@ impl Agent for Asker {
             content: value(&Request::ChangeState(std::mem::take(&mut self.0))),
         };
         ctx.open(opening, PATIENCE, |asker: &mut Asker, answer, _| {
-            if let Answer::Message(message) = answer {
+            if let ExchangeEvent::Message(message) = answer {
                 asker.1.send(message.performative).expect("the test listens");
             }
         });
@@ -54,7 +54,7 @@ fn name(text: &str) -> AgentId {
 }
 
 struct Machine {
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
     lives: u64,
 }
 
@@ -63,9 +63,9 @@ impl Machine {
     fn new(network: &Network, daemon: &str, life: u64) -> Machine {
         let daemon = DaemonId::new(daemon).expect("a name");
         let ecosystem = EcosystemId::new("home").expect("a name");
-        let settings = Settings::default();
-        let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings.clone());
-        switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+        let settings = AgentSettings::default();
+        let switchboard = MessageRouter::new(ecosystem, daemon.clone(), settings.clone());
+        switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
         let ontology = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
         let map = pddl::parse_problem(PROBLEM).into_result().expect("a problem");
         let host = Arc::new(Host { settings, ..Host::new(ontology, map) });
@@ -79,15 +79,15 @@ impl Machine {
         machine
     }
 
-    fn berth(&mut self, id: AgentId, stands_by: bool) -> Berth {
+    fn berth(&mut self, id: AgentId, stands_by: bool) -> LaunchContext {
         self.lives += 10;
-        Berth {
+        LaunchContext {
             id,
             incarnation: Incarnation(self.lives),
-            switchboard: Arc::clone(&self.switchboard),
+            router: Arc::clone(&self.switchboard),
             ontology: Arc::from("d"),
             stopping: CancellationToken::new(),
-            stands_by,
+            has_replicas: stands_by,
             via: [].into(),
         }
     }
@@ -99,14 +99,14 @@ impl Machine {
         let asker = Asker(ChangeState { believe, retract, owner: Some(name(owner)) }, told);
         let id = name(&format!("asker-{}", self.lives));
         let berth = self.berth(id, false);
-        drop(agent::Launch::launch(Box::new(asker), berth));
+        drop(agent::LaunchableAgent::launch(Box::new(asker), berth));
         let answer = timeout(PATIENCE, heard.recv()).await.expect("in time");
         assert_eq!(answer, Some(Performative::Confirm));
     }
 
     /// Returns the facts that the Domain Maintainer of this machine believes.
     async fn believes(&self) -> BTreeSet<String> {
-        let ask = Ask {
+        let ask = ResourceQuery {
             daemon: Some(self.switchboard.daemon().clone()),
             resource: Resource::State,
             agent: Some(name("domain-maintainer")),
@@ -153,7 +153,7 @@ async fn what_was_changed_on_either_side_of_a_partition_is_known_after_it() {
     two.change("bob", "(lit attic)", "(lit porch)").await;
     two.change("cem", "", "(lit cellar)").await;
 
-    network.mend(cut);
+    network.heal(cut);
     let after = ["(lit attic)", "(= (price hall) 5)", "(= (price attic) 2)"];
     one.comes_to_believe(&after).await;
     // The standby has received all changes and keeps them when it takes over.

@@ -13,7 +13,7 @@ use acl::content::{
     Bid, CallForProposals, Execute, Keep, Offer, Offers, Outcome, Proposal, Report, Request,
     Snapshot,
 };
-use agent::{Agent, Callbacks, Context, Engagement, Mode, Resource};
+use agent::{Agent, Callbacks, Context, Mode, Participation, Resource};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
@@ -38,7 +38,7 @@ impl Agent for Maintainer {
         Callbacks::new()
     }
 
-    fn asked(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
+    fn answer_query(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
         let is_behind = self.asked.fetch_add(1, Ordering::Relaxed) < self.behind;
         let offer = |action: &str| {
             let offer = Offer { inside: action.to_owned(), guard: String::new(), method: None };
@@ -77,7 +77,7 @@ impl Agent for Bidder {
             let plan = format!("(light {})", ctx.id());
             let proposal = Proposal { covers: call.conjuncts, plan, cost: bidder.0 };
             let bid = Bid { proposals: vec![proposal], domain_digest: String::new() };
-            ctx.answer(&Engagement::of(&message), Performative::Agree, &bid);
+            ctx.answer(&Participation::of(&message), Performative::Agree, &bid);
         })
     }
 }
@@ -93,7 +93,7 @@ impl Agent for Executor {
                 executor.0.send(plan).expect("the test listens");
             }
             let report = Report::new(Outcome::Failed, "for the test");
-            ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+            ctx.answer(&Participation::of(&message), Performative::Confirm, &report);
         })
     }
 }

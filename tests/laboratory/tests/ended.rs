@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use acl::content::{Keep, Keeping, Outcome, Record, Report, Request, Version};
 use acl::{Performative, Protocol};
-use agent::{Agent, Callbacks, Context, Engagement, Mode, Resource, Switchboard};
-use substrate::Ask;
+use agent::{Agent, Callbacks, Context, MessageRouter, Mode, Participation, Resource};
+use substrate::ResourceQuery;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
@@ -32,11 +32,11 @@ impl Agent for Journal {
                 records.into_iter().for_each(|record| journal.0.send(record).expect("it is read"));
             }
             let report = Report::new(Outcome::Done, "kept");
-            ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+            ctx.answer(&Participation::of(&message), Performative::Confirm, &report);
         })
     }
 
-    fn asked(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
+    fn answer_query(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
         (resource == Resource::Journal).then(|| "[]".to_owned())
     }
 }
@@ -65,7 +65,7 @@ fn is_goal(record: &Record) -> bool {
 /// records: when it was accepted, and when it had ended.
 struct Asked {
     house: House,
-    here: Arc<Switchboard>,
+    here: Arc<MessageRouter>,
     records: mpsc::UnboundedReceiver<Record>,
     heard: mpsc::UnboundedReceiver<Report>,
     open: Record,
@@ -107,7 +107,7 @@ impl Asked {
     }
 
     async fn has_no_goal(&self) {
-        let ask = Ask {
+        let ask = ResourceQuery {
             daemon: Some(self.here.daemon().clone()),
             resource: Resource::Goals,
             agent: Some(name("plan-requester")),

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use acl::Performative;
 use acl::content::{Keep, Offer, Offers, Outcome, Report, Snapshot};
-use agent::{Agent, Callbacks, Context, Engagement, LaunchError, Mode, Resource, Switchboard};
+use agent::{Agent, Callbacks, Context, LaunchError, MessageRouter, Mode, Participation, Resource};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
@@ -36,7 +36,7 @@ impl Agent for Maintainer {
         Callbacks::new()
     }
 
-    fn asked(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
+    fn answer_query(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
         let is_here = self.0.load(Ordering::Relaxed);
         let offer = Offer { inside: "light".to_owned(), guard: String::new(), method: None };
         let offered = [(name("lamp"), [("light".to_owned(), offer)].into())];
@@ -69,7 +69,7 @@ impl Agent for Executor {
             executor.lamp.store(false, Ordering::Relaxed);
             executor.asked.send(()).expect("the test listens");
             let report = Report::new(Outcome::Failed, "the lamp has left");
-            ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+            ctx.answer(&Participation::of(&message), Performative::Confirm, &report);
         })
     }
 }
@@ -81,7 +81,7 @@ struct Trial {
     plans: mpsc::UnboundedReceiver<()>,
     heard: mpsc::UnboundedReceiver<Report>,
     /// Keeps the network alive.
-    _house: (House, Arc<Switchboard>),
+    _house: (House, Arc<MessageRouter>),
     _lives: [JoinHandle<Result<(), LaunchError>>; 5],
 }
 

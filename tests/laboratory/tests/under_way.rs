@@ -11,7 +11,7 @@ use acl::content::{
     CallOff, Execute, Method, Offer, Outcome, Reason, Refusal, Report, Request, value,
 };
 use acl::{ConversationId, Deadline, Message, Performative, Protocol};
-use agent::{Agent, Answer, Callbacks, Context, Engagement, Mode, Opening};
+use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, Mode, Participation};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
@@ -57,10 +57,10 @@ impl Agent for Lamp {
         Callbacks::new()
             .on(Performative::Request, |_: &mut Lamp, message, ctx: &mut Context<Lamp>| {
                 let agreed = serde_json::json!({});
-                ctx.answer(&Engagement::of(&message), Performative::Agree, &agreed);
+                ctx.answer(&Participation::of(&message), Performative::Agree, &agreed);
             })
             .on(Performative::Cancel, |_: &mut Lamp, message, ctx: &mut Context<Lamp>| {
-                ctx.refuse(&Engagement::of(&message), Reason::Other, "given up");
+                ctx.refuse(&Participation::of(&message), Reason::Other, "given up");
             })
     }
 }
@@ -82,7 +82,7 @@ impl Agent for Asker {
         for (n, asked) in std::mem::take(&mut self.asks).into_iter().enumerate() {
             let after = self.after + Duration::from_secs(n as u64);
             ctx.after(after, move |_: &mut Asker, ctx| {
-                let opening = Opening {
+                let opening = ExchangeOpening {
                     to: Some(name("plan-executor")),
                     performative: Performative::Request,
                     protocol: Protocol::Execution,
@@ -91,7 +91,7 @@ impl Agent for Asker {
                 };
                 let patience = Duration::from_secs(300);
                 ctx.open(opening, patience, |asker: &mut Asker, answer, _| {
-                    if let Answer::Message(message) = answer {
+                    if let ExchangeEvent::Message(message) = answer {
                         asker.told.send(*message).expect("the test listens");
                     }
                 });

@@ -13,8 +13,8 @@ use acl::content::{
 };
 use acl::{AgentId, ConversationId, DaemonId, EcosystemId, Message, Performative, Protocol};
 use agent::{
-    Agent, Answer, Berth, Blueprint, Callbacks, Context, Host, Launch, Opening, PluginEntry,
-    Settings, Switchboard,
+    Agent, AgentSettings, Blueprint, Callbacks, Context, ExchangeEvent, ExchangeOpening, Host,
+    LaunchContext, LaunchableAgent, MessageRouter, PluginEntry,
 };
 use serde_json::Value;
 use substrate::memory::Network;
@@ -56,16 +56,16 @@ pub(crate) async fn play(
     let network = Network::new();
     let daemon = DaemonId::new("example")?;
     let ecosystem = EcosystemId::new("smart-office")?;
-    let switchboard = Switchboard::new(ecosystem, daemon.clone(), Settings::default());
-    switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+    let switchboard = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
+    switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
     let stopping = CancellationToken::new();
-    let berth = |id: AgentId| Berth {
+    let berth = |id: AgentId| LaunchContext {
         id,
-        incarnation: switchboard.machine().next_life(),
-        switchboard: Arc::clone(&switchboard),
+        incarnation: switchboard.host_services().next_incarnation(),
+        router: Arc::clone(&switchboard),
         ontology: Arc::from("smart-office"),
         stopping: stopping.clone(),
-        stands_by: false,
+        has_replicas: false,
         via: [].into(),
     };
 
@@ -119,7 +119,7 @@ impl Visitor {
     fn call(&mut self, ctx: &mut Context<Visitor>) {
         let conjuncts = vec![self.wish.goal.to_owned()];
         println!("visitor calls for proposals for {}\n", self.wish.goal);
-        let call = Opening {
+        let call = ExchangeOpening {
             to: None,
             performative: Performative::Cfp,
             protocol: Protocol::ContractNet,
@@ -130,8 +130,8 @@ impl Visitor {
     }
 
     /// Accepts a bid, and requests the first step of its plan.
-    fn judge(&mut self, answer: Answer, ctx: &mut Context<Visitor>) {
-        let Answer::Message(message) = answer else { return };
+    fn judge(&mut self, answer: ExchangeEvent, ctx: &mut Context<Visitor>) {
+        let ExchangeEvent::Message(message) = answer else { return };
         if message.performative != Performative::Agree {
             return self.refused(&message);
         }
@@ -141,7 +141,7 @@ impl Visitor {
         if let Some(exchange) = message.exchange() {
             let detail = "it is the first bid".to_owned();
             let choice = value(&Choice { covers: proposal.covers, detail });
-            ctx.go_on(exchange, &message.sender, Performative::AcceptProposal, choice);
+            ctx.send_turn(exchange, &message.sender, Performative::AcceptProposal, choice);
         }
         let action = proposal.plan.lines().next().unwrap_or_default().to_owned();
         self.request(action, &message.sender, &message.conversation_id, ctx);
@@ -158,7 +158,7 @@ impl Visitor {
         let token = ActionToken { epoch: 1, conversation: conversation.clone(), round: 1, step: 0 };
         let (method, arguments) = (self.wish.method.to_owned(), self.wish.arguments.clone());
         let act = Request::Act(Box::new(Act { action, method, arguments, token }));
-        let request = Opening {
+        let request = ExchangeOpening {
             to: Some(device.clone()),
             performative: Performative::Request,
             protocol: Protocol::Action,
@@ -166,8 +166,8 @@ impl Visitor {
             content: value(&act),
         };
         ctx.open(request, PATIENCE, |visitor: &mut Visitor, answer, _| match answer {
-            Answer::Message(message) => visitor.answered(&message),
-            Answer::Silence | Answer::Undelivered(_) => visitor.ended.notify_one(),
+            ExchangeEvent::Message(message) => visitor.answered(&message),
+            ExchangeEvent::TimedOut | ExchangeEvent::Undelivered(_) => visitor.ended.notify_one(),
         });
     }
 

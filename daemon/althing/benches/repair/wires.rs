@@ -8,7 +8,7 @@ use std::sync::Arc;
 use acl::{DaemonId, EcosystemId};
 use agent::Mode;
 use building::Layout;
-use credentials::{Folder, Identity, Trust, Verifier};
+use credentials::{CredentialFolder, DaemonIdentity, Trust, Verifier};
 use substrate_zenoh::{Config, Security};
 
 use crate::house::network::{LAN, Site, is_permitted, secured};
@@ -78,15 +78,16 @@ impl Wires {
 
     /// Returns the configuration of a guest of the reasoning daemon, with that daemon's key.
     pub(crate) fn client(&self, name: &str) -> Outcome<Config> {
-        let keys = Folder::new(self.site.office.folder().join("keys"));
+        let keys = CredentialFolder::new(self.site.office.folder().join("keys"));
         let host = DaemonId::new(REASONING)?;
         let guest = host.guest(name)?;
         let trust = Trust::read(&keys)?;
-        let identity = Arc::new(Identity::read(&keys, &host, &trust)?.for_guest(guest.clone()));
+        let identity =
+            Arc::new(DaemonIdentity::read(&keys, &host, &trust)?.for_guest(guest.clone()));
         let verifier = Arc::new(Verifier::new(trust, PER_SECOND));
         let mut config = Config::new(EcosystemId::new("scenario-1")?, guest);
         config.security = Some(Security { identity, verifier });
-        config.mode = substrate_zenoh::Mode::Client;
+        config.mode = substrate_zenoh::SessionMode::Client;
         let socket = self.site.office.runtime_folder().join("scenario-1/reasoning.sock");
         let socket = self.site.path(REASONING, &socket);
         config.connect = vec![format!("unixsock-stream/{}", socket.display())];

@@ -17,7 +17,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use acl::content::Snapshot;
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
 use agent::{
-    Ask, Berth, Blueprint, Host, Launch, LaunchError, PluginEntry, Resource, Settings, Switchboard,
+    AgentSettings, Blueprint, Host, LaunchContext, LaunchError, LaunchableAgent, MessageRouter,
+    PluginEntry, Resource, ResourceQuery,
 };
 use substrate_zenoh::Config;
 use tokio::io::{AsyncBufReadExt as _, BufReader};
@@ -149,7 +150,7 @@ pub(crate) fn build(
     plugin: &PluginEntry,
     entry: &Entry,
     host: &Arc<Host>,
-) -> Outcome<Box<dyn Launch>> {
+) -> Outcome<Box<dyn LaunchableAgent>> {
     let driver = plugin.drivers.first().copied().unwrap_or_default().to_owned();
     let (id, config) = (entry.name.clone(), entry.config.clone().into());
     Ok((plugin.build)(Blueprint { id, driver, config, host: Arc::clone(host) })?)
@@ -158,17 +159,17 @@ pub(crate) fn build(
 /// Launches an agent in a daemon of this process.
 pub(crate) fn launch(
     id: &AgentId,
-    agent: Box<dyn Launch>,
-    switchboard: &Arc<Switchboard>,
+    agent: Box<dyn LaunchableAgent>,
+    switchboard: &Arc<MessageRouter>,
     ontology: &str,
 ) -> JoinHandle<Result<(), LaunchError>> {
-    agent.launch(Berth {
+    agent.launch(LaunchContext {
         id: id.clone(),
         incarnation: next_incarnation(),
-        switchboard: Arc::clone(switchboard),
+        router: Arc::clone(switchboard),
         ontology: Arc::from(ontology),
         stopping: CancellationToken::new(),
-        stands_by: false,
+        has_replicas: false,
         via: [].into(),
     })
 }
@@ -181,15 +182,15 @@ fn next_incarnation() -> Incarnation {
 }
 
 /// Queries the domains of all agents that have one, or of one of them.
-pub(crate) async fn domains(switchboard: &Switchboard, of: Option<AgentId>) -> Vec<Snapshot> {
-    let ask = Ask { daemon: None, resource: Resource::Domain, agent: of };
+pub(crate) async fn domains(switchboard: &MessageRouter, of: Option<AgentId>) -> Vec<Snapshot> {
+    let ask = ResourceQuery { daemon: None, resource: Resource::Domain, agent: of };
     let answers = switchboard.ask(ask, Duration::from_secs(2)).await;
     answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
 }
 
 /// Waits until the Domain Maintainer can plan with all of these devices.
 pub(crate) async fn await_offers(
-    switchboard: &Switchboard,
+    switchboard: &MessageRouter,
     devices: &BTreeSet<String>,
 ) -> Outcome<()> {
     let deadline = Instant::now() + PATIENCE;
@@ -214,9 +215,9 @@ pub(crate) async fn daemon(
     ecosystem: &str,
     name: &str,
     others: &[String],
-) -> Outcome<Arc<Switchboard>> {
+) -> Outcome<Arc<MessageRouter>> {
     let (switchboard, config) = prepared(folder, ecosystem, name, others)?;
-    switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+    switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
     Ok(switchboard)
 }
 
@@ -225,14 +226,14 @@ fn prepared(
     ecosystem: &str,
     name: &str,
     others: &[String],
-) -> Outcome<(Arc<Switchboard>, Config)> {
+) -> Outcome<(Arc<MessageRouter>, Config)> {
     let (ecosystem, daemon) = (EcosystemId::new(ecosystem)?, DaemonId::new(name)?);
     let endpoint =
         |name: &str| format!("unixsock-stream/{}", folder.join(format!("{name}.sock")).display());
     let mut config = Config::new(ecosystem.clone(), daemon.clone());
     config.listen = vec![endpoint(name)];
     config.connect = others.iter().map(|other| endpoint(other)).collect();
-    Ok((Switchboard::new(ecosystem, daemon, Settings::default()), config))
+    Ok((MessageRouter::new(ecosystem, daemon, AgentSettings::default()), config))
 }
 
 /// The same, with a record of the bids that it receives and the awards that it sends.
@@ -240,7 +241,7 @@ pub(crate) async fn daemon_overheard(
     folder: &Path,
     ecosystem: &str,
     name: &str,
-) -> Outcome<(Arc<Switchboard>, Arc<overhearing::Overheard>)> {
+) -> Outcome<(Arc<MessageRouter>, Arc<overhearing::Overheard>)> {
     let (switchboard, config) = prepared(folder, ecosystem, name, &[])?;
     let overheard = Arc::new(overhearing::Overheard::default());
     let inbound = overhearing::Inward::new(&switchboard, &overheard);

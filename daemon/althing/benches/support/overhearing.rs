@@ -7,11 +7,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use acl::content::Bid;
 use acl::{AgentId, Performative, ReplyToken};
-use agent::{Presence, Switchboard};
+use agent::{MessageRouter, Presence};
 use bytes::Bytes;
 use substrate::{
-    Address, Addressed, Answer, Delivery, Inbound, Question, Rejected, SendError, Subject,
-    Substrate, Through,
+    AgentAddress, Answer, Delivery, Destination, ForwardingSubstrate, Inbound, ReceivedQuery,
+    Rejected, SendError, Subject, Substrate,
 };
 
 /// The recorded messages, in their order.
@@ -60,12 +60,12 @@ impl Overheard {
 
 /// The inbound side: records messages from the substrate.
 pub(crate) struct Inward {
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
     overheard: Arc<Overheard>,
 }
 
 impl Inward {
-    pub(crate) fn new(switchboard: &Arc<Switchboard>, overheard: &Arc<Overheard>) -> Arc<Inward> {
+    pub(crate) fn new(switchboard: &Arc<MessageRouter>, overheard: &Arc<Overheard>) -> Arc<Inward> {
         let (switchboard, overheard) = (Arc::clone(switchboard), Arc::clone(overheard));
         Arc::new(Inward { switchboard, overheard })
     }
@@ -73,7 +73,7 @@ impl Inward {
 
 impl Inbound for Inward {
     fn deliver(&self, delivery: Delivery) {
-        if let Addressed::To(_, subject) = &delivery.addressed {
+        if let Destination::To(_, subject) = &delivery.destination {
             self.overheard.note(subject, &delivery.payload);
         }
         self.switchboard.deliver(delivery);
@@ -83,16 +83,16 @@ impl Inbound for Inward {
         self.switchboard.presence(presence);
     }
 
-    fn question(&self, question: Question) {
-        self.switchboard.question(question);
+    fn receive_query(&self, question: ReceivedQuery) {
+        self.switchboard.receive_query(question);
     }
 
     fn rejected(&self, rejected: &Rejected<'_>) {
         self.switchboard.rejected(rejected);
     }
 
-    fn admits(&self, answer: &Answer<'_>) -> bool {
-        self.switchboard.admits(answer)
+    fn accepts_answer(&self, answer: &Answer<'_>) -> bool {
+        self.switchboard.accepts_answer(answer)
     }
 }
 
@@ -107,12 +107,12 @@ pub(crate) fn outward(wire: Arc<dyn Substrate>, overheard: &Arc<Overheard>) -> A
     Arc::new(Outward { wire, overheard: Arc::clone(overheard) })
 }
 
-impl Through for Outward {
-    fn wire(&self) -> &dyn Substrate {
+impl ForwardingSubstrate for Outward {
+    fn inner(&self) -> &dyn Substrate {
         &*self.wire
     }
 
-    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+    fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError> {
         self.overheard.note(&subject, &payload);
         self.wire.send(to, subject, payload)
     }

@@ -9,7 +9,7 @@ use acl::{AgentId, Deadline};
 use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
 };
-use agent::{Blueprint, Host, LaunchError, Mode, Switchboard};
+use agent::{Blueprint, Host, LaunchError, MessageRouter, Mode};
 use pddl::InitElement;
 use tokio::process::Child;
 use tokio::task::JoinHandle;
@@ -106,7 +106,7 @@ pub(crate) fn launch(
     id: &AgentId,
     place: usize,
     host: &Arc<Host>,
-    switchboard: &Arc<Switchboard>,
+    switchboard: &Arc<MessageRouter>,
 ) -> Outcome<JoinHandle<Result<(), LaunchError>>> {
     let blueprint = Blueprint {
         id: id.clone(),

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::time::SystemTime;
 
 use acl::{DaemonId, EcosystemId};
-use credentials::{Authority, Certificate, CredentialError, Folder, Trust};
+use credentials::{Authority, Certificate, CredentialError, CredentialFolder, Trust};
 use serde_json::json;
 use terminal::output::Color;
 use terminal::styled::Styled;
@@ -29,7 +29,7 @@ struct CertificateFolder {
     name: EcosystemId,
     /// The ecosystem as its file defines it; `None` if there is no file.
     ecosystem: Option<Ecosystem>,
-    folder: Folder,
+    folder: CredentialFolder,
 }
 
 /// Creates an authority or certificates, lists them, or revokes them.
@@ -229,7 +229,7 @@ impl CertificateFolder {
         let said = ecosystem.as_ref().and_then(|ecosystem| ecosystem.security.as_ref());
         let said = said.map(|security| security.folder.clone());
         let folder = folder.cloned().or(said).unwrap_or_else(|| credentials_folder(&name));
-        CertificateFolder { name, ecosystem, folder: Folder::new(folder) }
+        CertificateFolder { name, ecosystem, folder: CredentialFolder::new(folder) }
     }
 
     fn warn_days(&self) -> u64 {
@@ -255,7 +255,7 @@ impl CertificateFolder {
 
 /// Returns the authority's certificate, then those that it has issued if its key is here, and those
 /// in this folder.
-fn certificates(folder: &Folder, trust: &Trust) -> Vec<Certificate> {
+fn certificates(folder: &CredentialFolder, trust: &Trust) -> Vec<Certificate> {
     let mut found = Authority::open(folder).map(|each| each.issued()).unwrap_or_default();
     for name in folder.daemons() {
         let here = Certificate::read(&folder.certificate(&name)).ok();
@@ -267,7 +267,7 @@ fn certificates(folder: &Folder, trust: &Trust) -> Vec<Certificate> {
 }
 
 fn state(certificate: &Certificate, trust: &Trust, warn_days: u64) -> &'static str {
-    let is_revoked = trust.revocations().is_some_and(|list| list.has(certificate));
+    let is_revoked = trust.revocations().is_some_and(|list| list.contains(certificate));
     match days(certificate) {
         _ if is_revoked => "revoked",
         0 => "ended",
@@ -277,7 +277,7 @@ fn state(certificate: &Certificate, trust: &Trust, warn_days: u64) -> &'static s
 }
 
 fn days(certificate: &Certificate) -> u64 {
-    certificate.left(SystemTime::now()).as_secs().div_ceil(DAY_SECONDS)
+    certificate.remaining(SystemTime::now()).as_secs().div_ceil(DAY_SECONDS)
 }
 
 fn object(certificate: &Certificate, state: &str) -> serde_json::Value {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Ask, Directory, Machine, Resident, Resource, Switchboard};
+use agent::{Directory, HostServices, MessageRouter, Resident, Resource, ResourceQuery};
 use bytes::Bytes;
 use terminal::{exit, output};
 
@@ -36,7 +36,7 @@ pub(crate) struct ClientLink {
 /// Access to an ecosystem: through a link, or from a daemon of it.
 #[derive(Clone)]
 pub(crate) struct EcosystemView {
-    pub(crate) switchboard: Arc<Switchboard>,
+    pub(crate) switchboard: Arc<MessageRouter>,
     pub(crate) name: EcosystemId,
     /// The ecosystem as its file defines it; `None` if the file is not known here.
     pub(crate) ecosystem: Option<Arc<Ecosystem>>,
@@ -143,7 +143,7 @@ impl ClientTarget {
         let rights = rights.map(|ecosystem| ecosystem.rights.clone());
         let wire = MessageTransport::Zenoh(Box::new(config));
         let node =
-            DaemonNode::join(Machine::default(), name.clone(), daemon, settings, rights, wire)
+            DaemonNode::join(HostServices::default(), name.clone(), daemon, settings, rights, wire)
                 .await
                 .map_err(|error| error.to_string())?;
         let switchboard = Arc::clone(node.switchboard());
@@ -169,7 +169,7 @@ pub(crate) fn guest_config(
         }
     };
     let mut config = substrate_zenoh::Config::new(ecosystem.clone(), daemon);
-    config.mode = substrate_zenoh::Mode::Client;
+    config.mode = substrate_zenoh::SessionMode::Client;
     config.connect = daemon_sockets::running_first(endpoints);
     config.security = security;
     Ok(config)
@@ -209,7 +209,7 @@ impl EcosystemView {
 
     /// Queries a resource from all daemons.
     pub(crate) async fn ask(&self, resource: Resource, agent: Option<AgentId>) -> Vec<Bytes> {
-        let ask = Ask { daemon: None, resource, agent };
+        let ask = ResourceQuery { daemon: None, resource, agent };
         self.switchboard.ask(ask, ANSWERED_WITHIN).await
     }
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 use acl::content::{CallForProposals, Question, Request};
 use acl::{AgentId, ConversationId, Deadline, Performative, Protocol};
 use agent::Directory;
-use conversation::{PROTOCOLS, Phase, Role};
+use conversation::{ExchangePhase, ExchangeRole, PROTOCOLS};
 use keyboard::{MessageDraft, UserRequest};
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -163,7 +163,7 @@ fn draft(text: &str) -> Result<MessageDraft, String> {
     let protocol = protocol.unwrap_or(usual);
     let opens = PROTOCOLS.iter().any(|turn| {
         (turn.protocol, turn.phase, turn.role, turn.performative)
-            == (protocol, Phase::Opening, Role::Initiator, performative)
+            == (protocol, ExchangePhase::Opening, ExchangeRole::Initiator, performative)
     });
     if !opens {
         return Err(format!("`{performative}` does not open an exchange of {protocol:?}"));

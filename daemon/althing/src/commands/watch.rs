@@ -130,7 +130,7 @@ struct MessagePrinter {
 impl MessagePrinter {
     fn print(&mut self, message: &Message) -> ExitCode {
         let at = self.began.elapsed();
-        let violation = self.transcript.hear(message).err();
+        let violation = self.transcript.receive(message).err();
         if self.json {
             let value = json!({
                 "at_ms": u64::try_from(at.as_millis()).unwrap_or(u64::MAX),

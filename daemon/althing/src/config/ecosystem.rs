@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Admit, Mode, Rights, Settings};
+use agent::{AdmissionPolicy, AgentSettings, Mode, Rights};
 use keyboard::GoalRequest;
 use pddl::{Domain, Problem};
 use serde_json::Value;
@@ -37,7 +37,7 @@ pub(crate) struct Ecosystem {
     /// The configuration for Zenoh, as it is written; null if there is none.
     pub(crate) zenoh: Value,
     /// Times and bounds.
-    pub(crate) settings: Settings,
+    pub(crate) settings: AgentSettings,
     /// The settings of security; `None` if the ecosystem is not secured.
     pub(crate) security: Option<SecuritySettings>,
     /// The rights of agents and daemons; they are enforced only if the ecosystem is secured.
@@ -107,7 +107,7 @@ pub(crate) struct PluginSettings {
     /// The folder with their packages; `None` for the default folder of the machine.
     pub(crate) folder: Option<PathBuf>,
     /// The rule for the admission of agents that the file does not name.
-    pub(crate) admit: Admit,
+    pub(crate) admit: AdmissionPolicy,
     /// Whether plugins run only if the machine supports all parts of their confinement.
     pub(crate) requires_confinement: bool,
 }

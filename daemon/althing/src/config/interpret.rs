@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 use ::building::Quantity;
 use acl::{DaemonId, EcosystemId, InvalidName};
-use agent::{Admit, Allowed};
+use agent::{AdmissionPolicy, AllowedNames};
 use pddl::{Diagnostic, Span};
 
 use super::KnownPlugin;
@@ -80,7 +80,7 @@ pub(super) fn interpret_values(
     let security = meaning.security(security, name.as_ref());
     let mut rights = meaning.rights(&rights, &agents, &limited);
     // A daemon that runs an interface also brings the agents that the interface borrows.
-    if let Allowed::These(newcomers) = &mut rights.newcomers {
+    if let AllowedNames::These(newcomers) = &mut rights.newcomers {
         newcomers.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
     }
     let plugins = meaning.plugins(plugins);
@@ -121,10 +121,10 @@ impl Interpreter<'_> {
         let RawPlugins { folder, admit, confinement } = raw;
         let beside = |folder: String| self.file.parent().unwrap_or(Path::new("")).join(folder);
         let admit = match admit.as_str() {
-            "listed" => Admit::Listed,
-            "ask" => Admit::Ask,
+            "listed" => AdmissionPolicy::Listed,
+            "ask" => AdmissionPolicy::Ask,
             // The schema allows no other value.
-            _ => Admit::All,
+            _ => AdmissionPolicy::All,
         };
         let requires_confinement = confinement == "require";
         PluginSettings { folder: folder.map(beside), admit, requires_confinement }

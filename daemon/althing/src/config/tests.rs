@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use acl::content::{Keep, Partition};
-use agent::Settings;
+use agent::AgentSettings;
 use serde_json::json;
 use tempfile::TempDir;
 
@@ -115,7 +115,7 @@ fn the_defaults_are_those_of_the_agents() {
     let raw = merge(&[layer], &Overrides::default()).expect("complete defaults");
     assert_eq!(raw.ecosystem.mode, Mode::default());
     let file = FILE.replace("grace = \"300ms\"", "");
-    assert_eq!(House::new(&file).load().settings, Settings::default());
+    assert_eq!(House::new(&file).load().settings, AgentSettings::default());
 }
 
 #[test]

@@ -11,9 +11,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use ::credentials::{Certificate, CredentialError, Folder, Identity, Trust, Verifier};
+use ::credentials::{
+    Certificate, CredentialError, CredentialFolder, DaemonIdentity, Trust, Verifier,
+};
 use acl::{DaemonId, EcosystemId};
-use agent::Machine;
+use agent::HostServices;
 use substrate_zenoh::Security;
 
 use super::folders::state_folder;
@@ -32,7 +34,7 @@ const GUEST_MESSAGES_PER_SECOND: u32 = 5_000;
 /// The key that a guest uses.
 #[derive(Clone, Debug)]
 pub(crate) struct GuestKeys {
-    folder: Folder,
+    folder: CredentialFolder,
     daemon: DaemonId,
 }
 
@@ -48,12 +50,12 @@ pub(crate) fn secure(
     settings: &SecuritySettings,
 ) -> Result<Security, String> {
     let kept = state_folder(ecosystem, daemon).map_err(|error| error.to_string())?;
-    let folder = Folder::new(&settings.folder);
+    let folder = CredentialFolder::new(&settings.folder);
     let read = || -> Result<Security, CredentialError> {
-        let trust = Trust::read(&folder)?.keeping(kept.join("revoked.pem"))?;
+        let trust = Trust::read(&folder)?.storing_at(kept.join("revoked.pem"))?;
         // Greater than the number of each earlier incarnation, even if the clock was set back.
-        let life = Machine::new(Some(kept.clone())).next_life();
-        let identity = Identity::read(&folder, daemon, &trust)?.in_life(life.0);
+        let life = HostServices::new(Some(kept.clone())).next_incarnation();
+        let identity = DaemonIdentity::read(&folder, daemon, &trust)?.with_incarnation(life.0);
         let identity = Arc::new(identity);
         let verifier = Arc::new(Verifier::new(trust, settings.messages_per_second_max));
         Ok(Security { identity, verifier })
@@ -67,9 +69,9 @@ pub(crate) async fn warn_of_expiry(security: Security, folder: PathBuf, before: 
     loop {
         let now = SystemTime::now();
         let own = security.identity.certificate().clone();
-        let authority = Certificate::read(&Folder::new(&folder).authority()).ok();
+        let authority = Certificate::read(&CredentialFolder::new(&folder).authority()).ok();
         for certificate in [Some(own), authority].into_iter().flatten() {
-            let left = certificate.left(now);
+            let left = certificate.remaining(now);
             if left <= before {
                 let (subject, days) = (&certificate.subject, left.as_secs() / (24 * 3_600));
                 let remedy = match certificate.daemon() {
@@ -118,13 +120,13 @@ impl GuestKeys {
     ) -> Result<Option<GuestKeys>, String> {
         let told = || sockets.iter().find_map(|socket| read_told(socket));
         let default = || {
-            let folder = Folder::new(credentials_folder(ecosystem));
+            let folder = CredentialFolder::new(credentials_folder(ecosystem));
             // Only if no daemon runs here and the file names no folder: the daemons may run on
             // other machines.
             (sockets.is_empty() && folder.authority().is_file()).then_some(folder)
         };
         let folder = match settings {
-            Some(settings) => Some(Folder::new(&settings.folder)),
+            Some(settings) => Some(CredentialFolder::new(&settings.folder)),
             None => told().or_else(default),
         };
         let Some(folder) = folder else { return Ok(None) };
@@ -164,7 +166,7 @@ impl GuestKeys {
 
     /// Returns the keys of one daemon.
     pub(crate) fn of(settings: &SecuritySettings, daemon: &DaemonId) -> GuestKeys {
-        GuestKeys { folder: Folder::new(&settings.folder), daemon: daemon.clone() }
+        GuestKeys { folder: CredentialFolder::new(&settings.folder), daemon: daemon.clone() }
     }
 
     /// Returns the keys with which a guest of this role seals and verifies messages, and the
@@ -174,9 +176,9 @@ impl GuestKeys {
     ///
     /// Returns an error if the key cannot be read.
     pub(crate) fn security(&self, role: &str) -> Result<(DaemonId, Security), String> {
-        let read = || -> Result<(Identity, Trust), CredentialError> {
+        let read = || -> Result<(DaemonIdentity, Trust), CredentialError> {
             let trust = Trust::read(&self.folder)?;
-            Ok((Identity::read(&self.folder, &self.daemon, &trust)?, trust))
+            Ok((DaemonIdentity::read(&self.folder, &self.daemon, &trust)?, trust))
         };
         let (identity, trust) = read().map_err(|error| error.to_string())?;
         let role = format!("{role}-{}", std::process::id());
@@ -187,7 +189,7 @@ impl GuestKeys {
     }
 }
 
-fn read_told(socket: &Path) -> Option<Folder> {
+fn read_told(socket: &Path) -> Option<CredentialFolder> {
     let path = fs::read_to_string(socket.with_extension(KEYS)).ok()?;
-    Some(Folder::new(path))
+    Some(CredentialFolder::new(path))
 }

@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use acl::DaemonId;
-use substrate_zenoh::REST;
+use substrate_zenoh::REOPEN_DELAY;
 
 use super::folders::{FolderError, socket_in};
 
@@ -166,7 +166,7 @@ fn remaining_delay(tickets: &[PresenceFile], now: SystemTime) -> Duration {
     let said = tickets.iter().filter(|ticket| !ticket.is_here && ticket.life.is_empty());
     // A clock that was set back must not keep a daemon away for longer.
     let past = said.map(|ticket| now.duration_since(ticket.since).unwrap_or_default());
-    past.min().map_or(Duration::ZERO, |past| REST.saturating_sub(past))
+    past.min().map_or(Duration::ZERO, |past| REOPEN_DELAY.saturating_sub(past))
 }
 
 /// Returns the tickets of all daemons that are or were present. The caller holds the lock, because

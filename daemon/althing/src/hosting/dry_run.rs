@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use ::building::{Building, Layout};
 use acl::AgentId;
-use agent::{Host, Launch, Rehearsal, Resources};
+use agent::{BuildCheck, Host, LaunchableAgent, Resources};
 use pddl::ActionModel;
 
 use super::{HostError, supervisor};
@@ -23,7 +23,7 @@ impl DryRun {
     /// Creates the context for the agents of this ecosystem.
     pub(crate) fn of(ecosystem: &Ecosystem) -> DryRun {
         let mut resources = Resources::default();
-        resources.insert(Rehearsal);
+        resources.insert(BuildCheck);
         // Drivers take a handle of it, but no agent acts: its contents do not matter.
         let building = Building::new(Layout::new(), 1.0);
         building.into_iter().for_each(|building| resources.insert(building.handle()));
@@ -43,7 +43,7 @@ impl DryRun {
     /// # Errors
     ///
     /// Returns an error if its entry is wrong.
-    pub(crate) fn build(&self, entry: &AgentEntry) -> Result<Box<dyn Launch>, HostError> {
+    pub(crate) fn build(&self, entry: &AgentEntry) -> Result<Box<dyn LaunchableAgent>, HostError> {
         supervisor::build_unlaunched(entry, &self.host)
     }
 }

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use acl::{AgentId, Performative};
 use bytes::Bytes;
-use substrate::{Address, SendError, Subject, Substrate, Through};
+use substrate::{AgentAddress, ForwardingSubstrate, SendError, Subject, Substrate};
 
 /// The probabilities of faults, and counters of those that have occurred.
 #[derive(Debug, Default)]
@@ -111,12 +111,12 @@ impl UnreliableSubstrate {
     }
 }
 
-impl Through for UnreliableSubstrate {
-    fn wire(&self) -> &dyn Substrate {
+impl ForwardingSubstrate for UnreliableSubstrate {
+    fn inner(&self) -> &dyn Substrate {
         &*self.reliable
     }
 
-    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+    fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError> {
         let sender = acl::decode(&payload).ok().map(|message| message.sender.to_string());
         let route = format!("{} {} {subject:?}", sender.unwrap_or_default(), to.agent);
         self.pass(route, payload, |payload| self.reliable.send(to, subject, payload))
@@ -133,9 +133,9 @@ impl Through for UnreliableSubstrate {
         self.pass(route, payload, |payload| reliable.broadcast(sender, performative, payload))
     }
 
-    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
+    fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         let route = format!("{sender} beat");
-        self.pass(route, payload, |payload| self.reliable.beat(sender, payload))
+        self.pass(route, payload, |payload| self.reliable.broadcast_state(sender, payload))
     }
 }
 

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::DaemonId;
-use agent::{Ask, Resource, Switchboard};
+use agent::{MessageRouter, Resource, ResourceQuery};
 use ring::digest::{SHA256, digest};
 use serde::{Deserialize, Serialize};
 use tokio::sync::broadcast::error::RecvError;
@@ -52,7 +52,7 @@ pub(crate) fn watch_files(node: &DaemonNode, ecosystem: &Ecosystem) {
     tokio::spawn(watch(switchboard, own));
 }
 
-async fn watch(switchboard: Arc<Switchboard>, own: FileDigests) {
+async fn watch(switchboard: Arc<MessageRouter>, own: FileDigests) {
     let (mut directory, mut changes) = switchboard.presence_changes();
     // Number of queries sent to each daemon that is present.
     let mut asked: BTreeMap<DaemonId, u32> = BTreeMap::new();
@@ -88,9 +88,9 @@ async fn watch(switchboard: Arc<Switchboard>, own: FileDigests) {
 
 /// Queries the files of these daemons: a single one by its name, several all at once. Returns the
 /// answers that came.
-async fn ask(switchboard: &Switchboard, newcomers: &BTreeSet<DaemonId>) -> Vec<FileDigests> {
+async fn ask(switchboard: &MessageRouter, newcomers: &BTreeSet<DaemonId>) -> Vec<FileDigests> {
     let daemon = newcomers.first().filter(|_| newcomers.len() == 1).cloned();
-    let ask = Ask { daemon, resource: Resource::Files, agent: None };
+    let ask = ResourceQuery { daemon, resource: Resource::Files, agent: None };
     let answers = switchboard.ask(ask, ANSWERED_WITHIN).await;
     let read = |answer: &bytes::Bytes| serde_json::from_slice::<FileDigests>(answer).ok();
     // Answers of daemons that were not queried are dropped.

@@ -28,8 +28,8 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{
-    Admissions, Admit, Host, Landing, Machine, Mode, Named, Resources, Rights, Settings,
-    StateFolder, Switchboard,
+    AdmissionPolicy, Admissions, AgentSettings, ConfiguredNames, Host, HostServices, MessageRouter,
+    Mode, Resources, Rights, Spawner, StateFolder,
 };
 use substrate::Substrate;
 use substrate::memory::Network;
@@ -86,7 +86,7 @@ impl MessageTransport {
 
 /// A running daemon.
 pub(crate) struct DaemonNode {
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
     substrate: Arc<dyn Substrate>,
     agents: Vec<SupervisedAgent>,
     /// The shared context with which agents of the ecosystem file are built; `None` for a guest,
@@ -165,14 +165,14 @@ impl DaemonNode {
         let NodeOptions { ecosystem, daemon, agents, mode, building, state } = part;
         let (name, settings) = (ecosystem.name.clone(), ecosystem.settings.clone());
         let rights = ecosystem.security.as_ref().map(|_| ecosystem.rights.clone());
-        let machine = Machine::new(state.clone());
+        let machine = HostServices::new(state.clone());
         let mut node = DaemonNode::join(machine, name, daemon, settings, rights, wire).await?;
         let mut resources = Resources::default();
         building.into_iter().for_each(|building| resources.insert(building));
         let admit = ecosystem.plugins.admit;
         resources.insert(Admissions::new(admit));
         let named = ecosystem.agents.iter().map(|entry| entry.name.to_string());
-        resources.insert(Named(named.collect()));
+        resources.insert(ConfiguredNames(named.collect()));
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
         let host = Arc::new(Host {
             ontology: Arc::clone(&ecosystem.domain),
@@ -188,7 +188,7 @@ impl DaemonNode {
         for entry in agents.into_iter().filter(AgentEntry::is_built_in) {
             node.add_agent(entry)?;
         }
-        if admit == Admit::Ask {
+        if admit == AdmissionPolicy::Ask {
             node.add_agent(plugins::doorkeeper(node.switchboard.daemon()))?;
         }
         node.await_agents().await?;
@@ -202,15 +202,15 @@ impl DaemonNode {
     ///
     /// Returns an error if the substrate does not open.
     pub(crate) async fn join(
-        machine: Machine,
+        machine: HostServices,
         ecosystem: EcosystemId,
         daemon: DaemonId,
-        settings: Settings,
+        settings: AgentSettings,
         rights: Option<Rights>,
         wire: MessageTransport,
     ) -> Result<DaemonNode, HostError> {
-        let switchboard = Switchboard::on(machine, ecosystem, daemon.clone(), settings);
-        rights.into_iter().for_each(|rights| switchboard.limit(rights));
+        let switchboard = MessageRouter::on(machine, ecosystem, daemon.clone(), settings);
+        rights.into_iter().for_each(|rights| switchboard.set_rights(rights));
         let (substrate, locators) = connect(&switchboard, daemon, wire.clone()).await?;
         switchboard.connect(Arc::clone(&substrate));
         Ok(DaemonNode {
@@ -226,18 +226,18 @@ impl DaemonNode {
     }
 
     /// The message router of this daemon.
-    pub(crate) fn switchboard(&self) -> &Arc<Switchboard> {
+    pub(crate) fn switchboard(&self) -> &Arc<MessageRouter> {
         &self.switchboard
     }
 
     /// Returns the context for launching agents that no ecosystem file names; `None` for a guest.
-    pub(crate) fn spawner(&self) -> Option<Landing> {
-        Some(Landing {
-            switchboard: Arc::clone(&self.switchboard),
+    pub(crate) fn spawner(&self) -> Option<Spawner> {
+        Some(Spawner {
+            router: Arc::clone(&self.switchboard),
             host: Arc::clone(self.host.as_ref()?),
             stopping: self.stopping.clone(),
             tasks: self.tasks.clone(),
-            tells_way: true,
+            records_via: true,
         })
     }
 
@@ -267,7 +267,7 @@ impl DaemonNode {
     pub(crate) fn launch(&self, id: AgentId, agent: impl agent::Agent, ontology: &str) {
         let berth =
             supervisor::launch_context(&id, &self.switchboard, ontology, &self.stopping, false);
-        let life = agent::Launch::launch(Box::new(agent), berth);
+        let life = agent::LaunchableAgent::launch(Box::new(agent), berth);
         self.tasks.spawn(async move {
             if let Ok(Err(error)) = life.await {
                 tracing::error!(%id, "failed to {error}");
@@ -333,11 +333,11 @@ impl DaemonNode {
 }
 
 async fn connect(
-    switchboard: &Arc<Switchboard>,
+    switchboard: &Arc<MessageRouter>,
     daemon: DaemonId,
     wire: MessageTransport,
 ) -> Result<(Arc<dyn Substrate>, Vec<String>), HostError> {
-    let inbound = Arc::<Switchboard>::clone(switchboard);
+    let inbound = Arc::<MessageRouter>::clone(switchboard);
     match wire {
         MessageTransport::Memory(network) => Ok((network.open(daemon, inbound), Vec::new())),
         MessageTransport::Unreliable(network, mishaps) => {

@@ -5,7 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::AgentId;
-use agent::{Berth, Blueprint, BuildError, Host, Launch, PluginEntry, Switchboard};
+use agent::{
+    Blueprint, BuildError, Host, LaunchContext, LaunchableAgent, MessageRouter, PluginEntry,
+};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -35,7 +37,7 @@ pub(super) struct SupervisedAgent {
 pub(super) fn supervise(
     entry: AgentEntry,
     host: &Arc<Host>,
-    switchboard: &Arc<Switchboard>,
+    switchboard: &Arc<MessageRouter>,
     stopping: &CancellationToken,
     tasks: &TaskTracker,
 ) -> Result<SupervisedAgent, HostError> {
@@ -62,7 +64,7 @@ pub(super) fn supervise(
 pub(super) fn build_unlaunched(
     entry: &AgentEntry,
     host: &Arc<Host>,
-) -> Result<Box<dyn Launch>, HostError> {
+) -> Result<Box<dyn LaunchableAgent>, HostError> {
     let (agent, plugin) = (entry.name.clone(), entry.plugin.clone());
     let plugin = plugins::find(&plugin).ok_or(HostError::UnknownPlugin { agent, plugin })?;
     Ok((plugin.build)(blueprint(entry, plugin, host)?)?)
@@ -90,14 +92,14 @@ fn blueprint(
 struct AgentSupervisor {
     plugin: &'static PluginEntry,
     blueprint: Blueprint,
-    switchboard: Arc<Switchboard>,
+    switchboard: Arc<MessageRouter>,
     stopping: CancellationToken,
     unplugged: CancellationToken,
     stands_by: bool,
 }
 
 impl AgentSupervisor {
-    async fn run(self, first: Box<dyn Launch>) {
+    async fn run(self, first: Box<dyn LaunchableAgent>) {
         let id = &self.blueprint.id;
         let mut wait = RESTART_FIRST;
         let mut next = Ok(first);
@@ -121,14 +123,14 @@ impl AgentSupervisor {
         }
     }
 
-    fn berth(&self) -> Berth {
+    fn berth(&self) -> LaunchContext {
         let ontology = self.blueprint.host.ontology.name.as_str();
         let (id, switchboard) = (&self.blueprint.id, &self.switchboard);
         launch_context(id, switchboard, ontology, &self.stopping, self.stands_by)
     }
 
     /// Runs one incarnation. Returns `true` if it was the last.
-    async fn run_incarnation(&self, agent: Box<dyn Launch>) -> bool {
+    async fn run_incarnation(&self, agent: Box<dyn LaunchableAgent>) -> bool {
         let id = &self.blueprint.id;
         let mut life = agent.launch(self.berth());
         let ended = tokio::select! {
@@ -151,18 +153,18 @@ impl AgentSupervisor {
 /// Creates the launch context of a new incarnation of an agent.
 pub(super) fn launch_context(
     id: &AgentId,
-    switchboard: &Arc<Switchboard>,
+    switchboard: &Arc<MessageRouter>,
     ontology: &str,
     stopping: &CancellationToken,
     stands_by: bool,
-) -> Berth {
-    Berth {
+) -> LaunchContext {
+    LaunchContext {
         id: id.clone(),
-        incarnation: switchboard.machine().next_life(),
-        switchboard: Arc::clone(switchboard),
+        incarnation: switchboard.host_services().next_incarnation(),
+        router: Arc::clone(switchboard),
         ontology: Arc::from(ontology),
         stopping: stopping.clone(),
-        stands_by,
+        has_replicas: stands_by,
         via: [].into(),
     }
 }

@@ -9,14 +9,14 @@ use std::sync::Arc;
 
 use ::interfacing::EcosystemEndpoint;
 pub(crate) use ::interfacing::{connect, remote_client};
-use agent::Landing;
+use agent::Spawner;
 pub(crate) use check::{PeerEcosystem, check, load};
 
 use crate::config::Ecosystem;
 
 impl Ecosystem {
     /// Returns the endpoint of this ecosystem in which the proxy agents of an interface run.
-    pub(crate) fn ecosystem_endpoint(&self, landing: Landing) -> EcosystemEndpoint {
+    pub(crate) fn ecosystem_endpoint(&self, landing: Spawner) -> EcosystemEndpoint {
         let (domain, problem) = (Arc::clone(&self.domain), Arc::clone(&self.problem));
         EcosystemEndpoint { name: self.name.clone(), domain, problem, spawner: landing }
     }

@@ -125,7 +125,7 @@ fn wire(
         ScenarioSubstrate::Memory => return Ok(MessageTransport::Memory(Network::new())),
         ScenarioSubstrate::Zenoh => config.listen = vec![socket_endpoint(folder, daemon.as_str())?],
         ScenarioSubstrate::Processes => {
-            config.mode = substrate_zenoh::Mode::Client;
+            config.mode = substrate_zenoh::SessionMode::Client;
             let meeting = folder.join(ecosystem.name.as_str());
             config.connect = vec![socket_endpoint(&meeting, REASONING)?];
         }
@@ -281,7 +281,7 @@ impl LaunchedScenario {
         };
         let name = DaemonId::new("stranger").map_err(|error| error.to_string())?;
         let mut config = substrate_zenoh::Config::new(self.ecosystem.name.clone(), name);
-        config.mode = substrate_zenoh::Mode::Client;
+        config.mode = substrate_zenoh::SessionMode::Client;
         config.connect.extend(endpoint);
         let tap = substrate_zenoh::tap(config, move |_, payload| hear(&payload)).await;
         let tap = tap.map_err(|error| format!("failed to {error}"))?;

@@ -4,14 +4,14 @@ use std::collections::BTreeSet;
 
 use acl::AgentId;
 use acl::content::{Inform, Snapshot};
-use agent::{Agent, Ask, Callbacks, Context, Presence, Resource, Work};
+use agent::{Agent, Callbacks, Context, Presence, Resource, ResourceQuery, WorkHandle};
 use tokio::sync::oneshot;
 
 /// Waits for the expected agents.
 pub(super) struct ReadinessProbe {
     expected: BTreeSet<String>,
     seen: Option<oneshot::Sender<()>>,
-    asking: Option<Work>,
+    asking: Option<WorkHandle>,
 }
 
 impl Agent for ReadinessProbe {
@@ -45,12 +45,12 @@ impl ReadinessProbe {
         if self.seen.is_none() {
             return;
         }
-        let ask = Ask {
+        let ask = ResourceQuery {
             daemon: None,
             resource: Resource::Domain,
             agent: AgentId::new("domain-maintainer").ok(),
         };
-        let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        let asked = ctx.router().ask(ask, ctx.settings().answer_deadline);
         self.asking = Some(ctx.run(asked, |usher: &mut Self, answers, _| {
             let snapshot =
                 answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use ::building::{DeathTime, Layout};
-use agent::{Mode, Settings};
+use agent::{AgentSettings, Mode};
 
 use super::{Scenario, ScenarioOptions, ScenarioSubstrate, play};
 use crate::hosting::DaemonNode;
@@ -72,7 +72,7 @@ async fn nobody_waits_for_the_dead() {
             let event = events.iter().find(|event| event.text.contains(word));
             event.unwrap_or_else(|| panic!("{mode}: `{word}` was not said: {events:#?}")).at
         };
-        let bearable = Settings::default().grace + Duration::from_millis(100);
+        let bearable = AgentSettings::default().grace + Duration::from_millis(100);
         assert!(at("planning anew") - at("is gone") < bearable, "{mode}: {events:#?}");
     }
 }

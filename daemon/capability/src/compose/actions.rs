@@ -7,35 +7,35 @@ use std::sync::Arc;
 use acl::AgentId;
 use pddl::{ActionSchema, Name};
 
-use super::declarations::Standing;
-use super::{Party, Report, Shared};
-use crate::canonical::{Key, Uses};
-use crate::conflict::{Kind, Subject};
-use crate::manifest::Offer;
-use crate::names::{ActionNames, Variants};
+use super::declarations::SelectedDeclarations;
+use super::{ConflictReport, Contribution, SharedModel};
+use crate::canonical::{CanonicalText, UsedSymbols};
+use crate::conflict::{ModelPart, ModelPartKind};
+use crate::model_summary::ModelAction;
+use crate::names::{ActionNames, ActionVariants};
 
 /// The selected schemas, by name outside (as the agents call them) and canonical text.
-pub(super) type Schemas<'a> = BTreeMap<(&'a Name, &'a Key), Schema<'a>>;
+pub(super) type SelectedSchemas<'a> = BTreeMap<(&'a Name, &'a CanonicalText), SelectedSchema<'a>>;
 
 /// A selected schema.
-pub(super) struct Schema<'a> {
+pub(super) struct SelectedSchema<'a> {
     /// The schema as written by its first offerer, by name.
     pub(super) tree: &'a Arc<ActionSchema>,
-    pub(super) uses: &'a Uses,
+    pub(super) uses: &'a UsedSymbols,
     /// The agents that offer it, sorted by name.
     pub(super) offerers: Vec<&'a AgentId>,
 }
 
 pub(super) fn gather<'a>(
-    shared: &'a Shared,
-    parties: &[Party<'a>],
-    standing: &Standing<'a>,
-    report: &mut Report<'a>,
-) -> Schemas<'a> {
-    let ours: BTreeMap<&Name, &Offer> =
+    shared: &'a SharedModel,
+    parties: &[Contribution<'a>],
+    standing: &SelectedDeclarations<'a>,
+    report: &mut ConflictReport<'a>,
+) -> SelectedSchemas<'a> {
+    let ours: BTreeMap<&Name, &ModelAction> =
         shared.manifest.offers.iter().map(|offer| (&offer.schema.name, offer)).collect();
-    let mut misfits: BTreeMap<(&Name, &Key), Option<String>> = BTreeMap::new();
-    let mut schemas = Schemas::new();
+    let mut misfits: BTreeMap<(&Name, &CanonicalText), Option<String>> = BTreeMap::new();
+    let mut schemas = SelectedSchemas::new();
     for party in parties.iter().filter(|party| party.trusted) {
         for offer in &party.manifest.offers {
             let at = (&offer.schema.name, &offer.key);
@@ -47,43 +47,56 @@ pub(super) fn gather<'a>(
                 .or_else(|| wrong_agent(party, offer, standing));
             match fault {
                 Some(detail) => {
-                    let subject = Subject::new(Kind::Action, &offer.schema.name);
+                    let subject = ModelPart::new(ModelPartKind::Action, &offer.schema.name);
                     report.leave_out(party.agent, subject, detail);
                 }
-                None => schemas.entry(at).or_insert_with(|| Schema::new(offer)).add(party.agent),
+                None => {
+                    schemas.entry(at).or_insert_with(|| SelectedSchema::new(offer)).add(party.agent)
+                }
             }
         }
     }
     schemas
 }
 
-fn differs_from_ontology(ours: &BTreeMap<&Name, &Offer>, offer: &Offer) -> Option<String> {
+fn differs_from_ontology(
+    ours: &BTreeMap<&Name, &ModelAction>,
+    offer: &ModelAction,
+) -> Option<String> {
     let declared = ours.get(&offer.schema.name)?;
     (declared.key != offer.key).then(|| {
         "the ontology declares it differently, which is used; copy it or rename it".to_owned()
     })
 }
 
-fn lost_declaration(party: &Party<'_>, offer: &Offer, report: &Report<'_>) -> Option<String> {
+fn lost_declaration(
+    party: &Contribution<'_>,
+    offer: &ModelAction,
+    report: &ConflictReport<'_>,
+) -> Option<String> {
     if report.lost.is_empty() {
         return None;
     }
-    let Uses { predicates, functions, types, objects, .. } = &offer.uses;
+    let UsedSymbols { predicates, functions, types, objects, .. } = &offer.uses;
     let used = predicates
         .iter()
-        .map(|(name, _)| (Kind::Predicate, name))
-        .chain(functions.iter().map(|(name, _)| (Kind::Function, name)))
-        .chain(types.iter().map(|name| (Kind::Type, name)))
-        .chain(objects.iter().map(|name| (Kind::Object, name)));
+        .map(|(name, _)| (ModelPartKind::Predicate, name))
+        .chain(functions.iter().map(|(name, _)| (ModelPartKind::Function, name)))
+        .chain(types.iter().map(|name| (ModelPartKind::Type, name)))
+        .chain(objects.iter().map(|name| (ModelPartKind::Object, name)));
     let (kind, name) =
         { used }.find(|(kind, name)| report.lost.contains(&(party.agent, *kind, *name)))?;
-    let subject = Subject::new(kind, name);
+    let subject = ModelPart::new(kind, name);
     Some(format!("it uses the {subject}, which another agent declares differently"))
 }
 
 /// Checks that the agent is itself an object of the type that `:agent` requires. Returns the fault, or
 /// `None`.
-fn wrong_agent(party: &Party<'_>, offer: &Offer, standing: &Standing<'_>) -> Option<String> {
+fn wrong_agent(
+    party: &Contribution<'_>,
+    offer: &ModelAction,
+    standing: &SelectedDeclarations<'_>,
+) -> Option<String> {
     let agent = offer.schema.agent.as_ref()?;
     let name = party.agent.as_str();
     let Some(ty) = standing.vocabulary.objects.get(name) else {
@@ -95,13 +108,13 @@ fn wrong_agent(party: &Party<'_>, offer: &Offer, standing: &Standing<'_>) -> Opt
 
 /// Returns the name of every schema inside the composite domain.
 pub(super) fn name<'a>(
-    schemas: &Schemas<'a>,
-    parties: &[Party<'a>],
+    schemas: &SelectedSchemas<'a>,
+    parties: &[Contribution<'a>],
     names: &mut ActionNames,
-) -> BTreeMap<(&'a Name, &'a Key), Name> {
+) -> BTreeMap<(&'a Name, &'a CanonicalText), Name> {
     let arrivals: BTreeMap<&AgentId, u64> =
         parties.iter().map(|party| (party.agent, party.arrival)).collect();
-    let mut variants = Variants::new();
+    let mut variants = ActionVariants::new();
     for ((outside, key), schema) in schemas {
         let longest_here = schema.offerers.iter().min_by_key(|agent| arrivals.get(**agent));
         if let Some(introducer) = longest_here {
@@ -113,9 +126,9 @@ pub(super) fn name<'a>(
 
 // === impl Schema ===
 
-impl<'a> Schema<'a> {
-    fn new(offer: &'a Offer) -> Schema<'a> {
-        Schema { tree: &offer.schema, uses: &offer.uses, offerers: Vec::new() }
+impl<'a> SelectedSchema<'a> {
+    fn new(offer: &'a ModelAction) -> SelectedSchema<'a> {
+        SelectedSchema { tree: &offer.schema, uses: &offer.uses, offerers: Vec::new() }
     }
 
     fn add(&mut self, agent: &'a AgentId) {

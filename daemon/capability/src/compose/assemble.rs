@@ -9,21 +9,21 @@ use pddl::{
     Span, Term, Typed,
 };
 
-use super::actions::{Schema, Schemas};
-use super::declarations::{Kept, Standing};
-use super::{Party, Shared};
-use crate::canonical::Key;
-use crate::composite::{Composite, Offered, Offers, Secrets};
-use crate::manifest::Item;
+use super::actions::{SelectedSchema, SelectedSchemas};
+use super::declarations::{SelectedDeclaration, SelectedDeclarations};
+use super::{Contribution, SharedModel};
+use crate::canonical::CanonicalText;
+use crate::composite::{CollectedOffers, Composite, OfferedAction, PrivateFacts};
+use crate::model_summary::DeclaredItem;
 use crate::names::unique;
 
 pub(super) fn assemble(
-    shared: &Shared,
-    parties: &[Party<'_>],
-    standing: Standing<'_>,
-    schemas: &Schemas<'_>,
-    inside: &BTreeMap<(&Name, &Key), Name>,
-    (secrets, unknowable): (Secrets, &BTreeSet<Name>),
+    shared: &SharedModel,
+    parties: &[Contribution<'_>],
+    standing: SelectedDeclarations<'_>,
+    schemas: &SelectedSchemas<'_>,
+    inside: &BTreeMap<(&Name, &CanonicalText), Name>,
+    (secrets, unknowable): (PrivateFacts, &BTreeSet<Name>),
 ) -> Composite {
     let mut domain = Domain::clone(&shared.ontology);
     // No agent can carry out an action that only the ontology describes.
@@ -41,7 +41,7 @@ pub(super) fn assemble(
     let (constants, objects): (Vec<_>, Vec<_>) = objects.into_iter().partition(is_named);
     domain.constants.extend(constants.into_iter().map(|declared| declared.object));
     let vocabulary = standing.vocabulary;
-    let (mut offers, mut guards) = (Offers::default(), BTreeSet::new());
+    let (mut offers, mut guards) = (CollectedOffers::default(), BTreeSet::new());
     for (inside, ((outside, key), schema)) in by_name_inside(schemas, inside) {
         let guard = unique(&format!("offers-{inside}"), |name| {
             guards.contains(name) || vocabulary.declares(name)
@@ -50,7 +50,7 @@ pub(super) fn assemble(
         write(&mut domain, inside, &guard, schema);
         let (outside, inside) = (outside.clone(), inside.clone());
         let (key, tree) = (key.clone(), Arc::clone(schema.tree));
-        offers.add(key, tree, Offered { outside, inside, guard }, &schema.offerers);
+        offers.add(key, tree, OfferedAction { outside, inside, guard }, &schema.offerers);
     }
     let knowledge = Knowledge::of(&domain, unknowable);
     knowledge.compile(&mut domain);
@@ -58,14 +58,14 @@ pub(super) fn assemble(
 }
 
 fn by_name_inside<'a>(
-    schemas: &'a Schemas<'a>,
-    inside: &'a BTreeMap<(&Name, &Key), Name>,
-) -> BTreeMap<&'a Name, ((&'a Name, &'a Key), &'a Schema<'a>)> {
+    schemas: &'a SelectedSchemas<'a>,
+    inside: &'a BTreeMap<(&Name, &CanonicalText), Name>,
+) -> BTreeMap<&'a Name, ((&'a Name, &'a CanonicalText), &'a SelectedSchema<'a>)> {
     { schemas.iter() }.filter_map(|(at, schema)| Some((inside.get(at)?, (*at, schema)))).collect()
 }
 
 /// Collects the requirements: those of the ontology in their order, then those of the agents by name.
-fn require(domain: &mut Domain, parties: &[Party<'_>]) {
+fn require(domain: &mut Domain, parties: &[Contribution<'_>]) {
     let theirs = parties.iter().filter(|party| party.trusted);
     let theirs: BTreeSet<&Name> = theirs.flat_map(|party| &party.manifest.requirements).collect();
     for requirement in theirs {
@@ -75,21 +75,25 @@ fn require(domain: &mut Domain, parties: &[Party<'_>]) {
     }
 }
 
-fn declare(domain: &mut Domain, objects: &mut Vec<ObjectDeclaration>, kept: &Kept<'_>) {
+fn declare(
+    domain: &mut Domain,
+    objects: &mut Vec<ObjectDeclaration>,
+    kept: &SelectedDeclaration<'_>,
+) {
     let privacy = |written: &Privacy| {
         if kept.private { written.clone() } else { Privacy::Public }
     };
     match &kept.declaration.item {
-        Item::Type(typed) => domain.types.push(typed.clone()),
-        Item::Predicate(declared) => {
+        DeclaredItem::Type(typed) => domain.types.push(typed.clone()),
+        DeclaredItem::Predicate(declared) => {
             let privacy = privacy(&declared.privacy);
             domain.predicates.push(PredicateDeclaration { privacy, ..declared.clone() });
         }
-        Item::Function(declared) => {
+        DeclaredItem::Function(declared) => {
             let privacy = privacy(&declared.privacy);
             domain.functions.push(pddl::FunctionDeclaration { privacy, ..declared.clone() });
         }
-        Item::Object(declared) => {
+        DeclaredItem::Object(declared) => {
             let privacy = privacy(&declared.privacy);
             objects.push(ObjectDeclaration { privacy, ..declared.clone() });
         }
@@ -97,7 +101,10 @@ fn declare(domain: &mut Domain, objects: &mut Vec<ObjectDeclaration>, kept: &Kep
 }
 
 /// Returns the objects that schemas name directly: they must be constants of the domain.
-fn named_objects<'a>(standing: &Standing<'a>, schemas: &Schemas<'a>) -> BTreeSet<&'a Name> {
+fn named_objects<'a>(
+    standing: &SelectedDeclarations<'a>,
+    schemas: &SelectedSchemas<'a>,
+) -> BTreeSet<&'a Name> {
     let in_actions = schemas.values().flat_map(|schema| &schema.uses.objects);
     let in_axioms = standing.axioms.iter().flat_map(|axiom| &axiom.uses.objects);
     in_actions.chain(in_axioms).collect()
@@ -105,7 +112,7 @@ fn named_objects<'a>(standing: &Standing<'a>, schemas: &Schemas<'a>) -> BTreeSet
 
 /// Writes a schema under its name inside the domain, with a guard, so that it is grounded for its
 /// offerers only.
-fn write(domain: &mut Domain, inside: &Name, guard: &Name, schema: &Schema<'_>) {
+fn write(domain: &mut Domain, inside: &Name, guard: &Name, schema: &SelectedSchema<'_>) {
     let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span } =
         &**schema.tree;
     let Some(agent) = agent else { return };

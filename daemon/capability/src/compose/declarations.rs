@@ -5,27 +5,27 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use pddl::{Domain, Name, TypeExpr, Typed, Types};
 
-use super::incumbents::Incumbents;
-use super::{Party, Report, Shared};
-use crate::canonical::Key;
-use crate::conflict::{Kind, Subject};
-use crate::manifest::{Axiom, Declaration, Item};
-use crate::vocabulary::{Signature, Vocabulary};
+use super::incumbents::DeclarationsInForce;
+use super::{ConflictReport, Contribution, SharedModel};
+use crate::canonical::CanonicalText;
+use crate::conflict::{ModelPart, ModelPartKind};
+use crate::model_summary::{Declaration, DeclaredItem, ModelAxiom};
+use crate::vocabulary::{DomainVocabulary, Signature};
 
 /// The selected declarations of agents, and the vocabulary that results from them.
 #[derive(Default)]
-pub(super) struct Standing<'a> {
-    pub(super) kept: Vec<Kept<'a>>,
-    pub(super) axioms: Vec<&'a Axiom>,
-    pub(super) vocabulary: Vocabulary,
+pub(super) struct SelectedDeclarations<'a> {
+    pub(super) kept: Vec<SelectedDeclaration<'a>>,
+    pub(super) axioms: Vec<&'a ModelAxiom>,
+    pub(super) vocabulary: DomainVocabulary,
 }
 
 /// A selected declaration.
 #[derive(Clone, Copy)]
-pub(super) struct Kept<'a> {
+pub(super) struct SelectedDeclaration<'a> {
     /// The declaration as written by its first declarer, by name.
     pub(super) declaration: &'a Declaration,
-    by: Party<'a>,
+    by: Contribution<'a>,
     /// Whether all its declarers declare it private.
     pub(super) private: bool,
     /// Whether one of its declarers is trusted, so that its axioms are known.
@@ -33,17 +33,17 @@ pub(super) struct Kept<'a> {
 }
 
 /// The declaration of a subject by one party.
-type Word<'a> = (Party<'a>, &'a Declaration);
+type ContributedDeclaration<'a> = (Contribution<'a>, &'a Declaration);
 
 /// Signature and axioms: two declarations are equal if both are.
-pub(super) type Variant = (Key, Vec<Key>);
+pub(super) type DeclarationVariant = (CanonicalText, Vec<CanonicalText>);
 
-pub(super) fn settle<'a>(
-    shared: &'a Shared,
-    parties: &[Party<'a>],
-    incumbents: &mut Incumbents,
-    report: &mut Report<'a>,
-) -> Standing<'a> {
+pub(super) fn select_declarations<'a>(
+    shared: &'a SharedModel,
+    parties: &[Contribution<'a>],
+    incumbents: &mut DeclarationsInForce,
+    report: &mut ConflictReport<'a>,
+) -> SelectedDeclarations<'a> {
     let (words, mut kept, mut variants) = (words_of(parties), Vec::new(), Vec::new());
     // A merge join in the order of subjects: both sequences are long.
     let mut stood = std::mem::take(incumbents).into_iter().peekable();
@@ -68,30 +68,34 @@ pub(super) fn settle<'a>(
 }
 
 /// Returns all declarations of agents that are visible here, sorted by subject and then by agent.
-fn words_of<'a>(parties: &[Party<'a>]) -> Vec<Word<'a>> {
-    let known = |party: &Party<'a>| {
+fn words_of<'a>(parties: &[Contribution<'a>]) -> Vec<ContributedDeclaration<'a>> {
+    let known = |party: &Contribution<'a>| {
         let party = *party;
         let known = party.manifest.declarations.iter();
         known.filter(move |word| party.trusted || !word.private).map(move |word| (party, word))
     };
-    let mut words: Vec<Word<'a>> = parties.iter().flat_map(known).collect();
+    let mut words: Vec<ContributedDeclaration<'a>> = parties.iter().flat_map(known).collect();
     words.sort_by(|(_, one), (_, other)| one.subject.cmp(&other.subject));
     words
 }
 
-pub(super) fn variant_of(declaration: &Declaration) -> Variant {
+pub(super) fn variant_of(declaration: &Declaration) -> DeclarationVariant {
     let axioms = declaration.axioms.iter().map(|axiom| axiom.key.clone()).collect();
     (declaration.signature.clone(), axioms)
 }
 
-fn is_variant(declaration: &Declaration, (signature, axioms): &Variant) -> bool {
+fn is_variant(declaration: &Declaration, (signature, axioms): &DeclarationVariant) -> bool {
     let keys = declaration.axioms.iter().map(|axiom| &axiom.key);
     declaration.signature == *signature && keys.eq(axioms)
 }
 
-fn yield_to_ontology(declared: &Declaration, words: &[Word<'_>], report: &mut Report<'_>) {
+fn yield_to_ontology(
+    declared: &Declaration,
+    words: &[ContributedDeclaration<'_>],
+    report: &mut ConflictReport<'_>,
+) {
     for (party, word) in words.iter().filter(|(_, word)| !word.repeats(declared)) {
-        let owner = if word.subject.kind == Kind::Object { "map" } else { "ontology" };
+        let owner = if word.subject.kind == ModelPartKind::Object { "map" } else { "ontology" };
         let detail = format!(
             "the {owner} declares {}, which is used; {} is left out",
             shown(declared),
@@ -104,15 +108,22 @@ fn yield_to_ontology(declared: &Declaration, words: &[Word<'_>], report: &mut Re
 /// Chooses the declaration of one subject that is in force. Reports a conflict for each agent that
 /// declares it differently.
 fn choose<'a>(
-    subject: &'a Subject,
-    words: &[Word<'a>],
-    incumbent: Option<&Variant>,
-    report: &mut Report<'a>,
-) -> Kept<'a> {
+    subject: &'a ModelPart,
+    words: &[ContributedDeclaration<'a>],
+    incumbent: Option<&DeclarationVariant>,
+    report: &mut ConflictReport<'a>,
+) -> SelectedDeclaration<'a> {
     if let [(by, declaration)] = *words {
-        return Kept { declaration, by, private: declaration.private, trusted: by.trusted };
+        return SelectedDeclaration {
+            declaration,
+            by,
+            private: declaration.private,
+            trusted: by.trusted,
+        };
     }
-    let stood = |word: &&Word<'a>| incumbent.is_some_and(|stood| is_variant(word.1, stood));
+    let stood = |word: &&ContributedDeclaration<'a>| {
+        incumbent.is_some_and(|stood| is_variant(word.1, stood))
+    };
     let first = words.iter().min_by_key(|(party, _)| party.arrival);
     let chosen = words.iter().find(stood).or(first);
     let (_, winner) = chosen.expect("invariant: each subject is declared");
@@ -131,7 +142,7 @@ fn choose<'a>(
         report.lose(keeper.agent, party.agent, subject, detail);
     }
     let (by, declaration) = agreeing[0];
-    Kept {
+    SelectedDeclaration {
         declaration,
         by,
         private: agreeing.iter().all(|(_, word)| word.private),
@@ -142,31 +153,33 @@ fn choose<'a>(
 fn shown(declaration: &Declaration) -> String {
     let typed = |typed: &Typed| format!("`{} - {}`", typed.name, typed.ty);
     match &declaration.item {
-        Item::Type(declared) => typed(declared),
-        Item::Object(declared) => typed(&declared.object),
-        Item::Predicate(declared) if declaration.axioms.is_empty() => format!("`{declared}`"),
-        Item::Predicate(declared) => format!("`{declared}` with its axioms"),
-        Item::Function(declared) => format!("`{declared}`"),
+        DeclaredItem::Type(declared) => typed(declared),
+        DeclaredItem::Object(declared) => typed(&declared.object),
+        DeclaredItem::Predicate(declared) if declaration.axioms.is_empty() => {
+            format!("`{declared}`")
+        }
+        DeclaredItem::Predicate(declared) => format!("`{declared}` with its axioms"),
+        DeclaredItem::Function(declared) => format!("`{declared}`"),
     }
 }
 
 /// Leaves out declarations that use undeclared types or form circles, and computes the vocabulary and
 /// the axioms of the rest.
 fn stand<'a>(
-    shared: &'a Shared,
-    parties: &[Party<'a>],
-    kept: Vec<Kept<'a>>,
-    report: &mut Report<'a>,
-) -> Standing<'a> {
+    shared: &'a SharedModel,
+    parties: &[Contribution<'a>],
+    kept: Vec<SelectedDeclaration<'a>>,
+    report: &mut ConflictReport<'a>,
+) -> SelectedDeclarations<'a> {
     let kept = without_circles(&shared.ontology, kept, report);
     let types = kept.iter().filter_map(|kept| match &kept.declaration.item {
-        Item::Type(typed) => Some(typed),
+        DeclaredItem::Type(typed) => Some(typed),
         _ => None,
     });
     let types = Types::new(shared.ontology.types.iter().chain(types));
     let (kept, unfounded): (Vec<_>, Vec<_>) =
         kept.into_iter().partition(|kept| unknown_type(&types, kept.declaration).is_none());
-    for Kept { declaration, by, .. } in unfounded {
+    for SelectedDeclaration { declaration, by, .. } in unfounded {
         if let Some(name) = unknown_type(&types, declaration) {
             let detail = format!("it uses the type `{name}`, which is not declared");
             report.leave_out(by.agent, declaration.subject.clone(), detail);
@@ -174,7 +187,7 @@ fn stand<'a>(
     }
     let vocabulary = vocabulary_of(shared, &kept, types);
     let axioms = axioms_of(parties, &kept, shared, &vocabulary, report);
-    Standing { kept, axioms, vocabulary }
+    SelectedDeclarations { kept, axioms, vocabulary }
 }
 
 fn unknown_type<'a>(types: &Types, declaration: &'a Declaration) -> Option<&'a Name> {
@@ -185,21 +198,21 @@ fn unknown_type<'a>(types: &Types, declaration: &'a Declaration) -> Option<&'a N
 /// Leaves out types that are their own supertypes, directly or through others.
 fn without_circles<'a>(
     ontology: &Domain,
-    kept: Vec<Kept<'a>>,
-    report: &mut Report<'a>,
-) -> Vec<Kept<'a>> {
+    kept: Vec<SelectedDeclaration<'a>>,
+    report: &mut ConflictReport<'a>,
+) -> Vec<SelectedDeclaration<'a>> {
     let mut parents: BTreeMap<&Name, &TypeExpr> =
         ontology.types.iter().map(|typed| (&typed.name, &typed.ty)).collect();
     for kept in &kept {
-        if let Item::Type(typed) = &kept.declaration.item {
+        if let DeclaredItem::Type(typed) = &kept.declaration.item {
             parents.insert(&typed.name, &typed.ty);
         }
     }
     let (circular, kept): (Vec<_>, Vec<_>) = kept.iter().partition(|kept| {
-        kept.declaration.subject.kind == Kind::Type
+        kept.declaration.subject.kind == ModelPartKind::Type
             && reaches_itself(&kept.declaration.subject.name, &parents)
     });
-    for Kept { declaration, by, .. } in circular {
+    for SelectedDeclaration { declaration, by, .. } in circular {
         let detail = format!("{} makes the type its own supertype", shown(declaration));
         report.leave_out(by.agent, declaration.subject.clone(), detail);
     }
@@ -221,9 +234,13 @@ fn reaches_itself(name: &Name, parents: &BTreeMap<&Name, &TypeExpr>) -> bool {
     false
 }
 
-fn vocabulary_of(shared: &Shared, kept: &[Kept<'_>], types: Types) -> Vocabulary {
+fn vocabulary_of(
+    shared: &SharedModel,
+    kept: &[SelectedDeclaration<'_>],
+    types: Types,
+) -> DomainVocabulary {
     let mut objects = Vec::new();
-    let mut vocabulary = Vocabulary { types, ..Vocabulary::default() };
+    let mut vocabulary = DomainVocabulary { types, ..DomainVocabulary::default() };
     let ours = shared.manifest.declarations.iter().map(|declaration| (declaration, true));
     let theirs = kept.iter().map(|kept| (kept.declaration, kept.trusted));
     for (declaration, with_axioms) in ours.chain(theirs) {
@@ -233,14 +250,14 @@ fn vocabulary_of(shared: &Shared, kept: &[Kept<'_>], types: Types) -> Vocabulary
             derived: with_axioms && !declaration.axioms.is_empty(),
         };
         match &declaration.item {
-            Item::Type(_) => (),
-            Item::Object(declared) => {
+            DeclaredItem::Type(_) => (),
+            DeclaredItem::Object(declared) => {
                 objects.push((name, declared.object.ty.clone()));
             }
-            Item::Predicate(declared) => {
+            DeclaredItem::Predicate(declared) => {
                 vocabulary.predicates.insert(name, signature(&declared.parameters));
             }
-            Item::Function(declared) => {
+            DeclaredItem::Function(declared) => {
                 vocabulary.functions.insert(name, signature(&declared.parameters));
             }
         }
@@ -253,28 +270,29 @@ fn vocabulary_of(shared: &Shared, kept: &[Kept<'_>], types: Types) -> Vocabulary
 /// Returns the axioms of agents that are valid: each derives a predicate that its agent declares, and
 /// uses declared symbols only.
 fn axioms_of<'a>(
-    parties: &[Party<'a>],
-    kept: &[Kept<'a>],
-    shared: &Shared,
-    vocabulary: &Vocabulary,
-    report: &mut Report<'a>,
-) -> Vec<&'a Axiom> {
-    let known = |key: &Key| shared.manifest.declarations.iter().any(|d| has_axiom(d, key));
+    parties: &[Contribution<'a>],
+    kept: &[SelectedDeclaration<'a>],
+    shared: &SharedModel,
+    vocabulary: &DomainVocabulary,
+    report: &mut ConflictReport<'a>,
+) -> Vec<&'a ModelAxiom> {
+    let known =
+        |key: &CanonicalText| shared.manifest.declarations.iter().any(|d| has_axiom(d, key));
     for party in parties.iter().filter(|party| party.trusted) {
         for axiom in party.manifest.loose_axioms.iter().filter(|axiom| !known(&axiom.key)) {
-            let subject = Subject::new(Kind::Axiom, &axiom.tree.predicate);
+            let subject = ModelPart::new(ModelPartKind::Axiom, &axiom.tree.predicate);
             let detail = "the model does not declare the predicate, and only a model that \
                           declares it may derive it";
             report.leave_out(party.agent, subject, detail.to_owned());
         }
     }
     let mut standing = Vec::new();
-    for Kept { declaration, by, trusted, .. } in kept {
+    for SelectedDeclaration { declaration, by, trusted, .. } in kept {
         for axiom in declaration.axioms.iter().filter(|_| *trusted) {
             match vocabulary.misfit(&axiom.uses) {
                 None => standing.push(axiom),
                 Some(detail) => {
-                    let subject = Subject::new(Kind::Axiom, &axiom.tree.predicate);
+                    let subject = ModelPart::new(ModelPartKind::Axiom, &axiom.tree.predicate);
                     report.leave_out(by.agent, subject, detail);
                 }
             }
@@ -283,6 +301,6 @@ fn axioms_of<'a>(
     standing
 }
 
-fn has_axiom(declaration: &Declaration, key: &Key) -> bool {
+fn has_axiom(declaration: &Declaration, key: &CanonicalText) -> bool {
     declaration.axioms.iter().any(|axiom| axiom.key == *key)
 }

@@ -7,25 +7,25 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::Party;
-use super::declarations::{Variant, variant_of};
-use crate::conflict::Subject;
-use crate::manifest::{Declaration, Manifest};
+use super::Contribution;
+use super::declarations::{DeclarationVariant, variant_of};
+use crate::conflict::ModelPart;
+use crate::model_summary::{Declaration, ModelSummary};
 
 /// The declaration in force for each subject known here.
-pub(crate) type Incumbents = BTreeMap<Subject, Variant>;
+pub(crate) type DeclarationsInForce = BTreeMap<ModelPart, DeclarationVariant>;
 
 /// Updates the declarations in force, after the declarations of one party changed from `former` to
 /// `now`. `parties` are all present agents; either all or none are trusted.
-pub(super) fn keep<'a, P: Iterator<Item = Party<'a>>>(
-    incumbents: &mut Incumbents,
-    former: Option<&Manifest>,
-    now: Option<&Manifest>,
+pub(super) fn update<'a, P: Iterator<Item = Contribution<'a>>>(
+    incumbents: &mut DeclarationsInForce,
+    former: Option<&ModelSummary>,
+    now: Option<&ModelSummary>,
     trusted: bool,
     parties: impl Fn() -> P,
 ) {
     let (former, now) = (words_of(former, trusted), words_of(now, trusted));
-    let subjects: BTreeSet<&Subject> = former.keys().chain(now.keys()).copied().collect();
+    let subjects: BTreeSet<&ModelPart> = former.keys().chain(now.keys()).copied().collect();
     for subject in subjects {
         let said = now.get(subject).map(|word| variant_of(word));
         let Some(stands) = incumbents.get(subject) else {
@@ -43,25 +43,25 @@ pub(super) fn keep<'a, P: Iterator<Item = Party<'a>>>(
 /// Chooses the declaration in force again, after the agent that made it has ceased to. It stays in
 /// force if another agent makes it too; otherwise that of the agent present longest is chosen.
 fn choose_again<'a>(
-    incumbents: &mut Incumbents,
-    subject: &Subject,
-    parties: impl Iterator<Item = Party<'a>>,
+    incumbents: &mut DeclarationsInForce,
+    subject: &ModelPart,
+    parties: impl Iterator<Item = Contribution<'a>>,
 ) {
     let Some(stands) = incumbents.remove(subject) else { return };
     let words = parties.filter_map(|party| {
         let word = known(party.manifest, party.trusted).find(|word| word.subject == *subject)?;
         Some((party.arrival, variant_of(word)))
     });
-    let order = |(arrival, variant): &(u64, Variant)| (*variant != stands, *arrival);
+    let order = |(arrival, variant): &(u64, DeclarationVariant)| (*variant != stands, *arrival);
     let stands = words.min_by_key(order).map(|(_, variant)| (subject.clone(), variant));
     incumbents.extend(stands);
 }
 
-fn words_of(manifest: Option<&Manifest>, trusted: bool) -> BTreeMap<&Subject, &Declaration> {
+fn words_of(manifest: Option<&ModelSummary>, trusted: bool) -> BTreeMap<&ModelPart, &Declaration> {
     let known = manifest.into_iter().flat_map(|manifest| known(manifest, trusted));
     known.map(|word| (&word.subject, word)).collect()
 }
 
-fn known(manifest: &Manifest, trusted: bool) -> impl Iterator<Item = &Declaration> {
+fn known(manifest: &ModelSummary, trusted: bool) -> impl Iterator<Item = &Declaration> {
     manifest.declarations.iter().filter(move |declaration| trusted || !declaration.private)
 }

@@ -11,22 +11,22 @@ use acl::AgentId;
 use pddl::{Atom, Derived, Name, Term};
 
 use super::Maintainer;
-use crate::belief::{Claim, Source};
-use crate::fact::{FactKey, Owner, Space, Value};
+use crate::belief::{ClaimSource, FactClaim};
+use crate::fact::{FactKey, FactSymbolKind, FactValue, Owner};
+use crate::known_agents::Member;
 use crate::limits;
-use crate::moment::Moment;
-use crate::roster::Member;
+use crate::timestamp::Timestamp;
 
 impl Maintainer {
     /// Returns the facts that become unknown when `agent` leaves. Must be called while it is still
     /// present.
-    pub(super) fn left_behind(&self, agent: &AgentId) -> Vec<FactKey> {
+    pub(super) fn facts_to_become_unknown(&self, agent: &AgentId) -> Vec<FactKey> {
         let Some(member) = self.roster.get(agent) else { return Vec::new() };
         let owner = Owner::Agent(agent.clone());
         let findings = self.findings();
-        let answered = member
-            .answered()
-            .filter(|fact| fact.space() == Space::Predicate && !findings.contains(fact.symbol()));
+        let answered = member.reported_facts().filter(|fact| {
+            fact.space() == FactSymbolKind::Predicate && !findings.contains(fact.symbol())
+        });
         let mut left: BTreeSet<FactKey> = answered.cloned().collect();
         let claimed: Vec<&FactKey> = self.beliefs.claims_by(&owner).map(|(fact, _)| fact).collect();
         for axiom in &self.composite.domain.derived {
@@ -43,7 +43,7 @@ impl Maintainer {
     }
 
     /// Marks these facts as unknown.
-    pub(super) fn leave_unknown(&mut self, agent: &AgentId, left: Vec<FactKey>, now: Moment) {
+    pub(super) fn leave_unknown(&mut self, agent: &AgentId, left: Vec<FactKey>, now: Timestamp) {
         if left.is_empty() {
             return;
         }
@@ -52,7 +52,11 @@ impl Maintainer {
             if self.beliefs.has_room(&owner, 1).is_err() {
                 return;
             }
-            self.beliefs.claim(fact, &owner, Claim::new(Value::Unknown, Source::Departure, now));
+            self.beliefs.claim(
+                fact,
+                &owner,
+                FactClaim::new(FactValue::Unknown, ClaimSource::Departure, now),
+            );
         }
         self.departed.retain(|other| other != agent);
         self.departed.push_back(agent.clone());
@@ -65,7 +69,7 @@ impl Maintainer {
 
     /// Removes the claims about unknown facts that an agent has left behind.
     pub(super) fn forget_departed(&mut self, agent: &AgentId) {
-        let is_left = |_: &FactKey, claim: &Claim| claim.source == Source::Departure;
+        let is_left = |_: &FactKey, claim: &FactClaim| claim.source == ClaimSource::Departure;
         self.beliefs.withdraw_where(&Owner::Agent(agent.clone()), is_left);
     }
 
@@ -84,12 +88,18 @@ impl Maintainer {
 
 /// Whether an axiom derives from facts that this agent is responsible for.
 fn rests_on(axiom: &Derived, member: &Member) -> bool {
-    axiom.condition.atoms().any(|atom| member.speaks_of(Space::Predicate, &atom.predicate))
+    axiom
+        .condition
+        .atoms()
+        .any(|atom| member.reports_symbol(FactSymbolKind::Predicate, &atom.predicate))
 }
 
 /// Returns the facts that an axiom may derive from this one, if it determines all their arguments.
 fn heads(axiom: &Derived, fact: &FactKey) -> Vec<FactKey> {
-    let same = axiom.condition.atoms().filter(|atom| fact.is_of(Space::Predicate, &atom.predicate));
+    let same = axiom
+        .condition
+        .atoms()
+        .filter(|atom| fact.is_of(FactSymbolKind::Predicate, &atom.predicate));
     same.filter_map(|atom| head(axiom, atom, fact)).collect()
 }
 

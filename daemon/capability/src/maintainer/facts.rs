@@ -7,14 +7,14 @@ use acl::{AgentId, Incarnation};
 use pddl::{Atom, InitElement};
 
 use super::Maintainer;
-use crate::belief::{Claim, Source};
-use crate::change::Change;
+use crate::belief::{ClaimSource, FactClaim};
+use crate::change::DomainChange;
 use crate::declined::Declined;
-use crate::fact::{FactKey, Owner, Statement, Value};
-use crate::inputs::{Beat, Effects, Known, Repeated};
+use crate::fact::{FactKey, FactStatement, FactValue, Owner};
+use crate::inputs::{Effects, KnownFact, ParsedHeartbeat, RepeatedHeartbeat};
+use crate::known_agents::Member;
 use crate::limits;
-use crate::moment::Moment;
-use crate::roster::Member;
+use crate::timestamp::Timestamp;
 
 // === impl Maintainer ===
 
@@ -32,28 +32,32 @@ impl Maintainer {
     /// Returns an error if the heartbeat is late, that is, of a former incarnation or overtaken by a
     /// newer one; if the agent, or this incarnation of it, has not announced its model; or if it has
     /// too many facts.
-    pub fn believe_heartbeat(&mut self, beat: Beat, now: Moment) -> Result<Change, Declined> {
-        let Beat { agent, incarnation, sequence, digest, facts, period } = beat;
+    pub fn apply_heartbeat(
+        &mut self,
+        beat: ParsedHeartbeat,
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
+        let ParsedHeartbeat { agent, incarnation, sequence, digest, facts, period } = beat;
         self.roster.check(&agent, incarnation)?;
         if facts.len() > limits::FACTS_PER_OWNER_MAX {
             let limit = limits::FACTS_PER_OWNER_MAX;
             return Err(Declined::TooMany { what: "facts of one owner", limit });
         }
         self.revive(&agent, incarnation, &digest, now);
-        let current = self.roster.living(&agent, incarnation)?.sequence;
+        let current = self.roster.current(&agent, incarnation)?.sequence;
         if sequence <= current {
             return Err(Declined::OldSequence { agent, reported: sequence, current });
         }
         let due = period.map(|period| now.after(self.silence.of_period(period)));
-        self.roster.hear(&agent, sequence, due, now)?;
+        self.roster.record_heartbeat(&agent, sequence, due, now)?;
         let mut said = BTreeSet::new();
         let mut denied = Vec::new();
         let mut claims = Vec::new();
         for known in &facts {
-            let (key, value) = match Statement::of(&known.fact) {
-                Statement::Is(key, value) => (key, Some(value)),
-                Statement::Not(key) => (key, None),
-                Statement::Unusable => continue,
+            let (key, value) = match FactStatement::of(&known.fact) {
+                FactStatement::Is(key, value) => (key, Some(value)),
+                FactStatement::Not(key) => (key, None),
+                FactStatement::Unusable => continue,
             };
             self.roster.own(&agent, &key);
             if value.is_none() {
@@ -62,32 +66,39 @@ impl Maintainer {
             let is_known = known.until.is_none_or(|until| until > now);
             if let Some(value) = value.filter(|_| is_known) {
                 said.insert(key.clone());
-                claims.push((key, Claim::new(value, Source::Heartbeat, now).until(known.until)));
+                claims.push((
+                    key,
+                    FactClaim::new(value, ClaimSource::Heartbeat, now).until(known.until),
+                ));
             }
         }
         let owner = Owner::Agent(agent.clone());
-        let member = self.roster.living(&agent, incarnation)?;
+        let member = self.roster.current(&agent, incarnation)?;
         member.read = sequence;
         self.beliefs.withdraw_facts(&owner, |fact| !said.contains(fact) && member.owns(fact));
         let lasts = facts.iter().all(|known| known.until.is_none());
         for (key, claim) in claims {
-            self.beliefs.claim(key, &owner, Claim { incarnation, sequence, ..claim });
+            self.beliefs.claim(key, &owner, FactClaim { incarnation, sequence, ..claim });
         }
         // The map's claim must be withdrawn last, because it is never made again.
         denied.iter().for_each(|key| self.beliefs.withdraw(key, &Owner::Map));
         self.override_others(&agent, &owner);
         if lasts {
-            self.beliefs.calm(owner);
+            self.beliefs.mark_unchanged(owner);
         }
-        Ok(self.conclude(now))
+        Ok(self.take_change(now))
     }
 
     /// Applies a heartbeat that equals the last one, without parsing it (fast path): each second,
     /// nearly all of a thousand agents repeat what they reported before. Returns `None` if it must be
     /// parsed nevertheless: the last heartbeat received here was a different one, or its claims have
     /// changed since.
-    pub fn believe_repeated(&mut self, repeated: &Repeated<'_>, now: Moment) -> Option<Change> {
-        let Repeated { agent, incarnation, digest, before, sequence, period } = *repeated;
+    pub fn believe_repeated(
+        &mut self,
+        repeated: &RepeatedHeartbeat<'_>,
+        now: Timestamp,
+    ) -> Option<DomainChange> {
+        let RepeatedHeartbeat { agent, incarnation, digest, before, sequence, period } = *repeated;
         let is_it = |member: &&Member| {
             member.incarnation == incarnation
                 && member.sequence == before
@@ -99,8 +110,8 @@ impl Maintainer {
             return None;
         }
         let due = now.after(self.silence.of_period(period));
-        self.roster.hear(agent, sequence, Some(due), now).ok()?;
-        Some(self.conclude(now))
+        self.roster.record_heartbeat(agent, sequence, Some(due), now).ok()?;
+        Some(self.take_change(now))
     }
 
     /// Withdraws the claims of requests, and of the effects of others' actions, about facts that this
@@ -112,9 +123,9 @@ impl Maintainer {
             for (fact, other) in self.beliefs.requested_of(*space, symbol) {
                 let is_so = || {
                     let own = self.beliefs.claim_of(fact, owner);
-                    own.is_some_and(|own| own.value == Value::True)
+                    own.is_some_and(|own| own.value == FactValue::True)
                 };
-                if other != owner && member.answers(fact) && !is_so() {
+                if other != owner && member.is_responsible_for(fact) && !is_so() {
                     over.push((fact.clone(), other.clone()));
                 }
             }
@@ -131,12 +142,12 @@ impl Maintainer {
     }
 
     /// Starts a new incarnation of an agent, if its model is unchanged.
-    fn revive(&mut self, agent: &AgentId, incarnation: Incarnation, digest: &str, now: Moment) {
+    fn revive(&mut self, agent: &AgentId, incarnation: Incarnation, digest: &str, now: Timestamp) {
         let former = self.roster.get(agent).filter(|member| {
             member.incarnation < incarnation && *member.described.digest == *digest
         });
         if let Some(member) = former.cloned() {
-            self.seat(agent, Member::new(incarnation, member.described, now), now);
+            self.upsert_member(agent, Member::new(incarnation, member.described, now), now);
         }
     }
 
@@ -147,21 +158,21 @@ impl Maintainer {
     /// # Errors
     ///
     /// Returns an error if the confirmation is of a former incarnation, or if the agent is unknown.
-    pub fn confirm(
+    pub fn apply_effects(
         &mut self,
         agent: &AgentId,
         incarnation: Option<Incarnation>,
         effects: &Effects,
-        now: Moment,
-    ) -> Result<Change, Declined> {
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
         let unknown = || Declined::UnknownAgent { agent: agent.clone() };
         let current = self.roster.get(agent).map(|member| member.incarnation);
         let incarnation = incarnation.or(current).ok_or_else(unknown)?;
-        let sequence = self.roster.living(agent, incarnation)?.sequence;
-        let claim = Claim::new(Value::True, Source::Effect, now);
-        let claim = Claim { incarnation, sequence, ..claim };
+        let sequence = self.roster.current(agent, incarnation)?.sequence;
+        let claim = FactClaim::new(FactValue::True, ClaimSource::Effect, now);
+        let claim = FactClaim { incarnation, sequence, ..claim };
         self.take_effect(&Owner::Agent(agent.clone()), effects, &claim)?;
-        Ok(self.conclude(now))
+        Ok(self.take_change(now))
     }
 
     /// Changes the state by request, with claims of `owner`, which need not have a model.
@@ -171,26 +182,30 @@ impl Maintainer {
     /// Returns an error if a present agent that is responsible for one of the facts reports otherwise;
     /// if the cost of plans would become negative; or if the owner, or all owners together, would
     /// exceed a limit.
-    pub fn set(
+    pub fn apply_request(
         &mut self,
         owner: &Owner,
         effects: &Effects,
-        now: Moment,
-    ) -> Result<Change, Declined> {
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
         self.may_be_set(owner, effects)?;
-        self.take_effect(owner, effects, &Claim::new(Value::True, Source::Request, now))?;
-        Ok(self.conclude(now))
+        self.take_effect(
+            owner,
+            effects,
+            &FactClaim::new(FactValue::True, ClaimSource::Request, now),
+        )?;
+        Ok(self.take_change(now))
     }
 
     fn may_be_set(&self, owner: &Owner, effects: &Effects) -> Result<(), Declined> {
         let retracted = effects.retract.iter().map(|fact| (fact, true));
         let believed = effects.believe.iter().map(|fact| (fact, false));
         for (fact, is_retracted) in retracted.chain(believed) {
-            let (key, value) = match Statement::of(fact) {
-                Statement::Is(key, _) if is_retracted => (key, None),
-                Statement::Is(key, value) => (key, Some(value)),
-                Statement::Not(key) => (key, None),
-                Statement::Unusable => continue,
+            let (key, value) = match FactStatement::of(fact) {
+                FactStatement::Is(key, _) if is_retracted => (key, None),
+                FactStatement::Is(key, value) => (key, Some(value)),
+                FactStatement::Not(key) => (key, None),
+                FactStatement::Unusable => continue,
             };
             if let Some(declined) = self.contradicted(owner, fact, &key, value) {
                 return Err(declined);
@@ -210,7 +225,7 @@ impl Maintainer {
         speaker: &Owner,
         fact: &InitElement,
         key: &FactKey,
-        value: Option<Value>,
+        value: Option<FactValue>,
     ) -> Option<Declined> {
         let here = { self.roster.answering(key).into_iter() }
             .filter(|agent| self.is_present(agent))
@@ -221,7 +236,7 @@ impl Maintainer {
             (owner, said)
         };
         let said: Vec<_> = here.map(said).collect();
-        let agrees = |(_, said): &(Owner, Option<Value>)| *said == value;
+        let agrees = |(_, said): &(Owner, Option<FactValue>)| *said == value;
         // One owner is enough to confirm a fact; to deny it, all owners must agree.
         if value.is_some() && said.iter().any(agrees) {
             return None;
@@ -234,7 +249,7 @@ impl Maintainer {
 
     /// Returns a fact that an owner claims instead of `key`: one with the same symbol and first object.
     fn about(&self, key: &FactKey, owner: &Owner) -> Option<InitElement> {
-        let is_alike = |(other, _): &(&FactKey, &Claim)| {
+        let is_alike = |(other, _): &(&FactKey, &FactClaim)| {
             other.is_of(key.space(), key.symbol())
                 && key.arguments().len() > 1
                 && other.arguments().first() == key.arguments().first()
@@ -250,47 +265,47 @@ impl Maintainer {
     /// # Errors
     ///
     /// Returns an error if the owner, or all owners together, would exceed a limit.
-    pub fn observe(
+    pub fn apply_observation(
         &mut self,
         agent: &AgentId,
-        observed: &[Known],
-        now: Moment,
-    ) -> Result<Change, Declined> {
+        observed: &[KnownFact],
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
         let owner = Owner::Agent(agent.clone());
         self.beliefs.has_room(&owner, observed.len())?;
         let incarnation = self.roster.get(agent).map(|member| member.incarnation);
         let incarnation = incarnation.unwrap_or_default();
-        let statement = |known: &Known| (Statement::of(&known.fact), known.until);
+        let statement = |known: &KnownFact| (FactStatement::of(&known.fact), known.until);
         let (mut seen, mut unseen) = (Vec::new(), Vec::new());
         for (statement, until) in observed.iter().map(statement) {
             match statement {
-                Statement::Is(key, value) => seen.push((key, value, until)),
-                Statement::Not(key) => unseen.push(key),
-                Statement::Unusable => (),
+                FactStatement::Is(key, value) => seen.push((key, value, until)),
+                FactStatement::Not(key) => unseen.push(key),
+                FactStatement::Unusable => (),
             }
         }
         unseen.iter().for_each(|key| self.beliefs.withdraw_all(key));
         for (key, value, until) in seen {
             self.wake_answering(&key);
-            let claim = Claim::new(value, Source::Observation, now).until(until);
-            self.beliefs.claim(key, &owner, Claim { incarnation, ..claim });
+            let claim = FactClaim::new(value, ClaimSource::Observation, now).until(until);
+            self.beliefs.claim(key, &owner, FactClaim { incarnation, ..claim });
         }
-        Ok(self.conclude(now))
+        Ok(self.take_change(now))
     }
 
     /// Withdraws all claims about `facts`, until an owner makes them again.
-    pub fn retract(&mut self, facts: &[InitElement], now: Moment) -> Change {
+    pub fn retract(&mut self, facts: &[InitElement], now: Timestamp) -> DomainChange {
         for fact in facts {
             self.disbelieve(fact);
         }
-        self.conclude(now)
+        self.take_change(now)
     }
 
     fn take_effect(
         &mut self,
         owner: &Owner,
         effects: &Effects,
-        claim: &Claim,
+        claim: &FactClaim,
     ) -> Result<(), Declined> {
         let Effects { believe, retract } = effects;
         if !believe.is_empty() {
@@ -311,17 +326,17 @@ impl Maintainer {
             _ => true,
         };
         let facts = believe.iter().filter(|fact| !composite.derives(fact)).filter(is_fact);
-        let statements: Vec<Statement> = facts.map(Statement::of).collect();
+        let statements: Vec<FactStatement> = facts.map(FactStatement::of).collect();
         // As in PDDL, a fact that is both deleted and added is true.
         for statement in &statements {
-            if let Statement::Not(key) = statement {
+            if let FactStatement::Not(key) = statement {
                 self.beliefs.withdraw_all(key);
             }
         }
         for statement in statements {
-            if let Statement::Is(key, value) = statement {
+            if let FactStatement::Is(key, value) = statement {
                 self.wake_answering(&key);
-                self.beliefs.claim(key, owner, Claim { value, ..claim.clone() });
+                self.beliefs.claim(key, owner, FactClaim { value, ..claim.clone() });
             }
         }
         Ok(())
@@ -331,21 +346,22 @@ impl Maintainer {
         if let InitElement::Atom(atom) = fact
             && let Some(symbol) = self.composite.knowledge.unknown_by(&atom.predicate).cloned()
         {
-            return self.learn(&Atom { predicate: symbol, ..atom.clone() });
+            return self.withdraw_unknown(&Atom { predicate: symbol, ..atom.clone() });
         }
-        match Statement::of(fact) {
-            Statement::Is(key, _) | Statement::Not(key) => self.beliefs.withdraw_all(&key),
-            Statement::Unusable => (),
+        match FactStatement::of(fact) {
+            FactStatement::Is(key, _) | FactStatement::Not(key) => self.beliefs.withdraw_all(&key),
+            FactStatement::Unusable => (),
         }
     }
 
     /// Handles that an action has made a fact known: withdraws all claims that it is unknown.
-    fn learn(&mut self, fact: &Atom) {
-        let Statement::Is(key, _) = Statement::of(&InitElement::Unknown(fact.clone())) else {
+    fn withdraw_unknown(&mut self, fact: &Atom) {
+        let FactStatement::Is(key, _) = FactStatement::of(&InitElement::Unknown(fact.clone()))
+        else {
             return;
         };
         let unknown = { self.beliefs.claims_of(&key) }
-            .filter(|(_, claim)| claim.value == Value::Unknown)
+            .filter(|(_, claim)| claim.value == FactValue::Unknown)
             .map(|(owner, _)| owner.clone());
         for owner in unknown.collect::<Vec<_>>() {
             self.beliefs.withdraw(&key, &owner);
@@ -353,26 +369,30 @@ impl Maintainer {
     }
 
     /// Claims the facts of a model, except those for which the agent's heartbeats are complete already.
-    pub(super) fn believe_model(&mut self, owner: &Owner, member: &Member, now: Moment) {
-        let claim = Claim::new(Value::True, Source::Model, now);
-        let claim = Claim { incarnation: member.incarnation, ..claim };
+    pub(super) fn believe_model(&mut self, owner: &Owner, member: &Member, now: Timestamp) {
+        let claim = FactClaim::new(FactValue::True, ClaimSource::Model, now);
+        let claim = FactClaim { incarnation: member.incarnation, ..claim };
         let spoken = |fact: &FactKey| member.sequence > 0 && member.owns(fact);
         for (fact, value) in member.described.manifest.init.iter().filter(|(fact, _)| !spoken(fact))
         {
             if self.beliefs.claim_of(fact, owner).is_none() {
-                self.beliefs.claim(fact.clone(), owner, Claim { value: *value, ..claim.clone() });
+                self.beliefs.claim(
+                    fact.clone(),
+                    owner,
+                    FactClaim { value: *value, ..claim.clone() },
+                );
             }
         }
     }
 
     pub(super) fn believe_map(&mut self) {
-        let start = Moment::default();
+        let start = Timestamp::default();
         for (fact, value) in &self.shared.manifest.init {
-            let claim = Claim::new(*value, Source::Model, start);
+            let claim = FactClaim::new(*value, ClaimSource::Model, start);
             self.beliefs.claim(fact.clone(), &Owner::Map, claim);
         }
         // The initial state of a maintainer does not count as a change.
-        self.beliefs.settle(&self.composite, start);
+        self.beliefs.recompute(&self.composite, start);
         self.beliefs.take_moved();
     }
 }

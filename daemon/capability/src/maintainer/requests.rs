@@ -10,20 +10,20 @@ use acl::{AgentId, Deadline};
 use pddl::{Condition, InitElement, Metric, Name, Number, Problem};
 
 use super::Maintainer;
-use crate::belief::{Claim, Source};
-use crate::change::{Change, text_of};
+use crate::belief::{ClaimSource, FactClaim};
+use crate::change::{DomainChange, text_of};
 use crate::declined::Declined;
-use crate::fact::{FactKey, Owner, Space, Statement, Value};
-use crate::inputs::{Known, Requests, RequestsSince};
+use crate::fact::{FactKey, FactStatement, FactSymbolKind, FactValue, Owner};
+use crate::inputs::{KnownFact, RequestedChanges, RequestedChangesSince};
 use crate::limits;
-use crate::moment::Moment;
-use crate::untold::Untold;
+use crate::pending_changes::PendingChanges;
+use crate::timestamp::Timestamp;
 
 /// A fact with an expiry counts as unchanged if the expiry moves by less than this, in milliseconds:
 /// messages take time.
 const SAME_END_MS: u64 = 1_000;
 
-type Of = (Name, Option<AgentId>);
+type ActionOfAgent = (Name, Option<AgentId>);
 
 // === impl Maintainer ===
 
@@ -34,12 +34,12 @@ impl Maintainer {
     /// # Errors
     ///
     /// Returns an error if no agent concerned offers the action, or if too many actions are withheld.
-    pub fn withhold(
+    pub fn disable_action(
         &mut self,
         action: Name,
         agent: Option<AgentId>,
-        now: Moment,
-    ) -> Result<Change, Declined> {
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
         self.change_actions(&[(action, agent)], &[], now)
     }
 
@@ -49,12 +49,12 @@ impl Maintainer {
     /// # Errors
     ///
     /// Returns an error if the action is not withheld.
-    pub fn give_back(
+    pub fn enable_action(
         &mut self,
         action: Name,
         agent: Option<AgentId>,
-        now: Moment,
-    ) -> Result<Change, Declined> {
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
         self.change_actions(&[], &[(action, agent)], now)
     }
 
@@ -66,11 +66,11 @@ impl Maintainer {
     /// back is not withheld, or if too many actions would be withheld.
     pub fn change_actions(
         &mut self,
-        withhold: &[Of],
-        give_back: &[Of],
-        now: Moment,
-    ) -> Result<Change, Declined> {
-        let unknown = |(action, agent): &Of, is_given_back| Declined::UnknownAction {
+        withhold: &[ActionOfAgent],
+        give_back: &[ActionOfAgent],
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
+        let unknown = |(action, agent): &ActionOfAgent, is_given_back| Declined::UnknownAction {
             action: action.to_string(),
             agent: agent.clone(),
             is_given_back,
@@ -87,17 +87,17 @@ impl Maintainer {
         });
         withheld.extend(withhold.iter().cloned());
         self.set_withheld(withheld)?;
-        Ok(self.conclude(now))
+        Ok(self.take_change(now))
     }
 
-    fn is_offered(&self, (action, agent): &Of) -> bool {
+    fn is_offered(&self, (action, agent): &ActionOfAgent) -> bool {
         let composite = self.composed();
         { composite.offers.iter() }
             .filter(|(offerer, _)| agent.as_ref().is_none_or(|agent| agent == *offerer))
             .any(|(_, offered)| offered.iter().any(|offered| offered.outside == *action))
     }
 
-    fn set_withheld(&mut self, withheld: BTreeSet<Of>) -> Result<(), Declined> {
+    fn set_withheld(&mut self, withheld: BTreeSet<ActionOfAgent>) -> Result<(), Declined> {
         let limit = limits::WITHHELD_MAX;
         if withheld.len() > limit {
             return Err(Declined::TooMany { what: "actions withheld", limit });
@@ -113,7 +113,11 @@ impl Maintainer {
     /// # Errors
     ///
     /// Returns an error if the metric has no meaning in the composite domain.
-    pub fn measure(&mut self, metric: Option<Metric>, now: Moment) -> Result<Change, Declined> {
+    pub fn set_metric(
+        &mut self,
+        metric: Option<Metric>,
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
         if let Some(metric) = &metric {
             let composite = self.composed();
             let problem = Problem {
@@ -129,26 +133,28 @@ impl Maintainer {
         }
         self.is_changed |= self.metric != metric;
         self.metric = metric;
-        Ok(self.conclude(now))
+        Ok(self.take_change(now))
     }
 
     /// Returns all changes by requests that no heartbeat reports, for agents that receive heartbeats
     /// only.
-    pub fn requested(&self, now: Moment) -> Requested {
+    pub fn requested(&self, now: Timestamp) -> Requested {
         let mut facts = Vec::new();
         for (fact, claims) in self.beliefs.claims() {
             for (owner, claim) in claims {
                 if let Owner::Agent(agent) = owner {
-                    facts.extend(self.told_of(agent, fact, claim, now));
+                    facts.extend(self.announced_claim(agent, fact, claim, now));
                 }
             }
         }
         let is_gone =
-            |fact: &&(FactKey, Value)| self.beliefs.claim_of(&fact.0, &Owner::Map).is_none();
+            |fact: &&(FactKey, FactValue)| self.beliefs.claim_of(&fact.0, &Owner::Map).is_none();
         let gone = self.shared.manifest.init.iter().filter(is_gone);
         let gone: Vec<InitElement> = gone.map(|(fact, value)| fact.element(*value)).collect();
-        let of =
-            |(action, agent): &Of| ActionOf { action: action.to_string(), agent: agent.clone() };
+        let of = |(action, agent): &ActionOfAgent| ActionOf {
+            action: action.to_string(),
+            agent: agent.clone(),
+        };
         Requested {
             facts,
             retracted: text_of(&gone),
@@ -161,19 +167,19 @@ impl Maintainer {
     /// [`requested`](Maintainer::requested) has. Returns `None` if [`requested`](Maintainer::requested)
     /// must be announced instead: at the first call, if facts of the map hold again, or if very many
     /// facts have changed.
-    pub fn requested_since(&mut self, now: Moment) -> Option<RequestedSince> {
-        let Untold::These(untold) = self.beliefs.take_untold() else { return None };
+    pub fn requested_since(&mut self, now: Timestamp) -> Option<RequestedSince> {
+        let PendingChanges::These(untold) = self.beliefs.take_untold() else { return None };
         let is_back = |(fact, owner): &(FactKey, Owner)| {
             *owner == Owner::Map && self.beliefs.claim_of(fact, owner).is_some()
         };
         if untold.iter().any(is_back) {
             return None;
         }
-        Some(self.words(&untold, now))
+        Some(self.announced_claims(&untold, now))
     }
 
     /// Returns the current claims of these facts and owners, in the form to be announced.
-    fn words(&self, of: &BTreeSet<(FactKey, Owner)>, now: Moment) -> RequestedSince {
+    fn announced_claims(&self, of: &BTreeSet<(FactKey, Owner)>, now: Timestamp) -> RequestedSince {
         let mut since = RequestedSince::default();
         let (mut told, mut gone) = (Vec::new(), Vec::new());
         for (fact, owner) in of {
@@ -182,10 +188,10 @@ impl Maintainer {
                 (Owner::Map, Some(_)) => (),
                 (Owner::Map, None) => gone.push(fact.element(any_value(fact))),
                 // These are not announced by requests: the heartbeats of the owner report them.
-                (Owner::Agent(agent), _) if self.says(agent, fact) => (),
+                (Owner::Agent(agent), _) if self.is_reported_by(agent, fact) => (),
                 (Owner::Agent(agent), claim) => {
                     let word = claim.and_then(|(stamp, claim)| {
-                        Some((stamp, self.told_of(agent, fact, claim, now)?))
+                        Some((stamp, self.announced_claim(agent, fact, claim, now)?))
                     });
                     match word {
                         Some(word) => told.push(word),
@@ -209,29 +215,29 @@ impl Maintainer {
 
     /// Marks the start of a possible partition: another leader may be active elsewhere. From now on,
     /// records which claims requests change, so that they can be merged when the partition heals.
-    pub fn part(&mut self) {
-        self.beliefs.part();
+    pub fn begin_partition_log(&mut self) {
+        self.beliefs.begin_partition_log();
     }
 
     /// Ends the recording without a merge: every replica that could be the leader elsewhere is
     /// connected again, and has no changes to merge.
-    pub fn reunite(&mut self) {
-        self.beliefs.reunite();
+    pub fn drop_partition_log(&mut self) {
+        self.beliefs.take_partition_log();
     }
 
     /// Becomes standby after a heal. Returns the changes by requests since [`part`](Maintainer::part),
     /// for the surviving leader. From now on, the announcements of that leader are authoritative.
-    pub fn stand_down(&mut self, now: Moment) -> RequestedSince {
-        let changed = match self.beliefs.reunite() {
+    pub fn stand_down(&mut self, now: Timestamp) -> RequestedSince {
+        let changed = match self.beliefs.take_partition_log() {
             None => RequestedSince::default(),
-            Some(Untold::These(changed)) => self.words(&changed, now),
+            Some(PendingChanges::These(changed)) => self.announced_claims(&changed, now),
             // Too many claims have changed: all are returned, except withdrawn ones.
-            Some(Untold::Any) => {
+            Some(PendingChanges::All) => {
                 let Requested { facts, retracted, .. } = self.requested(now);
                 RequestedSince { facts, retracted, withdrawn: Vec::new() }
             }
         };
-        self.beliefs.disown();
+        self.beliefs.demote_requests();
         changed
     }
 
@@ -241,17 +247,21 @@ impl Maintainer {
     /// # Errors
     ///
     /// Returns an error if a limit is exceeded; the changes before it take effect.
-    pub fn reconcile(&mut self, changed: &RequestsSince, now: Moment) -> Result<Change, Declined> {
-        let RequestsSince { facts, withdrawn, retracted } = changed;
+    pub fn merge_partition_log(
+        &mut self,
+        changed: &RequestedChangesSince,
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
+        let RequestedChangesSince { facts, withdrawn, retracted } = changed;
         for fact in retracted {
-            if let Statement::Is(key, _) = Statement::of(fact)
+            if let FactStatement::Is(key, _) = FactStatement::of(fact)
                 && !self.beliefs.has_changed_apart(&key, &Owner::Map)
             {
                 self.beliefs.withdraw(&key, &Owner::Map);
             }
         }
         for (agent, fact) in withdrawn {
-            let Statement::Is(key, _) = Statement::of(fact) else { continue };
+            let FactStatement::Is(key, _) = FactStatement::of(fact) else { continue };
             let owner = Owner::Agent(agent.clone());
             let known = self.beliefs.claim_of(&key, &owner);
             if known.is_some_and(|known| known.source.is_requested())
@@ -261,28 +271,28 @@ impl Maintainer {
             }
         }
         for (agent, known) in facts {
-            let Statement::Is(key, value) = Statement::of(&known.fact) else { continue };
+            let FactStatement::Is(key, value) = FactStatement::of(&known.fact) else { continue };
             let owner = Owner::Agent(agent.clone());
-            if self.says(agent, &key) || self.beliefs.has_changed_apart(&key, &owner) {
+            if self.is_reported_by(agent, &key) || self.beliefs.has_changed_apart(&key, &owner) {
                 continue;
             }
             self.beliefs.has_room(&owner, 1)?;
-            let claim = Claim::new(value, Source::Request, now).until(known.until);
+            let claim = FactClaim::new(value, ClaimSource::Request, now).until(known.until);
             self.beliefs.claim(key, &owner, claim);
         }
-        Ok(self.conclude(now))
+        Ok(self.take_change(now))
     }
 
     /// Returns a claim in the form to be announced. Returns `None` if the owner's model or heartbeats
     /// report it, or if it has expired.
-    fn told_of(
+    fn announced_claim(
         &self,
         owner: &AgentId,
         fact: &FactKey,
-        claim: &Claim,
-        now: Moment,
+        claim: &FactClaim,
+        now: Timestamp,
     ) -> Option<RequestedFact> {
-        let is_said = !claim.source.is_requested() || self.says(owner, fact);
+        let is_said = !claim.source.is_requested() || self.is_reported_by(owner, fact);
         if is_said || claim.until.is_some_and(|until| until <= now) {
             return None;
         }
@@ -294,13 +304,13 @@ impl Maintainer {
     }
 
     /// Whether a known agent reports in its heartbeats whether a fact holds.
-    fn says(&self, agent: &AgentId, fact: &FactKey) -> bool {
+    fn is_reported_by(&self, agent: &AgentId, fact: &FactKey) -> bool {
         self.roster.get(agent).is_some_and(|member| member.owns(fact))
     }
 
     /// Whether it adopts the changes by requests that another maintainer announces. If not, these
     /// announcements need not be parsed.
-    pub fn follows(&self) -> bool {
+    pub fn is_follower(&self) -> bool {
         self.follows
     }
 
@@ -311,9 +321,13 @@ impl Maintainer {
     /// # Errors
     ///
     /// Returns an error if a limit is exceeded.
-    pub fn follow(&mut self, requests: &Requests, now: Moment) -> Result<Change, Declined> {
+    pub fn apply_leader_requests(
+        &mut self,
+        requests: &RequestedChanges,
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
         if !self.follows {
-            return Ok(self.conclude(now));
+            return Ok(self.take_change(now));
         }
         self.adopt(requests, now)
     }
@@ -326,35 +340,35 @@ impl Maintainer {
     /// Returns an error if a limit is exceeded.
     pub fn follow_since(
         &mut self,
-        requests: &RequestsSince,
-        now: Moment,
-    ) -> Result<Change, Declined> {
+        requests: &RequestedChangesSince,
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
         if !self.follows {
-            return Ok(self.conclude(now));
+            return Ok(self.take_change(now));
         }
-        let RequestsSince { facts, withdrawn, retracted } = requests;
+        let RequestedChangesSince { facts, withdrawn, retracted } = requests;
         self.retract_from_map(retracted);
         for (agent, fact) in withdrawn {
-            let Statement::Is(key, _) = Statement::of(fact) else { continue };
+            let FactStatement::Is(key, _) = FactStatement::of(fact) else { continue };
             let owner = Owner::Agent(agent.clone());
             let known = self.beliefs.claim_of(&key, &owner);
-            if known.is_some_and(|known| known.source == Source::Told) {
+            if known.is_some_and(|known| known.source == ClaimSource::Announced) {
                 self.beliefs.withdraw(&key, &owner);
             }
         }
         for (agent, known) in facts {
             // The announcement lists changed facts only, so that each of them is news.
-            self.believe_told(agent, known, |_, _| true, now)?;
+            self.claim_announced(agent, known, |_, _| true, now)?;
         }
-        Ok(self.conclude(now))
+        Ok(self.take_change(now))
     }
 
     /// Sets whether this central maintainer is a standby, which follows the announcements of the
     /// leader. When it becomes the leader, the requests that it adopted become its own.
-    pub fn stands_by(&mut self, stands_by: bool) {
+    pub fn set_standby(&mut self, stands_by: bool) {
         self.follows = stands_by;
         if !stands_by {
-            self.beliefs.own_told();
+            self.beliefs.adopt_announced();
         }
     }
 
@@ -363,49 +377,57 @@ impl Maintainer {
     /// # Errors
     ///
     /// Returns an error if a limit is exceeded.
-    pub fn recall(&mut self, requests: &Requests, now: Moment) -> Result<Change, Declined> {
+    pub fn restore_requests(
+        &mut self,
+        requests: &RequestedChanges,
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
         let change = self.adopt(requests, now)?;
-        self.beliefs.own_told();
+        self.beliefs.adopt_announced();
         Ok(change)
     }
 
-    fn adopt(&mut self, requests: &Requests, now: Moment) -> Result<Change, Declined> {
-        let Requests { facts, retracted, metric, withheld } = requests;
+    fn adopt(
+        &mut self,
+        requests: &RequestedChanges,
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
+        let RequestedChanges { facts, retracted, metric, withheld } = requests;
         self.set_withheld(withheld.iter().cloned().collect())?;
         self.is_changed |= self.metric != *metric;
         self.metric.clone_from(metric);
         self.retract_from_map(retracted);
         let mut told: Vec<(FactKey, Owner)> = Vec::with_capacity(facts.len());
         for (agent, known) in facts {
-            told.extend(self.believe_told(agent, known, is_other, now)?);
+            told.extend(self.claim_announced(agent, known, is_other, now)?);
         }
         told.sort_unstable();
-        self.beliefs.withdraw_told(&told);
-        Ok(self.conclude(now))
+        self.beliefs.withdraw_announced(&told);
+        Ok(self.take_change(now))
     }
 
     fn retract_from_map(&mut self, facts: &[InitElement]) {
         for fact in facts {
-            if let Statement::Is(key, _) = Statement::of(fact) {
+            if let FactStatement::Is(key, _) = FactStatement::of(fact) {
                 self.beliefs.withdraw(&key, &Owner::Map);
             }
         }
     }
 
     /// Claims an announced fact, unless the heartbeats of its owner are received here.
-    fn believe_told(
+    fn claim_announced(
         &mut self,
         agent: &AgentId,
-        known: &Known,
-        is_news: fn(&Claim, &Claim) -> bool,
-        now: Moment,
+        known: &KnownFact,
+        is_news: fn(&FactClaim, &FactClaim) -> bool,
+        now: Timestamp,
     ) -> Result<Option<(FactKey, Owner)>, Declined> {
-        let Statement::Is(key, value) = Statement::of(&known.fact) else { return Ok(None) };
+        let FactStatement::Is(key, value) = FactStatement::of(&known.fact) else { return Ok(None) };
         let owner = Owner::Agent(agent.clone());
-        let claim = Claim::new(value, Source::Told, now).until(known.until);
-        let is_heard = self.says(agent, &key);
+        let claim = FactClaim::new(value, ClaimSource::Announced, now).until(known.until);
+        let is_heard = self.is_reported_by(agent, &key);
         let is_taken = match self.beliefs.claim_of(&key, &owner) {
-            Some(known) => known.source == Source::Told && is_news(known, &claim),
+            Some(known) => known.source == ClaimSource::Announced && is_news(known, &claim),
             None => true,
         };
         if is_taken && !is_heard {
@@ -419,7 +441,7 @@ impl Maintainer {
 
 /// Whether an announced claim differs from the known one. Equal claims must be skipped: making a claim
 /// again would make it newer than those of others.
-fn is_other(known: &Claim, told: &Claim) -> bool {
+fn is_other(known: &FactClaim, told: &FactClaim) -> bool {
     let is_same_end = match (known.until, told.until) {
         (Some(known), Some(told)) => known.0.abs_diff(told.0) < SAME_END_MS,
         (known, told) => known == told,
@@ -428,9 +450,9 @@ fn is_other(known: &Claim, told: &Claim) -> bool {
 }
 
 /// Returns an arbitrary value for a fact, for cases where only the term counts.
-fn any_value(fact: &FactKey) -> Value {
+fn any_value(fact: &FactKey) -> FactValue {
     match fact.space() {
-        Space::Predicate => Value::True,
-        Space::Function => Value::Number(Number(0.0)),
+        FactSymbolKind::Predicate => FactValue::True,
+        FactSymbolKind::Function => FactValue::Number(Number(0.0)),
     }
 }

@@ -12,15 +12,15 @@ use pddl::{
     Span,
 };
 
-use super::{Maintainer, Scope};
-use crate::belief::{Claim, Source};
-use crate::compose::Shared;
+use super::{Maintainer, MaintainerScope};
+use crate::belief::{ClaimSource, FactClaim};
+use crate::compose::SharedModel;
 use crate::composite::{Composite, TOTAL_COST};
 use crate::conflict::Conflict;
-use crate::fact::{FactKey, Owner, Statement, Value};
-use crate::moment::Moment;
-use crate::roster::Member;
-use crate::snapshot::Snapshot;
+use crate::fact::{FactKey, FactStatement, FactValue, Owner};
+use crate::known_agents::Member;
+use crate::snapshot::DomainSnapshot;
+use crate::timestamp::Timestamp;
 
 /// A claimed fact, and whether it holds.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,12 +30,12 @@ pub struct Provenance {
     /// The reason, for a person, why it does not hold although it is claimed; `None` if it holds.
     pub left_out: Option<String>,
     /// All claims about it; never empty.
-    pub claims: Vec<ClaimedBy>,
+    pub claims: Vec<OwnerClaim>,
 }
 
 /// The claim of one owner.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ClaimedBy {
+pub struct OwnerClaim {
     /// The owner.
     pub owner: Owner,
     /// The claimed fact; for a function, with the value that this owner claims.
@@ -45,7 +45,7 @@ pub struct ClaimedBy {
     /// Number of the latest heartbeat with the claim; 0 if no heartbeat has made it.
     pub sequence: u64,
     /// The origin of the claim.
-    pub source: Source,
+    pub source: ClaimSource,
     /// Time since the claim was made last.
     pub age: Duration,
     /// Time until the claim expires; `None` if it does not expire.
@@ -74,11 +74,11 @@ pub struct AgentView {
 /// Cache of the composite that was made for the last snapshot. It is reused until a model changes. It
 /// may be used with one maintainer and its clones.
 #[derive(Clone, Debug, Default)]
-pub struct Sight(Option<Seen>);
+pub struct CompositionCache(Option<CachedComposition>);
 
 #[derive(Clone, Debug)]
-struct Seen {
-    shared: Arc<Shared>,
+struct CachedComposition {
+    shared: Arc<SharedModel>,
     models: u64,
     whole: BTreeSet<AgentId>,
     composite: Arc<Composite>,
@@ -88,28 +88,33 @@ struct Seen {
 
 impl Maintainer {
     /// Returns the domain and the problem at `now`, to plan in.
-    pub fn snapshot(&self, now: Moment) -> Snapshot {
+    pub fn snapshot(&self, now: Timestamp) -> DomainSnapshot {
         match self.scope {
-            Scope::Everything => {
+            MaintainerScope::Everything => {
                 let believed = self.beliefs.holding(&self.composite, now);
                 self.shown(&self.composite, &|_| true, believed)
             }
-            Scope::Public => self.snapshot_for(&BTreeSet::new(), now),
+            MaintainerScope::Public => self.snapshot_for(&BTreeSet::new(), now),
         }
     }
 
     /// Returns the details of a claim. The age of a claim by a heartbeat is measured from the last
     /// heartbeat received, including equal ones that were not parsed.
-    fn claimed_by(&self, fact: &FactKey, claim: (&Owner, &Claim), now: Moment) -> ClaimedBy {
-        let claimed = ClaimedBy::new(fact, claim, now);
+    fn claimed_by(
+        &self,
+        fact: &FactKey,
+        claim: (&Owner, &FactClaim),
+        now: Timestamp,
+    ) -> OwnerClaim {
+        let claimed = OwnerClaim::new(fact, claim, now);
         let Owner::Agent(agent) = &claimed.owner else { return claimed };
         let said_again = |member: &&Member| {
-            claimed.source == Source::Heartbeat
+            claimed.source == ClaimSource::Heartbeat
                 && (member.incarnation, member.read) == (claimed.incarnation, claimed.sequence)
         };
         match self.roster.get(agent).filter(said_again) {
-            Some(Member { sequence, heard, .. }) => {
-                ClaimedBy { sequence: *sequence, age: now.since(*heard), ..claimed }
+            Some(Member { sequence, heard_at: heard, .. }) => {
+                OwnerClaim { sequence: *sequence, age: now.since(*heard), ..claimed }
             }
             None => claimed,
         }
@@ -118,8 +123,10 @@ impl Maintainer {
     /// Returns the current composite.
     pub(super) fn composed(&self) -> Arc<Composite> {
         match self.scope {
-            Scope::Everything => Arc::clone(&self.composite),
-            Scope::Public => Arc::new(self.compose(|_| false, &mut self.memory.clone()).0),
+            MaintainerScope::Everything => Arc::clone(&self.composite),
+            MaintainerScope::Public => {
+                Arc::new(self.compose(|_| false, &mut self.memory.clone()).0)
+            }
         }
     }
 
@@ -128,21 +135,21 @@ impl Maintainer {
     /// actions.
     ///
     /// Composed at each call: one maintainer serves all actuators that receive the same messages.
-    pub fn snapshot_for(&self, whole: &BTreeSet<AgentId>, now: Moment) -> Snapshot {
-        self.snapshot_again(&mut Sight::default(), whole, now)
+    pub fn snapshot_for(&self, whole: &BTreeSet<AgentId>, now: Timestamp) -> DomainSnapshot {
+        self.snapshot_again(&mut CompositionCache::default(), whole, now)
     }
 
     /// Returns the same as [`snapshot_for`](Maintainer::snapshot_for), but composes only if the models
     /// differ from those in the cache `sight`.
     pub fn snapshot_again(
         &self,
-        sight: &mut Sight,
+        sight: &mut CompositionCache,
         whole: &BTreeSet<AgentId>,
-        now: Moment,
-    ) -> Snapshot {
+        now: Timestamp,
+    ) -> DomainSnapshot {
         let is_whole = |agent: &AgentId| whole.contains(agent);
-        let is_same = |seen: &&Seen| {
-            let Seen { shared, models, whole: of, composite: _ } = seen;
+        let is_same = |seen: &&CachedComposition| {
+            let CachedComposition { shared, models, whole: of, composite: _ } = seen;
             Arc::ptr_eq(shared, &self.shared) && *models == self.models && of == whole
         };
         let composite = match sight.0.as_ref().filter(is_same) {
@@ -151,7 +158,7 @@ impl Maintainer {
         };
         let (shared, models) = (Arc::clone(&self.shared), self.models);
         let (whole, seen) = (whole.clone(), Arc::clone(&composite));
-        sight.0 = Some(Seen { shared, models, whole, composite: seen });
+        sight.0 = Some(CachedComposition { shared, models, whole, composite: seen });
         self.shown(&composite, &is_whole, self.beliefs.judged(&composite, now))
     }
 
@@ -162,7 +169,7 @@ impl Maintainer {
         composite: &Arc<Composite>,
         trusts: &dyn Fn(&AgentId) -> bool,
         believed: impl Iterator<Item = InitElement>,
-    ) -> Snapshot {
+    ) -> DomainSnapshot {
         let trusted: Vec<_> = self.roster.iter().filter(|(agent, _)| trusts(agent)).collect();
         let methods = { trusted.iter() }
             .map(|(agent, member)| ((*agent).clone(), Methods::clone(&member.described.methods)))
@@ -175,9 +182,9 @@ impl Maintainer {
             ..self.frame()
         };
         let living = trusted.iter().map(|(_, member)| &*member.described.manifest);
-        let former = self.remembered.but_for(living);
+        let former = self.remembered.not_offered_by(living);
         let composite = Arc::clone(composite);
-        Snapshot::new(self.epoch, self.revision, composite, problem, methods, former)
+        DomainSnapshot::new(self.epoch, self.revision, composite, problem, methods, former)
     }
 
     pub(super) fn frame(&self) -> Problem {
@@ -206,11 +213,9 @@ impl Maintainer {
         let free = counts_cost(composite).then(|| InitElement::Assign(total_cost(), Number(0.0)));
         let believed = believed.filter(|element| !counts(element));
         { free.into_iter() }
-            .chain(
-                believed.flat_map(|element| {
-                    in_words(&composite.knowledge, element).into_iter().flatten()
-                }),
-            )
+            .chain(believed.flat_map(|element| {
+                planner_facts(&composite.knowledge, element).into_iter().flatten()
+            }))
             .chain(self.guards(composite))
             .collect()
     }
@@ -242,7 +247,7 @@ impl Maintainer {
     }
 
     /// Returns every claimed fact that is visible here, in a fixed order.
-    pub fn provenance(&self, now: Moment) -> Vec<Provenance> {
+    pub fn provenance(&self, now: Timestamp) -> Vec<Provenance> {
         let composite = self.composed();
         { self.beliefs.claims() }
             .filter_map(|(fact, claims)| {
@@ -250,7 +255,7 @@ impl Maintainer {
                     composite.secrets.sees(owner, fact)
                         && claim.until.is_none_or(|until| until > now)
                 });
-                let claims: Vec<(&Owner, &Claim)> = seen.collect();
+                let claims: Vec<(&Owner, &FactClaim)> = seen.collect();
                 let (_, first) = claims.first()?;
                 let value = self.beliefs.value_of(fact, &composite, now).unwrap_or(first.value);
                 Some(Provenance {
@@ -267,31 +272,31 @@ impl Maintainer {
     /// Returns the reason, for a person, why a fact cannot hold here even if it is claimed; `None` if
     /// it can.
     pub fn misfit(&self, fact: &InitElement) -> Option<String> {
-        match Statement::of(fact) {
-            Statement::Is(key, value) => self.composed().misfit(&key, value),
-            Statement::Not(key) => self.composed().misfit(&key, Value::True),
-            Statement::Unusable => Some("a fact names objects only, and no time".to_owned()),
+        match FactStatement::of(fact) {
+            FactStatement::Is(key, value) => self.composed().misfit(&key, value),
+            FactStatement::Not(key) => self.composed().misfit(&key, FactValue::True),
+            FactStatement::Unusable => Some("a fact names objects only, and no time".to_owned()),
         }
     }
 
     /// Returns the claims of owners other than `speaker` that contradict a fact: another number for a
     /// function, or a claim that a denied fact is true.
     pub fn contradicting(&self, fact: &InitElement, speaker: &Owner) -> Vec<(Owner, InitElement)> {
-        let (key, value) = match Statement::of(fact) {
-            Statement::Is(key, value @ Value::Number(_)) => (key, Some(value)),
-            Statement::Not(key) => (key, None),
-            Statement::Is(..) | Statement::Unusable => return Vec::new(),
+        let (key, value) = match FactStatement::of(fact) {
+            FactStatement::Is(key, value @ FactValue::Number(_)) => (key, Some(value)),
+            FactStatement::Not(key) => (key, None),
+            FactStatement::Is(..) | FactStatement::Unusable => return Vec::new(),
         };
         { self.beliefs.claims_of(&key) }
             .filter(|(owner, claim)| {
-                *owner != speaker && claim.value != Value::Unknown && Some(claim.value) != value
+                *owner != speaker && claim.value != FactValue::Unknown && Some(claim.value) != value
             })
             .map(|(owner, claim)| (owner.clone(), key.element(claim.value)))
             .collect()
     }
 
     /// Returns the known agents, sorted by name.
-    pub fn agents(&self, now: Moment) -> Vec<AgentView> {
+    pub fn agents(&self, now: Timestamp) -> Vec<AgentView> {
         let composite = self.composed();
         { self.roster.iter() }
             .map(|(agent, member)| AgentView {
@@ -300,7 +305,7 @@ impl Maintainer {
                 digest: member.described.digest.to_string(),
                 is_masked: member.is_masked,
                 is_silent: member.is_silent,
-                age: now.since(member.heard),
+                age: now.since(member.heard_at),
                 actions: { composite.offers.get(agent).into_iter().flatten() }
                     .map(|offered| offered.outside.clone())
                     .filter(|action| member.is_present() && !self.is_withheld(action, agent))
@@ -344,8 +349,8 @@ impl Maintainer {
     /// Returns all parts that are left out of the composite, in a fixed order.
     pub fn conflicts(&self) -> Vec<Conflict> {
         match self.scope {
-            Scope::Everything => self.conflicts.clone(),
-            Scope::Public => self.compose(|_| false, &mut self.memory.clone()).1,
+            MaintainerScope::Everything => self.conflicts.clone(),
+            MaintainerScope::Public => self.compose(|_| false, &mut self.memory.clone()).1,
         }
     }
 
@@ -362,7 +367,7 @@ impl Maintainer {
 
 /// Converts a fact to what a planner reads: that a fact is unknown, or has a value, is a fact of its
 /// own.
-fn in_words(knowledge: &Knowledge, element: InitElement) -> [Option<InitElement>; 2] {
+fn planner_facts(knowledge: &Knowledge, element: InitElement) -> [Option<InitElement>; 2] {
     match element {
         InitElement::Unknown(atom) => [knowledge.unknown(&atom).map(InitElement::Atom), None],
         InitElement::Assign(fluent, value) => {
@@ -384,9 +389,9 @@ fn total_cost() -> FluentTerm {
 
 // === impl ClaimedBy ===
 
-impl ClaimedBy {
-    fn new(fact: &FactKey, (owner, claim): (&Owner, &Claim), now: Moment) -> ClaimedBy {
-        ClaimedBy {
+impl OwnerClaim {
+    fn new(fact: &FactKey, (owner, claim): (&Owner, &FactClaim), now: Timestamp) -> OwnerClaim {
+        OwnerClaim {
             owner: owner.clone(),
             said: fact.element(claim.value),
             incarnation: claim.incarnation,

@@ -1,7 +1,7 @@
 //! Tests which claims are believed, for how long, and in which order.
 
 use acl::Incarnation;
-use capability::{Declined, Moment, Owner};
+use capability::{Declined, Owner, Timestamp};
 use expect_test::expect;
 
 use crate::office::{Office, effects, facts, id, ir_sensor, office, thermometer, told, turtlebot};
@@ -51,7 +51,7 @@ fn late_reports_are_not_believed() {
     let done = effects("(at turtlebot-1 office2)");
     let now = office.now;
     let agent = id("turtlebot-1");
-    let late = office.maintainer.confirm(&agent, Some(Incarnation(1)), &done, now);
+    let late = office.maintainer.apply_effects(&agent, Some(Incarnation(1)), &done, now);
     assert!(matches!(late, Err(Declined::FormerIncarnation { .. })), "{late:?}");
     assert!(office.admit_life(&turtlebot("turtlebot-1"), 4).is_err());
     assert_eq!(office.known("at"), "(at turtlebot-1 corridor)\n(at turtlebot-2 corridor)");
@@ -84,7 +84,7 @@ fn effects_are_believed_until_the_owner_speaks() {
     let mut office = robots().with([thermometer("t-1")]);
     let now = office.now;
     let moved = effects("(not (at turtlebot-1 corridor)) (at turtlebot-1 office2)");
-    let change = office.maintainer.confirm(&id("turtlebot-1"), None, &moved, now);
+    let change = office.maintainer.apply_effects(&id("turtlebot-1"), None, &moved, now);
     expect![[r#"
         epoch 3, revision 4
         + (at turtlebot-1 office2)
@@ -100,7 +100,7 @@ fn effects_are_believed_until_the_owner_speaks() {
     .assert_eq(&told(&change.expect("a heartbeat")));
     // The thermometer's heartbeats never contain what it measured: that fact stays.
     let measured = effects("(known-temperature office2)");
-    office.maintainer.confirm(&id("t-1"), None, &measured, now).expect("it is here");
+    office.maintainer.apply_effects(&id("t-1"), None, &measured, now).expect("it is here");
     office.beat("t-1", (1, 1), "(located t-1 office2)", "").expect("a heartbeat");
     assert_eq!(office.known("known-temperature"), "(known-temperature office2)");
 }
@@ -110,13 +110,13 @@ fn facts_can_be_known_for_a_while() {
     let mut office = office().with([thermometer("t-1"), thermometer("t-2")]);
     let known = "(known-temperature office2)";
     office.beat("t-1", (1, 1), "", known).expect("a heartbeat");
-    office.now = Moment(2_000);
+    office.now = Timestamp(2_000);
     office.beat("t-2", (1, 1), "", known).expect("a heartbeat");
     // The claim of one owner has expired, that of the other has not.
-    office.now = Moment(11_000);
+    office.now = Timestamp(11_000);
     assert_eq!(office.known("known-temperature"), known);
     assert_eq!(told(&office.maintainer.expire(office.now)).matches("known").count(), 0);
-    office.now = Moment(12_000);
+    office.now = Timestamp(12_000);
     // A snapshot does not contain it, even before `expire` is called.
     assert_eq!(office.known("known-temperature"), "");
     let change = office.maintainer.expire(office.now);
@@ -169,7 +169,7 @@ fn the_word_of_who_answers_ends_what_anyone_else_made_believed() {
     let known = "(known-temperature office2)";
     let now = office.now;
     // The robot claims a fact about a room that the thermometer's heartbeats have never contained.
-    office.maintainer.confirm(&id("turtlebot-1"), None, &effects(known), now).expect("here");
+    office.maintainer.apply_effects(&id("turtlebot-1"), None, &effects(known), now).expect("here");
     office.beat("t-1", (1, 1), "(located t-1 office2)", "").expect("a heartbeat");
     assert_eq!(office.known("known-temperature"), known);
     // From now on the thermometer is responsible for the fact, and it is false if a heartbeat leaves it
@@ -262,7 +262,7 @@ fn the_map_changes_by_request() {
     let change = office.maintainer.retract(&door, now);
     assert_eq!((change.retracted, change.epoch_changed), (door, false));
     let opened = effects("(connected office2 corridor) (= (distance corridor office2) 9)");
-    office.maintainer.set(&Owner::Map, &opened, now).expect("a request");
+    office.maintainer.apply_request(&Owner::Map, &opened, now).expect("a request");
     assert_eq!(office.known("connected"), "(connected office2 corridor)");
     assert_eq!(office.known("distance"), "(= (distance corridor office2) 9)");
 }
@@ -292,7 +292,7 @@ fn provenance_names_owners_and_ages() {
     let mut office = office().with([thermometer("t-1"), ir_sensor("ir-1", "base")]);
     office.beat("t-1", (1, 3), "", "(known-temperature office2)").expect("a heartbeat");
     office.set("keyboard", "(known-temperature office2)").expect("a request");
-    office.now = Moment(5_000);
+    office.now = Timestamp(5_000);
     let lines: Vec<String> = { office.maintainer.provenance(office.now).into_iter() }
         .map(|fact| {
             let claims: Vec<String> = { fact.claims.iter() }

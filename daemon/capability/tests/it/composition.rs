@@ -293,13 +293,13 @@ fn an_action_withheld_by_request_keeps_its_schema() {
     let mut office = office().with([turtlebot("turtlebot-1"), turtlebot("turtlebot-2")]);
     let now = office.now;
     let one = Some(crate::office::id("turtlebot-1"));
-    let change = office.maintainer.withhold("move".into(), one.clone(), now);
+    let change = office.maintainer.disable_action("move".into(), one.clone(), now);
     assert!(change.expect("room").epoch_changed);
     assert_eq!(office.known("offers-move"), "(offers-move turtlebot-2)");
-    office.maintainer.withhold("move".into(), None, now).expect("room");
+    office.maintainer.disable_action("move".into(), None, now).expect("room");
     assert_eq!((office.known("offers-move"), office.actions()), (String::new(), "move".into()));
-    office.maintainer.give_back("move".into(), None, now).expect("it is withheld");
-    office.maintainer.give_back("move".into(), one, now).expect("it is withheld");
+    office.maintainer.enable_action("move".into(), None, now).expect("it is withheld");
+    office.maintainer.enable_action("move".into(), one, now).expect("it is withheld");
     assert_eq!(office.known("offers-move"), "(offers-move turtlebot-1)\n(offers-move turtlebot-2)");
 }
 
@@ -313,6 +313,6 @@ fn a_goal_is_measured_by_its_cost_unless_asked_otherwise() {
     assert_eq!(metric.to_string(), "(:metric minimize (total-cost))");
     let dearest = pddl::Metric { direction: pddl::MetricDirection::Maximize, ..metric };
     let now = office.now;
-    office.maintainer.measure(Some(dearest.clone()), now).expect("it makes sense");
+    office.maintainer.set_metric(Some(dearest.clone()), now).expect("it makes sense");
     assert_eq!(office.snapshot().with_goal(&goal(), None).metric, Some(dearest));
 }

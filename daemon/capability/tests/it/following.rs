@@ -1,7 +1,7 @@
 //! Tests that a copy that follows announced changes equals the state of the maintainer.
 
 use acl::content::EpochChange;
-use capability::{Change, Follower, Lag, Moment};
+use capability::{DomainChange, FollowError, Follower, Timestamp};
 use pddl::InitElement;
 
 use crate::office::{Office, office, turtlebot};
@@ -21,7 +21,7 @@ fn sorted(facts: impl IntoIterator<Item = InitElement>) -> Vec<String> {
 fn a_copy_follows_and_knows_when_it_cannot() {
     let mut office = office().with([turtlebot("turtlebot-1")]);
     let mut follower = copy(&office);
-    let mut told: Vec<Change> = Vec::new();
+    let mut told: Vec<DomainChange> = Vec::new();
     let said = ["(at turtlebot-1 office2) (= (speed turtlebot-1) 2)", "", "(docked turtlebot-1)"];
     for (sequence, facts) in (1..).zip(said) {
         told.push(office.beat("turtlebot-1", (1, sequence), facts, "").expect("a heartbeat"));
@@ -38,11 +38,14 @@ fn a_copy_follows_and_knows_when_it_cannot() {
     office.set("keyboard", "(= (distance corridor office2) 3)").expect("a request");
     let next = office.set("keyboard", "(= (distance corridor office2) 4)").expect("a request");
     let before = follower.clone();
-    assert!(matches!(follower.follow(&EpochChange::from(&next)), Err(Lag::Gap { .. })));
+    assert!(matches!(follower.follow(&EpochChange::from(&next)), Err(FollowError::Gap { .. })));
     let masked = office.mask("turtlebot-1");
-    assert!(matches!(follower.follow(&EpochChange::from(&masked)), Err(Lag::NewEpoch { .. })));
+    assert!(matches!(
+        follower.follow(&EpochChange::from(&masked)),
+        Err(FollowError::NewEpoch { .. })
+    ));
     assert_eq!(follower, before);
-    office.now = Moment(99_000);
+    office.now = Timestamp(99_000);
     assert_eq!(copy(&office).revision(), masked.revision);
 }
 
@@ -51,6 +54,6 @@ fn what_is_no_pddl_changes_nothing() {
     let mut follower = copy(&office());
     let before = follower.clone();
     let bad = EpochChange { revision: 1, believed: "(at (".to_owned(), ..EpochChange::default() };
-    assert!(matches!(follower.follow(&bad), Err(Lag::Unreadable(_))));
+    assert!(matches!(follower.follow(&bad), Err(FollowError::Unreadable(_))));
     assert_eq!(follower, before);
 }

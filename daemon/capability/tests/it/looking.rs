@@ -81,17 +81,17 @@ proptest! {
             match event {
                 Event::Says(agent, words) => {
                     let model = model(&format!("agent-{agent}"), WORDS[*words]);
-                    let taken = together.maintainer.take(announcement(&model, 1), together.now);
+                    let taken = together.maintainer.add_model(announcement(&model, 1), together.now);
                     prop_assert!(taken.is_ok());
                 }
                 Event::Goes(_) => tell(&mut together, event),
                 Event::Looks => {
-                    let composed = together.maintainer.compose_taken(together.now);
+                    let composed = together.maintainer.compose_added(together.now);
                     told.extend(composed.conflicts);
                 }
             }
         }
-        told.extend(together.maintainer.compose_taken(together.now).conflicts);
+        told.extend(together.maintainer.compose_added(together.now).conflicts);
         let (one, two) = (at_once.snapshot(), together.snapshot());
         prop_assert_eq!(one.domain.to_string(), two.domain.to_string());
         prop_assert_eq!(one.problem, two.problem);
@@ -187,12 +187,12 @@ proptest! {
         }
         for (agent, kind) in (first.len()..).zip(&then) {
             let said = kinds(&name(agent)).swap_remove(*kind);
-            let taken = added.maintainer.take(announcement(&said, 1), added.now);
+            let taken = added.maintainer.add_model(announcement(&said, 1), added.now);
             prop_assert!(taken.is_ok());
             anew.admit(&model(&name(agent), ""));
             anew.admit(&said);
         }
-        added.maintainer.compose_taken(added.now);
+        added.maintainer.compose_added(added.now);
         let (one, two) = (added.snapshot(), anew.snapshot());
         prop_assert_eq!(one.domain.to_string(), two.domain.to_string());
         prop_assert_eq!(one.problem, two.problem);
@@ -205,12 +205,12 @@ proptest! {
 fn what_is_taken_changes_nothing_until_it_is_composed() {
     let mut office = office();
     let (one, two) = (thermometer("t-1"), thermometer("t-2"));
-    office.maintainer.take(announcement(&one, 1), office.now).expect("a good model");
-    office.maintainer.take(announcement(&two, 1), office.now).expect("a good model");
+    office.maintainer.add_model(announcement(&one, 1), office.now).expect("a good model");
+    office.maintainer.add_model(announcement(&two, 1), office.now).expect("a good model");
     assert!(office.maintainer.is_stale());
     let change = office.beat("t-1", (1, 1), "(located t-1 office2)", "").expect("a heartbeat");
     assert!(change.is_empty() && change.joined.is_empty(), "{change:?}");
-    let change = office.maintainer.compose_taken(office.now).change;
+    let change = office.maintainer.compose_added(office.now).change;
     assert_eq!((change.epoch, change.revision, change.joined.len()), (1, 1, 2), "{change:?}");
     assert_eq!(change.believed.len(), 2, "{change:?}");
     assert!(!office.maintainer.is_stale());

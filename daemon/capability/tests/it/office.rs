@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use acl::content::Methods;
 use acl::{AgentId, Incarnation};
 use capability::{
-    Admission, Announcement, Beat, Change, Declined, Effects, Known, Maintainer, Moment, Owner,
-    Scope, Snapshot, model_digest, text_of,
+    AdmitResult, Announcement, Declined, DomainChange, DomainSnapshot, Effects, KnownFact,
+    Maintainer, MaintainerScope, Owner, ParsedHeartbeat, Timestamp, model_digest, text_of,
 };
 use pddl::{InitElement, PlanStep};
 
@@ -28,24 +28,24 @@ const MAP: &str = "
 /// A maintainer, the time, and agents in their first incarnation.
 pub(crate) struct Office {
     pub(crate) maintainer: Maintainer,
-    pub(crate) now: Moment,
+    pub(crate) now: Timestamp,
     /// Agents with models that the snapshots use whole; `None` for all.
     pub(crate) eyes: Option<BTreeSet<AgentId>>,
 }
 
 pub(crate) fn office() -> Office {
-    scoped(Scope::Everything, None)
+    scoped(MaintainerScope::Everything, None)
 }
 
 /// Creates an office with a maintainer of public scope; snapshots are those of `own`.
 pub(crate) fn office_of(own: &str) -> Office {
-    scoped(Scope::Public, Some([id(own)].into()))
+    scoped(MaintainerScope::Public, Some([id(own)].into()))
 }
 
-fn scoped(scope: Scope, eyes: Option<BTreeSet<AgentId>>) -> Office {
+fn scoped(scope: MaintainerScope, eyes: Option<BTreeSet<AgentId>>) -> Office {
     let ontology = pddl::parse_domain(ONTOLOGY).into_result().expect("the ontology");
     let map = pddl::parse_problem(MAP).into_result().expect("the map");
-    Office { maintainer: Maintainer::new(ontology, map, scope), now: Moment(1_000), eyes }
+    Office { maintainer: Maintainer::new(ontology, map, scope), now: Timestamp(1_000), eyes }
 }
 
 pub(crate) fn id(name: &str) -> AgentId {
@@ -122,7 +122,7 @@ impl Office {
     }
 
     #[track_caller]
-    pub(crate) fn admit(&mut self, model: &str) -> Admission {
+    pub(crate) fn admit(&mut self, model: &str) -> AdmitResult {
         self.admit_life(model, 1).expect("a good model")
     }
 
@@ -130,7 +130,7 @@ impl Office {
         &mut self,
         model: &str,
         incarnation: u64,
-    ) -> Result<Admission, Declined> {
+    ) -> Result<AdmitResult, Declined> {
         self.maintainer.admit(announcement(model, incarnation), self.now)
     }
 
@@ -142,13 +142,13 @@ impl Office {
         (incarnation, sequence): (u64, u64),
         facts_: &str,
         brief: &str,
-    ) -> Result<Change, Declined> {
-        let until = Some(Moment(self.now.0 + 10_000));
-        let lasting = facts(facts_).into_iter().map(Known::from);
-        let brief = facts(brief).into_iter().map(|fact| Known { fact, until });
+    ) -> Result<DomainChange, Declined> {
+        let until = Some(Timestamp(self.now.0 + 10_000));
+        let lasting = facts(facts_).into_iter().map(KnownFact::from);
+        let brief = facts(brief).into_iter().map(|fact| KnownFact { fact, until });
         let agents = self.maintainer.agents(self.now);
         let view = agents.iter().find(|view| view.agent == id(agent));
-        let beat = Beat {
+        let beat = ParsedHeartbeat {
             agent: id(agent),
             incarnation: Incarnation(incarnation),
             sequence,
@@ -156,26 +156,26 @@ impl Office {
             facts: lasting.chain(brief).collect(),
             period: Some(std::time::Duration::from_secs(1)),
         };
-        self.maintainer.believe_heartbeat(beat, self.now)
+        self.maintainer.apply_heartbeat(beat, self.now)
     }
 
-    pub(crate) fn mask(&mut self, agent: &str) -> Change {
+    pub(crate) fn mask(&mut self, agent: &str) -> DomainChange {
         self.maintainer.mask(&id(agent), Incarnation(1), self.now)
     }
 
-    pub(crate) fn unmask(&mut self, agent: &str) -> Change {
+    pub(crate) fn unmask(&mut self, agent: &str) -> DomainChange {
         self.maintainer.unmask(&id(agent), Incarnation(1), self.now)
     }
 
-    pub(crate) fn remove(&mut self, agent: &str) -> Change {
+    pub(crate) fn remove(&mut self, agent: &str) -> DomainChange {
         self.maintainer.remove(&id(agent), Incarnation(1), self.now)
     }
 
-    pub(crate) fn set(&mut self, owner: &str, believe: &str) -> Result<Change, Declined> {
-        self.maintainer.set(&Owner::Agent(id(owner)), &effects(believe), self.now)
+    pub(crate) fn set(&mut self, owner: &str, believe: &str) -> Result<DomainChange, Declined> {
+        self.maintainer.apply_request(&Owner::Agent(id(owner)), &effects(believe), self.now)
     }
 
-    pub(crate) fn snapshot(&self) -> Snapshot {
+    pub(crate) fn snapshot(&self) -> DomainSnapshot {
         match &self.eyes {
             None => self.maintainer.snapshot(self.now),
             Some(whole) => self.maintainer.snapshot_for(whole, self.now),
@@ -207,8 +207,8 @@ impl Office {
 }
 
 /// Formats a change in short form.
-pub(crate) fn told(change: &Change) -> String {
-    let Change { epoch, revision, epoch_changed, joined, left, believed, retracted } = change;
+pub(crate) fn told(change: &DomainChange) -> String {
+    let DomainChange { epoch, revision, epoch_changed, joined, left, believed, retracted } = change;
     let mut text =
         format!("epoch {epoch}{}, revision {revision}", if *epoch_changed { "!" } else { "" });
     for (sign, agents) in [("joined", joined), ("left", left)] {

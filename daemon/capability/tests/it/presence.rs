@@ -1,7 +1,7 @@
 //! Tests of agents that join, fall silent, are masked, and leave.
 
 use acl::Incarnation;
-use capability::Moment;
+use capability::Timestamp;
 use expect_test::expect;
 
 use crate::office::{id, office, thermometer, told, turtlebot};
@@ -67,10 +67,10 @@ fn a_masked_agent_leaves_once() {
 fn silence_masks_until_the_next_heartbeat() {
     let mut office = office().with([thermometer("t-1")]);
     office.beat("t-1", (1, 1), "", "").expect("a heartbeat");
-    assert_eq!(office.maintainer.next_expiry(), Some(Moment(4_500)));
-    office.now = Moment(4_499);
+    assert_eq!(office.maintainer.next_expiry(), Some(Timestamp(4_500)));
+    office.now = Timestamp(4_499);
     assert!(office.maintainer.expire(office.now).is_empty());
-    office.now = Moment(4_500);
+    office.now = Timestamp(4_500);
     assert_eq!(office.maintainer.expire(office.now).left, [id("t-1")]);
     assert_eq!(office.maintainer.next_expiry(), None);
     assert_eq!(office.beat("t-1", (1, 2), "", "").expect("a heartbeat").joined, [id("t-1")]);

@@ -2,7 +2,7 @@
 
 use acl::content::{ChangeState, Heartbeat, Method, Methods, ModelAnnouncement};
 use acl::{Deadline, Incarnation};
-use capability::{Announcement, Beat, Effects, Moment, model_digest};
+use capability::{Announcement, Effects, ParsedHeartbeat, Timestamp, model_digest};
 use expect_test::expect;
 
 use crate::office::{facts, id, office, thermometer};
@@ -19,11 +19,12 @@ fn heartbeat(facts: &str) -> Heartbeat {
 
 #[test]
 fn a_heartbeat_is_read_against_the_clock() {
-    let read = |text| Beat::read(id("t-1"), Incarnation(1), &heartbeat(text), Moment(500));
+    let read =
+        |text| ParsedHeartbeat::read(id("t-1"), Incarnation(1), &heartbeat(text), Timestamp(500));
     let beat = read("(located t-1 office2)").expect("a heartbeat");
     assert_eq!(beat.period, Some(std::time::Duration::from_secs(1)));
     let known: Vec<_> = beat.facts.iter().map(|known| known.until).collect();
-    assert_eq!(known, [None, Some(Moment(60_500))]);
+    assert_eq!(known, [None, Some(Timestamp(60_500))]);
     assert!(read("(located t-1").is_err());
 }
 

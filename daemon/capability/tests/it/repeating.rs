@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::Incarnation;
-use capability::{Change, Known, Repeated};
+use capability::{DomainChange, KnownFact, RepeatedHeartbeat};
 use proptest::prelude::*;
 
 use crate::office::{Office, effects, facts, id, office, office_of, thermometer, turtlebot};
@@ -66,13 +66,19 @@ struct House {
 }
 
 impl House {
-    fn beat(&mut self, who: &str, sequence: u64, word: &str, is_same: bool) -> Option<Change> {
+    fn beat(
+        &mut self,
+        who: &str,
+        sequence: u64,
+        word: &str,
+        is_same: bool,
+    ) -> Option<DomainChange> {
         let office = &mut self.office;
         let digest = office.maintainer.agents(office.now);
         let digest = digest.into_iter().find(|view| view.agent == id(who))?.digest;
         let (agent, incarnation, period) = (&id(who), Incarnation(1), Duration::from_secs(1));
         let (digest, before) = (digest.as_str(), sequence - 1);
-        let repeated = Repeated { agent, incarnation, digest, before, sequence, period };
+        let repeated = RepeatedHeartbeat { agent, incarnation, digest, before, sequence, period };
         if is_same && !self.reads_all {
             let change = office.maintainer.believe_repeated(&repeated, office.now);
             if change.is_some() {
@@ -83,19 +89,19 @@ impl House {
         office.beat(who, (1, sequence), word, "").ok()
     }
 
-    fn other(&mut self, deed: &Deed) -> Option<Change> {
+    fn other(&mut self, deed: &Deed) -> Option<DomainChange> {
         let now = self.office.now;
         let maintainer = &mut self.office.maintainer;
         match *deed {
             Deed::Beat { .. } => None,
             Deed::Set(who, word) => self.office.set(AGENTS[who], WORDS[word]).ok(),
             Deed::Confirm(who, word) => {
-                maintainer.confirm(&id(AGENTS[who]), None, &effects(WORDS[word]), now).ok()
+                maintainer.apply_effects(&id(AGENTS[who]), None, &effects(WORDS[word]), now).ok()
             }
             Deed::Retract(word) => Some(maintainer.retract(&facts(WORDS[word]), now)),
             Deed::Observe(who, word) => {
-                let seen: Vec<_> = facts(WORDS[word]).into_iter().map(Known::from).collect();
-                maintainer.observe(&id(AGENTS[who]), &seen, now).ok()
+                let seen: Vec<_> = facts(WORDS[word]).into_iter().map(KnownFact::from).collect();
+                maintainer.apply_observation(&id(AGENTS[who]), &seen, now).ok()
             }
             Deed::Mask(who) => Some(self.office.mask(AGENTS[who])),
             Deed::Unmask(who) => Some(self.office.unmask(AGENTS[who])),
@@ -152,7 +158,7 @@ fn play(deeds: &[Deed], new: impl Fn() -> Office) -> Result<u32, TestCaseError> 
         let counted = reading.office.eyes.is_none();
         let [read, repeated] = changes.map(|change| {
             let change = change?;
-            Some(Change { revision: if counted { change.revision } else { 0 }, ..change })
+            Some(DomainChange { revision: if counted { change.revision } else { 0 }, ..change })
         });
         prop_assert_eq!(&read, &repeated, "{:?}", deed);
         let now = reading.office.now;

@@ -2,7 +2,9 @@
 
 use acl::content::{Observation, Requested, RequestedSince};
 use acl::{AgentId, Deadline};
-use capability::{Declined, Known, Moment, Owner, Requests, RequestsSince, Source};
+use capability::{
+    ClaimSource, Declined, KnownFact, Owner, RequestedChanges, RequestedChangesSince, Timestamp,
+};
 use expect_test::expect;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -13,15 +15,15 @@ use crate::office::{Office, effects, facts, id, office, office_of, thermometer, 
 fn observed(office: &mut Office, who: &str, facts: &str, known_for: &[(&str, u64)]) {
     let known_for = known_for.iter().map(|(fact, ms)| ((*fact).to_owned(), Deadline::from(*ms)));
     let observation = Observation { facts: facts.to_owned(), known_for: known_for.collect() };
-    let known = Known::read(&observation, office.now).expect("PDDL");
-    office.maintainer.observe(&id(who), &known, office.now).expect("room");
+    let known = KnownFact::read(&observation, office.now).expect("PDDL");
+    office.maintainer.apply_observation(&id(who), &known, office.now).expect("room");
 }
 
 /// Passes all requested changes of the central maintainer on to the actuator's.
 fn tell(central: &Office, local: &mut Office) -> Requested {
     let told = central.maintainer.requested(central.now);
-    let requests = Requests::read(&told, local.now).expect("PDDL");
-    local.maintainer.follow(&requests, local.now).expect("room");
+    let requests = RequestedChanges::read(&told, local.now).expect("PDDL");
+    local.maintainer.apply_leader_requests(&requests, local.now).expect("room");
     told
 }
 
@@ -31,7 +33,7 @@ fn tell_news(central: &mut Office, local: &mut Office) -> Option<RequestedSince>
         tell(central, local);
         return None;
     };
-    let requests = RequestsSince::read(&since, local.now).expect("PDDL");
+    let requests = RequestedChangesSince::read(&since, local.now).expect("PDDL");
     local.maintainer.follow_since(&requests, local.now).expect("room");
     Some(since)
 }
@@ -50,9 +52,9 @@ fn an_observation_is_its_observers_word_for_its_time() {
     let claim = claims.into_iter().find(|claim| claim.owner == id("ann").into()).expect("hers");
     assert_eq!(
         (claim.source, claim.left.map(|left| left.as_secs())),
-        (Source::Observation, Some(10))
+        (ClaimSource::Observation, Some(10))
     );
-    office.now = Moment(11_000);
+    office.now = Timestamp(11_000);
     assert_eq!(office.known("known-temperature"), "");
 }
 
@@ -124,12 +126,15 @@ fn a_metric_has_to_mean_something() {
     let mut office = office().with([turtlebot("t")]);
     let now = office.now;
     let nonsense = metric("(:metric minimize (joy t))");
-    assert!(matches!(office.maintainer.measure(nonsense, now), Err(Declined::Meaningless { .. })));
+    assert!(matches!(
+        office.maintainer.set_metric(nonsense, now),
+        Err(Declined::Meaningless { .. })
+    ));
     let slow = metric("(:metric minimize (* 2 (total-cost)))");
-    let change = office.maintainer.measure(slow.clone(), now).expect("it makes sense");
+    let change = office.maintainer.set_metric(slow.clone(), now).expect("it makes sense");
     assert!(change.epoch_changed);
     assert_eq!(office.snapshot().problem.metric, slow);
-    let again = office.maintainer.measure(slow, now).expect("it makes sense");
+    let again = office.maintainer.set_metric(slow, now).expect("it makes sense");
     assert!(again.is_empty());
 }
 
@@ -140,32 +145,36 @@ fn what_requests_changed_reaches_an_actuators_own_maintainer() {
     assert_eq!(tell(&central, &mut local), Requested::default());
     let (ann, now) = (Owner::Agent(id("ann")), central.now);
     let change = effects("(connected office2 corridor) (not (connected corridor office2))");
-    central.maintainer.set(&ann, &change, now).expect("room");
+    central.maintainer.apply_request(&ann, &change, now).expect("room");
     observed(&mut central, "bob", "", &[("(known-temperature office2)", 10_000)]);
     let slow = metric("(:metric minimize (* 2 (total-cost)))");
-    central.maintainer.measure(slow.clone(), now).expect("it makes sense");
+    central.maintainer.set_metric(slow.clone(), now).expect("it makes sense");
     let one = Some(id("one"));
-    central.maintainer.withhold("report-temperature".into(), one.clone(), now).expect("offered");
+    central
+        .maintainer
+        .disable_action("report-temperature".into(), one.clone(), now)
+        .expect("offered");
     tell(&central, &mut local);
     assert_eq!(local.known("connected"), "(connected office2 corridor)");
     assert_eq!(local.known("known-temperature"), "(known-temperature office2)");
     assert_eq!(local.snapshot().problem.metric, slow);
     assert!(local.snapshot().offers().is_empty());
     // Announcing the same again changes nothing.
-    let told = Requests::read(&central.maintainer.requested(central.now), local.now);
-    let change = local.maintainer.follow(&told.expect("PDDL"), local.now).expect("room");
+    let told = RequestedChanges::read(&central.maintainer.requested(central.now), local.now);
+    let change =
+        local.maintainer.apply_leader_requests(&told.expect("PDDL"), local.now).expect("room");
     assert!(change.is_empty(), "{change:?}");
     // A fact that is no longer announced is withdrawn; one that is announced again keeps its expiry.
     central
         .maintainer
-        .set(&ann, &effects("(not (connected office2 corridor))"), now)
+        .apply_request(&ann, &effects("(not (connected office2 corridor))"), now)
         .expect("room");
-    central.maintainer.give_back("report-temperature".into(), one, now).expect("withheld");
-    central.maintainer.measure(None, now).expect("it makes sense");
+    central.maintainer.enable_action("report-temperature".into(), one, now).expect("withheld");
+    central.maintainer.set_metric(None, now).expect("it makes sense");
     tell(&central, &mut local);
     assert_eq!(local.known("connected"), "");
     assert_eq!(local.snapshot().offers().len(), 1);
-    local.now = Moment(11_000);
+    local.now = Timestamp(11_000);
     assert_eq!(local.known("known-temperature"), "");
 }
 
@@ -200,14 +209,16 @@ fn happen(step: Step, beat: u64, central: &mut Office, locals: [&mut Office; 2])
     let maintainer = &mut central.maintainer;
     match what {
         // If another agent is responsible for the fact, the request is refused.
-        0 => drop(maintainer.set(&owner, &effects(fact), now)),
+        0 => drop(maintainer.apply_request(&owner, &effects(fact), now)),
         1 if fact.starts_with("(=") => (),
         1 => {
             let not = effects(&format!("(not {fact}) (not (connected corridor office2))"));
-            drop(maintainer.set(&owner, &not, now));
+            drop(maintainer.apply_request(&owner, &not, now));
         }
         2 => observed(central, who, "", &[(fact, u64::from(number) * 1_000)]),
-        3 => drop(maintainer.confirm(&id("t"), None, &effects(fact), now).expect("it is here")),
+        3 => {
+            drop(maintainer.apply_effects(&id("t"), None, &effects(fact), now).expect("it is here"))
+        }
         4 => {
             let said = format!("(at t corridor) (= (speed t) {number})");
             for office in { locals }.into_iter().chain([central]) {
@@ -216,7 +227,7 @@ fn happen(step: Step, beat: u64, central: &mut Office, locals: [&mut Office; 2])
         }
         _ => {
             for office in { locals }.into_iter().chain([central]) {
-                office.now = Moment(now.0 + 2_000);
+                office.now = Timestamp(now.0 + 2_000);
                 office.maintainer.expire(office.now);
             }
         }
@@ -265,18 +276,21 @@ fn news_of_requests_are_as_long_as_what_is_new() {
     assert_eq!(tell_news(&mut central, &mut local), Some(RequestedSince::default()));
     for number in 0..1_000 {
         let fact = effects(&format!("(connected room-{number} corridor)"));
-        central.maintainer.set(&ann, &fact, now).expect("room");
+        central.maintainer.apply_request(&ann, &fact, now).expect("room");
         let since = tell_news(&mut central, &mut local).expect("no more than facts");
         assert_eq!((since.facts.len(), since.withdrawn.len()), (1, 0));
     }
-    central.maintainer.set(&ann, &effects("(not (connected room-7 corridor))"), now).expect("room");
+    central
+        .maintainer
+        .apply_request(&ann, &effects("(not (connected room-7 corridor))"), now)
+        .expect("room");
     let since = tell_news(&mut central, &mut local).expect("no more than facts");
     assert_eq!((since.facts.len(), since.withdrawn.len()), (0, 1));
     assert_eq!(since.withdrawn[0].fact, "(connected room-7 corridor)");
     // If very many facts change at once, all of them are announced anew.
     for number in 1_000..2_500 {
         let fact = effects(&format!("(connected room-{number} corridor)"));
-        central.maintainer.set(&ann, &fact, now).expect("room");
+        central.maintainer.apply_request(&ann, &fact, now).expect("room");
     }
     assert_eq!(tell_news(&mut central, &mut local), None);
     assert_eq!(local.known("connected"), central.known("connected"));
@@ -288,7 +302,7 @@ fn what_an_agent_says_itself_is_no_news() {
     let now = central.now;
     let _ = central.maintainer.requested_since(now);
     let moved = effects("(not (at t corridor)) (at t office2)");
-    central.maintainer.confirm(&id("t"), None, &moved, now).expect("it is here");
+    central.maintainer.apply_effects(&id("t"), None, &moved, now).expect("it is here");
     assert_eq!(central.maintainer.requested_since(now), Some(RequestedSince::default()));
     central.beat("t", (1, 1), "(at t office2)", "").expect("a heartbeat");
     assert_eq!(central.maintainer.requested_since(now), Some(RequestedSince::default()));
@@ -315,7 +329,7 @@ fn a_word_that_is_told_does_not_go_before_what_an_owner_says_itself() {
     // An effect is not announced if the robot's own heartbeats report such facts.
     let moved = effects("(not (at t corridor)) (at t office2)");
     let now = central.now;
-    central.maintainer.confirm(&id("t"), None, &moved, now).expect("it is here");
+    central.maintainer.apply_effects(&id("t"), None, &moved, now).expect("it is here");
     assert_eq!(tell(&central, &mut local), Requested::default());
     local.beat("t", (1, 1), "(at t corridor)", "").expect("a heartbeat");
     observed(&mut central, "t", "(at t office2)", &[]);
@@ -323,7 +337,7 @@ fn a_word_that_is_told_does_not_go_before_what_an_owner_says_itself() {
     assert_eq!(local.known("at"), "(at t corridor)");
     // An effect on facts that its heartbeats do not report is announced.
     let opened = effects("(connected office2 corridor)");
-    central.maintainer.confirm(&id("t"), None, &opened, now).expect("it is here");
+    central.maintainer.apply_effects(&id("t"), None, &opened, now).expect("it is here");
     tell(&central, &mut local);
     assert!(local.known("connected").contains("(connected office2 corridor)"));
     // A number that is announced again does not override that of the agent responsible for it.
@@ -341,10 +355,11 @@ fn the_central_maintainer_follows_nobody() {
     let mut central = office();
     let told =
         Requested { retracted: "(connected corridor office2)".into(), ..Requested::default() };
-    let requests = Requests::read(&told, central.now).expect("PDDL");
-    let change = central.maintainer.follow(&requests, central.now).expect("nothing to take");
+    let requests = RequestedChanges::read(&told, central.now).expect("PDDL");
+    let change =
+        central.maintainer.apply_leader_requests(&requests, central.now).expect("nothing to take");
     assert!(change.is_empty());
     assert_eq!(central.known("connected"), "(connected corridor office2)");
     let unreadable = Requested { metric: Some("minimize".into()), ..Requested::default() };
-    assert!(Requests::read(&unreadable, central.now).is_err());
+    assert!(RequestedChanges::read(&unreadable, central.now).is_err());
 }

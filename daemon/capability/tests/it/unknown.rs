@@ -129,7 +129,10 @@ fn what_only_one_who_left_could_know_is_unknown() {
     let now = office.now;
     let retract = crate::office::facts("(unknown (lit office2))");
     let dark = capability::Effects { believe: Vec::new(), retract };
-    office.maintainer.set(&crate::office::id("ann").into(), &dark, now).expect("a request");
+    office
+        .maintainer
+        .apply_request(&crate::office::id("ann").into(), &dark, now)
+        .expect("a request");
     assert!(!unknown(&office, "lit"));
 }
 

@@ -6,8 +6,11 @@ use std::time::{Duration, Instant};
 use acl::content::{ChangeState, Outcome, Report, Request, value};
 use acl::{AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message};
 use acl::{Performative, Protocol};
-use agent::{Agent, Answer, Berth, Callbacks, Context, Engagement, Launch, Opening};
-use agent::{Settings, Switchboard, Work};
+use agent::{
+    Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, LaunchContext, LaunchableAgent,
+    Participation,
+};
+use agent::{AgentSettings, MessageRouter, WorkHandle};
 use substrate::Substrate;
 use substrate_zenoh::ZenohSubstrate;
 use tokio::sync::mpsc::{self, Receiver, Sender};
@@ -58,17 +61,17 @@ async fn open(
     daemon: &str,
     connect: &[String],
     house: Option<&House>,
-) -> Result<(Arc<Switchboard>, Arc<ZenohSubstrate>), Error> {
+) -> Result<(Arc<MessageRouter>, Arc<ZenohSubstrate>), Error> {
     let ecosystem = if house.is_some() { "secured" } else { "agents" };
     let (id, name) = (DaemonId::new(daemon)?, EcosystemId::new(ecosystem)?);
-    let switchboard = Switchboard::new(name, id, Settings::default());
+    let switchboard = MessageRouter::new(name, id, AgentSettings::default());
     let mut config = crate::substrate::config(ecosystem, daemon, connect)?;
     if let Some(house) = house {
         config.listen = vec!["tls/127.0.0.1:0".to_owned()];
         config.security = Some(house.security(daemon)?);
-        switchboard.limit(House::rights());
+        switchboard.set_rights(House::rights());
     }
-    let substrate = config.open(Arc::<Switchboard>::clone(&switchboard)).await?;
+    let substrate = config.open(Arc::<MessageRouter>::clone(&switchboard)).await?;
     switchboard.connect(Arc::<ZenohSubstrate>::clone(&substrate) as Arc<dyn Substrate>);
     Ok((switchboard, substrate))
 }
@@ -76,16 +79,16 @@ async fn open(
 fn launch(
     agent: impl Agent,
     id: &str,
-    switchboard: &Arc<Switchboard>,
+    switchboard: &Arc<MessageRouter>,
     stopping: &CancellationToken,
 ) -> Result<(), Error> {
-    let berth = Berth {
+    let berth = LaunchContext {
         id: AgentId::new(id)?,
         incarnation: Incarnation(1),
-        switchboard: Arc::clone(switchboard),
+        router: Arc::clone(switchboard),
         ontology: Arc::from("smart-office"),
         stopping: stopping.clone(),
-        stands_by: false,
+        has_replicas: false,
         via: [].into(),
     };
     Box::new(agent).launch(berth);
@@ -109,14 +112,14 @@ impl Echo {
             let _ = tell.send(acl::encode(&message).len());
         }
         let report = Report::new(Outcome::Done, "the state is changed");
-        ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+        ctx.answer(&Participation::of(&message), Performative::Confirm, &report);
     }
 }
 
 /// Agent that sends the next request when the answer comes, as often as it is told.
 struct Curious {
     turns: Option<Receiver<usize>>,
-    waiting: Option<Work>,
+    waiting: Option<WorkHandle>,
     began: Instant,
     left: usize,
     taken: Vec<Duration>,
@@ -150,7 +153,7 @@ impl Curious {
     fn ask(&mut self, ctx: &mut Context<Self>) {
         self.began = Instant::now();
         let change = ChangeState { believe: "(door-open d1)".to_owned(), ..Default::default() };
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: AgentId::new("echo").ok(),
             performative: Performative::Request,
             protocol: Protocol::StateChange,
@@ -160,9 +163,9 @@ impl Curious {
         ctx.open(opening, PATIENCE, Self::answered);
     }
 
-    fn answered(&mut self, answer: Answer, ctx: &mut Context<Self>) {
+    fn answered(&mut self, answer: ExchangeEvent, ctx: &mut Context<Self>) {
         self.taken.push(self.began.elapsed());
-        let Answer::Message(message) = answer else { panic!("no answer, but {answer:?}") };
+        let ExchangeEvent::Message(message) = answer else { panic!("no answer, but {answer:?}") };
         if let Some(tell) = self.tell_reply_bytes.take() {
             let _ = tell.send(acl::encode(&message).len());
         }

@@ -3,8 +3,10 @@
 use std::sync::Arc;
 
 use acl::{DaemonId, EcosystemId};
-use agent::{Allowed, Askers, Rights};
-use credentials::{AUTHORITY_DAYS, Authority, DAEMON_DAYS, Folder, Identity, Trust, Verifier};
+use agent::{AllowedNames, AllowedRequesters, Rights};
+use credentials::{
+    AUTHORITY_DAYS, Authority, CredentialFolder, DAEMON_DAYS, DaemonIdentity, Trust, Verifier,
+};
 use substrate_zenoh::Security;
 use tempfile::TempDir;
 
@@ -15,7 +17,7 @@ const MESSAGES_PER_SECOND: u32 = 1_000_000;
 
 /// An authority in a folder of its own.
 pub(crate) struct House {
-    folder: Folder,
+    folder: CredentialFolder,
     authority: Authority,
     _temporary: TempDir,
 }
@@ -23,7 +25,7 @@ pub(crate) struct House {
 impl House {
     pub(crate) fn new() -> Result<House, Error> {
         let temporary = tempfile::tempdir()?;
-        let folder = Folder::new(temporary.path().join("keys"));
+        let folder = CredentialFolder::new(temporary.path().join("keys"));
         let ecosystem = EcosystemId::new("secured")?;
         let authority = Authority::create(&folder, &ecosystem, AUTHORITY_DAYS)?;
         Ok(House { folder, authority, _temporary: temporary })
@@ -33,16 +35,16 @@ impl House {
         let daemon = DaemonId::new(daemon)?;
         self.authority.issue(&daemon, &[], DAEMON_DAYS)?;
         let trust = Trust::read(&self.folder)?;
-        let identity = Arc::new(Identity::read(&self.folder, &daemon, &trust)?);
+        let identity = Arc::new(DaemonIdentity::read(&self.folder, &daemon, &trust)?);
         Ok(Security { identity, verifier: Arc::new(Verifier::new(trust, MESSAGES_PER_SECOND)) })
     }
 
     /// The default rights of an ecosystem's file; every message is checked against them.
     pub(crate) fn rights() -> Rights {
         Rights {
-            guests: Allowed::All,
-            goals: Askers::All,
-            changes: Askers::All,
+            guests: AllowedNames::All,
+            goals: AllowedRequesters::All,
+            changes: AllowedRequesters::All,
             ..Rights::default()
         }
     }

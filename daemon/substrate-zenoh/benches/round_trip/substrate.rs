@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
 use bytes::Bytes;
-use substrate::{Address, Delivery, Inbound, Presence, Question, Subject, Substrate};
+use substrate::{AgentAddress, Delivery, Inbound, Presence, ReceivedQuery, Subject, Substrate};
 use substrate_zenoh::{Config, ZenohSubstrate};
 use tokio::sync::mpsc::{self, UnboundedReceiver, UnboundedSender};
 
@@ -25,7 +25,7 @@ impl Inbound for Ear {
         let _ = self.joined.send(());
     }
 
-    fn question(&self, _: Question) {}
+    fn receive_query(&self, _: ReceivedQuery) {}
 }
 
 /// Opens two substrates that see each other: one asks, one answers.
@@ -52,7 +52,7 @@ fn sender(
     agent: &str,
     performative: Performative,
 ) -> Result<impl Fn(Bytes) -> Result<(), Error> + Send + 'static, Error> {
-    let to = Address { daemon: DaemonId::new(daemon)?, agent: AgentId::new(agent)? };
+    let to = AgentAddress { daemon: DaemonId::new(daemon)?, agent: AgentId::new(agent)? };
     let from = Arc::clone(from);
     let subject = Subject::Message(performative);
     Ok(move |payload| from.send(&to, subject, payload).map_err(Error::from))

@@ -6,10 +6,10 @@ use std::time::Duration;
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
 use bytes::Bytes;
 use substrate::{
-    Address, Addressed, Ask, Delivery, Inbound, Presence, PresenceToken, Question, Rejected,
-    Resource, Subject, Substrate,
+    AgentAddress, Delivery, Destination, Inbound, Presence, PresenceToken, ReceivedQuery, Rejected,
+    Resource, ResourceQuery, Subject, Substrate,
 };
-use substrate_zenoh::{Config, Mode, ZenohSubstrate};
+use substrate_zenoh::{Config, SessionMode, ZenohSubstrate};
 use tokio::sync::mpsc;
 
 /// Deadline far beyond the duration of any step; a test that reaches it has failed.
@@ -49,13 +49,15 @@ impl Inbound for Ear {
         if let Some(origin) = delivery.origin {
             text += &format!(" <{}>", origin.daemon);
         }
-        self.note(match delivery.addressed {
-            Addressed::To(agent, Subject::Message(performative)) => {
+        self.note(match delivery.destination {
+            Destination::To(agent, Subject::Message(performative)) => {
                 format!("to {agent} {performative}: {text}")
             }
-            Addressed::To(agent, Subject::Receipt) => format!("to {agent} receipt: {text}"),
-            Addressed::All(sender, performative) => format!("all {sender} {performative}: {text}"),
-            Addressed::Beat(sender) => format!("beat {sender}: {text}"),
+            Destination::To(agent, Subject::Receipt) => format!("to {agent} receipt: {text}"),
+            Destination::All(sender, performative) => {
+                format!("all {sender} {performative}: {text}")
+            }
+            Destination::AgentState(sender) => format!("beat {sender}: {text}"),
         });
     }
 
@@ -66,11 +68,11 @@ impl Inbound for Ear {
     }
 
     fn rejected(&self, rejected: &Rejected<'_>) {
-        let Rejected { breach, claimed, .. } = rejected;
+        let Rejected { violation: breach, claimed, .. } = rejected;
         self.note(format!("rejected {} {}", breach.as_str(), claimed.unwrap_or("-")));
     }
 
-    fn question(&self, question: Question) {
+    fn receive_query(&self, question: ReceivedQuery) {
         let agent = question.agent.map_or("-".to_owned(), |agent| agent.to_string());
         let text = format!("{} {} {agent}", self.name, question.resource.as_str());
         (question.answer)(Bytes::from(text));
@@ -123,7 +125,7 @@ impl Daemon {
     pub(crate) async fn client(name: &'static str, other: &Daemon) -> Daemon {
         let connect = other.substrate.locators();
         Daemon::open(name, |config| {
-            config.mode = Mode::Client;
+            config.mode = SessionMode::Client;
             config.connect = connect;
         })
         .await
@@ -172,7 +174,7 @@ impl Daemon {
 
     pub(crate) fn send(&self, daemon: &str, to: &str, subject: Subject, text: &str) {
         let daemon = DaemonId::new(daemon).expect("a name");
-        let to = Address { daemon, agent: agent(to) };
+        let to = AgentAddress { daemon, agent: agent(to) };
         self.substrate.send(&to, subject, Bytes::from(text.to_owned())).expect("open");
     }
 
@@ -188,7 +190,7 @@ impl Daemon {
         about: Option<&str>,
     ) -> Vec<String> {
         let daemon = daemon.map(|name| DaemonId::new(name).expect("a name"));
-        let ask = Ask { daemon, resource, agent: about.map(agent) };
+        let ask = ResourceQuery { daemon, resource, agent: about.map(agent) };
         let answers = self.substrate.ask(ask, DEADLINE).await;
         let mut answers: Vec<String> =
             answers.iter().map(|answer| String::from_utf8_lossy(answer).into_owned()).collect();

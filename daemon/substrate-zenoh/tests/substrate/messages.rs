@@ -40,14 +40,14 @@ async fn broadcasts_and_beats_reach_everyone_and_oneself() {
     let (mut a, mut b) = pair().await;
     let text = |text: &'static str| Bytes::from_static(text.as_bytes());
     a.substrate.broadcast(&agent("x"), Performative::Cfp, text("who can?")).expect("open");
-    a.substrate.beat(&agent("x"), text("(define)")).expect("open");
+    a.substrate.broadcast_state(&agent("x"), text("(define)")).expect("open");
     for daemon in [&mut a, &mut b] {
         daemon.hear("all x cfp: who can?").await;
         daemon.hear("beat x: (define)").await;
     }
     let beats = [r#"{"sender":"x"}"#, r#"{"sender":"z"}"#, "no message"];
     let beats = ["x", "z", "w"].into_iter().zip(beats).map(|(who, said)| (agent(who), text(said)));
-    a.substrate.beat_together(beats.collect()).expect("open");
+    a.substrate.broadcast_heartbeats(beats.collect()).expect("open");
     for daemon in [&mut a, &mut b] {
         let heard = daemon.hear(r#"beat z: {"sender":"z"}"#).await;
         assert_eq!(heard, [r#"beat x: {"sender":"x"}"#, r#"beat z: {"sender":"z"}"#]);
@@ -108,7 +108,7 @@ async fn a_closed_substrate_says_so() {
     a.substrate.close().await;
     b.hear("left x@a").await;
     let closed = Err(SendError::Closed);
-    assert_eq!(a.substrate.beat(&agent("x"), Bytes::new()), closed);
+    assert_eq!(a.substrate.broadcast_state(&agent("x"), Bytes::new()), closed);
     let announced = a.substrate.announce(&agent("x"), acl::Incarnation(2));
     assert_eq!(announced.map(drop), closed);
     assert_eq!(a.ask(None, substrate::Resource::State, None).await, [""; 0]);

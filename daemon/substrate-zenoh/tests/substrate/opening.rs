@@ -1,6 +1,6 @@
 //! Opening a session, and the errors when it cannot be opened.
 
-use substrate_zenoh::{Config, Mode};
+use substrate_zenoh::{Config, SessionMode};
 
 use crate::daemon::{Daemon, HERE, config, ear};
 
@@ -26,7 +26,7 @@ async fn locators_are_what_can_be_connected_to() {
     assert!(!locators.contains(&HERE.to_owned()) && locators.len() == 2, "{locators:?}");
     for locator in locators {
         let mut client = Daemon::open("client", |config| {
-            config.mode = Mode::Client;
+            config.mode = SessionMode::Client;
             config.connect = vec![locator];
         })
         .await;
@@ -49,7 +49,7 @@ async fn refusals_name_the_endpoint_and_what_would_be_right() {
 
     let nobody = "unixsock-stream//nowhere/a.sock".to_owned();
     let error = refusal(|config| {
-        config.mode = Mode::Client;
+        config.mode = SessionMode::Client;
         config.connect = vec![nobody.clone()];
     })
     .await;

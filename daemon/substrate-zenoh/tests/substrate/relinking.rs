@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde_json::json;
 use substrate::Resource;
-use substrate_zenoh::Mode;
+use substrate_zenoh::SessionMode;
 use tokio::io::copy_bidirectional;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Notify;
@@ -89,7 +89,7 @@ async fn who_hangs_on_a_router_whose_link_blinked_is_seen_again_and_nobody_else_
     let mut b = cable.router("b").await;
     let connect = b.substrate.locators();
     let mut client = Daemon::open("c", |config| {
-        config.mode = Mode::Client;
+        config.mode = SessionMode::Client;
         config.connect = connect;
     })
     .await;

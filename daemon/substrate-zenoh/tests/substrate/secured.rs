@@ -10,10 +10,11 @@ use std::time::{Duration, Instant};
 use acl::{DaemonId, EcosystemId, Performative};
 use bytes::Bytes;
 use credentials::{
-    AUTHORITY_DAYS, Authority, Channel, DAEMON_DAYS, Folder, Identity, Nonce, Trust, Verifier,
+    AUTHORITY_DAYS, Authority, CredentialFolder, DAEMON_DAYS, DaemonIdentity, Nonce, SealChannel,
+    Trust, Verifier,
 };
-use substrate::{Address, Resource, SendError, Subject, Substrate};
-use substrate_zenoh::{MESSAGE_BYTES_MAX, Mode, Security};
+use substrate::{AgentAddress, Resource, SendError, Subject, Substrate};
+use substrate_zenoh::{MESSAGE_BYTES_MAX, Security, SessionMode};
 use tempfile::TempDir;
 use tokio::io::AsyncWriteExt as _;
 use tokio::net::TcpStream;
@@ -33,7 +34,7 @@ const PLENTY: u32 = 100_000;
 
 /// An authority and its daemons' certificates.
 struct House {
-    folder: Folder,
+    folder: CredentialFolder,
     authority: Authority,
     /// Incarnation in which each daemon was opened last: a message to it is sealed for that one.
     lives: Mutex<BTreeMap<String, u64>>,
@@ -43,26 +44,26 @@ struct House {
 impl House {
     fn new() -> House {
         let temporary = tempfile::tempdir().expect("a folder");
-        let folder = Folder::new(temporary.path().join("keys"));
+        let folder = CredentialFolder::new(temporary.path().join("keys"));
         let office = EcosystemId::new("office").expect("a name");
         let authority = Authority::create(&folder, &office, AUTHORITY_DAYS).expect("a new one");
         House { folder, authority, lives: Mutex::default(), _temporary: temporary }
     }
 
-    fn identity(&self, name: &str) -> Identity {
+    fn identity(&self, name: &str) -> DaemonIdentity {
         let name = DaemonId::new(name).expect("a name");
         if !self.folder.key(&name).exists() {
             self.authority.issue(&name, &[], DAEMON_DAYS).expect("a good name");
         }
         let trust = Trust::read(&self.folder).expect("just made");
-        Identity::read(&self.folder, &name, &trust).expect("just made")
+        DaemonIdentity::read(&self.folder, &name, &trust).expect("just made")
     }
 
     /// Makes the folder of another machine: one daemon's certificate and the authority's.
     fn apart(&self, name: &str) -> House {
         drop(self.identity(name));
         let temporary = tempfile::tempdir().expect("a folder");
-        let folder = Folder::new(temporary.path());
+        let folder = CredentialFolder::new(temporary.path());
         let name = DaemonId::new(name).expect("a name");
         let files =
             [self.folder.authority(), self.folder.certificate(&name), self.folder.key(&name)];
@@ -78,7 +79,7 @@ impl House {
         let trust = Trust::read(&self.folder).expect("just made");
         let verifier = Arc::new(Verifier::new(trust, per_second));
         let identity = Arc::new(self.identity(name));
-        let life = identity.said().life;
+        let life = identity.sequence_state().life;
         self.lives.lock().expect("no panic").insert(name.to_owned(), life);
         Security { identity, verifier }
     }
@@ -166,10 +167,10 @@ async fn daemons_with_certificates_speak_as_without() {
     b.substrate.broadcast(&agent("y"), Performative::Cfp, "all".into()).expect("open");
     a.hear("all y cfp: all <b>").await;
     b.hear("all y cfp: all <b>").await;
-    b.substrate.beat(&agent("y"), "works".into()).expect("open");
+    b.substrate.broadcast_state(&agent("y"), "works".into()).expect("open");
     a.hear("beat y: works <b>").await;
     let together = ["y", "z"].map(|who| (agent(who), format!(r#"{{"sender":"{who}"}}"#).into()));
-    b.substrate.beat_together(together.into()).expect("open");
+    b.substrate.broadcast_heartbeats(together.into()).expect("open");
     a.hear(r#"beat z: {"sender":"z"} <b>"#).await;
     b.hear(r#"beat z: {"sender":"z"} <b>"#).await;
     b.request("b", "y", "itself");
@@ -201,7 +202,7 @@ async fn a_guest_speaks_with_its_hosts_key() {
     security.identity = Arc::new(house.identity("a").for_guest(guest.clone()));
     let connect = a.substrate.locators();
     let mut client = Daemon::open("a--cli-7", |config| {
-        config.mode = Mode::Client;
+        config.mode = SessionMode::Client;
         config.connect = connect;
         config.security = Some(security);
     })
@@ -227,14 +228,14 @@ async fn a_guest_that_comes_and_speaks_to_all_is_heard() {
     security.identity = Arc::new(house.identity("a").for_guest(guest.clone()));
     let connect = a.substrate.locators();
     let mut client = Daemon::open("a--cli-7", |config| {
-        config.mode = Mode::Client;
+        config.mode = SessionMode::Client;
         config.connect = connect;
         config.security = Some(security);
     })
     .await;
     client.hear_all(&["joined x@a", "joined y@b"]).await;
     let _token = client.announce("person");
-    client.substrate.introduced().await;
+    client.substrate.broadcast_ready().await;
     client.substrate.broadcast(&agent("person"), Performative::Cfp, "who?".into()).expect("open");
     a.hear("all person cfp: who? <a--cli-7>").await;
     b.hear("all person cfp: who? <a--cli-7>").await;
@@ -249,7 +250,7 @@ async fn an_unknown_certificate_does_not_get_in() {
     a.hear("rejected unlinked -").await;
 
     let mut config = config("stranger");
-    config.mode = Mode::Client;
+    config.mode = SessionMode::Client;
     config.connect = a.substrate.locators();
     config.security = Some(other.security("stranger", PLENTY));
     let refused = config.open(ear("stranger").0).await;
@@ -312,13 +313,13 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     assert_eq!(a.hear_any().await, ["rejected forged -"]);
     // Signed with its own key, but for another payload.
     let identity = house.identity("rogue");
-    let seal = identity.seal(Channel::Message, TO_A, b"harmless", house.life("a"));
+    let seal = identity.seal(SealChannel::Message, TO_A, b"harmless", house.life("a"));
     rogue.put(TO_A, "harmful").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     // In the name of another daemon's guest.
     let guest = DaemonId::new("b").expect("a name").guest("cli-1").expect("short");
     let seal = house.identity("rogue").for_guest(guest).seal(
-        Channel::Message,
+        SealChannel::Message,
         TO_A,
         b"x",
         house.life("a"),
@@ -327,22 +328,23 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     assert_eq!(a.hear_any().await, ["rejected forged b--cli-1"]);
     // A heartbeat of an agent of another daemon.
     let beat = "althing/office/model/b/robot";
-    let seal = identity.seal(Channel::Beat, beat, b"x", None);
+    let seal = identity.seal(SealChannel::AgentState, beat, b"x", None);
     rogue.put(beat, "x").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     let beats = "althing/office/model/b";
-    let seal = identity.seal(Channel::Beat, beats, br#"{"sender":"robot"}"#, None);
+    let seal = identity.seal(SealChannel::AgentState, beats, br#"{"sender":"robot"}"#, None);
     rogue.put(beats, r#"{"sender":"robot"}"#).attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     // A list of revocations of its own.
     rogue.put("althing/office/revoked", "nobody").await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     // With a certificate of another authority.
-    let foreign = House::new().identity("b").seal(Channel::Message, TO_A, b"x", house.life("a"));
+    let foreign =
+        House::new().identity("b").seal(SealChannel::Message, TO_A, b"x", house.life("a"));
     rogue.put(TO_A, "x").attachment(foreign).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected unknown b"]);
 
-    let seal = identity.seal(Channel::Message, TO_A, b"true", house.life("a"));
+    let seal = identity.seal(SealChannel::Message, TO_A, b"true", house.life("a"));
     rogue.put(TO_A, "true").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["to x inform: true <rogue>"]);
 }
@@ -393,7 +395,7 @@ async fn what_was_recorded_before_a_restart_cannot_be_played_after_it() {
     a.hear("joined y@b").await;
     b.request("a", "x", "open the door");
     b.substrate.broadcast(&agent("y"), Performative::Inform, "it is open".into()).expect("open");
-    b.substrate.beat(&agent("y"), "works".into()).expect("open");
+    b.substrate.broadcast_state(&agent("y"), "works".into()).expect("open");
     a.hear("beat y: works <b>").await;
     let mut recorded = Vec::new();
     while recorded.len() < 3 {
@@ -543,7 +545,7 @@ async fn repeat(from: &Daemon, to: &str) {
 async fn a_message_of_100_mib_harms_nobody_and_is_counted() {
     // As a program does that has a log. A detection is only attributed to the links of this test's
     // certificates.
-    let _ = tracing_subscriber::registry().with(substrate_zenoh::too_long()).try_init();
+    let _ = tracing_subscriber::registry().with(substrate_zenoh::oversize_layer()).try_init();
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let mut b = house.open("b", &[&a]).await;
@@ -551,20 +553,20 @@ async fn a_message_of_100_mib_harms_nobody_and_is_counted() {
     b.hear("joined x@a").await;
     a.hear("joined y@b").await;
     let huge = vec![b'x'; 100 << 20];
-    let to = Address { daemon: DaemonId::new("a").expect("a name"), agent: agent("x") };
+    let to = AgentAddress { daemon: DaemonId::new("a").expect("a name"), agent: agent("x") };
     let subject = Subject::Message(Performative::Inform);
     let refused = b.substrate.send(&to, subject, Bytes::from(huge.clone())).expect_err("too long");
     assert!(matches!(refused, SendError::TooLong { .. }), "{refused}");
-    assert!(b.substrate.beat(&agent("y"), Bytes::from(huge.clone())).is_err());
+    assert!(b.substrate.broadcast_state(&agent("y"), Bytes::from(huge.clone())).is_err());
 
     let rogue = house.rogue("rogue", &a).await;
     reach(&rogue, TO_A).await;
-    let seal = house.identity("rogue").seal(Channel::Message, TO_A, &huge, house.life("a"));
+    let seal = house.identity("rogue").seal(SealChannel::Message, TO_A, &huge, house.life("a"));
     // Waits until it is sent: a message dropped by congestion control would prove nothing.
     let put = rogue.put(TO_A, huge).attachment(seal).congestion_control(CongestionControl::Block);
     put.await.expect("open");
     let identity = house.identity("rogue");
-    let seal = identity.seal(Channel::Message, TO_A, b"after it", house.life("a"));
+    let seal = identity.seal(SealChannel::Message, TO_A, b"after it", house.life("a"));
     rogue.put(TO_A, "after it").attachment(seal).await.expect("open");
     let heard = a.hear("to x inform: after it <rogue>").await;
     let said: Vec<_> = heard.iter().filter(|line| line.starts_with("to ")).collect();

@@ -2,41 +2,42 @@
 
 use super::*;
 use crate::Resource;
-use crate::ear::{Ear, agent, daemon};
+use crate::recording_inbound::{RecordingInbound, agent, daemon};
 
 type End = Arc<dyn Substrate>;
 
 /// Two daemons, `a` and `b`.
-fn pair(network: &Network) -> (End, Arc<Ear>, End, Arc<Ear>) {
-    let (a, b) = (Ear::new(), Ear::new());
-    let port_a = network.open(daemon("a"), Arc::<Ear>::clone(&a) as _);
-    let port_b = network.open(daemon("b"), Arc::<Ear>::clone(&b) as _);
+fn pair(network: &Network) -> (End, Arc<RecordingInbound>, End, Arc<RecordingInbound>) {
+    let (a, b) = (RecordingInbound::new(), RecordingInbound::new());
+    let port_a = network.open(daemon("a"), Arc::<RecordingInbound>::clone(&a) as _);
+    let port_b = network.open(daemon("b"), Arc::<RecordingInbound>::clone(&b) as _);
     (port_a, a, port_b, b)
 }
 
 /// Sends a hundred messages from `a` to `b`; returns those that `b` receives.
-async fn hundred(seed: u64, weather: Weather) -> Vec<String> {
+async fn hundred(seed: u64, weather: LinkConditions) -> Vec<String> {
     let network = Network::new(seed);
     let (port, _, _, ear) = pair(&network);
-    network.weather(weather);
+    network.set_conditions(weather);
     for number in 0..100 {
-        let to = Address { daemon: daemon("b"), agent: agent("robot") };
+        let to = AgentAddress { daemon: daemon("b"), agent: agent("robot") };
         port.send(&to, Subject::Receipt, Bytes::from(number.to_string())).expect("open");
     }
     tokio::time::sleep(Duration::from_secs(1)).await;
-    let words = ear.words().into_iter();
+    let words = ear.take_lines().into_iter();
     words.map(|word| word.trim_start_matches("robot Receipt ").to_owned()).collect()
 }
 
 #[tokio::test(start_paused = true)]
 async fn fair_weather_keeps_the_order_and_loses_nothing() {
     let all: Vec<_> = (0..100).map(|number| number.to_string()).collect();
-    assert_eq!(hundred(1, Weather::fair()).await, all);
+    assert_eq!(hundred(1, LinkConditions::good()).await, all);
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_storm_loses_doubles_and_mixes_the_same_for_the_same_seed() {
-    let storm = Weather { loss: 0.2, doubled: 0.2, overtaken: 0.2, ..Weather::fair() };
+    let storm =
+        LinkConditions { loss: 0.2, doubled: 0.2, overtaken: 0.2, ..LinkConditions::good() };
     let heard = hundred(7, storm.clone()).await;
     let kinds: BTreeSet<_> = heard.iter().collect();
     assert!(kinds.len() < 90, "some are lost: {}", kinds.len());
@@ -53,20 +54,20 @@ async fn a_cut_is_seen_after_its_lease_and_a_blink_is_not() {
     let (_port_a, ear_a, port_b, _) = pair(&network);
     let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
     tokio::time::sleep(Duration::from_millis(100)).await;
-    assert_eq!(ear_a.words(), ["joined robot"]);
+    assert_eq!(ear_a.take_lines(), ["joined robot"]);
 
     let cut = network.cut([daemon("b")].into(), Duration::from_millis(300));
-    port_b.beat(&agent("robot"), Bytes::from_static(b"beat")).expect("it cannot know");
+    port_b.broadcast_state(&agent("robot"), Bytes::from_static(b"beat")).expect("it cannot know");
     tokio::time::sleep(Duration::from_millis(200)).await;
-    network.mend(cut);
+    network.heal(cut);
     tokio::time::sleep(Duration::from_millis(200)).await;
-    assert_eq!(ear_a.words(), [""; 0], "a blink loses what was said and is not seen");
+    assert_eq!(ear_a.take_lines(), [""; 0], "a blink loses what was said and is not seen");
 
     let cut = network.cut([daemon("b")].into(), Duration::from_millis(300));
     tokio::time::sleep(Duration::from_millis(400)).await;
-    network.mend(cut);
+    network.heal(cut);
     tokio::time::sleep(Duration::from_millis(100)).await;
-    assert_eq!(ear_a.words(), ["left robot", "joined robot"]);
+    assert_eq!(ear_a.take_lines(), ["left robot", "joined robot"]);
 }
 
 #[tokio::test(start_paused = true)]
@@ -74,13 +75,13 @@ async fn who_has_gone_and_come_again_is_here_whatever_overtakes() {
     let network = Network::new(1);
     let (_port_a, ear_a, port_b, _) = pair(&network);
     let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
-    network.weather(Weather { overtaken: 0.5, ..Weather::fair() });
+    network.set_conditions(LinkConditions { overtaken: 0.5, ..LinkConditions::good() });
     for _ in 0..30 {
         let cut = network.cut([daemon("b")].into(), Duration::ZERO);
         tokio::time::sleep(Duration::from_millis(1)).await;
-        network.mend(cut);
+        network.heal(cut);
         tokio::time::sleep(Duration::from_millis(100)).await;
-        assert_eq!(ear_a.words().last().map(String::as_str), Some("joined robot"));
+        assert_eq!(ear_a.take_lines().last().map(String::as_str), Some("joined robot"));
     }
 }
 
@@ -90,22 +91,26 @@ async fn a_kill_is_seen_at_once_and_its_next_life_hears_nothing_of_the_last() {
     let (port_a, ear_a, port_b, ear_b) = pair(&network);
     let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
     tokio::time::sleep(Duration::from_millis(100)).await;
-    network.slow(&daemon("b"), Duration::from_millis(500));
-    port_a.beat(&agent("x"), Bytes::from_static(b"late")).expect("open");
+    network.delay_receiver(&daemon("b"), Duration::from_millis(500));
+    port_a.broadcast_state(&agent("x"), Bytes::from_static(b"late")).expect("open");
     network.kill(&daemon("b"));
-    assert_eq!(port_b.beat(&agent("robot"), Bytes::new()), Err(SendError::Closed));
-    let next = Ear::new();
-    network.open(daemon("b"), Arc::<Ear>::clone(&next) as _);
+    assert_eq!(port_b.broadcast_state(&agent("robot"), Bytes::new()), Err(SendError::Closed));
+    let next = RecordingInbound::new();
+    network.open(daemon("b"), Arc::<RecordingInbound>::clone(&next) as _);
     tokio::time::sleep(Duration::from_secs(1)).await;
-    assert_eq!(ear_a.words(), ["joined robot", "late", "left robot"]);
-    assert_eq!((ear_b.words(), next.words()), (vec!["joined robot".to_owned()], vec![]));
+    assert_eq!(ear_a.take_lines(), ["joined robot", "late", "left robot"]);
+    assert_eq!((ear_b.take_lines(), next.take_lines()), (vec!["joined robot".to_owned()], vec![]));
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_lost_question_takes_its_time() {
     let network = Network::new(1);
     let (port, ..) = pair(&network);
-    let ask = |daemon: Option<DaemonId>| Ask { daemon, resource: Resource::Domain, agent: None };
+    let ask = |daemon: Option<DaemonId>| ResourceQuery {
+        daemon,
+        resource: Resource::Domain,
+        agent: None,
+    };
     let (patience, began) = (Duration::from_secs(2), Instant::now());
     assert_eq!(port.ask(ask(None), patience).await.len(), 2);
     assert!(began.elapsed() < Duration::from_millis(50));

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{
-    Berth, Blueprint, Host, Launch, LaunchError, Mode, PluginEntry, Settings, Switchboard,
+    AgentSettings, Blueprint, Host, LaunchContext, LaunchError, LaunchableAgent, MessageRouter,
+    Mode, PluginEntry,
 };
 use substrate::memory::Network;
 use tokio::task::JoinHandle;
@@ -20,21 +21,21 @@ impl House {
     pub(crate) fn new(mode: Mode, domain: &str, problem: &str, journals: Vec<AgentId>) -> House {
         let ontology = pddl::parse_domain(domain).into_result().expect("a domain");
         let problem = pddl::parse_problem(problem).into_result().expect("a problem");
-        let settings = Settings::default();
+        let settings = AgentSettings::default();
         let host = Host { mode, settings, journals, ..Host::new(ontology, problem) };
         House { network: Network::new(), host: Arc::new(host) }
     }
 
-    pub(crate) fn machine(&self, name: &str) -> Arc<Switchboard> {
+    pub(crate) fn machine(&self, name: &str) -> Arc<MessageRouter> {
         let daemon = DaemonId::new(name).expect("a name");
         let ecosystem = EcosystemId::new("home").expect("a name");
-        let machine = Switchboard::new(ecosystem, daemon.clone(), self.host.settings.clone());
-        machine.connect(self.network.open(daemon, Arc::<Switchboard>::clone(&machine) as _));
+        let machine = MessageRouter::new(ecosystem, daemon.clone(), self.host.settings.clone());
+        machine.connect(self.network.open(daemon, Arc::<MessageRouter>::clone(&machine) as _));
         machine
     }
 
     /// Builds an agent of a plugin, under the plugin's name.
-    pub(crate) fn built(&self, plugin: &PluginEntry) -> Box<dyn Launch> {
+    pub(crate) fn built(&self, plugin: &PluginEntry) -> Box<dyn LaunchableAgent> {
         let (id, config) = (name(plugin.name), serde_json::json!({}).into());
         let host = Arc::clone(&self.host);
         (plugin.build)(Blueprint { id, driver: String::new(), config, host }).expect("built")
@@ -47,18 +48,18 @@ pub(crate) fn name(text: &str) -> AgentId {
 
 /// Launches an agent on a machine.
 pub(crate) fn launch(
-    agent: Box<dyn Launch>,
+    agent: Box<dyn LaunchableAgent>,
     id: &str,
-    machine: &Arc<Switchboard>,
+    machine: &Arc<MessageRouter>,
     stands_by: bool,
 ) -> JoinHandle<Result<(), LaunchError>> {
-    agent.launch(Berth {
+    agent.launch(LaunchContext {
         id: name(id),
-        incarnation: machine.machine().next_life(),
-        switchboard: Arc::clone(machine),
+        incarnation: machine.host_services().next_incarnation(),
+        router: Arc::clone(machine),
         ontology: Arc::from("d"),
         stopping: CancellationToken::new(),
-        stands_by,
+        has_replicas: stands_by,
         via: [].into(),
     })
 }

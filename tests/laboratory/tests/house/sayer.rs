@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use acl::content::{Achieve, Keep, Partition, Report, Request, value};
 use acl::{AgentId, ConversationId, Performative, Protocol};
-use agent::{Agent, Answer, Callbacks, Context, Opening};
+use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening};
 use tokio::sync::mpsc;
 
 use crate::house::name;
@@ -46,7 +46,7 @@ impl Agent for Sayer {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: Some(self.to.clone()),
             performative: Performative::Request,
             protocol: self.protocol,
@@ -54,7 +54,7 @@ impl Agent for Sayer {
             content: value(&self.says),
         };
         ctx.open(opening, PATIENCE, |sayer: &mut Sayer, answer, _| {
-            if let Answer::Message(message) = answer
+            if let ExchangeEvent::Message(message) = answer
                 && let Ok(report) = message.content_as::<Report>()
             {
                 sayer.told.send(report).expect("the test listens");

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{AgentRights, Allowed, Askers, Rights};
+use agent::{AgentRights, AllowedNames, AllowedRequesters, Rights};
 use pddl::Diagnostic;
 
 use super::Interpreter;
@@ -94,25 +94,25 @@ impl Interpreter<'_> {
         }
     }
 
-    fn allowed_daemons(&mut self, key: &str, names: &[String]) -> Allowed<DaemonId> {
+    fn allowed_daemons(&mut self, key: &str, names: &[String]) -> AllowedNames<DaemonId> {
         let mut these = BTreeSet::new();
         for (index, name) in names.iter().enumerate() {
             match DaemonId::new(name) {
-                _ if name == ALL => return Allowed::All,
+                _ if name == ALL => return AllowedNames::All,
                 Ok(daemon) => {
                     these.insert(daemon);
                 }
                 Err(error) => self.invalid_name(&format!("rights.{key}.{index}"), &error),
             }
         }
-        Allowed::These(these)
+        AllowedNames::These(these)
     }
 
-    fn askers(&mut self, key: &str, names: &[String], agents: &[AgentEntry]) -> Askers {
+    fn askers(&mut self, key: &str, names: &[String], agents: &[AgentEntry]) -> AllowedRequesters {
         let (mut these, mut guests) = (BTreeSet::new(), false);
         for (index, name) in names.iter().enumerate() {
             match name.as_str() {
-                ALL => return Askers::All,
+                ALL => return AllowedRequesters::All,
                 GUESTS => guests = true,
                 name => match agents.iter().find(|entry| entry.name.as_str() == name) {
                     Some(entry) => {
@@ -122,7 +122,7 @@ impl Interpreter<'_> {
                 },
             }
         }
-        Askers::These { agents: these, guests }
+        AllowedRequesters::These { agents: these, guests }
     }
 
     fn unknown_asker(&mut self, path: &str, name: &str, agents: &[AgentEntry]) {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use agent::Settings;
+use agent::AgentSettings;
 use pddl::Diagnostic;
 
 use super::Interpreter;
@@ -16,7 +16,7 @@ type TimingRule<'t> = (&'t str, Duration, &'t str, Duration, bool, &'t str);
 
 impl Interpreter<'_> {
     /// Returns the times and bounds for all agents, and reports wrong ones.
-    pub(super) fn settings(&mut self, timing: &RawTiming, limits: &RawLimits) -> Settings {
+    pub(super) fn settings(&mut self, timing: &RawTiming, limits: &RawLimits) -> AgentSettings {
         let settings = settings(timing, limits);
         let errors_before = self.report.findings().len();
         for rule in rules(&settings) {
@@ -48,7 +48,7 @@ impl Interpreter<'_> {
     }
 }
 
-fn settings(timing: &RawTiming, limits: &RawLimits) -> Settings {
+fn settings(timing: &RawTiming, limits: &RawLimits) -> AgentSettings {
     // No `..`, so that a new key cannot be overlooked here.
     let RawTiming {
         heartbeat_period,
@@ -62,7 +62,7 @@ fn settings(timing: &RawTiming, limits: &RawLimits) -> Settings {
         answer_deadline,
     } = *timing;
     let RawLimits { mailbox_messages_max, outbox_messages_max } = *limits;
-    Settings {
+    AgentSettings {
         heartbeat_period,
         heartbeat_lease,
         grace,
@@ -74,13 +74,19 @@ fn settings(timing: &RawTiming, limits: &RawLimits) -> Settings {
         answer_deadline,
         mailbox_messages_max: mailbox_messages_max as usize,
         outbox_messages_max: outbox_messages_max as usize,
-        ..Settings::default()
+        ..AgentSettings::default()
     }
 }
 
-fn rules(settings: &Settings) -> [TimingRule<'static>; 3] {
-    let Settings {
-        heartbeat_period, heartbeat_lease, grace, removal, retry_first, retry_max, ..
+fn rules(settings: &AgentSettings) -> [TimingRule<'static>; 3] {
+    let AgentSettings {
+        heartbeat_period,
+        heartbeat_lease,
+        grace,
+        removal,
+        retry_first,
+        retry_max,
+        ..
     } = *settings;
     [
         (

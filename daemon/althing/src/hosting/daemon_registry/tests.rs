@@ -89,17 +89,17 @@ async fn nobody_comes_just_after_another_has_left() {
     drop(first);
     // The time of leaving is in the future, so that the test does not depend on how busy this
     // machine is.
-    leaves_at(&folder, "first", SystemTime::now() + REST);
+    leaves_at(&folder, "first", SystemTime::now() + REOPEN_DELAY);
     let other = come(&folder, "other").await;
-    assert!(began.elapsed() >= REST, "came after {:?}", began.elapsed());
+    assert!(began.elapsed() >= REOPEN_DELAY, "came after {:?}", began.elapsed());
 
-    leaves_at(&folder, "first", SystemTime::now() - REST);
+    leaves_at(&folder, "first", SystemTime::now() - REOPEN_DELAY);
     kill(&folder, "other", other);
     let began = Instant::now();
     let third = come(&folder, "third").await;
     assert_eq!(began.elapsed(), Duration::ZERO, "when another died, nobody knows");
     come(&folder, "other").await;
-    assert!(began.elapsed() >= REST, "it may be now: came after {:?}", began.elapsed());
+    assert!(began.elapsed() >= REOPEN_DELAY, "it may be now: came after {:?}", began.elapsed());
     drop(third);
 }
 
@@ -108,18 +108,18 @@ async fn who_leaves_while_one_waits_is_waited_for_too() {
     let folder = folder();
     let (first, second) = (come(&folder, "first").await, come(&folder, "second").await);
     drop(first);
-    leaves_at(&folder, "first", SystemTime::now() + REST);
+    leaves_at(&folder, "first", SystemTime::now() + REOPEN_DELAY);
     let began = Instant::now();
     let others = async {
-        tokio::time::sleep(REST / 2).await;
-        leaves_at(&folder, "first", SystemTime::now() - REST);
+        tokio::time::sleep(REOPEN_DELAY / 2).await;
+        leaves_at(&folder, "first", SystemTime::now() - REOPEN_DELAY);
         drop(second);
-        leaves_at(&folder, "second", SystemTime::now() + REST);
-        tokio::time::sleep(REST).await;
-        leaves_at(&folder, "second", SystemTime::now() - REST);
+        leaves_at(&folder, "second", SystemTime::now() + REOPEN_DELAY);
+        tokio::time::sleep(REOPEN_DELAY).await;
+        leaves_at(&folder, "second", SystemTime::now() - REOPEN_DELAY);
     };
     let (_third, ()) = tokio::join!(come(&folder, "third"), others);
-    assert_eq!(began.elapsed(), 2 * REST);
+    assert_eq!(began.elapsed(), 2 * REOPEN_DELAY);
 }
 
 #[tokio::test(start_paused = true)]
@@ -127,10 +127,10 @@ async fn who_leaves_again_and_again_keeps_nobody_out() {
     let folder = folder();
     drop(come(&folder, "first").await);
     // The ticket shows at every check that the daemon has just left.
-    leaves_at(&folder, "first", SystemTime::now() + 100 * REST);
+    leaves_at(&folder, "first", SystemTime::now() + 100 * REOPEN_DELAY);
     let began = Instant::now();
     come(&folder, "second").await;
-    assert!(began.elapsed() <= REST * 8, "came after {:?}", began.elapsed());
+    assert!(began.elapsed() <= REOPEN_DELAY * 8, "came after {:?}", began.elapsed());
 }
 
 fn leaves_at(folder: &TempDir, name: &str, at: SystemTime) {
@@ -151,10 +151,13 @@ fn a_clock_that_was_put_back_keeps_nobody_away() {
     };
     for (said, expected) in [
         (vec![], Duration::ZERO),
-        (vec![ticket("", now - REST)], Duration::ZERO),
-        (vec![ticket("", now - REST / 5)], REST / 5 * 4),
-        (vec![ticket("", now - REST / 5), ticket("", now - REST / 2)], REST / 5 * 4),
-        (vec![ticket("", now + 100 * REST)], REST),
+        (vec![ticket("", now - REOPEN_DELAY)], Duration::ZERO),
+        (vec![ticket("", now - REOPEN_DELAY / 5)], REOPEN_DELAY / 5 * 4),
+        (
+            vec![ticket("", now - REOPEN_DELAY / 5), ticket("", now - REOPEN_DELAY / 2)],
+            REOPEN_DELAY / 5 * 4,
+        ),
+        (vec![ticket("", now + 100 * REOPEN_DELAY)], REOPEN_DELAY),
         (vec![ticket("0123456789", now)], Duration::ZERO),
         (vec![PresenceFile { is_here: true, ..ticket("", now) }], Duration::ZERO),
     ] {

@@ -7,9 +7,11 @@ use acl::content::{
     Achieve, BelievedState, GoalStatus, Keep, Reason, Refusal, Report, Request, value,
 };
 use acl::{AgentId, Performative, Protocol};
-use agent::{Agent, Answer, Callbacks, Context, Launch, Mode, Opening, Resource};
+use agent::{
+    Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, LaunchableAgent, Mode, Resource,
+};
 use keyboard::Keyboard;
-use substrate::Ask;
+use substrate::ResourceQuery;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout};
 use tokio_util::sync::CancellationToken;
@@ -48,7 +50,7 @@ async fn last_word(person: &mut Person, goal: &str) -> (String, Duration) {
 }
 
 async fn read<T: serde::de::DeserializeOwned>(office: &Office, of: &str, what: Resource) -> T {
-    let ask = Ask { daemon: None, resource: what, agent: AgentId::new(of).ok() };
+    let ask = ResourceQuery { daemon: None, resource: what, agent: AgentId::new(of).ok() };
     let answers = office.node.switchboard().ask(ask, Duration::from_secs(5)).await;
     serde_json::from_slice(answers.first().expect("an answer")).expect("it is one")
 }
@@ -125,7 +127,7 @@ impl Agent for Flood {
         for _ in 0..self.asks {
             let goal = "(at turtlebot-1 office2)".to_owned();
             let achieve = Achieve::new(goal, Keep::Achieve, 0);
-            let opening = Opening {
+            let opening = ExchangeOpening {
                 to: AgentId::new("plan-requester").ok(),
                 performative: Performative::Request,
                 protocol: Protocol::Goal,
@@ -134,11 +136,11 @@ impl Agent for Flood {
             };
             ctx.open(opening, Duration::from_secs(60), |flood: &mut Self, answer, _| {
                 let word = match answer {
-                    Answer::Message(message) => match message.content_as::<Refusal>() {
+                    ExchangeEvent::Message(message) => match message.content_as::<Refusal>() {
                         Ok(refusal) => format!("{:?}: {}", refusal.reason, refusal.detail),
                         Err(_) => message.content_as::<Report>().expect("a report").detail,
                     },
-                    Answer::Silence | Answer::Undelivered(_) => "nothing".to_owned(),
+                    ExchangeEvent::TimedOut | ExchangeEvent::Undelivered(_) => "nothing".to_owned(),
                 };
                 let _ = flood.heard.send(word);
             });

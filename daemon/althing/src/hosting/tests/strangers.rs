@@ -8,7 +8,7 @@ use acl::content::{
     Proposal, Reason, Report, Request,
 };
 use acl::{AgentId, Deadline, Message, Performative};
-use agent::{Agent, Callbacks, Context, Engagement};
+use agent::{Agent, Callbacks, Context, Participation};
 use capability::model_digest;
 
 use super::Office;
@@ -114,13 +114,17 @@ impl Body {
             known_for: [].into(),
             period: Deadline(Duration::from_secs(1)),
         };
-        ctx.beat(&Inform::Model(Box::new(ModelAnnouncement { model, methods, heartbeat })));
+        ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
+            model,
+            methods,
+            heartbeat,
+        })));
         ctx.after(Duration::from_secs(1), |body: &mut Self, ctx| body.beat(ctx));
     }
 
     fn called(&mut self, message: Message, ctx: &mut Context<Self>) {
         let call: CallForProposals = message.content_as().expect("a call");
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let offers = self.script.script(|script| script.offers.clone());
         let mine = offers.into_iter().filter(|(conjunct, ..)| call.conjuncts.contains(conjunct));
         let proposal = |(conjunct, plan, cost)| Proposal { covers: vec![conjunct], plan, cost };
@@ -133,7 +137,7 @@ impl Body {
     }
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let Ok(Request::Act(act)) = message.content_as() else { return };
         let (conduct, before) = self.script.script(|script| {
             script.asked.push(act.action.clone());
@@ -154,7 +158,7 @@ impl Body {
 
     fn confirm(
         &mut self,
-        engagement: Engagement,
+        engagement: Participation,
         act: Act,
         after: Duration,
         ctx: &mut Context<Self>,
@@ -169,6 +173,6 @@ impl Body {
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
         let report = Report::new(Outcome::Cancelled, "given up as asked");
-        ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+        ctx.answer(&Participation::of(&message), Performative::Confirm, &report);
     }
 }

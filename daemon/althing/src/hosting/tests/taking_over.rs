@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use ::building::BuildingEvent;
 use acl::content::{BelievedState, ChangeState};
 use agent::Resource;
-use substrate::Ask;
+use substrate::ResourceQuery;
 
 use super::*;
 
@@ -260,7 +260,7 @@ async fn who_stands_by_has_heard_what_requests_changed() {
     // A new leader queries the others before it acts.
     tokio::time::sleep(Duration::from_secs(1)).await;
     let agent = AgentId::new("domain-maintainer").ok();
-    let ask = Ask { daemon: None, resource: Resource::State, agent };
+    let ask = ResourceQuery { daemon: None, resource: Resource::State, agent };
     let answers = city.nodes["gamma"].switchboard().ask(ask, Duration::from_secs(5)).await;
     let answer = answers.first().expect("it answers");
     let state: BelievedState = serde_json::from_slice(answer).expect("a state");

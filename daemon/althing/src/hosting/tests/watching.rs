@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use ::building::{BuildingEvent, Truth};
 use acl::content::{Inform, Keep, OpenQuestion, PersonsAnswer, Question};
 use acl::{AgentId, Message, Performative};
-use agent::{Agent, Ask, Callbacks, Context, Engagement, Mode, Resource};
+use agent::{Agent, Callbacks, Context, Mode, Participation, Resource, ResourceQuery};
 use keyboard::UserRequest;
 use substrate::memory::Network;
 
@@ -90,7 +90,7 @@ impl Visitor {
         let Ok(Question { .. }) = message.content_as() else { panic!("{message:?}") };
         let Some(text) = self.answers.pop_front().map(str::to_owned) else { return };
         ctx.answer(
-            &Engagement::of(&message),
+            &Participation::of(&message),
             Performative::Inform,
             &Inform::Answer(PersonsAnswer::plain(text)),
         );
@@ -161,7 +161,7 @@ async fn a_question_that_somebody_has_answered_is_closed_elsewhere() {
     assert_eq!((closed, &*why), (question, "withdrawn: answered at `here`"));
     assert!(asker.hears().await, "{:#?}", asker.lines);
     // A query for open questions returns none, and an answer to a closed question is refused.
-    let ask = Ask { daemon: None, resource: Resource::Questions, agent: None };
+    let ask = ResourceQuery { daemon: None, resource: Resource::Questions, agent: None };
     let answers = office.node.switchboard().ask(ask, PATIENCE).await;
     let open = answers
         .iter()
@@ -193,7 +193,7 @@ async fn a_pin_is_nowhere_in_what_is_overheard() {
     let guest = office.person("guest");
     asker.wish("(validated office2)", Keep::Achieve).await;
     let question = there.is_asked().await;
-    let ask = Ask { daemon: None, resource: Resource::Questions, agent: None };
+    let ask = ResourceQuery { daemon: None, resource: Resource::Questions, agent: None };
     let answers = office.node.switchboard().ask(ask, PATIENCE).await;
     let mut open = answers
         .iter()

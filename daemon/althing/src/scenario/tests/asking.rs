@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use acl::content::{Refusal, Report, Request, value};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol};
-use agent::{Agent, Answer, Callbacks, Context, Mode, Opening, Resource};
+use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, Mode, Resource};
 use building::Layout;
-use substrate::Ask;
+use substrate::ResourceQuery;
 use tokio::sync::mpsc;
 
 use crate::scenario::launched::{self, LaunchedScenario, ScenarioSubstrate};
@@ -26,7 +26,7 @@ impl Agent for Asker {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        let opening = Opening {
+        let opening = ExchangeOpening {
             to: AgentId::new(self.to).ok(),
             performative: Performative::Request,
             protocol: self.protocol,
@@ -34,7 +34,7 @@ impl Agent for Asker {
             content: value(&self.request),
         };
         ctx.open(opening, Duration::from_secs(30), |asker: &mut Self, answer, _| {
-            if let Answer::Message(message) = answer {
+            if let ExchangeEvent::Message(message) = answer {
                 let _ = asker.tell.send(words(&message));
             }
         });
@@ -86,7 +86,7 @@ pub(super) async fn read<T: serde::de::DeserializeOwned>(
     of: &str,
     resource: Resource,
 ) -> T {
-    let ask = Ask { daemon: None, resource, agent: AgentId::new(of).ok() };
+    let ask = ResourceQuery { daemon: None, resource, agent: AgentId::new(of).ok() };
     let answers = set.node.switchboard().ask(ask, Duration::from_secs(5)).await;
     serde_json::from_slice(answers.first().expect("an answer")).expect("it is one")
 }

@@ -7,7 +7,7 @@ use acl::content::{
     Reason, Request,
 };
 use acl::{AgentId, Deadline, Message, Performative};
-use agent::{Agent, Callbacks, Context, Engagement};
+use agent::{Agent, Callbacks, Context, Participation};
 use capability::model_digest;
 
 use crate::hosting::DaemonNode;
@@ -91,13 +91,17 @@ impl Guest {
             period: Deadline(Duration::from_secs(1)),
         };
         let model = model.to_owned();
-        ctx.beat(&Inform::Model(Box::new(ModelAnnouncement { model, methods, heartbeat })));
+        ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
+            model,
+            methods,
+            heartbeat,
+        })));
         ctx.after(Duration::from_secs(1), |guest: &mut Self, ctx| guest.beat(ctx));
     }
 
     fn called(&mut self, message: Message, ctx: &mut Context<Self>) {
         let call: CallForProposals = message.content_as().expect("a call");
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         let wanted = "(known-temperature office1)".to_owned();
         if !call.conjuncts.contains(&wanted) {
             return ctx.refuse(&engagement, Reason::Incapable, "not mine");
@@ -112,7 +116,7 @@ impl Guest {
     }
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
+        let engagement = Participation::of(&message);
         match self.conduct {
             Conduct::Refuses => ctx.refuse(&engagement, Reason::Incapable, "I only say so"),
             Conduct::AgreesAndIsSilent => {

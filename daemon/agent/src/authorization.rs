@@ -1,0 +1,534 @@
+//! Authorization of incoming messages, by the [`Rights`] of the ecosystem's file and by presence.
+//!
+//! The substrate has verified which daemon sent a message; here it is checked which agents that
+//! daemon may speak for. Messages of a daemon to itself are not checked.
+
+use std::sync::Arc;
+
+use acl::content::{Inform, Reason, Request};
+use acl::{AgentId, Incarnation, Message, Performative};
+use bytes::Bytes;
+use substrate::{
+    AgentAddress, Answer, Origin, Presence, Rejected, Resident, Resource, Subject, ViolationKind,
+};
+
+use crate::broadcast_cache::MODEL_BYTES_MAX;
+use crate::rights::Rights;
+use crate::router::{MessageRouter, inform_of};
+
+/// Reason why an origin may not send something.
+#[derive(Debug)]
+pub(crate) struct AuthorizationError {
+    breach: ViolationKind,
+    detail: String,
+}
+
+fn overstepped(detail: String) -> AuthorizationError {
+    AuthorizationError { breach: ViolationKind::Unauthorized, detail }
+}
+
+fn is_at(holder: &Resident) -> AuthorizationError {
+    let detail = format!("names the sender `{}`, which is at `{}`", holder.agent, holder.daemon);
+    AuthorizationError { breach: ViolationKind::Forged, detail }
+}
+
+impl MessageRouter {
+    /// Sets the rights of the ecosystem. Only the first call has an effect; without rights,
+    /// everything is allowed.
+    pub fn set_rights(&self, rights: Rights) {
+        // Rights do not change while a daemon runs.
+        let _ = self.rights.set(Arc::new(rights));
+    }
+
+    /// Returns the rights and the origin to check. `None` if nothing is to be checked: the origin
+    /// is this daemon, or messages are not signed, or no rights are set.
+    fn limits<'s, 'o>(&'s self, origin: Option<&'o Origin>) -> Option<(&'s Rights, &'o Origin)> {
+        let origin = origin.filter(|origin| origin.daemon != *self.daemon())?;
+        Some((self.rights.get()?, origin))
+    }
+
+    /// Whether a message to one agent may be passed on; if not, it has been counted, logged and refused.
+    pub(crate) fn authorize_direct(
+        &self,
+        origin: Option<&Origin>,
+        to: &AgentId,
+        payload: &Bytes,
+    ) -> bool {
+        if self.limits(origin).is_none() {
+            return true;
+        }
+        // An unreadable message is passed on: the agent answers it.
+        let Ok(message) = acl::decode(payload) else { return true };
+        let inform = inform_of(&message);
+        match self.check_message(origin, &message, inform.as_ref()) {
+            Ok(()) => true,
+            Err(detail) => {
+                self.forbid(origin, to, message, format!("the message {detail}"));
+                false
+            }
+        }
+    }
+
+    /// Whether the origin may send this message; if not, that is counted and logged.
+    pub(crate) fn authorize_message(
+        &self,
+        origin: Option<&Origin>,
+        message: &Message,
+        inform: Option<&Inform>,
+    ) -> bool {
+        self.check_message(origin, message, inform).is_ok()
+    }
+
+    /// Whether an origin may repeat a heartbeat of this incarnation of an agent; if not, that is
+    /// counted and logged.
+    pub(crate) fn authorize_repetition(
+        &self,
+        origin: Option<&Origin>,
+        sender: &AgentId,
+        incarnation: Incarnation,
+    ) -> bool {
+        let Some((rights, origin)) = self.limits(origin) else { return true };
+        let checked = self.check_sender(rights, origin, sender, incarnation);
+        let checked = checked.and_then(|()| self.check_holds(origin, sender));
+        checked.map_err(|overstep| self.note(&overstep, origin, sender.as_str())).is_ok()
+    }
+
+    /// Checks whether the origin may send this message; returns the reason if not, after counting
+    /// and logging it.
+    fn check_message(
+        &self,
+        origin: Option<&Origin>,
+        message: &Message,
+        inform: Option<&Inform>,
+    ) -> Result<(), String> {
+        let Some((rights, origin)) = self.limits(origin) else { return Ok(()) };
+        let checked = self
+            .check_sender(rights, origin, &message.sender, message.incarnation)
+            .and_then(|()| match inform {
+                Some(Inform::Model(_) | Inform::Heartbeat(_)) => {
+                    self.check_holds(origin, &message.sender)
+                }
+                _ => Ok(()),
+            })
+            .and_then(|()| check_content(rights, origin, message, inform).map_err(overstepped));
+        checked.map_err(|overstep| {
+            self.note(&overstep, origin, message.sender.as_str());
+            overstep.detail
+        })
+    }
+
+    /// Checks that the sender may be at the origin's daemon, that no later incarnation of it is
+    /// there, and that it is not present at other daemons only.
+    ///
+    /// An agent that is present at the daemon may send from it although another holds its name, as
+    /// standbys do: the daemon has signed its presence. A message alone proves nothing: any daemon
+    /// could claim a later incarnation in it.
+    fn check_sender(
+        &self,
+        rights: &Rights,
+        origin: &Origin,
+        sender: &AgentId,
+        incarnation: Incarnation,
+    ) -> Result<(), AuthorizationError> {
+        rights.may_host(sender, &origin.daemon).map_err(overstepped)?;
+        let directory = self.directory();
+        let present = directory.all(sender);
+        match present.iter().find(|resident| resident.daemon == origin.daemon) {
+            Some(here) if incarnation < here.incarnation => {
+                let detail = format!("is of an earlier incarnation of `{sender}`");
+                Err(AuthorizationError { breach: ViolationKind::Replayed, detail })
+            }
+            Some(_) => Ok(()),
+            // An agent that is not seen yet may be about to join; its token travels apart from messages.
+            None => present.first().map_or(Ok(()), |elsewhere| Err(is_at(elsewhere))),
+        }
+    }
+
+    /// Checks that the sender holds its name at the origin's daemon. A standby must not send models
+    /// and heartbeats under the name: of two incarnations that send them, the later would be
+    /// believed.
+    fn check_holds(&self, origin: &Origin, sender: &AgentId) -> Result<(), AuthorizationError> {
+        let holder = self.find(sender).filter(|holder| holder.daemon != origin.daemon);
+        holder.map_or(Ok(()), |holder| Err(is_at(&holder)))
+    }
+
+    /// Refuses a message that its origin may not send, if it opens an exchange.
+    fn forbid(&self, origin: Option<&Origin>, from: &AgentId, message: Message, detail: String) {
+        let Some(origin) = origin.filter(|_| message.opens_exchange()) else { return };
+        let to = AgentAddress { daemon: origin.daemon.clone(), agent: message.sender.clone() };
+        let refusal = self.refusal(from, message, Reason::Forbidden, detail);
+        let payload = acl::encode(&refusal);
+        self.send_to(&to, Subject::Message(Performative::Refuse), payload);
+    }
+
+    /// Whether an agent may be present at the daemon that its token names; if not, that is counted
+    /// and logged.
+    pub(crate) fn may_be_present(&self, presence: &Presence) -> bool {
+        let resident = presence.resident();
+        let Some(rights) = self.rights.get().filter(|_| resident.daemon != *self.daemon()) else {
+            return true;
+        };
+        match (presence, rights.may_host(&resident.agent, &resident.daemon)) {
+            (Presence::Joined(_), Err(detail)) => {
+                let (agent, daemon) = (&resident.agent, &resident.daemon);
+                let key = format!("presence of {agent} at {daemon}");
+                self.rejections.note(&Rejected {
+                    violation: ViolationKind::Unauthorized,
+                    detail: &format!("is a token that may not be there: {detail}"),
+                    claimed: Some(daemon.as_str()),
+                    key: &key,
+                });
+                false
+            }
+            _ => true,
+        }
+    }
+
+    /// Whether an origin may give this answer; if not, that is counted and logged.
+    pub(crate) fn admits_answer(&self, answer: &Answer<'_>) -> bool {
+        let Answer { origin, resource, agent, payload } = *answer;
+        let Some((rights, origin)) = self.limits(Some(origin)) else { return true };
+        if resource == Resource::Model && payload.len() > MODEL_BYTES_MAX {
+            let detail = format!("answers with a model of more than {MODEL_BYTES_MAX} bytes");
+            self.note(
+                &AuthorizationError { breach: ViolationKind::Oversized, detail },
+                origin,
+                resource.as_str(),
+            );
+            return false;
+        }
+        let checked = match (resource, agent) {
+            (Resource::Model, Some(agent)) => match acl::decode(payload) {
+                Ok(message) if message.sender == *agent => {
+                    let inform = inform_of(&message);
+                    return self.authorize_message(Some(origin), &message, inform.as_ref());
+                }
+                _ => Err("answers with a model that is another agent's, or unreadable".to_owned()),
+            },
+            (Resource::Domain | Resource::State | Resource::Goals | Resource::Journal, _)
+                if !rights.may_host_reasoning(&origin.daemon) =>
+            {
+                Err("answers a question that only reasoning agents answer".to_owned())
+            }
+            _ => Ok(()),
+        };
+        let whose = resource.as_str();
+        checked.map_err(|detail| self.note(&overstepped(detail), origin, whose)).is_ok()
+    }
+
+    fn note(&self, overstep: &AuthorizationError, origin: &Origin, key: &str) {
+        let AuthorizationError { breach, detail } = overstep;
+        let claimed = Some(origin.daemon.as_str());
+        self.rejections.note(&Rejected { violation: *breach, detail, claimed, key });
+    }
+}
+
+/// Checks whether the sender may send this content.
+fn check_content(
+    rights: &Rights,
+    origin: &Origin,
+    message: &Message,
+    inform: Option<&Inform>,
+) -> Result<(), String> {
+    let sender = &message.sender;
+    let prefixed = |problem: String| format!("is one that its sender may not send: {problem}");
+    match (message.performative, inform) {
+        (Performative::Request, _) => {
+            // An unreadable request has no effect.
+            let request = message.content_as::<Request>().ok();
+            request.map_or(Ok(()), |request| rights.may_ask(sender, &request)).map_err(prefixed)
+        }
+        (Performative::Cfp, _) => rights.may_ask_for_goals(sender).map_err(prefixed),
+        (_, Some(Inform::Epoch(_))) if !rights.may_reason(sender) => Err(prefixed(format!(
+            "the ecosystem's file does not let `{sender}` speak for the domain"
+        ))),
+        (_, Some(Inform::Model(announced))) if rights.limits_actions(sender, &origin.daemon) => {
+            // A model that cannot be read offers no actions.
+            let Some(model) = pddl::parse_action_model(&announced.model).value else {
+                return Ok(());
+            };
+            let actions: Vec<_> =
+                model.actions.iter().map(|action| action.name.to_string()).collect();
+            let actions = actions.iter().map(String::as_str);
+            rights.may_advertise(sender, &origin.daemon, actions).map_err(prefixed)
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::sync::Mutex;
+
+    use acl::content::{ChangeState, EpochChange, Heartbeat, ModelAnnouncement, Refusal, value};
+    use acl::{ConversationId, DaemonId, EcosystemId, MessageId, ReplyToken};
+    use substrate::memory::Network;
+    use substrate::{Delivery, Destination, Inbound, ReceivedQuery};
+
+    use super::*;
+    use crate::rights::{AgentRights, AllowedNames, AllowedRequesters};
+    use crate::settings::AgentSettings;
+
+    /// The router of the daemon `hub`, on a network with two other daemons that record the refusals
+    /// they get.
+    struct House {
+        hub: Arc<MessageRouter>,
+        refused: Arc<Ear>,
+        network: Network,
+    }
+
+    #[derive(Default)]
+    struct Ear(Mutex<Vec<String>>);
+
+    impl Inbound for Ear {
+        fn deliver(&self, delivery: Delivery) {
+            let message = acl::decode(&delivery.payload).expect("the hub writes what can be read");
+            let refusal: Refusal = message.content_as().expect("a refusal");
+            let line = format!("{:?} {:?}", delivery.destination, refusal.reason);
+            self.0.lock().expect("no panic").push(line);
+        }
+        fn presence(&self, _: Presence) {}
+        fn receive_query(&self, _: ReceivedQuery) {}
+    }
+
+    fn agent(name: &str) -> AgentId {
+        AgentId::new(name).expect("a name")
+    }
+
+    fn daemon(name: &str) -> DaemonId {
+        DaemonId::new(name).expect("a name")
+    }
+
+    fn origin(name: &str) -> Origin {
+        let daemon = daemon(name);
+        Origin { signing_daemon: self::daemon(daemon.host()), daemon }
+    }
+
+    fn rights() -> Rights {
+        let entry = |name: &str, place: &str, actions: Option<&str>, reasons| {
+            let actions = actions.map(|action| [action.to_owned()].into());
+            (agent(name), AgentRights { daemons: [daemon(place)].into(), actions, reasons })
+        };
+        let agents = [
+            entry("robot", "robot-pi", Some("move"), false),
+            entry("requester", "hub", None, true),
+        ];
+        Rights {
+            agents: agents.into(),
+            guests: AllowedNames::These([daemon("desk")].into()),
+            newcomers: AllowedNames::These([daemon("gate"), daemon("stall")].into()),
+            goals: AllowedRequesters::These { agents: [].into(), guests: true },
+            changes: AllowedRequesters::default(),
+        }
+    }
+
+    impl House {
+        fn new() -> House {
+            let (network, refused) = (Network::new(), Arc::new(Ear::default()));
+            let ecosystem = EcosystemId::new("office").expect("a name");
+            let hub = MessageRouter::new(ecosystem, daemon("hub"), AgentSettings::default());
+            hub.set_rights(rights());
+            hub.connect(network.open(daemon("hub"), Arc::<MessageRouter>::clone(&hub)));
+            for other in ["robot-pi", "desk--cli-7"] {
+                network.open(daemon(other), Arc::<Ear>::clone(&refused));
+            }
+            House { hub, refused, network }
+        }
+
+        /// Delivers a message to the requester, or to all; returns the counts of rejections.
+        fn hears(&self, from: &str, to: Option<&str>, message: Message) -> BTreeMap<String, u64> {
+            let addressed = match to {
+                Some(to) => Destination::To(agent(to), Subject::Message(message.performative)),
+                None => Destination::All(message.sender.clone(), message.performative),
+            };
+            let (payload, origin) = (acl::encode(&message), Some(origin(from)));
+            self.hub.deliver(Delivery { destination: addressed, payload, origin });
+            self.hub.rejections.counts()
+        }
+
+        fn refusals(&self) -> Vec<String> {
+            std::mem::take(&mut *self.refused.0.lock().expect("no panic"))
+        }
+    }
+
+    fn message(sender: &str, performative: Performative, content: serde_json::Value) -> Message {
+        Message {
+            version: acl::SCHEMA_VERSION,
+            id: MessageId::new("m-1"),
+            performative,
+            sender: agent(sender),
+            incarnation: Incarnation(5),
+            receiver: Vec::new(),
+            content,
+            language: None,
+            ontology: None,
+            protocol: None,
+            conversation_id: ConversationId::new("c"),
+            reply_with: Some(ReplyToken::new("r")),
+            in_reply_to: None,
+            reply_by: None,
+            via: Vec::new(),
+            unknown: serde_json::Map::new(),
+        }
+    }
+
+    fn change(sender: &str) -> Message {
+        let change = Request::ChangeState(ChangeState::default());
+        message(sender, Performative::Request, value(&change))
+    }
+
+    fn model(sender: &str, action: &str) -> Message {
+        let heartbeat = Heartbeat {
+            digest: "d".to_owned(),
+            sequence: 1,
+            facts: String::new(),
+            known_for: BTreeMap::new(),
+            period: acl::Deadline(std::time::Duration::from_secs(1)),
+        };
+        let text = format!(
+            "(define (agent {sender}) (:domain office) (:action {action} :agent ?r - object \
+             :parameters () :precondition (and) :effect (and)))"
+        );
+        let methods = BTreeMap::new();
+        let announced = ModelAnnouncement { model: text, methods, heartbeat };
+        message(sender, Performative::Inform, value(&Inform::Model(Box::new(announced))))
+    }
+
+    fn none() -> BTreeMap<String, u64> {
+        BTreeMap::new()
+    }
+
+    fn one(kind: &str) -> BTreeMap<String, u64> {
+        [(kind.to_owned(), 1)].into()
+    }
+
+    #[tokio::test]
+    async fn who_speaks_for_another_daemons_agent_is_refused_and_counted() {
+        let house = House::new();
+        let query = |sender| message(sender, Performative::QueryRef, serde_json::Value::Null);
+        assert_eq!(house.hears("robot-pi", Some("requester"), query("robot")), none());
+        let counted = house.hears("robot-pi", Some("requester"), query("requester"));
+        assert_eq!(counted, one("overstepped"));
+        assert_eq!(house.refusals(), [r#"To("requester", Message(Refuse)) Forbidden"#]);
+    }
+
+    #[tokio::test]
+    async fn who_may_not_ask_is_refused_with_the_reason() {
+        let house = House::new();
+        assert_eq!(house.hears("robot-pi", Some("requester"), change("robot")), one("overstepped"));
+        assert_eq!(house.refusals(), [r#"To("robot", Message(Refuse)) Forbidden"#]);
+        let house = House::new();
+        assert_eq!(house.hears("desk--cli-7", Some("requester"), change("me")), one("overstepped"));
+        assert_eq!(house.refusals(), [r#"To("me", Message(Refuse)) Forbidden"#]);
+        assert_eq!(House::new().hears("hub", Some("requester"), change("robot")), none(), "itself");
+    }
+
+    #[tokio::test]
+    async fn a_model_offers_what_its_agent_may() {
+        assert_eq!(House::new().hears("robot-pi", None, model("robot", "move")), none());
+        let vault = model("robot", "open-vault");
+        assert_eq!(House::new().hears("robot-pi", None, vault), one("overstepped"));
+        let person = model("me", "move");
+        assert_eq!(House::new().hears("desk--cli-7", None, person), one("overstepped"));
+    }
+
+    #[tokio::test]
+    async fn only_the_reasoning_speaks_for_the_domain_and_calls_for_proposals() {
+        let epoch = value(&Inform::Epoch(EpochChange::default()));
+        let epoch = message("robot", Performative::Inform, epoch);
+        assert_eq!(House::new().hears("robot-pi", None, epoch), one("overstepped"));
+        let call = message("robot", Performative::Cfp, serde_json::Value::Null);
+        assert_eq!(House::new().hears("robot-pi", None, call), one("overstepped"));
+    }
+
+    #[tokio::test]
+    async fn presence_is_held_against_the_rights_and_messages_against_presence() {
+        let house = House::new();
+        let joins = |name: &str, place: &str, life| {
+            let (agent, daemon) = (agent(name), daemon(place));
+            let resident = Resident { agent, daemon, incarnation: Incarnation(life) };
+            house.hub.presence(Presence::Joined(resident));
+        };
+        joins("robot", "desk--cli-7", 1);
+        joins("me", "robot-pi", 1);
+        assert_eq!(house.hub.rejections.counts(), [("overstepped".to_owned(), 2)].into());
+        assert_eq!(house.hub.find(&agent("robot")), None);
+        assert_eq!(house.hub.find(&agent("me")), None);
+
+        joins("robot", "robot-pi", 6);
+        joins("me", "desk--cli-7", 5);
+        let query = |sender| message(sender, Performative::QueryRef, serde_json::Value::Null);
+        let counted = house.hears("robot-pi", Some("requester"), query("robot"));
+        assert_eq!(counted["replayed"], 1, "an earlier incarnation");
+        let counted = house.hears("desk", Some("requester"), query("me"));
+        assert_eq!(counted["forged"], 1, "that incarnation is elsewhere");
+        drop(house.network);
+    }
+
+    /// Such a message would be cached, and copied for every agent that starts later.
+    #[tokio::test]
+    async fn what_is_longer_than_anybody_has_to_say_is_not_kept() {
+        let house = House::new();
+        let (daemon, incarnation) = (daemon("robot-pi"), Incarnation(5));
+        let robot = Resident { agent: agent("robot"), daemon, incarnation };
+        house.hub.presence(Presence::Joined(robot));
+        let padded = |bytes: usize| {
+            let mut long = model("robot", "move");
+            long.content["model"] = format!(
+                "{};{}",
+                long.content["model"].as_str().expect("a text"),
+                "x".repeat(bytes)
+            )
+            .into();
+            long
+        };
+        assert_eq!(house.hears("robot-pi", None, padded(900 << 10)), none());
+        assert_eq!(house.hears("robot-pi", None, padded(1 << 20)), one("oversized"));
+        let heartbeat = Inform::Heartbeat(Heartbeat {
+            digest: "d".to_owned(),
+            sequence: 2,
+            facts: "x".repeat(256 << 10),
+            known_for: BTreeMap::new(),
+            period: acl::Deadline(std::time::Duration::from_secs(1)),
+        });
+        let long = message("robot", Performative::Inform, value(&heartbeat));
+        assert_eq!(house.hears("robot-pi", None, long)["oversized"], 2);
+        let garbage = message("robot", Performative::Inform, "x".repeat(5 << 20).into());
+        assert_eq!(house.hears("robot-pi", None, garbage)["oversized"], 3, "before it is read");
+        let mailbox =
+            house.hub.register(&agent("late"), Incarnation(1), vec![Performative::Inform]);
+        drop(house.network);
+        assert_eq!(mailbox.waiting(), 1, "a short model is kept for later agents");
+    }
+
+    /// A daemon without the lamp claims an incarnation of it that no real one will ever exceed.
+    #[tokio::test]
+    async fn who_is_elsewhere_is_not_spoken_for_in_any_life() {
+        let house = House::new();
+        let lamp = |place: &str, life| {
+            let (agent, daemon) = (agent("lamp"), daemon(place));
+            Resident { agent, daemon, incarnation: Incarnation(life) }
+        };
+        let says = |message: Message| Message { incarnation: Incarnation(1 << 53), ..message };
+        let query = || message("lamp", Performative::QueryRef, serde_json::Value::Null);
+        let shine = || model("lamp", "shine");
+        house.hub.presence(Presence::Joined(lamp("gate", 5)));
+        assert_eq!(house.hears("gate", None, shine()), none());
+        let counted = house.hears("stall", None, says(shine()));
+        assert_eq!(counted, one("forged"), "in a later incarnation");
+        let counted = house.hears("stall", Some("requester"), says(query()));
+        assert_eq!(counted["forged"], 2);
+
+        house.hub.presence(Presence::Joined(lamp("stall", 1 << 53)));
+        let counted = house.hears("stall", Some("requester"), says(query()));
+        assert_eq!(counted["forged"], 2, "the standby there may send");
+        let counted = house.hears("stall", None, says(shine()));
+        assert_eq!(counted["forged"], 3, "but no model: another is the leader");
+        assert_eq!(house.hears("gate", None, shine())["forged"], 3);
+
+        house.hub.presence(Presence::Left(lamp("gate", 5)));
+        assert_eq!(house.hears("stall", None, says(shine()))["forged"], 3, "now it is the leader");
+        drop(house.network);
+    }
+}

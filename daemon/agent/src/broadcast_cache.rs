@@ -1,0 +1,255 @@
+//! Cache of broadcasts: the last one of each kind from each sender, for agents that start later
+//! (the paper's “cache broadcast messages”).
+//!
+//! Nearly all heartbeats repeat the previous one, and a thousand agents send a thousand of them per
+//! second to every daemon. So the text of a heartbeat is first compared with the previous one, byte
+//! by byte: if only its id and its sequence number differ, it need not be decoded.
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{Heartbeat, Inform};
+use acl::{Incarnation, Message};
+use bytes::Bytes;
+
+/// Longest announcement of a model that is read, in bytes, with its heartbeat. The largest that
+/// `capability::limits` allows, with a hundred actions and a thousand objects, takes a quarter of
+/// it. Each daemon caches one announcement per agent.
+pub(crate) const MODEL_BYTES_MAX: usize = 1 << 20;
+
+/// Longest heartbeat that is read, in bytes; an agent sends one per second. It has room for four
+/// thousand facts of sixty bytes, the most that an agent may claim.
+pub(crate) const HEARTBEAT_BYTES_MAX: usize = 256 << 10;
+
+/// Longest announcement of a Domain Maintainer that is read, in bytes. There are few of them. Each
+/// contains what the requests of all agents have changed: at most sixteen times what one agent may
+/// claim.
+pub(crate) const EPOCH_BYTES_MAX: usize = 4 << 20;
+
+/// Returns the longest message with this content, in bytes; `None` if the content is not cached and
+/// has no bound of its own.
+pub(crate) fn bytes_max(inform: &Inform) -> Option<usize> {
+    match inform {
+        Inform::Model(_) => Some(MODEL_BYTES_MAX),
+        Inform::Heartbeat(_) => Some(HEARTBEAT_BYTES_MAX),
+        Inform::Epoch(_) => Some(EPOCH_BYTES_MAX),
+        Inform::Answer(_) => None,
+    }
+}
+
+/// The last broadcasts of one agent, not decoded: most are never read again.
+#[derive(Default)]
+pub(crate) struct BroadcastCache {
+    model: Option<Bytes>,
+    heartbeat: Option<CachedHeartbeat>,
+    epoch: Option<Bytes>,
+}
+
+/// The last heartbeat of one agent.
+struct CachedHeartbeat {
+    text: Bytes,
+    /// Pattern that recognises a repetition; `None` if this heartbeat cannot be compared by its text.
+    repeatable: Option<HeartbeatPattern>,
+}
+
+/// Pattern of a heartbeat, which recognises a repetition of it.
+pub(crate) struct HeartbeatPattern {
+    pub(crate) said: Arc<HeartbeatContent>,
+    pub(crate) sequence: u64,
+    /// Byte range of the id in the text, and below it that of the sequence number, which comes after it.
+    id: Range<usize>,
+    number: Range<usize>,
+}
+
+/// The content that a heartbeat shares with its repetitions.
+pub(crate) struct HeartbeatContent {
+    pub(crate) incarnation: Incarnation,
+    pub(crate) digest: String,
+    pub(crate) period: Duration,
+}
+
+/// A repetition of a heartbeat, and the sequence number of the heartbeat before it.
+pub(crate) struct HeartbeatRepetition {
+    pub(crate) before: u64,
+    pub(crate) now: HeartbeatPattern,
+}
+
+const ID: &str = "\"id\":\"";
+const NUMBER: &str = "\"sequence\":";
+
+// === impl Hearsay ===
+
+impl BroadcastCache {
+    /// Stores a broadcast in place of the last one of its kind.
+    pub(crate) fn keep(&mut self, text: Bytes, message: &Message, inform: &Inform) {
+        match inform {
+            Inform::Model(_) => self.model = Some(text),
+            Inform::Heartbeat(heartbeat) => {
+                let repeatable = HeartbeatPattern::of(&text, message, heartbeat);
+                self.heartbeat = Some(CachedHeartbeat { text, repeatable });
+            }
+            Inform::Epoch(_) => self.epoch = Some(text),
+            Inform::Answer(_) => (),
+        }
+    }
+
+    /// Returns all stored broadcasts in the order in which they must be handled.
+    pub(crate) fn all(&self) -> impl Iterator<Item = &Bytes> {
+        let heartbeat = self.heartbeat.as_ref().map(|heard| &heard.text);
+        self.model.iter().chain(heartbeat).chain(&self.epoch)
+    }
+
+    /// Compares a text with the last heartbeat; returns `None` if it is not a repetition of it.
+    pub(crate) fn is_again(&self, text: &[u8]) -> Option<HeartbeatRepetition> {
+        let CachedHeartbeat { text: before, repeatable } = self.heartbeat.as_ref()?;
+        repeatable.as_ref()?.is_again(before, text)
+    }
+
+    /// Stores a repetition in place of the last heartbeat.
+    pub(crate) fn keep_again(&mut self, text: Bytes, again: HeartbeatRepetition) {
+        self.heartbeat = Some(CachedHeartbeat { text, repeatable: Some(again.now) });
+    }
+}
+
+// === impl Repeatable ===
+
+impl HeartbeatPattern {
+    /// Finds the id and the sequence number in the text. Returns `None` if either key occurs a
+    /// second time, or if the heartbeat has facts that expire.
+    fn of(text: &[u8], message: &Message, heartbeat: &Heartbeat) -> Option<HeartbeatPattern> {
+        // The time left of a fact counts from arrival, so the same text means something else each time.
+        if !heartbeat.known_for.is_empty() {
+            return None;
+        }
+        let text = std::str::from_utf8(text).ok()?;
+        let id = value_of(text, ID, message.id.as_str())?;
+        let number = value_of(text, NUMBER, &heartbeat.sequence.to_string())?;
+        let Heartbeat { digest, period, sequence, .. } = heartbeat;
+        let (digest, period) = (digest.clone(), period.0);
+        let said = Arc::new(HeartbeatContent { incarnation: message.incarnation, digest, period });
+        let sequence = *sequence;
+        (id.end < number.start).then_some(HeartbeatPattern { said, sequence, id, number })
+    }
+
+    fn is_again(&self, before: &[u8], text: &[u8]) -> Option<HeartbeatRepetition> {
+        let HeartbeatPattern { said, sequence, id, number } = self;
+        let head = &before[..id.start];
+        let rest = text.strip_prefix(head)?;
+        let own_id = rest.iter().position(|byte| *byte == b'"')?;
+        if !rest[..own_id].iter().all(|byte| byte.is_ascii_graphic() && *byte != b'\\') {
+            return None;
+        }
+        let between = &before[id.end..number.start];
+        let rest = rest[own_id..].strip_prefix(between)?;
+        let digits = rest.iter().take_while(|byte| byte.is_ascii_digit()).count();
+        if rest[digits..] != before[number.end..] || (digits > 1 && rest[0] == b'0') {
+            return None;
+        }
+        let own_number = std::str::from_utf8(&rest[..digits]).ok()?.parse().ok()?;
+        let id = head.len()..head.len() + own_id;
+        let start = id.end + between.len();
+        let (said, number) = (Arc::clone(said), start..start + digits);
+        let now = HeartbeatPattern { said, sequence: own_number, id, number };
+        Some(HeartbeatRepetition { before: *sequence, now })
+    }
+}
+
+/// Returns the byte range of the value that follows a key; `None` if the key occurs a second time.
+fn value_of(text: &str, key: &str, value: &str) -> Option<Range<usize>> {
+    let mut places = text.match_indices(key).map(|(place, _)| place + key.len());
+    let start = places.next().filter(|_| places.next().is_none())?;
+    let end = start + value.len();
+    let follows = text.as_bytes().get(end)?;
+    let is_it = text[start..].starts_with(value) && !follows.is_ascii_alphanumeric();
+    is_it.then_some(start..end)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::*;
+
+    fn beat(id: &str, sequence: u64) -> Value {
+        json!({
+            "version": 1, "id": id, "performative": "inform", "sender": "lamp", "incarnation": 7,
+            "content": { "of": "heartbeat", "digest": "d", "facts": "(lit lamp)", "period": 1000,
+                "sequence": sequence },
+            "conversation_id": "lamp"
+        })
+    }
+
+    fn heard(text: &str) -> BroadcastCache {
+        let message = acl::decode(text.as_bytes()).expect("a message");
+        let inform = message.content_as().expect("an inform");
+        let mut hearsay = BroadcastCache::default();
+        hearsay.keep(Bytes::from(text.to_owned()), &message, &inform);
+        hearsay
+    }
+
+    /// Returns the message as our own encoder writes it.
+    fn written(value: &Value) -> String {
+        let message = acl::decode(value.to_string().as_bytes()).expect("a message");
+        String::from_utf8(acl::encode(&message).to_vec()).expect("it is JSON")
+    }
+
+    #[test]
+    fn what_differs_in_id_and_number_alone_is_the_same_again() {
+        let mut hearsay = heard(&written(&beat("lamp.7.9", 9)));
+        for number in [10, 11, 12, 1_000] {
+            let text = written(&beat(&format!("lamp.7.{number}"), number));
+            let again = hearsay.is_again(text.as_bytes()).expect("it says the same");
+            assert_eq!(again.now.sequence, number);
+            assert!(again.before < number);
+            hearsay.keep_again(Bytes::from(text.clone()), again);
+            assert_eq!(hearsay.all().collect::<Vec<_>>(), [&Bytes::from(text)]);
+        }
+    }
+
+    #[test]
+    fn what_differs_in_anything_else_is_not() {
+        let hearsay = heard(&written(&beat("lamp.7.9", 9)));
+        let next = beat("lamp.7.10", 10);
+        let with = |place: &str, value: Value| {
+            let mut other = next.clone();
+            *other.pointer_mut(place).expect("it is there") = value;
+            written(&other)
+        };
+        let mut others = vec![
+            with("/content/facts", json!("(lit lamp) (hot lamp)")),
+            with("/content/digest", json!("e")),
+            with("/content/period", json!(2000)),
+            with("/incarnation", json!(8)),
+            with("/sender", json!("lamb")),
+            with("/conversation_id", json!("other")),
+        ];
+        let next = written(&next);
+        others.push(next.replace("\"sequence\":10", "\"sequence\":010"));
+        others.push(next.replace("\"sequence\":10", "\"sequence\":-10"));
+        others.push(next.replace("\"sequence\":10", "\"sequence\":1e1"));
+        others.push(next.replace("\"sequence\":10", "\"sequence\":99999999999999999999999"));
+        others.push(next.replace("lamp.7.10", "lamp\\u002e7.10"));
+        others.push(next.replace("lamp.7.10", "lamp\n10"));
+        others.push(format!("{next} "));
+        others.push(next[..next.len() - 1].to_owned());
+        others.push(String::new());
+        for other in others {
+            assert!(hearsay.is_again(other.as_bytes()).is_none(), "{other}");
+        }
+        assert!(hearsay.is_again(next.as_bytes()).is_some());
+    }
+
+    #[test]
+    fn what_cannot_be_told_apart_is_read() {
+        let mut passing = beat("lamp.7.9", 9);
+        passing["content"]["known_for"] = json!({ "(warm lamp)": 9 });
+        let mut twice = beat("lamp.7.9", 9);
+        twice["x-note"] = json!({ "id": "lamp.7.9" });
+        for odd in [passing, twice] {
+            let text = written(&odd);
+            assert!(heard(&text).is_again(text.as_bytes()).is_none(), "{text}");
+        }
+        assert!(BroadcastCache::default().is_again(b"").is_none());
+    }
+}

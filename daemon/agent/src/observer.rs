@@ -1,0 +1,246 @@
+//! Observer of agents: follows their presence, models and heartbeats on the network where they run,
+//! on behalf of another network. It sends nothing but requests for models.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{Heartbeat, Inform, Methods, ModelAnnouncement};
+use acl::{AgentId, EcosystemId, Incarnation, Message, Performative};
+use capability::SilenceLimit;
+use pddl::{ActionModel, InitElement};
+use substrate::{Presence, Resource, ResourceQuery};
+use tokio::sync::{mpsc, watch};
+use tokio::time::Instant;
+
+use crate::base_agent::Agent;
+use crate::callbacks::Callbacks;
+use crate::context::{Context, WorkHandle};
+
+/// Latest snapshot of an observed agent.
+#[derive(Clone, Debug)]
+pub struct AgentSnapshot {
+    /// Incarnation of the agent.
+    pub incarnation: Incarnation,
+    /// Ecosystems that the agent was passed on from before; empty if it belongs to this one.
+    pub via: Vec<EcosystemId>,
+    /// Action model that the agent has announced.
+    pub model: Arc<ActionModel>,
+    /// Which method carries out which action.
+    pub methods: Methods,
+    /// Digest of the model and the methods.
+    pub digest: String,
+    /// Facts of the last heartbeat, each with the time when it expires, if it does.
+    pub facts: Vec<(InitElement, Option<Instant>)>,
+    /// Sequence number of the last heartbeat.
+    sequence: u64,
+    /// Time at which the agent counts as gone if no heartbeat comes before.
+    due: Instant,
+}
+
+/// Latest snapshot of an observed agent; `None` until it is present and its model is known.
+pub type AgentWatch = watch::Receiver<Option<AgentSnapshot>>;
+
+/// Agent that observes other agents.
+#[derive(Default)]
+pub struct Observer {
+    watched: BTreeMap<AgentId, watch::Sender<Option<AgentSnapshot>>>,
+    fetching: BTreeMap<AgentId, WorkHandle>,
+    /// Channel for agents that are met on the way; set if all agents are watched.
+    newcomers: Option<mpsc::Sender<(AgentId, AgentWatch)>>,
+    /// How long an agent may be silent: a setting, known once the observer is active.
+    silence: SilenceLimit,
+}
+
+impl Observer {
+    /// Creates an observer of these agents. Returns it with a receiver of the snapshots of each.
+    pub fn of(agents: impl Iterator<Item = AgentId>) -> (Observer, BTreeMap<AgentId, AgentWatch>) {
+        let watched: BTreeMap<_, _> =
+            agents.map(|agent| (agent, watch::Sender::new(None))).collect();
+        let sights =
+            watched.iter().map(|(agent, seen)| (agent.clone(), seen.subscribe())).collect();
+        (Observer { watched, ..Observer::default() }, sights)
+    }
+
+    /// Creates an observer of all agents that join. If `newcomers` is full when an agent joins,
+    /// that agent is not watched.
+    pub fn of_all(newcomers: mpsc::Sender<(AgentId, AgentWatch)>) -> Observer {
+        let newcomers = Some(newcomers);
+        Observer { newcomers, ..Observer::default() }
+    }
+
+    /// Starts to watch an agent that has joined, if all agents are watched.
+    fn meet(&mut self, agent: &AgentId) {
+        let Some(newcomers) = &self.newcomers else { return };
+        if self.watched.contains_key(agent) {
+            return;
+        }
+        let seen = watch::Sender::new(None);
+        if newcomers.try_send((agent.clone(), seen.subscribe())).is_ok() {
+            self.watched.insert(agent.clone(), seen);
+        } else {
+            tracing::warn!(%agent, "one agent too many: it is not watched");
+        }
+    }
+
+    fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
+        if !self.watched.contains_key(&message.sender) {
+            return;
+        }
+        match message.content_as::<Inform>() {
+            Ok(Inform::Model(announced)) => self.introduced(&message, &announced),
+            Ok(Inform::Heartbeat(beat)) => {
+                if !self.heard(&message, &beat) {
+                    self.fetch(&message.sender, ctx);
+                }
+            }
+            Ok(Inform::Epoch(_) | Inform::Answer(_)) => (),
+            Err(error) => tracing::info!(from = %message.sender, %error, "it cannot be read"),
+        }
+    }
+
+    /// Handles an announced model. A model that cannot be read counts as none.
+    fn introduced(&mut self, message: &Message, announced: &ModelAnnouncement) {
+        let Some(seen) = self.watched.get(&message.sender) else { return };
+        self.fetching.remove(&message.sender);
+        let model = match pddl::parse_action_model(&announced.model).into_result() {
+            Ok(model) => model,
+            Err(found) => {
+                let why = found.first().map(ToString::to_string).unwrap_or_default();
+                tracing::warn!(agent = %message.sender, why, "a model that cannot be read");
+                seen.send_replace(None);
+                return;
+            }
+        };
+        let heartbeat = &announced.heartbeat;
+        let is_old = |sighted: &AgentSnapshot| {
+            sighted.incarnation > message.incarnation
+                || sighted.incarnation == message.incarnation
+                    && sighted.sequence > heartbeat.sequence
+        };
+        if seen.borrow().as_ref().is_some_and(is_old) {
+            return;
+        }
+        seen.send_replace(Some(AgentSnapshot {
+            incarnation: message.incarnation,
+            via: message.via.clone(),
+            model: Arc::new(model),
+            methods: announced.methods.clone(),
+            digest: heartbeat.digest.clone(),
+            facts: facts_of(heartbeat),
+            sequence: heartbeat.sequence,
+            due: due(heartbeat, self.silence),
+        }));
+    }
+
+    /// Handles a heartbeat; returns `false` if its model is not known.
+    fn heard(&mut self, message: &Message, beat: &Heartbeat) -> bool {
+        let Some(seen) = self.watched.get(&message.sender) else { return true };
+        let (mut is_known, silence) = (false, self.silence);
+        seen.send_if_modified(|sighted| {
+            let of_it = |sighted: &&mut AgentSnapshot| {
+                sighted.incarnation == message.incarnation && sighted.digest == beat.digest
+            };
+            let Some(sighted) = sighted.as_mut().filter(of_it) else { return false };
+            is_known = true;
+            if sighted.sequence >= beat.sequence {
+                return false;
+            }
+            let facts = facts_of(beat);
+            let told = |facts: &[(InitElement, Option<Instant>)]| -> Vec<InitElement> {
+                facts.iter().map(|(fact, _)| fact.clone()).collect()
+            };
+            let is_news = told(&facts) != told(&sighted.facts);
+            (sighted.facts, sighted.sequence, sighted.due) =
+                (facts, beat.sequence, due(beat, silence));
+            is_news
+        });
+        is_known
+    }
+
+    fn fetch(&mut self, whose: &AgentId, ctx: &mut Context<Self>) {
+        if self.fetching.contains_key(whose) {
+            return;
+        }
+        let Some(resident) = ctx.find(whose) else { return };
+        let (resource, agent) = (Resource::Model, Some(whose.clone()));
+        let ask = ResourceQuery { daemon: Some(resident.daemon), resource, agent };
+        let asked = ctx.router().ask(ask, ctx.settings().answer_deadline);
+        let name = whose.clone();
+        let work = ctx.run(asked, move |observer: &mut Self, answers, _| {
+            observer.fetching.remove(&name);
+            for message in answers.iter().filter_map(|answer| acl::decode(answer).ok()) {
+                if let (true, Ok(Inform::Model(announced))) =
+                    (message.sender == name, message.content_as::<Inform>())
+                {
+                    observer.introduced(&message, &announced);
+                }
+            }
+        });
+        self.fetching.insert(whose.clone(), work);
+    }
+
+    /// Drops the snapshot of each agent that has been silent for too long, even if its presence
+    /// token remains. Runs twice per heartbeat period.
+    fn look_around(&mut self, ctx: &mut Context<Self>) {
+        let now = ctx.now();
+        for (agent, seen) in &self.watched {
+            let is_silent = seen.borrow().as_ref().is_some_and(|sighted| sighted.due < now);
+            if is_silent {
+                tracing::info!(%agent, "its heartbeats have stopped");
+                seen.send_replace(None);
+            }
+        }
+        let period = ctx.settings().heartbeat_period / 2;
+        ctx.after(period, Self::look_around);
+    }
+}
+
+impl Agent for Observer {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on_broadcast(Performative::Inform, Self::informed)
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        self.silence = ctx.settings().silence_limit();
+        self.look_around(ctx);
+    }
+
+    fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
+        let resident = presence.resident();
+        let is_other = resident.daemon != *ctx.router().daemon();
+        if is_other && matches!(presence, Presence::Joined(_)) {
+            self.meet(&resident.agent);
+        }
+        let Some(seen) = self.watched.get(&resident.agent) else { return };
+        match presence {
+            Presence::Joined(_) => self.fetch(&resident.agent, ctx),
+            Presence::Left(_) => {
+                self.fetching.remove(&resident.agent);
+                let is_it = |sighted: &AgentSnapshot| sighted.incarnation <= resident.incarnation;
+                if seen.borrow().as_ref().is_some_and(is_it) {
+                    seen.send_replace(None);
+                }
+            }
+        }
+    }
+}
+
+/// Returns the time from which the agent counts as silent. Its period is bounded, so that the time can be
+/// computed.
+fn due(beat: &Heartbeat, silence: SilenceLimit) -> Instant {
+    let period = beat.period.0.min(Duration::from_secs(3_600));
+    let tolerated = silence.of_period(period).min(Duration::from_secs(24 * 3_600));
+    Instant::now() + tolerated
+}
+
+/// Returns the facts of a heartbeat, each with its expiry. Facts that cannot be parsed are left out.
+fn facts_of(beat: &Heartbeat) -> Vec<(InitElement, Option<Instant>)> {
+    let now = Instant::now();
+    let lasting = pddl::parse_init_elements(&beat.facts).value.unwrap_or_default();
+    let passing = beat.known_for.iter().filter_map(|(fact, left)| {
+        let fact = pddl::parse_init_element(fact).into_result().ok()?;
+        Some((fact, now.checked_add(left.0)))
+    });
+    lasting.into_iter().map(|fact| (fact, None)).chain(passing).collect()
+}

@@ -1,0 +1,358 @@
+//! Replicated records: an agent writes records to the ecosystem's Journals, and reads them when it
+//! becomes the leader (docs/design.md, “Fail-over”).
+//!
+//! Each leader writes under a term of its own, greater than any it has read (fencing). So its
+//! versions are newer than those of earlier leaders, whatever their clocks say. Journals that join
+//! or return are read again: after a partition they hold what was decided on their side.
+
+mod journal_queue;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use acl::content::{Record, Version};
+use acl::{AgentId, Incarnation};
+use serde_json::Value;
+use substrate::{Presence, Resource, ResourceQuery};
+use tokio::task::JoinSet;
+use tokio::time::Instant;
+
+use crate::base_agent::Agent;
+use crate::context::{Context, TimerId, WorkHandle};
+use crate::plugin::Host;
+use crate::replication::journal_queue::JournalQueues;
+
+/// How long to wait for the other Journals once one has answered. They hold the same records,
+/// except for those written last.
+const OTHERS_AWAITED: Duration = Duration::from_millis(100);
+
+/// Wait before a Journal that gave no answer is read again: a machine that has just started is
+/// still opening its file. After `READS_OFTEN` attempts the wait is `READ_LATER`, for as long as
+/// the Journal is present: a slow card may take minutes to repair a file.
+const READ_AGAIN: Duration = Duration::from_millis(50);
+const READS_OFTEN: u32 = 40;
+const READ_LATER: Duration = Duration::from_secs(2);
+
+/// Client of the Journals for one agent: its versions, and the records on their way.
+pub struct JournalClient<A: Agent> {
+    journals: Vec<AgentId>,
+    version: Version,
+    is_leading: bool,
+    /// Journals that are present and have not been read in their present incarnation.
+    unread: BTreeSet<AgentId>,
+    /// Whether any Journal has been read since this agent became the leader.
+    has_read: bool,
+    reads: u32,
+    reading: Option<WorkHandle>,
+    /// Timer after which Journals that gave no answer are read again.
+    again: Option<TimerId>,
+    deliveries: JournalQueues<A>,
+}
+
+/// Agent that has records kept by the Journals.
+pub trait ReplicatesRecords: Agent {
+    /// Returns the client of the Journals.
+    fn journal_client(&mut self) -> &mut JournalClient<Self>;
+
+    /// Called with the records that the Journals hold, written by this agent or by earlier leaders:
+    /// the newest version of each, ordered by key. Called when the agent becomes the leader and
+    /// whenever a Journal joins.
+    fn records_restored(&mut self, records: Vec<Record>, ctx: &mut Context<Self>);
+}
+
+/// Outcome of keeping some records.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ReplicationOutcome {
+    /// Journals that have them on disk.
+    pub stored_by: Vec<AgentId>,
+    /// Journals that could not keep them, with the reason.
+    pub failed_by: BTreeMap<AgentId, String>,
+}
+
+impl<A: Agent> JournalClient<A> {
+    /// Creates a client that has read nothing yet.
+    pub fn new(host: &Host) -> JournalClient<A> {
+        JournalClient {
+            journals: host.journals.clone(),
+            version: Version::default(),
+            is_leading: false,
+            unread: BTreeSet::new(),
+            has_read: false,
+            reads: 0,
+            reading: None,
+            again: None,
+            deliveries: JournalQueues::new(),
+        }
+    }
+
+    /// Whether every Journal that is present and works has all records that it was asked to keep.
+    pub fn has_delivered(&self) -> bool {
+        self.deliveries.is_empty()
+    }
+
+    /// Returns the Journals of the ecosystem.
+    pub fn journals(&self) -> &[AgentId] {
+        &self.journals
+    }
+
+    /// Whether this agent is the leader, and so writes.
+    pub fn is_leading(&self) -> bool {
+        self.is_leading
+    }
+
+    /// Takes note of records that others have written: later versions of this agent are newer than these.
+    pub fn advance_term_past(&mut self, life: Incarnation, records: &[Record]) {
+        self.begin_term(life, records);
+    }
+
+    /// Returns the term under which this agent writes: greater than any that it has read.
+    pub fn term(&self) -> u64 {
+        self.version.term
+    }
+
+    /// Creates a new version of a record.
+    pub fn write(&mut self, key: String, body: Value) -> Record {
+        self.version.count += 1;
+        Record { key, version: self.version, body }
+    }
+
+    fn begin_term(&mut self, life: Incarnation, records: &[Record]) {
+        let read = records.iter().map(|record| record.version.term).max();
+        // Reading its own records does not begin a new term.
+        if read > Some(self.version.term) || self.version.term == 0 {
+            let later = read.map_or(0, |term| term.saturating_add(stride_of(life)));
+            self.version = Version { term: later.max(life.0), count: 0 };
+        }
+    }
+}
+
+/// Returns the distance of a new term from the greatest one read. It differs between incarnations:
+/// two agents that have read the same records while cut off from each other begin different terms.
+fn stride_of(Incarnation(life): Incarnation) -> u64 {
+    /// 2⁶⁴ divided by the golden ratio: spreads incarnations that lie close together (Knuth, The
+    /// Art of Computer Programming, 6.4).
+    const SPREAD: u64 = 0x9e37_79b9_7f4a_7c15;
+    // 32 bits, which is about an hour in microseconds: terms do not run far ahead of the clock, and
+    // there is room for more terms than there are seconds in a century.
+    (life.wrapping_mul(SPREAD) >> 32).max(1)
+}
+
+/// Replicates records to the Journals that are present. Calls `then` as soon as enough Journals
+/// have them, all have answered, or the time for an answer has passed. Each Journal is asked again
+/// until it has them.
+pub fn replicate<A: ReplicatesRecords>(
+    agent: &mut A,
+    records: &[Record],
+    ctx: &mut Context<A>,
+    then: impl FnOnce(&mut A, ReplicationOutcome, &mut Context<A>) + Send + 'static,
+) {
+    journal_queue::deliver(agent, records, Some(Box::new(then)), ctx);
+}
+
+/// Replicates records without reporting the outcome. The Journals that are present are asked until
+/// they have these records, or newer ones.
+pub fn replicate_detached<A: ReplicatesRecords>(
+    agent: &mut A,
+    records: &[Record],
+    ctx: &mut Context<A>,
+) {
+    journal_queue::deliver(agent, records, None, ctx);
+}
+
+/// Handles that an agent becomes the leader or a standby. Call it from [`Agent::leads`].
+pub fn handle_leadership<A: ReplicatesRecords>(
+    agent: &mut A,
+    is_leading: bool,
+    ctx: &mut Context<A>,
+) {
+    let life = ctx.incarnation();
+    let keeper = agent.journal_client();
+    keeper.is_leading = is_leading;
+    (keeper.unread, keeper.reading, keeper.reads) = (BTreeSet::new(), None, 0);
+    keeper.has_read = false;
+    if is_leading {
+        keeper.begin_term(life, &[]);
+        read_all(agent, ctx);
+    }
+}
+
+/// Handles a change of presence. Call it for every change.
+pub fn handle_presence<A: ReplicatesRecords>(
+    agent: &mut A,
+    presence: &Presence,
+    ctx: &mut Context<A>,
+) {
+    let who = &presence.resident().agent;
+    let keeper = agent.journal_client();
+    if !keeper.is_leading || !keeper.journals.contains(who) {
+        return;
+    }
+    match presence {
+        Presence::Joined(_) => {
+            // Reads all, not this one alone: it may lack the ends of goals that the others have recorded.
+            read_all(agent, ctx);
+        }
+        Presence::Left(_) => {
+            keeper.unread.remove(who);
+        }
+    }
+}
+
+/// Reads all Journals that are present.
+fn read_all<A: ReplicatesRecords>(agent: &mut A, ctx: &mut Context<A>) {
+    let keeper = agent.journal_client();
+    let here = keeper.journals.iter().filter(|journal| ctx.find(journal).is_some());
+    (keeper.unread, keeper.reads) = (here.cloned().collect(), 0);
+    read(agent, ctx);
+}
+
+/// Reads the Journals that have not been read, unless a read is under way.
+fn read<A: ReplicatesRecords>(agent: &mut A, ctx: &mut Context<A>) {
+    let keeper = agent.journal_client();
+    if keeper.reading.is_some() || keeper.unread.is_empty() {
+        return;
+    }
+    keeper.reads = keeper.reads.saturating_add(1);
+    let (reads, deadline) = (keeper.reads, ctx.settings().answer_deadline);
+    // A new leader needs the records to go on; later reads are not urgent.
+    let patience = if keeper.has_read { deadline } else { OTHERS_AWAITED };
+    let mut asked = JoinSet::new();
+    for journal in keeper.unread.clone() {
+        let Some(resident) = ctx.find(&journal) else { continue };
+        let ask = ResourceQuery {
+            daemon: Some(resident.daemon),
+            resource: Resource::Journal,
+            agent: Some(journal.clone()),
+        };
+        let answers = ctx.router().ask(ask, deadline);
+        asked.spawn(async move { (journal, answers.await) });
+    }
+    let reading = ctx.run(answers(asked, patience), move |agent: &mut A, answers, ctx| {
+        agent.journal_client().reading = None;
+        let records = take_in(agent, answers, ctx.incarnation());
+        let is_all_read = agent.journal_client().unread.is_empty();
+        if let Some(records) = records {
+            agent.records_restored(records, ctx);
+        }
+        if !is_all_read {
+            let wait = if reads < READS_OFTEN { READ_AGAIN } else { READ_LATER };
+            let again = ctx.after(wait, |agent: &mut A, ctx| read(agent, ctx));
+            let former = agent.journal_client().again.replace(again);
+            former.into_iter().for_each(|former| ctx.cancel_timer(former));
+        }
+    });
+    agent.journal_client().reading = Some(reading);
+}
+
+/// Collects the answers of Journals. Once one has answered, waits for the others at most `patience`.
+async fn answers(
+    mut asked: JoinSet<(AgentId, Vec<bytes::Bytes>)>,
+    patience: Duration,
+) -> Vec<(AgentId, Vec<Record>)> {
+    let mut read = Vec::new();
+    let mut until: Option<Instant> = None;
+    loop {
+        let next = async {
+            match until {
+                Some(until) => {
+                    tokio::time::timeout_at(until, asked.join_next()).await.ok().flatten()
+                }
+                None => asked.join_next().await,
+            }
+        };
+        let Some(answered) = next.await else { return read };
+        let Ok((journal, answers)) = answered else { continue };
+        for answer in answers {
+            match serde_json::from_slice(&answer) {
+                Ok(records) => {
+                    read.push((journal.clone(), records));
+                    until.get_or_insert_with(|| Instant::now() + patience);
+                }
+                Err(error) => tracing::warn!(%journal, %error, "an answer cannot be read"),
+            }
+        }
+    }
+}
+
+/// Returns the newest version of each record that was read; `None` if no Journal answered.
+fn take_in<A: ReplicatesRecords>(
+    agent: &mut A,
+    answers: Vec<(AgentId, Vec<Record>)>,
+    life: Incarnation,
+) -> Option<Vec<Record>> {
+    if answers.is_empty() {
+        return None;
+    }
+    let keeper = agent.journal_client();
+    keeper.has_read = true;
+    let mut newest: BTreeMap<String, Record> = BTreeMap::new();
+    for (journal, records) in answers {
+        keeper.unread.remove(&journal);
+        keeper.begin_term(life, &records);
+        for record in records {
+            let is_newer =
+                newest.get(&record.key).is_none_or(|known| known.version < record.version);
+            if is_newer {
+                newest.insert(record.key.clone(), record);
+            }
+        }
+    }
+    Some(newest.into_values().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Writer;
+
+    impl Agent for Writer {
+        fn callbacks(&self) -> crate::Callbacks<Self> {
+            crate::Callbacks::new()
+        }
+    }
+
+    fn keeper() -> JournalClient<Writer> {
+        JournalClient {
+            journals: Vec::new(),
+            version: Version::default(),
+            is_leading: true,
+            unread: BTreeSet::new(),
+            has_read: false,
+            reads: 0,
+            reading: None,
+            again: None,
+            deliveries: JournalQueues::new(),
+        }
+    }
+
+    #[test]
+    fn a_term_is_greater_than_any_read_whatever_the_clock_says() {
+        let mut keeper = keeper();
+        keeper.begin_term(Incarnation(7), &[]);
+        assert_eq!(keeper.term(), 7);
+        let mine = keeper.write("goal/a".to_owned(), Value::Null);
+        keeper.begin_term(Incarnation(7), std::slice::from_ref(&mine));
+        assert_eq!(keeper.term(), 7, "its own records begin no term");
+        let theirs = Record { version: Version { term: 99, count: 3 }, ..mine };
+        keeper.begin_term(Incarnation(7), std::slice::from_ref(&theirs));
+        assert!(keeper.term() > 99);
+        assert!(keeper.write("goal/a".to_owned(), Value::Null).version > theirs.version);
+    }
+
+    /// With equal terms, a plan of one leader could be mistaken for that of the other, and so could
+    /// a command.
+    #[test]
+    fn two_that_read_the_same_begin_terms_of_their_own() {
+        let version = Version { term: 1_700_000_034_043_986, count: 3 };
+        let read = Record { key: "goal/a".to_owned(), version, body: Value::Null };
+        let terms = [1_700_000_034_042_988, 1_700_000_034_042_989, 1_700_000_034_039_001];
+        let terms = terms.map(|life| {
+            let mut keeper = keeper();
+            keeper.begin_term(Incarnation(life), std::slice::from_ref(&read));
+            keeper.term()
+        });
+        assert!(terms.iter().all(|term| *term > version.term));
+        assert_eq!(BTreeSet::from(terms).len(), 3, "{terms:?}");
+    }
+}

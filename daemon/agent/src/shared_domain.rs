@@ -1,0 +1,239 @@
+//! The commons: a domain model shared by the actuators of one daemon.
+//!
+//! Every actuator plans with the messages that it has received itself (the paper, “Decentralized
+//! Planning”). The actuators of one daemon receive the same messages, so these are read and kept
+//! once, and each actuator filters the shared model through its own visibility
+//! ([`Maintainer::snapshot_for`]): memory grows with the number of agents, not with its square. A
+//! model that was parsed here is not parsed again by a Domain Maintainer of the same daemon.
+//!
+//! - The commons receive broadcasts before the daemon's mailboxes do: an agent that is called for
+//!   proposals knows everything that was broadcast before the call.
+//! - Called on the substrate's threads: no function blocks. Overdue expiries are applied on each
+//!   access. A reader keeps the state that it took; later changes are written into a copy.
+//! - Broadcasts from before the first actuator started are read when their sender sends again, or
+//!   on the first access to the model: a thousand models at once would delay that actuator by a
+//!   tenth of a second, and all senders send within a heartbeat period.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use acl::content::Inform;
+use acl::{AgentId, Incarnation, Message};
+use bytes::Bytes;
+use capability::{
+    Announcement, DomainChange, Maintainer, MaintainerScope, RepeatedHeartbeat, Timestamp,
+};
+use substrate::Presence;
+use tokio::time::Instant;
+
+use crate::broadcast_cache::{HeartbeatContent, HeartbeatPattern, HeartbeatRepetition};
+use crate::domain_sync::{self, InformOutcome, RejectedModels, TELLING};
+use crate::plugin::Host;
+use crate::router::inform_of;
+
+/// Domain model shared by the actuators of one daemon.
+pub struct SharedDomain {
+    began: Instant,
+    /// How long after an agent has left its objects and facts are still believed.
+    removal: Duration,
+    state: Mutex<SharedDomainState>,
+}
+
+struct SharedDomainState {
+    maintainer: Arc<Maintainer>,
+    /// Agents that have left, with the time when they are removed.
+    leaving: BTreeSet<(Timestamp, AgentId, Incarnation)>,
+    /// Agents with a request for their model under way.
+    asked: BTreeSet<AgentId>,
+    /// Broadcasts from before the commons began, by sender; not read yet.
+    unread: BTreeMap<AgentId, Vec<Bytes>>,
+    refused: RejectedModels,
+}
+
+impl SharedDomain {
+    /// Creates a model without agents.
+    pub(crate) fn new(host: &Host) -> SharedDomain {
+        let (ontology, map) = (Arc::clone(&host.ontology), Arc::clone(&host.map));
+        let maintainer = Maintainer::new(ontology, map, MaintainerScope::Public);
+        let maintainer = Arc::new(maintainer.with_silence_limit(host.settings.silence_limit()));
+        let (leaving, asked) = (BTreeSet::new(), BTreeSet::new());
+        let (unread, refused) = (BTreeMap::new(), RejectedModels::default());
+        let state = SharedDomainState { maintainer, leaving, asked, unread, refused };
+        SharedDomain {
+            began: Instant::now(),
+            removal: host.settings.removal,
+            state: Mutex::new(state),
+        }
+    }
+
+    /// Sets the broadcasts from before the commons began, by sender: the newest of each kind.
+    pub(crate) fn was_said(&self, before: BTreeMap<AgentId, Vec<Bytes>>) {
+        self.state().0.unread = before;
+    }
+
+    /// Returns the present model, and its time.
+    pub fn current(&self) -> (Arc<Maintainer>, Timestamp) {
+        let (mut state, now) = self.state();
+        while let Some((_, said)) = state.unread.pop_first() {
+            self.read(&mut state, said, now);
+        }
+        (Arc::clone(&state.maintainer), now)
+    }
+
+    /// Returns the time until the next common heartbeat moment of the actuators here. These moments
+    /// are `period` apart.
+    pub fn until_next_heartbeat(&self, period: Duration) -> Duration {
+        let over = self.began.elapsed().as_nanos() % period.as_nanos().max(1);
+        period.saturating_sub(Duration::from_nanos(u64::try_from(over).unwrap_or(0)))
+    }
+
+    /// Returns the parsed announcement of an agent, if it was received and accepted.
+    pub(crate) fn announcement(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        digest: &str,
+    ) -> Option<Announcement> {
+        let (mut state, now) = self.state();
+        self.read_of(&mut state, agent, now);
+        state.maintainer.announcement(agent, incarnation, digest)
+    }
+
+    /// Handles a broadcast `inform`. Returns whether its sender's model must be requested first,
+    /// and what was not accepted.
+    pub(crate) fn hear(&self, message: &Message, inform: &Inform) -> InformOutcome {
+        let (mut state, now) = self.state();
+        self.read_of(&mut state, &message.sender, now);
+        self.take(&mut state, message, inform, now)
+    }
+
+    /// Handles a heartbeat that repeats the previous one; returns `false` if it must be decoded.
+    pub(crate) fn hear_again(&self, sender: &AgentId, again: &HeartbeatRepetition) -> bool {
+        let (mut state, now) = self.state();
+        let HeartbeatRepetition { before, now: HeartbeatPattern { said, sequence, .. } } = again;
+        let HeartbeatContent { incarnation, digest, period } = &**said;
+        let repeated = RepeatedHeartbeat {
+            agent: sender,
+            incarnation: *incarnation,
+            digest,
+            before: *before,
+            sequence: *sequence,
+            period: *period,
+        };
+        let SharedDomainState { maintainer, unread, .. } = &mut *state;
+        if unread.contains_key(sender) {
+            return false;
+        }
+        match Arc::make_mut(maintainer).believe_repeated(&repeated, now) {
+            Some(change) => {
+                self.note(&mut state, &change, now);
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// Reads the earlier broadcasts of an agent, if that has not been done.
+    fn read_of(&self, state: &mut SharedDomainState, agent: &AgentId, now: Timestamp) {
+        let said = state.unread.remove(agent);
+        self.read(state, said.unwrap_or_default(), now);
+    }
+
+    /// Reads earlier broadcasts. If a model is missing then, it is requested when its agent sends again.
+    fn read(&self, state: &mut SharedDomainState, said: Vec<Bytes>, now: Timestamp) {
+        for message in said.iter().filter_map(|payload| acl::decode(payload).ok()) {
+            if let Some(inform) = inform_of(&message) {
+                self.take(state, &message, &inform, now);
+            }
+        }
+    }
+
+    fn take(
+        &self,
+        state: &mut SharedDomainState,
+        message: &Message,
+        inform: &Inform,
+        now: Timestamp,
+    ) -> InformOutcome {
+        let SharedDomainState { maintainer, refused, .. } = &mut *state;
+        let keeper = (Arc::make_mut(maintainer), refused);
+        let heard = domain_sync::hear(keeper, message, inform, None, now);
+        for change in &heard.changes {
+            self.note(state, change, now);
+        }
+        // The central Domain Maintainer reports mistakes to the sender.
+        heard
+    }
+
+    /// Handles a change of presence. Returns the delay after which the agent's model must be
+    /// requested; `None` if it need not be.
+    pub(crate) fn presence(&self, presence: &Presence) -> Option<Duration> {
+        let (mut state, now) = self.state();
+        let (who, life) = (&presence.resident().agent, presence.resident().incarnation);
+        if let Presence::Left(_) = presence {
+            self.read_of(&mut state, who, now);
+        }
+        let is_unread = state.unread.contains_key(who);
+        let maintainer = Arc::make_mut(&mut state.maintainer);
+        let (change, asked_after) = match presence {
+            // Its announcement is not read yet; that is done when it sends again.
+            Presence::Joined(_) if is_unread => return None,
+            Presence::Joined(_) => {
+                let is_strange = maintainer.incarnation(who) != Some(life);
+                // The agent may have sent something while it was away.
+                let asked_after = match maintainer.is_masked(who) {
+                    true => Some(Duration::ZERO),
+                    false => is_strange.then_some(TELLING),
+                };
+                (maintainer.unmask(who, life, now), asked_after)
+            }
+            Presence::Left(_) => (maintainer.mask(who, life, now), None),
+        };
+        self.note(&mut state, &change, now);
+        asked_after
+    }
+
+    /// Whether this incarnation of `agent` has announced its model.
+    pub(crate) fn knows(&self, agent: &AgentId, life: Incarnation) -> bool {
+        let (mut state, now) = self.state();
+        self.read_of(&mut state, agent, now);
+        state.maintainer.incarnation(agent) == Some(life)
+    }
+
+    /// Marks a request for the model of `agent` as under way; returns `false` if one is already.
+    pub(crate) fn begins_to_ask(&self, agent: &AgentId) -> bool {
+        self.state().0.asked.insert(agent.clone())
+    }
+
+    /// Marks the request for the model of `agent` as finished.
+    pub(crate) fn has_asked(&self, agent: &AgentId) {
+        self.state().0.asked.remove(agent);
+    }
+
+    fn note(&self, state: &mut SharedDomainState, change: &DomainChange, now: Timestamp) {
+        for gone in &change.left {
+            if let Some(life) = state.maintainer.incarnation(gone) {
+                state.leaving.insert((now.after(self.removal), gone.clone(), life));
+            }
+        }
+    }
+
+    /// Locks the state, after applying everything that was due by now.
+    fn state(&self) -> (MutexGuard<'_, SharedDomainState>, Timestamp) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Timestamp(u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX));
+        while let Some(due) = state.maintainer.next_expiry().filter(|due| *due <= now) {
+            let change = Arc::make_mut(&mut state.maintainer).expire(due);
+            self.note(&mut state, &change, due);
+        }
+        while state.leaving.first().is_some_and(|(due, ..)| *due <= now)
+            && let Some((_, gone, life)) = state.leaving.pop_first()
+        {
+            if !state.maintainer.is_present(&gone) {
+                Arc::make_mut(&mut state.maintainer).remove(&gone, life, now);
+            }
+        }
+        (state, now)
+    }
+}

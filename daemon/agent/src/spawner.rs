@@ -1,0 +1,48 @@
+//! Launching of agents while the daemon runs: agents of interfaces, and agents that plugins bring.
+
+use std::sync::Arc;
+
+use acl::{AgentId, EcosystemId};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use crate::base_agent::LaunchContext;
+use crate::plugin::Host;
+use crate::router::MessageRouter;
+
+/// Source of launch contexts on one daemon.
+#[derive(Clone)]
+pub struct Spawner {
+    /// Router of the daemon.
+    pub router: Arc<MessageRouter>,
+    /// Data and resources from which agents are built here.
+    pub host: Arc<Host>,
+    /// Set when the daemon drains.
+    pub stopping: CancellationToken,
+    /// Tasks that the drain waits for.
+    pub tasks: TaskTracker,
+    /// Whether agents are launched with the ecosystems that they come through. `false` on the network
+    /// of a plugin process, and in the fault laboratory to check that loops are noticed.
+    pub records_via: bool,
+}
+
+impl Spawner {
+    /// Returns the launch context for a new incarnation of an agent that comes from other
+    /// ecosystems, `via` these.
+    pub fn launch_context(
+        &self,
+        id: &AgentId,
+        via: Vec<EcosystemId>,
+        stopping: &CancellationToken,
+    ) -> LaunchContext {
+        LaunchContext {
+            id: id.clone(),
+            incarnation: self.router.host_services().next_incarnation(),
+            router: Arc::clone(&self.router),
+            ontology: Arc::from(self.host.ontology.name.as_str()),
+            stopping: stopping.clone(),
+            has_replicas: false,
+            via: if self.records_via { via.into() } else { [].into() },
+        }
+    }
+}

@@ -1,0 +1,381 @@
+//! The known agents: their incarnations, their models, and whether their capabilities count.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use acl::{AgentId, Incarnation};
+use pddl::Name;
+
+use crate::compose::Contribution;
+use crate::declined::Declined;
+use crate::fact::{FactKey, FactSymbolKind};
+use crate::limits;
+use crate::parsed_model::ParsedModel;
+use crate::timestamp::Timestamp;
+
+/// An agent that has announced its model.
+#[derive(Clone, Debug)]
+pub(crate) struct Member {
+    pub(crate) incarnation: Incarnation,
+    /// Number of the arrival; kept when the model changes.
+    pub(crate) arrival: u64,
+    pub(crate) described: ParsedModel,
+    /// Whether its liveliness token is lost.
+    pub(crate) is_masked: bool,
+    /// Whether its heartbeats have stopped.
+    pub(crate) is_silent: bool,
+    /// Time at which it counts as silent if no heartbeat comes; `None`: never.
+    pub(crate) due: Option<Timestamp>,
+    /// Time of its entry in `Roster::dues`; not after `due`.
+    looked: Option<Timestamp>,
+    /// Number of the newest heartbeat of this incarnation.
+    pub(crate) sequence: u64,
+    pub(crate) heard_at: Timestamp,
+    /// Number of the newest heartbeat that was parsed: the later ones are equal to it.
+    pub(crate) read: u64,
+    /// The symbols of all facts that its heartbeats have ever contained.
+    reported_symbols: BTreeSet<(FactSymbolKind, Name)>,
+    /// All facts that its heartbeats have ever contained and that mention none of its objects.
+    reported_facts: BTreeSet<FactKey>,
+}
+
+/// The known agents, and the incarnations of those that have left.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct KnownAgents {
+    members: BTreeMap<AgentId, Member>,
+    former: BTreeMap<AgentId, Incarnation>,
+    arrivals: u64,
+    /// Times at which to check whether a member is silent, at most one for each. So no heartbeat leads
+    /// to a scan of all members, of which there may be a thousand, and a heartbeat that is on time does
+    /// not change the entry.
+    dues: BTreeSet<(Timestamp, AgentId)>,
+    /// Members with a presence that may have changed since [`Roster::take_stirred`] was called last.
+    presence_changes: BTreeSet<AgentId>,
+    /// For each object, the agents that bring it.
+    bringers: BTreeMap<Name, BTreeSet<AgentId>>,
+    /// For each fact, the agents that are responsible for it although it mentions none of their
+    /// objects.
+    answering: BTreeMap<FactKey, BTreeSet<AgentId>>,
+}
+
+// === impl Member ===
+
+impl Member {
+    /// Creates a member with a new incarnation, a liveliness token and no heartbeat.
+    pub(crate) fn new(incarnation: Incarnation, described: ParsedModel, now: Timestamp) -> Member {
+        Member {
+            incarnation,
+            arrival: 0,
+            described,
+            is_masked: false,
+            is_silent: false,
+            due: None,
+            looked: None,
+            sequence: 0,
+            heard_at: now,
+            read: 0,
+            reported_symbols: BTreeSet::new(),
+            reported_facts: BTreeSet::new(),
+        }
+    }
+
+    /// Returns the member with another model, in the same incarnation.
+    pub(crate) fn with(self, described: ParsedModel) -> Member {
+        Member { described, ..self }
+    }
+
+    /// Records a heartbeat.
+    fn record_heartbeat(&mut self, sequence: u64, due: Option<Timestamp>, now: Timestamp) {
+        self.sequence = sequence;
+        self.due = due;
+        self.heard_at = now;
+        self.is_silent = false;
+    }
+
+    /// Records that a heartbeat contains `fact`: from now on, the agent's heartbeats are complete for
+    /// facts with the same symbol, and the agent is responsible for this one. Returns `true` if the
+    /// fact is new and mentions none of the agent's objects.
+    fn own(&mut self, fact: &FactKey) -> bool {
+        let like = (fact.space(), fact.symbol().clone());
+        if self.reported_symbols.len() < limits::DECLARATIONS_PER_AGENT_MAX {
+            self.reported_symbols.insert(like);
+        }
+        let is_new = !self.reported_facts.contains(fact)
+            && !self.names_its_own(fact)
+            && self.reported_facts.len() < limits::FACTS_PER_OWNER_MAX;
+        is_new && self.reported_facts.insert(fact.clone())
+    }
+
+    /// Whether a fact mentions an object that the agent brings.
+    fn names_its_own(&self, fact: &FactKey) -> bool {
+        let objects = &self.described.manifest.objects;
+        fact.arguments().iter().any(|argument| objects.contains(argument))
+    }
+
+    /// Whether the agent is responsible for a fact, so that its claim overrides requests. This is so if
+    /// its heartbeats have contained the fact; or if the fact mentions an object of the agent, and its
+    /// symbol occurs in the facts of the agent's model or heartbeats.
+    pub(crate) fn is_responsible_for(&self, fact: &FactKey) -> bool {
+        let says = || {
+            let like = (fact.space(), fact.symbol().clone());
+            self.reported_symbols.contains(&like) || self.described.manifest.said.contains(&like)
+        };
+        self.reported_facts.contains(fact) || (self.names_its_own(fact) && says())
+    }
+
+    /// Whether its heartbeats are complete for facts with this symbol.
+    pub(crate) fn reports_symbol(&self, space: FactSymbolKind, symbol: &Name) -> bool {
+        let like = (space, symbol.clone());
+        self.reported_symbols.contains(&like) || self.described.manifest.owned.contains(&like)
+    }
+
+    /// Returns the symbols of facts that it may be responsible for.
+    pub(crate) fn symbols(&self) -> impl Iterator<Item = &(FactSymbolKind, Name)> {
+        self.reported_symbols.union(&self.described.manifest.said)
+    }
+
+    /// Returns the facts that it is responsible for although they mention none of its objects.
+    pub(crate) fn reported_facts(&self) -> impl Iterator<Item = &FactKey> {
+        self.reported_facts.iter()
+    }
+
+    /// Whether the agent's heartbeats are complete for facts with the symbol of this one.
+    pub(crate) fn owns(&self, fact: &FactKey) -> bool {
+        self.reports_symbol(fact.space(), fact.symbol())
+    }
+
+    /// Whether its model contains a fact, which its actions do not change, that it is on the agent
+    /// `base`.
+    pub(crate) fn is_carried_by(&self, own: &AgentId, base: &AgentId) -> bool {
+        let manifest = &self.described.manifest;
+        manifest.init.iter().any(|(fact, _)| match fact.arguments() {
+            [carried, on] => {
+                *carried == own.as_str()
+                    && *on == base.as_str()
+                    && !manifest.owned.contains(&(fact.space(), fact.symbol().clone()))
+            }
+            _ => false,
+        })
+    }
+
+    /// Whether its capabilities count for new plans.
+    pub(crate) fn is_present(&self) -> bool {
+        !self.is_masked && !self.is_silent
+    }
+}
+
+// === impl Roster ===
+
+impl KnownAgents {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (&AgentId, &Member)> {
+        self.members.iter()
+    }
+
+    pub(crate) fn get(&self, agent: &AgentId) -> Option<&Member> {
+        self.members.get(agent)
+    }
+
+    /// Returns all members in the form to be composed, sorted by name.
+    pub(crate) fn parties(
+        &self,
+        trusts: impl Fn(&AgentId) -> bool,
+    ) -> impl Iterator<Item = Contribution<'_>> {
+        self.members.iter().map(move |(agent, member)| Contribution {
+            agent,
+            arrival: member.arrival,
+            manifest: &member.described.manifest,
+            trusted: trusts(agent),
+        })
+    }
+
+    /// Returns a member in the form to be composed as a trusted one.
+    pub(crate) fn party(&self, agent: &AgentId) -> Option<Contribution<'_>> {
+        let (agent, member) = self.members.get_key_value(agent)?;
+        let manifest = &*member.described.manifest;
+        Some(Contribution { agent, arrival: member.arrival, manifest, trusted: true })
+    }
+
+    /// Returns the agents with a presence that may have changed since the last call, each with whether
+    /// its capabilities count for new plans now.
+    pub(crate) fn take_presence_changes(&mut self) -> Vec<(AgentId, bool)> {
+        let stirred = std::mem::take(&mut self.presence_changes).into_iter();
+        let is_present = |agent: &AgentId| self.members.get(agent).is_some_and(Member::is_present);
+        stirred.map(|agent| (agent.clone(), is_present(&agent))).collect()
+    }
+
+    /// Records that a heartbeat of a member contains a fact.
+    pub(crate) fn own(&mut self, agent: &AgentId, fact: &FactKey) {
+        let Some(member) = self.members.get_mut(agent) else { return };
+        if member.own(fact) {
+            self.answering.entry(fact.clone()).or_default().insert(agent.clone());
+        }
+    }
+
+    /// Returns the members that are responsible for a fact.
+    pub(crate) fn answering(&self, fact: &FactKey) -> BTreeSet<&AgentId> {
+        let bringers = fact.arguments().iter().filter_map(|object| self.bringers.get(object));
+        let named = bringers.flatten().filter(|agent| {
+            self.members.get(*agent).is_some_and(|member| member.is_responsible_for(fact))
+        });
+        let others = self.answering.get(fact).into_iter().flatten();
+        named.chain(others).collect()
+    }
+
+    /// Adds a member to the indexes by object and by fact.
+    fn index(&mut self, agent: &AgentId, member: &Member) {
+        for object in &member.described.manifest.objects {
+            self.bringers.entry(object.clone()).or_default().insert(agent.clone());
+        }
+        for fact in &member.reported_facts {
+            self.answering.entry(fact.clone()).or_default().insert(agent.clone());
+        }
+    }
+
+    fn unindex(&mut self, agent: &AgentId, member: &Member) {
+        for object in &member.described.manifest.objects {
+            remove_from(&mut self.bringers, object, agent);
+        }
+        for fact in &member.reported_facts {
+            remove_from(&mut self.answering, fact, agent);
+        }
+    }
+
+    /// Records a heartbeat of a member. Returns an error if the agent is unknown.
+    pub(crate) fn record_heartbeat(
+        &mut self,
+        agent: &AgentId,
+        sequence: u64,
+        due: Option<Timestamp>,
+        now: Timestamp,
+    ) -> Result<&mut Member, Declined> {
+        let unknown = || Declined::UnknownAgent { agent: agent.clone() };
+        let member = self.members.get_mut(agent).ok_or_else(unknown)?;
+        if member.is_silent {
+            self.presence_changes.insert(agent.clone());
+        }
+        member.record_heartbeat(sequence, due, now);
+        if let Some(due) = due
+            && member.looked.is_none_or(|looked| due < looked)
+        {
+            if let Some(looked) = member.looked.replace(due) {
+                self.dues.remove(&(looked, agent.clone()));
+            }
+            self.dues.insert((due, agent.clone()));
+        }
+        Ok(member)
+    }
+
+    /// Marks the members with an overdue heartbeat as silent.
+    pub(crate) fn mark_silent(&mut self, now: Timestamp) {
+        while self.dues.first().is_some_and(|(due, _)| *due <= now) {
+            let Some((_, agent)) = self.dues.pop_first() else { return };
+            let Some(member) = self.members.get_mut(&agent) else { continue };
+            member.looked = None;
+            match member.due {
+                Some(due) if due > now => {
+                    member.looked = Some(due);
+                    self.dues.insert((due, agent));
+                }
+                Some(_) => {
+                    (member.due, member.is_silent) = (None, true);
+                    self.presence_changes.insert(agent);
+                }
+                None => (),
+            }
+        }
+    }
+
+    /// Returns the next time at which a member may become silent.
+    pub(crate) fn next_silence(&self) -> Option<Timestamp> {
+        self.dues.first().map(|(due, _)| *due)
+    }
+
+    /// Records that a member's liveliness token is lost or has returned.
+    pub(crate) fn mask(&mut self, agent: &AgentId, reported: Incarnation, is_masked: bool) {
+        if let Ok(member) = self.current(agent, reported)
+            && std::mem::replace(&mut member.is_masked, is_masked) != is_masked
+        {
+            self.presence_changes.insert(agent.clone());
+        }
+    }
+
+    /// Checks that a message is not of a former incarnation. Returns an error if it is.
+    pub(crate) fn check(&self, agent: &AgentId, reported: Incarnation) -> Result<(), Declined> {
+        let current = self.members.get(agent).map(|member| member.incarnation);
+        match current.or_else(|| self.former.get(agent).copied()) {
+            Some(current) if reported < current => {
+                Err(Declined::FormerIncarnation { agent: agent.clone(), reported, current })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Returns the member. Returns an error if its current incarnation is not the given one.
+    pub(crate) fn current(
+        &mut self,
+        agent: &AgentId,
+        reported: Incarnation,
+    ) -> Result<&mut Member, Declined> {
+        self.check(agent, reported)?;
+        self.members
+            .get_mut(agent)
+            .filter(|member| member.incarnation == reported)
+            .ok_or_else(|| Declined::UnknownAgent { agent: agent.clone() })
+    }
+
+    /// Checks that there is room for `agent`. Returns an error if there are too many agents.
+    pub(crate) fn has_room(&self, agent: &AgentId) -> Result<(), Declined> {
+        if self.members.len() < limits::AGENTS_MAX || self.members.contains_key(agent) {
+            return Ok(());
+        }
+        Err(Declined::TooMany { what: "agents", limit: limits::AGENTS_MAX })
+    }
+
+    /// Adds a member, in place of a known one of the same name. A known agent keeps its number of
+    /// arrival.
+    pub(crate) fn insert_member(&mut self, agent: &AgentId, member: Member) {
+        let arrival = self.members.get(agent).map(|member| member.arrival).unwrap_or_else(|| {
+            self.arrivals += 1;
+            self.arrivals
+        });
+        self.former.remove(agent);
+        self.presence_changes.insert(agent.clone());
+        let looked = member.due;
+        let member = Member { arrival, looked, ..member };
+        let known = self.members.remove(agent);
+        if let Some(known) = &known {
+            self.unindex(agent, known);
+        }
+        self.index(agent, &member);
+        self.members.insert(agent.clone(), member);
+        if let Some(looked) = known.and_then(|known| known.looked) {
+            self.dues.remove(&(looked, agent.clone()));
+        }
+        self.dues.extend(looked.map(|looked| (looked, agent.clone())));
+    }
+
+    /// Removes a member, and records its incarnation as a former one.
+    pub(crate) fn remove_member(&mut self, agent: &AgentId) -> Option<Member> {
+        let member = self.members.remove(agent)?;
+        self.unindex(agent, &member);
+        self.presence_changes.insert(agent.clone());
+        if let Some(looked) = member.looked {
+            self.dues.remove(&(looked, agent.clone()));
+        }
+        self.former.insert(agent.clone(), member.incarnation);
+        if self.former.len() > limits::FORMER_MAX {
+            let oldest = self.former.iter().min_by_key(|(_, incarnation)| **incarnation);
+            let oldest = oldest.map(|(agent, _)| agent.clone());
+            oldest.and_then(|agent| self.former.remove(&agent));
+        }
+        Some(member)
+    }
+}
+
+fn remove_from<K: Ord>(index: &mut BTreeMap<K, BTreeSet<AgentId>>, key: &K, agent: &AgentId) {
+    if let Some(agents) = index.get_mut(key) {
+        agents.remove(agent);
+        if agents.is_empty() {
+            index.remove(key);
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! Duplicate window: finds messages that were received before, because of a retry or a substrate
+//! that doubles them.
+
+use std::collections::{HashSet, VecDeque};
+
+use acl::MessageId;
+
+/// The ids of the last messages received; older ones are dropped.
+#[derive(Clone, Debug)]
+pub struct DuplicateWindow {
+    ids: HashSet<MessageId>,
+    order: VecDeque<MessageId>,
+    ids_max: usize,
+}
+
+impl DuplicateWindow {
+    /// Creates a window of `ids_max` messages. It must hold more messages than can be under way to
+    /// one listener while any of them is still retried.
+    pub fn new(ids_max: usize) -> DuplicateWindow {
+        DuplicateWindow { ids: HashSet::new(), order: VecDeque::new(), ids_max }
+    }
+
+    /// Whether a message was received before.
+    pub fn contains(&self, id: &MessageId) -> bool {
+        self.ids.contains(id)
+    }
+
+    /// Adds a message; returns `false` if it was received before.
+    pub fn insert(&mut self, id: &MessageId) -> bool {
+        if !self.ids.insert(id.clone()) {
+            return false;
+        }
+        self.order.push_back(id.clone());
+        if self.order.len() > self.ids_max
+            && let Some(oldest) = self.order.pop_front()
+        {
+            self.ids.remove(&oldest);
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_oldest_is_forgotten_first() {
+        let mut seen = DuplicateWindow::new(2);
+        let [a, b, c] = ["a", "b", "c"].map(MessageId::new);
+        assert!(seen.insert(&a) && seen.insert(&b));
+        assert!(!seen.insert(&a), "heard before");
+        assert!(seen.insert(&c), "pushes `a` out");
+        assert!(seen.insert(&a), "forgotten");
+        assert!(!seen.insert(&c));
+    }
+}

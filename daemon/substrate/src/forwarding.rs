@@ -1,0 +1,71 @@
+//! A substrate in front of another: it overrides the operations in which it counts, loses or
+//! records messages, and passes on all others.
+
+use std::time::Duration;
+
+use acl::{AgentId, Incarnation, Performative};
+use bytes::Bytes;
+
+use crate::{AgentAddress, BoxFuture, PresenceToken, ResourceQuery, SendError, Subject, Substrate};
+
+/// A [`Substrate`] in front of another. An implementation overrides the operations that it changes.
+#[expect(clippy::missing_errors_doc, reason = "as those of `Substrate`")]
+pub trait ForwardingSubstrate: Send + Sync + 'static {
+    /// Returns the substrate behind this one.
+    fn inner(&self) -> &dyn Substrate;
+
+    /// As [`Substrate::send`].
+    fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+        self.inner().send(to, subject, payload)
+    }
+
+    /// As [`Substrate::broadcast`].
+    fn broadcast(
+        &self,
+        sender: &AgentId,
+        performative: Performative,
+        payload: Bytes,
+    ) -> Result<(), SendError> {
+        self.inner().broadcast(sender, performative, payload)
+    }
+
+    /// As [`Substrate::beat`]; the heartbeats of a batch pass here one by one.
+    fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
+        self.inner().broadcast_state(sender, payload)
+    }
+
+    /// As [`Substrate::ask`].
+    fn ask(&self, question: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+        self.inner().ask(question, timeout)
+    }
+}
+
+impl<T: ForwardingSubstrate> Substrate for T {
+    fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+        ForwardingSubstrate::send(self, to, subject, payload)
+    }
+
+    fn broadcast(&self, who: &AgentId, act: Performative, payload: Bytes) -> Result<(), SendError> {
+        ForwardingSubstrate::broadcast(self, who, act, payload)
+    }
+
+    fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
+        ForwardingSubstrate::broadcast_state(self, sender, payload)
+    }
+
+    fn announce(&self, agent: &AgentId, life: Incarnation) -> Result<PresenceToken, SendError> {
+        self.inner().announce(agent, life)
+    }
+
+    fn ask(&self, question: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+        ForwardingSubstrate::ask(self, question, timeout)
+    }
+
+    fn broadcast_ready(&self) -> BoxFuture<()> {
+        self.inner().broadcast_ready()
+    }
+
+    fn close(&self) -> BoxFuture<()> {
+        self.inner().close()
+    }
+}
