@@ -13,7 +13,6 @@ mod kernel;
 mod support;
 
 use std::fs;
-use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::Stdio;
 
@@ -209,7 +208,7 @@ fn has_broker() -> bool {
 fn sensors(folder: &Path, agents: &str) {
     let package = folder.join(".sensors");
     fs::create_dir_all(&package).expect("a folder");
-    symlink(sensor_process(), package.join("sensor-process")).expect("a link");
+    std::fs::copy(sensor_process(), package.join("sensor-process")).expect("a program");
     let machine = format!("{}-linux", std::env::consts::ARCH);
     let text = format!(
         "name = \"sensors\"\nversion = \"1\"\nprotocol = \"1\"\n\n\

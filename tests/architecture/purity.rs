@@ -32,7 +32,7 @@ const PRINTS_ITSELF: &[(&str, &str)] = &[
     ("daemon/terminal/src/render.rs", "asks how wide the terminal is"),
     ("daemon/althing/src/prompt/input.rs", "asks whether there is a terminal"),
     ("daemon/althing/src/interruption.rs", "waits for a reader to go away"),
-    ("daemon/althing-plan/src/telling.rs", "asks whether there is a terminal"),
+    ("daemon/althing-plan/src/progress.rs", "asks whether there is a terminal"),
     ("daemon/althing/src/commands/plugin/allow.rs", "asks whether there is a terminal"),
 ];
 

@@ -46,7 +46,7 @@ pub trait Device: Sized + Send + 'static {
     fn on_failure(&mut self, _call: &MethodCall, _failure: &MethodFailure) {}
 
     /// Waits for the next event that happens to the device by itself: a person moves, a battery runs
-    /// low. Then the [`Stir`] changes the device, the facts and the action model are announced at once,
+    /// low. Then the [`DeviceEvent`] changes the device, the facts and the action model are announced at once,
     /// and the initiatives are carried out.
     ///
     /// Called on activation and again after each event. The future may wait until an event happens, and
@@ -131,7 +131,7 @@ impl MethodCall {
     ///
     /// # Errors
     ///
-    /// Returns [`Failure::MissingArgument`] if it was not given.
+    /// Returns [`MethodFailure::MissingArgument`] if it was not given.
     pub fn argument(&self, name: &'static str) -> Result<&str, MethodFailure> {
         self.arguments.get(name).map(String::as_str).ok_or(MethodFailure::MissingArgument(name))
     }

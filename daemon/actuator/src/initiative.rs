@@ -2,7 +2,7 @@
 //! and asks people questions.
 //!
 //! - A device reports events by [`Device::watch`] and answers each with [`Initiative`]s. News of an
-//!   initiative are passed to [`Device::heard`].
+//!   initiative are passed to [`Device::on_update`].
 //! - A goal stays requested until it ends or is withdrawn. If the Plan Requester was absent or was
 //!   restarted, the goal is requested (again) when it joins.
 //! - The first answer to a question counts, and the question is then withdrawn at all keyboards. A

@@ -227,7 +227,7 @@ impl MobileBase {
     }
 
     /// Waits until the base wants something by itself: a charge, when its battery runs low.
-    /// [`MobileBase::wishes`] then returns it.
+    /// [`MobileBase::take_initiatives`] then returns it.
     pub fn next_initiative(&self) -> BoxFuture<()> {
         let Some(PowerSupply { range, .. }) = self.power else { return Box::pin(pending()) };
         let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
@@ -415,7 +415,7 @@ fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
 // === impl MobileBase: acting ===
 
 impl MobileBase {
-    /// Runs a method of the base; fails with [`Failure::UnknownMethod`] if the method is not one of the
+    /// Runs a method of the base; fails with [`MethodFailure::UnknownMethod`] if the method is not one of the
     /// base.
     pub fn perform(&self, call: &MethodCall) -> BoxFuture<Result<BaseOutcome, MethodFailure>> {
         let body = self.handle();

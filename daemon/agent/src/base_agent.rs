@@ -1,6 +1,6 @@
 //! The Base Agent (the paper, “The Base Agent”): the event loop of an agent.
 //!
-//! Waiting is asynchronous, deciding is not. Everything that can wake an agent is an [`Event`];
+//! Waiting is asynchronous, deciding is not. Everything that can wake an agent is an [`AgentEvent`];
 //! each is handled by one synchronous callback.
 
 use std::pin::Pin;

@@ -186,7 +186,7 @@ impl<A: Agent> Context<A> {
 
     /// Opens an exchange and returns its token. `on_answer` gets every answer, until the protocol
     /// ends the exchange, [`Context::close`] is called, or `patience` has passed
-    /// ([`Answer::Silence`]).
+    /// ([`ExchangeEvent::TimedOut`]).
     pub fn open(
         &mut self,
         opening: ExchangeOpening,

@@ -40,7 +40,7 @@ pub struct FoundDevice<P> {
     pub is_named: bool,
     /// Room in which the device stands; `None` if not known.
     pub room: Option<String>,
-    /// Data from which the agent is built; or the reason why there can be no agent, such as [`NOWHERE`].
+    /// Data from which the agent is built; or the reason why there can be no agent, such as [`ROOM_UNKNOWN`].
     pub part: Result<P, String>,
     /// Description of what cannot be used of the device.
     pub problem: Option<String>,

@@ -3,14 +3,14 @@
 //!
 //! - Models and heartbeats arrive as broadcast `inform`s; a model that was missed is requested.
 //! - When an agent's token is lost or its heartbeats stop, its capabilities are masked at once. If
-//!   it stays away for [`Settings::removal`](crate::Settings), its objects and facts are removed
+//!   it stays away for [`AgentSettings::removal`](crate::AgentSettings), its objects and facts are removed
 //!   too (docs/design.md, “Membership”). Silence alone is enough, because a router can lose the end
 //!   of a token.
 //! - Changes that requests made at the central maintainer arrive with its announcements, for
 //!   maintainers that otherwise receive heartbeats only.
 //!
 //! The central Domain Maintainer uses these functions itself. The actuators of a daemon share a
-//! maintainer in its [`Commons`](crate::Commons), which is updated in the same way.
+//! maintainer in its [`SharedDomain`](crate::SharedDomain), which is updated in the same way.
 
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -6,18 +6,18 @@
 //!   in the background.
 //! - The Communication Agent behind it decodes messages, drops duplicates, sends receipts, retries
 //!   commitments, follows the protocols, and holds messages for agents that are not present yet.
-//! - [`Switchboard`] is the router of a daemon: mailboxes, the [`Directory`], and the broadcasts
+//! - [`MessageRouter`] is the router of a daemon: mailboxes, the [`Directory`], and the broadcasts
 //!   that a newly started agent has missed.
 //! - [`Rights`] state which agent may do what in a secured ecosystem; the switchboard enforces them.
-//! - [`upkeep`] keeps a Domain Maintainer up to date; the [`Commons`] are the domain model that the
+//! - [`domain_sync`] keeps a Domain Maintainer up to date; the [`SharedDomain`] are the domain model that the
 //!   actuators of one daemon share.
-//! - [`keeping`] replicates records to the Journals for data that must outlive an agent, and reads
+//! - [`replication`] replicates records to the Journals for data that must outlive an agent, and reads
 //!   them back.
-//! - [`bringing`] starts agents for the devices that an agent discovers, if people ([`Admissions`])
+//! - [`discovery`] starts agents for the devices that an agent discovers, if people ([`Admissions`])
 //!   admit them.
-//! - [`Landing`] launches agents while the daemon runs; an [`Observer`] watches the agents of
+//! - [`Spawner`] launches agents while the daemon runs; an [`Observer`] watches the agents of
 //!   another network.
-//! - [`Machine`] has the services of the host machine: threads, the wall clock, incarnation numbers.
+//! - [`HostServices`] has the services of the host machine: threads, the wall clock, incarnation numbers.
 //! - [`PluginEntry`] is the entry point of a plugin crate for a daemon.
 //!
 //! An agent has no access to the substrate or to the code of another agent.

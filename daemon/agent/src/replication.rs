@@ -159,7 +159,7 @@ pub fn replicate_detached<A: ReplicatesRecords>(
     journal_queue::deliver(agent, records, None, ctx);
 }
 
-/// Handles that an agent becomes the leader or a standby. Call it from [`Agent::leads`].
+/// Handles that an agent becomes the leader or a standby. Call it from [`Agent::leadership_changed`].
 pub fn handle_leadership<A: ReplicatesRecords>(
     agent: &mut A,
     is_leading: bool,

@@ -1,5 +1,5 @@
 //! Rights in a secured ecosystem, as its file states them: which daemon may host which agents, what
-//! these may advertise, which agents may ask for goals. This module has data and decisions; `guard`
+//! these may advertise, which agents may ask for goals. This module has data and decisions; `authorization`
 //! enforces them.
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -2,9 +2,9 @@
 //!
 //! - Puts incoming messages into mailboxes; answers `refuse` for a full mailbox.
 //! - Maintains the [`Directory`] and notifies agents when others join or leave.
-//! - Passes broadcasts to the [`Commons`] before it puts them into mailboxes.
+//! - Passes broadcasts to the [`SharedDomain`] before it puts them into mailboxes.
 //! - Decodes a broadcast once for the whole daemon, and does not decode a heartbeat that repeats
-//!   the previous one; caches the last broadcasts of each sender ([`Hearsay`]) for agents that
+//!   the previous one; caches the last broadcasts of each sender ([`BroadcastCache`]) for agents that
 //!   start later.
 //!
 //! Called on the substrate's threads: no function here blocks.
@@ -72,7 +72,7 @@ pub struct MessageRouter {
     discovered: Mutex<BTreeMap<String, Vec<Discovered>>>,
     /// Counts and logs rejected messages.
     pub(crate) rejections: Arc<Rejections>,
-    /// Rights of the ecosystem, checked by `guard`; unset if the ecosystem limits no rights.
+    /// Rights of the ecosystem, checked by `authorization`; unset if the ecosystem limits no rights.
     pub(crate) rights: OnceLock<Arc<Rights>>,
 }
 
@@ -231,7 +231,7 @@ impl MessageRouter {
     }
 
     /// Completes when every daemon that is present now receives this daemon's broadcasts; see
-    /// [`Substrate::introduced`]. Without a substrate, completes at once.
+    /// [`Substrate::broadcast_ready`]. Without a substrate, completes at once.
     pub fn broadcast_ready(&self) -> BoxFuture<()> {
         match self.substrate.get() {
             Some(substrate) => substrate.broadcast_ready(),
@@ -323,7 +323,7 @@ impl MessageRouter {
 
     // === the commons ===
 
-    /// Returns the domain model shared by this daemon's actuators ([`Commons`]). The first call
+    /// Returns the domain model shared by this daemon's actuators ([`SharedDomain`]). The first call
     /// creates it from the cached broadcasts.
     pub fn shared_domain(&self, host: &Host) -> Arc<SharedDomain> {
         let begin = || SharedDomainHandle {

@@ -27,7 +27,7 @@ pub struct AgentSettings {
     /// How long the objects and facts of an agent are still believed after it has left. Longer than
     /// the grace, so that they are not removed before the plan is repaired.
     pub removal: Duration,
-    /// First wait for a receipt; doubled at each retry up to [`Settings::retry_max`]. A round
+    /// First wait for a receipt; doubled at each retry up to [`AgentSettings::retry_max`]. A round
     /// trip on a LAN takes below a millisecond, a busy board may take fifty.
     pub retry_first: Duration,
     /// Longest wait between two retries: a second loses little when a link comes back.

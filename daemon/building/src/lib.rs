@@ -10,8 +10,8 @@
 //!   changes temperatures and reads the truth. None of that is offered over the socket, so no agent can
 //!   cheat.
 //! - [`Layout::seeded`] draws another building per seed, and [`check_scenario_1`] checks whether the
-//!   paper's scenario 1 truly took place in it. [`Maintenance`] is scenario 2, [`Access`] scenario 3,
-//!   [`Meeting`] Figure 1 of the paper. [`Campus`] draws a campus of any number of houses up to
+//!   paper's scenario 1 truly took place in it. [`MaintenanceScenario`] is scenario 2, [`AccessScenario`] scenario 3,
+//!   [`MeetingScenario`] Figure 1 of the paper. [`Campus`] draws a campus of any number of houses up to
 //!   [`HOUSES_MAX`], with the files of its ecosystem.
 //!
 //! Left to others: the beliefs and messages of agents, PDDL beyond printing a map, and the substrate.

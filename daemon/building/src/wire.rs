@@ -1,6 +1,6 @@
 //! The protocol of the building's socket: JSON lines, bounded in both directions.
 //!
-//! A client writes [`Request`]s, the server [`Line`]s. Unknown fields are ignored, so that a newer program
+//! A client writes [`WireRequest`]s, the server [`ServerLine`]s. Unknown fields are ignored, so that a newer program
 //! can talk to an older one; an unknown request is refused. Only the framing is here; `client` and `server`
 //! handle the meaning.
 

@@ -304,12 +304,12 @@ impl Beliefs {
         self.partition_log.get_or_insert_with(PendingChanges::nothing);
     }
 
-    /// Stops recording, and returns the claims that requests have changed since [`Beliefs::part`].
+    /// Stops recording, and returns the claims that requests have changed since [`Beliefs::begin_partition_log`].
     pub(crate) fn take_partition_log(&mut self) -> Option<PendingChanges> {
         self.partition_log.take()
     }
 
-    /// Whether requests may have changed the claim of `owner` about `fact` since [`Beliefs::part`].
+    /// Whether requests may have changed the claim of `owner` about `fact` since [`Beliefs::begin_partition_log`].
     pub(crate) fn has_changed_apart(&self, fact: &FactKey, owner: &Owner) -> bool {
         self.partition_log.as_ref().is_some_and(|apart| apart.has(fact, owner))
     }

@@ -7,7 +7,7 @@
 //!
 //! A maintainer of public scope composes only when a snapshot is requested; until then only the
 //! precedence of declarations is tracked ([`incumbents`]). An agent of an already known type is added
-//! to an existing composite ([`joining`]).
+//! to an existing composite ([`incremental`]).
 
 mod actions;
 mod assemble;

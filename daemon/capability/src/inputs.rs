@@ -129,7 +129,7 @@ impl Announcement {
         Announcement { agent, incarnation, described: ParsedModel::of(model, methods, digest) }
     }
 
-    /// Parses an announced model. The heartbeat in the announcement is parsed by [`Beat::read`].
+    /// Parses an announced model. The heartbeat in the announcement is parsed by [`ParsedHeartbeat::read`].
     ///
     /// # Errors
     ///

@@ -25,7 +25,7 @@ pub(crate) struct Member {
     pub(crate) is_silent: bool,
     /// Time at which it counts as silent if no heartbeat comes; `None`: never.
     pub(crate) due: Option<Timestamp>,
-    /// Time of its entry in `Roster::dues`; not after `due`.
+    /// Time of its entry in `KnownAgents::dues`; not after `due`.
     looked: Option<Timestamp>,
     /// Number of the newest heartbeat of this incarnation.
     pub(crate) sequence: u64,
@@ -48,7 +48,7 @@ pub(crate) struct KnownAgents {
     /// to a scan of all members, of which there may be a thousand, and a heartbeat that is on time does
     /// not change the entry.
     dues: BTreeSet<(Timestamp, AgentId)>,
-    /// Members with a presence that may have changed since [`Roster::take_stirred`] was called last.
+    /// Members with a presence that may have changed since [`KnownAgents::take_presence_changes`] was called last.
     presence_changes: BTreeSet<AgentId>,
     /// For each object, the agents that bring it.
     bringers: BTreeMap<Name, BTreeSet<AgentId>>,

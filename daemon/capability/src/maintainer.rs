@@ -2,7 +2,7 @@
 //!
 //! - Takes models, heartbeats, lost and returned tokens, confirmed actions and requests. The caller
 //!   reads the messages: a plugin, or an actuator for itself.
-//! - Returns a [`Change`] to be announced for each input, or the reason why it was [`Declined`].
+//! - Returns a [`DomainChange`] to be announced for each input, or the reason why it was [`Declined`].
 //! - Leaves to others: the form of messages, the clock, when a lost agent is removed.
 
 mod departure;
@@ -41,7 +41,7 @@ pub enum MaintainerScope {
     /// own](Maintainer::snapshot_for).
     ///
     /// Nothing is composed until a snapshot is requested: if a thousand models arrive at once, they are
-    /// only parsed. A [`Change`] therefore lists agents only, and its epoch and revision may count
+    /// only parsed. A [`DomainChange`] therefore lists agents only, and its epoch and revision may count
     /// changes that are not visible.
     Public,
 }
@@ -82,7 +82,7 @@ pub struct Maintainer {
     memory: CompositionMemory,
     /// Number of changes of models, on which the composite depends.
     models: u64,
-    /// The current composite; for [`Scope::Public`], that of the ontology and the map alone.
+    /// The current composite; for [`MaintainerScope::Public`], that of the ontology and the map alone.
     composite: Arc<Composite>,
     conflicts: Vec<Conflict>,
     beliefs: Beliefs,
@@ -93,7 +93,7 @@ pub struct Maintainer {
     metric: Option<Metric>,
     /// Agents with capabilities that were available at the end of the last call.
     announced: BTreeSet<AgentId>,
-    /// Whether the set of capabilities has changed since the last [`Change`] was returned.
+    /// Whether the set of capabilities has changed since the last [`DomainChange`] was returned.
     is_changed: bool,
     uncomposed: Uncomposed,
     /// The conflicts that existed before the first uncomposed model arrived; `None` if none has
@@ -205,7 +205,7 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Whether there are [added](Maintainer::take) models that have not been composed yet.
+    /// Whether there are [added](Maintainer::add_model) models that have not been composed yet.
     pub fn is_stale(&self) -> bool {
         self.uncomposed.others || !self.uncomposed.joined.is_empty()
     }

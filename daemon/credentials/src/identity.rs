@@ -40,7 +40,7 @@ pub enum SealChannel {
 pub struct SequenceState {
     /// Incarnation: microseconds since the Unix epoch at its start.
     pub life: u64,
-    /// The last number of each numbered channel, in the order of [`Channel`].
+    /// The last number of each numbered channel, in the order of [`SealChannel`].
     pub numbers: [u64; NUMBERED_CHANNELS],
     /// Age of the incarnation in milliseconds, by a monotonic clock. 0 if the sender's version does not
     /// state it.

@@ -1,9 +1,9 @@
 //! Credentials of daemons: keys and certificates, the seals on messages, and revocations.
 //!
 //! - [`Authority`] makes certificates and revokes them; its key stays where it was made.
-//! - [`Folder`] names the files, and refuses a key that other users can read.
+//! - [`CredentialFolder`] names the files, and refuses a key that other users can read.
 //! - [`AnswerKey`] opens the answers of people, [`seal_answer`] seals them.
-//! - [`Identity`] seals outgoing messages, [`Verifier`] opens incoming ones.
+//! - [`DaemonIdentity`] seals outgoing messages, [`Verifier`] opens incoming ones.
 //!
 //! One Ed25519 key per daemon serves TLS and seals. The signed bytes begin with a different text in each,
 //! so that a signature for one is never valid for the other. This crate knows nothing of Zenoh, nor of

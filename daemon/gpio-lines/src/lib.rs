@@ -3,10 +3,10 @@
 //!
 //! - A line is identified by its chip and number, or by its own name ([`LineName`]). The number of a chip
 //!   changes with the order in which drivers were loaded; its label and the names of lines do not.
-//! - [`Board`] opens lines: it is this machine's [`Chips`], or a [`Bench`] in tests.
-//! - [`follow`] watches an input until the watch is dropped, also while its chip is unplugged and plugged
+//! - [`GpioBoard`] opens lines: it is this machine's [`GpioChips`], or a [`MemoryBoard`] in tests.
+//! - [`watch_line`] watches an input until the watch is dropped, also while its chip is unplugged and plugged
 //!   in.
-//! - [`Driven`] drives an output. It begins with the current value, so nothing switches when a daemon is
+//! - [`DrivenOutput`] drives an output. It begins with the current value, so nothing switches when a daemon is
 //!   restarted.
 
 mod chips;
@@ -92,7 +92,7 @@ pub trait InputLine: Send + Sync + 'static {
     fn value(&self) -> Result<bool, LineError>;
 
     /// Waits for the next edges, and returns whether the line was active after each. Waits as long as there
-    /// are none; without end if [`InputLine::tells_edges`] is `false`.
+    /// are none; without end if [`InputLine::reports_edges`] is `false`.
     fn edges(&self) -> BoxFuture<'_, Result<Vec<bool>, LineError>>;
 
     /// Whether the chip reports edges. Some chips behind a bus do not.

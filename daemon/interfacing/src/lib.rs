@@ -2,13 +2,13 @@
 //! takes part in two ecosystems, and passes on exactly what its rules export.
 //!
 //! - No message crosses; agents are represented. On the *far* side, where an agent runs, an
-//!   `agent::Observer` watches it. On the *near* side a proxy agent (`mirror`) stands for it: an actuator
+//!   `agent::Observer` watches it. On the *near* side a proxy agent (`proxy_device`) stands for it: an actuator
 //!   of its own, with the agent's model translated into the near vocabulary (`words`, `translate`,
 //!   `export`). A request to the proxy agent is sent to the real agent by a Keyboard Agent on the far side
 //!   (`voice`), as a person would. So tokens, receipts, incarnations and conversations belong to one
 //!   ecosystem each, and no identifier of one ever appears in the other.
 //! - `desk` accepts goals for the other side. `crossing` starts and stops a proxy agent with the real one,
-//!   and rejects agents that would return to the ecosystem they come from. `bucket` limits the rate.
+//!   and rejects agents that would return to the ecosystem they come from. `rate_limiter` limits the rate.
 //!
 //! This crate leaves to others: the behaviour of a proxy agent as an actuator (`actuator`); reading the
 //! rules, checking them against both ecosystems' vocabularies, and both substrates (`althing`).

@@ -1,7 +1,7 @@
 //! Proxy agents: an agent of another ecosystem, as far as this one may know it.
 //!
 //! A proxy agent is an actuator like any other here, with heartbeats, tokens and bids of its own. A request
-//! to it is passed to the real agent through the Plan Executor of that agent's ecosystem ([`Voice`]). Each
+//! to it is passed to the real agent through the Plan Executor of that agent's ecosystem ([`RemoteClient`]). Each
 //! side has a conversation of its own. Only a step in translated names passes to the far side, and only its
 //! outcome passes back.
 

@@ -77,7 +77,7 @@ impl RemoteClient {
     /// Sends a request that is answered.
     pub async fn send_request(&self, said: UserRequest, revocable: bool) -> RemoteRequest {
         let (tell, news) = mpsc::channel(UPDATES_MAX);
-        // A client that has ended drops the sender; [`Asked::next`] then returns [`News::Unanswered`].
+        // A client that has ended drops the sender; [`RemoteRequest::next`] then returns [`RemoteUpdate::Unanswered`].
         let _ = self.0.send(RemoteCommand::Ask(said, tell)).await;
         RemoteRequest { client: self.clone(), updates: news, conversation: None, revocable }
     }

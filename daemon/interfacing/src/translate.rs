@@ -3,7 +3,7 @@
 //! - Symbols that are not in the vocabulary are left out. Private symbols are left out even if they are in
 //!   it. No text is passed on: the output consists of names of the vocabulary and of renumbered variables.
 //! - The *preconditions* of an action must be translated completely, or the action is not offered
-//!   ([`Lost`]): otherwise plans would contain steps that cannot be done. Only a condition over private
+//!   ([`Untranslatable`]): otherwise plans would contain steps that cannot be done. Only a condition over private
 //!   symbols alone is left to the agent, which checks it when it is requested to act (MA-PDDL's public
 //!   projection).
 //! - *Effects* may be left out: the other side cannot observe them anyway.

@@ -7,7 +7,7 @@ use crate::identity::DeviceIdentity;
 use crate::quantity::SysfsQuantity;
 use crate::{Sysfs, file_name, line, list};
 
-/// Kernel's name of each quantity, and the factor from the kernel's unit to that of [`Quantity`].
+/// Kernel's name of each quantity, and the factor from the kernel's unit to that of [`SysfsQuantity`].
 const KINDS: &[(&str, SysfsQuantity, f64)] = &[
     // The kernel's units: milli-degrees, thousandths of per cent, per cent.
     ("temp", SysfsQuantity::Temperature, 1e-3),

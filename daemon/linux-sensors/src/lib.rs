@@ -1,12 +1,12 @@
 //! Sensors of a machine as its Linux kernel reports them, in canonical units.
 //!
 //! - Reads files below [`Sysfs`] and nothing else: no C library, no special rights, no clock.
-//! - A device is identified by its name and the place where it is attached ([`Identity`]), never by the
+//! - A device is identified by its name and the place where it is attached ([`DeviceIdentity`]), never by the
 //!   number that the kernel gave it: that changes with the order in which drivers were loaded.
 //! - A channel that was found may be gone when it is read. The caller should try again.
-//! - [`Bundle`] groups the channels of a machine into sensors.
+//! - [`SensorBundle`] groups the channels of a machine into sensors.
 //!
-//! `iio`, `hwmon` and `one_wire` know the files and units of each subsystem of the kernel; [`Quantity`]
+//! `iio`, `hwmon` and `one_wire` know the files and units of each subsystem of the kernel; [`SysfsQuantity`]
 //! defines the units that all values are converted to.
 
 mod bundle;

@@ -1,7 +1,7 @@
 //! PDDL, the language of facts, goals, models and plans: text in, tree out, and back.
 //!
 //! - [`tree`] defines the syntax tree. Start reading there.
-//! - [`parse`] makes a tree from a text: `lexer` → `balance` → `sexpr` → `grammar`.
+//! - [`parse`] makes a tree from a text: `lexer` → `parentheses` → `sexpr` → `grammar`.
 //! - `printer` makes a text from a tree: `Display` of every tree type.
 //! - `arithmetic` computes the values of [`Operator`], [`Comparison`] and [`Assignment`].
 //! - [`check`] checks whether a tree makes sense, with the help of [`types`], the type hierarchy.

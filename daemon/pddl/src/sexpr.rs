@@ -1,6 +1,6 @@
 //! The tree of parentheses, which the grammar reads.
 //!
-//! - Built by `balance` from the tokens of `lexer`; read through [`Node`] and [`Items`].
+//! - Built by `parentheses` from the tokens of `lexer`; read through [`SyntaxNode`] and [`Items`].
 //! - All nodes are in one vector in the order of the text, so neither building nor dropping a tree
 //!   recurses, and skipping a list is one look-up.
 

@@ -45,7 +45,7 @@ pub struct PhidgetChannel {
 
 impl PhidgetChannel {
     /// Opens a channel, and waits up to `wait` for its device. It is no error if the device does not attach
-    /// in that time: it may do so later ([`Channel::is_attached`]).
+    /// in that time: it may do so later ([`PhidgetChannel::is_attached`]).
     ///
     /// # Errors
     ///

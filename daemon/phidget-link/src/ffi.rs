@@ -1,6 +1,6 @@
 //! Functions of `libphidget22` that are called: all `unsafe` code is here.
 //!
-//! The reasons why the calls are sound are at [`Functions`] and [`Handle`]; each call names those that it
+//! The reasons why the calls are sound are at [`LibraryFunctions`] and [`ChannelHandle`]; each call names those that it
 //! relies on. The types of the functions are those of Phidgets' `phidget22.h`.
 #![expect(unsafe_code, reason = "a C library can be called in no other way")]
 
@@ -288,7 +288,7 @@ pub(crate) struct ChannelHandle {
 }
 
 // SAFETY: a channel belongs to no thread: the library locks its own objects, and uses them from threads of
-// its own. Only one thread uses a `Handle` at a time, because it is not `Sync`.
+// its own. Only one thread uses a `ChannelHandle` at a time, because it is not `Sync`.
 unsafe impl Send for ChannelHandle {}
 
 // Each call below is sound for these reasons: `raw` is a channel made by `create` of its class, and only

@@ -3,7 +3,7 @@
 //!
 //! - The library is found and loaded at run time ([`Library`]). Nothing of it is needed to build; if it is
 //!   missing, the error says how to get it.
-//! - [`Part`] is the table of sensors and the quantities that they measure. [`Channel`] is one of them,
+//! - [`PhidgetPart`] is the table of sensors and the quantities that they measure. [`PhidgetChannel`] is one of them,
 //!   opened. A channel stays open when its device is unplugged: the library finds the device again.
 //! - Calls may block on USB devices and other programs. Make them on a thread that may block, within bounds
 //!   of time that the caller sets: there is no async here, and no clock.

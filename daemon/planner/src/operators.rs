@@ -90,7 +90,7 @@ struct ConditionalTable {
     effects: ChangesTable,
 }
 
-/// A filter and mapping of operators, effects and facts, for [`Operators::renumber`].
+/// A filter and mapping of operators, effects and facts, for [`OperatorTable::renumber`].
 pub(crate) trait Renumbering {
     /// Whether an operator is kept. It is passed with its old fact numbers.
     fn keeps(&self, operator: GroundOperator<'_>) -> bool;
@@ -161,7 +161,7 @@ impl OperatorTable {
         self.costs.len()
     }
 
-    /// Returns the operator at an index below [`Operators::len`].
+    /// Returns the operator at an index below [`OperatorTable::len`].
     #[inline]
     pub(crate) fn get(&self, index: usize) -> GroundOperator<'_> {
         let (from, to) = (&self.rows[index], &self.rows[index + 1]);

@@ -21,7 +21,7 @@ pub struct PlanningOutcome {
     /// proved, or if there is no plan or a proof was not asked for.
     pub unproven: Option<StopReason>,
     /// Property of the costs that makes a proof of optimality impossible. Always set if it is the
-    /// reason why [`Outcome::unproven`] is [`StopReason::Exhausted`].
+    /// reason why [`PlanningOutcome::unproven`] is [`StopReason::Exhausted`].
     pub unprovable: Option<Unprovable>,
     /// Work that the call did.
     pub statistics: Statistics,

@@ -1,7 +1,7 @@
 //! Size of a planning problem: the numbers of its facts, operators and axioms once it is ground,
 //! without a search.
 //!
-//! The steps are [`prepare`], [`Prepared::ground`], then [`Ground::extent`] or [`Ground::groups`]. They
+//! The steps are [`prepare`], [`NormalizedProblem::ground`], then [`GroundProblem::extent`] or [`GroundProblem::groups`]. They
 //! are separate calls so that a caller with a clock can measure each.
 
 use pddl::{Domain, Problem};
@@ -74,7 +74,7 @@ pub fn prepare(domain: &Domain, problem: &Problem) -> Result<NormalizedProblem, 
 
 impl NormalizedProblem {
     /// Grounds the problem within `budget`. A limit or a proof of unsolvability is not an error here;
-    /// it is the stop reason of the [`Extent`].
+    /// it is the stop reason of the `NeighborhoodLimits`.
     pub fn ground(&self, budget: Budget, cancel: &Cancel) -> Result<GroundProblem, PlanError> {
         let mut join_steps = 0;
         let task = match ground(&self.0, budget, cancel, &mut join_steps) {

@@ -87,7 +87,7 @@ pub(crate) struct Task {
     pub(crate) initial: Vec<FactId>,
     /// Initial values of the numeric fluents; NaN where a fluent is undefined.
     pub(crate) values: Vec<f64>,
-    /// Size of one unit of [`Operator::cost`], in units of the metric.
+    /// Size of one unit of [`GroundOperator::cost`], in units of the metric.
     pub(crate) cost_unit: f64,
     /// Why no plan can be proved a cheapest one by these costs. If `None`, every cost is a whole
     /// multiple of the unit, and no step has a negative cost.

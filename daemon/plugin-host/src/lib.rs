@@ -3,14 +3,14 @@
 //! them; the daemon is not restarted.
 //!
 //! - `manifest` and `package`: reading and checking a package. `shelf`: the plugin folder.
-//! - `supervision`: starts, restarts and stops one plugin. `lives` decides when it is restarted, `living`
+//! - `supervision`: starts, restarts and stops one plugin. `restart_policy` decides when it is restarted, `process_health`
 //!   when its process has to be ended.
 //! - `program` finds the program that a package really runs, `launching` starts it, and `process` is its
 //!   process. `trial` starts a package once, for `althing plugin check`.
 //! - `rights`: what a plugin may use. `confinement`: its restrictions. `mediator`: answers to the system
 //!   calls that the kernel alone cannot decide. `usage`: the resources that it takes. `log`: its output.
 //! - `endpoint`: the socket that a plugin connects to, on a substrate that it shares with its host only.
-//!   There an `agent::Observer` watches the plugin's agents, and the `attendant` forwards requests to them.
+//!   There an `agent::Observer` watches the plugin's agents, and the `plugin_client` forwards requests to them.
 //!   `proxy`: the proxy agent for each of them in the ecosystem. It is an actuator; its planner and its
 //!   domain run in this daemon.
 //! - `status`: the state of all plugins, for users.
@@ -140,7 +140,7 @@ pub(crate) struct HostContext {
 static UNKNOWN: LazyLock<MachineConfinement> = LazyLock::new(MachineConfinement::unknown);
 
 impl HostContext {
-    /// Returns the means of confinement on this machine, or [`Ward::unknown`] until they are known.
+    /// Returns the means of confinement on this machine, or [`MachineConfinement::unknown`] until they are known.
     pub(crate) fn machine_confinement(&self) -> &MachineConfinement {
         self.machine_confinement.get().unwrap_or(&UNKNOWN)
     }

@@ -15,7 +15,7 @@
 //!
 //! The same distinction decides which files may be read: a program of the daemon's user brings along what
 //! it needs. A program that a manifest or a script names by its path must be in the package, among the
-//! system's programs, or where `read` lets the plugin read ([`Scope`]). Otherwise a manifest would grant
+//! system's programs, or where `read` lets the plugin read ([`ProgramScope`]). Otherwise a manifest would grant
 //! itself the folders around any program of the user.
 
 use std::collections::BTreeSet;

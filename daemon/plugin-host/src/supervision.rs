@@ -1,6 +1,6 @@
 //! Supervision of one plugin: its process is started, followed, restarted, given up and stopped.
 //!
-//! What is wanted of the plugin comes as a [`Wish`], which takes precedence over everything else: a stop
+//! What is wanted of the plugin comes as a [`DesiredState`], which takes precedence over everything else: a stop
 //! that arrives during a restart wins.
 
 use std::collections::BTreeMap;

@@ -1,10 +1,10 @@
 //! System calls that another process decides: seccomp's user notification (Linux 5.9, seccomp_unotify(2)).
 //!
-//! - A process that confines itself installs a filter ([`listen`]) and hands the [`Listener`] to its
+//! - A process that confines itself installs a filter ([`listen`]) and hands the [`NotifyListener`] to its
 //!   supervisor ([`send`], [`receive`]), over a socket that both have.
-//! - Each call that the filter selects waits until the supervisor has answered it ([`Listener::respond`]):
+//! - Each call that the filter selects waits until the supervisor has answered it ([`NotifyListener::respond`]):
 //!   with a value, an error, or “continue”. The supervisor can also put a file of its own into the process
-//!   ([`Listener::put_file`]), for example a connected socket.
+//!   ([`NotifyListener::put_file`]), for example a connected socket.
 //!
 //! The arguments of a call are registers and do not change. But the memory that they point to may change,
 //! and another thread of the process may replace the files behind its descriptors. So “continue” is safe

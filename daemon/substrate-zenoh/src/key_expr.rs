@@ -140,7 +140,7 @@ impl KeySpace {
         self.build(&["revoked"])
     }
 
-    /// Same as [`Keys::revoked`], to subscribe to: one of two texts with the same meaning.
+    /// Same as [`KeySpace::revoked`], to subscribe to: one of two texts with the same meaning.
     pub(crate) fn every_revocation(&self, telling: u64) -> KeyExpr<'static> {
         if telling.is_multiple_of(2) { self.revoked() } else { self.build(&["revoked", "**"]) }
     }
@@ -302,7 +302,7 @@ fn subject(what: &str) -> Option<Subject> {
     }
 }
 
-/// Reads only the spelling that [`Keys::alive`] writes: if `7` and `007` were the same incarnation, the end
+/// Reads only the spelling that [`KeySpace::alive`] writes: if `7` and `007` were the same incarnation, the end
 /// of one token would end the other.
 fn number(chunk: &str) -> Option<u64> {
     let number: u64 = chunk.parse().ok()?;

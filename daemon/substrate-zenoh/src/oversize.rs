@@ -1,7 +1,7 @@
 //! Detects messages that are longer than allowed: each is logged with its sender and counted.
 //!
 //! Zenoh assembles a long message from its fragments, drops it when it grows beyond `max_message_size`, and
-//! reports that only in its own log, at `trace`, without the sender. So [`too_long`] reads that log. The
+//! reports that only in its own log, at `trace`, without the sender. So [`oversize`] reads that log. The
 //! vendored crate of TLS links knows from which peer it is reading. A peer on another kind of link
 //! is on this machine and remains unknown.
 
@@ -40,7 +40,7 @@ pub(crate) struct OversizeListener {
     peers: mpsc::Sender<Option<String>>,
 }
 
-/// Reports messages that were too long to `inbound`. It needs [`too_long`] among the layers of the log.
+/// Reports messages that were too long to `inbound`. It needs [`oversize`] among the layers of the log.
 ///
 /// # Panics
 ///

@@ -168,7 +168,7 @@ impl LivelinessSubscriber {
         self.known_of(None)
     }
 
-    /// Same as [`Watch::known`]; of `one` daemon only, if it is given.
+    /// Same as [`LivelinessSubscriber::known`]; of `one` daemon only, if it is given.
     fn known_of(&self, one: Option<&DaemonId>) -> (u64, BTreeMap<DaemonId, u64>) {
         let state = self.lock();
         let known = state.membership.known_agents(one);

@@ -37,7 +37,7 @@ const MEANINGS: &[(&str, &str)] = &[
     ),
 ];
 
-/// Whether an event is an error of Zenoh's that [`plain_words`] reports.
+/// Whether an event is an error of Zenoh's that this module reports.
 pub fn is_error_of_zenoh(about: &Metadata<'_>) -> bool {
     *about.level() == Level::ERROR && about.target().starts_with("zenoh")
 }

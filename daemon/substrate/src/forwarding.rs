@@ -29,7 +29,7 @@ pub trait ForwardingSubstrate: Send + Sync + 'static {
         self.inner().broadcast(sender, performative, payload)
     }
 
-    /// As [`Substrate::beat`]; the heartbeats of a batch pass here one by one.
+    /// As [`Substrate::broadcast_state`]; the heartbeats of a batch pass here one by one.
     fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         self.inner().broadcast_state(sender, payload)
     }

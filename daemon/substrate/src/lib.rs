@@ -6,7 +6,7 @@
 //!   as a seed decides.
 //! - [`memory`] carries messages within one process; `substrate-zenoh` carries them between
 //!   machines. The same agents run unchanged on both.
-//! - [`Through`] is a substrate in front of another, which counts, loses or records messages.
+//! - [`ForwardingSubstrate`] is a substrate in front of another, which counts, loses or records messages.
 //!
 //! A substrate promises little: a message may be lost, late or doubled, and presence may be wrong
 //! for the length of a lease. Receipts, retries and the removal of duplicates are left to the
@@ -63,7 +63,7 @@ pub trait Substrate: Send + Sync + 'static {
     /// As [`Substrate::send`].
     fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError>;
 
-    /// Sends the heartbeats of several agents to all: each as [`Substrate::beat`] does, but at the
+    /// Sends the heartbeats of several agents to all: each as [`Substrate::broadcast_state`] does, but at the
     /// cost of one message where that is possible.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 //!
 //! A reader that goes away (`althing plan … | head -1`) is not an error; a program that prints continuously
 //! checks [`is_reader_gone`]. Colors are used only on a terminal, and never with `NO_COLOR`. While there is
-//! a prompt on the terminal, everything is printed [`above`] it, so that the line being edited stays
+//! a prompt on the terminal, everything is printed [`set_prompt`] it, so that the line being edited stays
 //! intact.
 //!
 //! Everything that is printed goes through this module, which makes control characters [`visible`]: much of

@@ -1,7 +1,7 @@
 //! Draws diagnostics: for people with the line and a caret, for programs as JSON.
 //!
 //! - Only this module knows how a diagnostic looks. The text fits 80 columns; it uses a wider terminal.
-//! - It takes [`Report`]s, and writes nothing itself.
+//! - It takes [`DiagnosticReport`]s, and writes nothing itself.
 
 use std::borrow::Cow;
 

@@ -88,10 +88,7 @@ impl DomainMaintainer {
             let Some(changed) = changed.take() else { return };
             match answer {
                 ExchangeEvent::Message(message)
-                    if message.performative == Performative::Confirm =>
-                {
-                    ()
-                }
+                    if message.performative == Performative::Confirm => {}
                 _ => retry_handover(changed, times, ctx),
             }
         });

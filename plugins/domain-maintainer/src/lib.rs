@@ -5,7 +5,7 @@
 //!   (`capability`).
 //! - Broadcasts every change (`inform`); answers queries for the domain and the state.
 //! - Takes changes of the state, the metric and the actions, and observations, by `request`
-//!   (`changing`), and announces them to the actuators.
+//!   (`change_requests`), and announces them to the actuators.
 //! - Does not plan, and decides nothing about goals.
 
 mod change_requests;

@@ -1,7 +1,7 @@
 //! The agent of one part of a device. Its values are facts as soon as they are received. While a feature is
 //! away, the agent does not offer the actions of this feature. Commands switch the device.
 //!
-//! `heard` keeps the last values, feature by feature.
+//! `feature_tracker` keeps the last values, feature by feature.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -13,7 +13,7 @@ const BUILT_IN: &str = include_str!("classes.toml");
 pub(crate) struct DeviceClasses(BTreeMap<String, DeviceClass>);
 
 /// The PDDL names of a device class. A class is a measured number, a yes or no, or a switch; see
-/// [`Class::kind`].
+/// [`DeviceClass::kind`].
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct DeviceClass {

@@ -2,15 +2,15 @@
 //! their own descriptions.
 //!
 //! - `zigbee2mqtt`, `home_assistant` (ESPHome and many others), `tasmota` and `shelly` read the
-//!   descriptions of devices; `described` is their common form.
-//! - `class` is the table from device classes to PDDL names (`classes.toml`); `part` divides a device into
+//!   descriptions of devices; `description` is their common form.
+//! - `device_class` is the table from device classes to PDDL names (`classes.toml`); `part` divides a device into
 //!   agents and makes their action models.
 //! - `census` lists the agents of all devices, with their rooms; `agent::bringing` starts and stops them.
 //! - `device` is such an agent: it announces values as facts, offers actions only while the device is
 //!   online, and switches lamps, relays and locks. A switch counts as switched only when the device reports
 //!   it.
 //! - `heard` keeps the last values of a device: a feature is known, not known, or away.
-//! - `reading` finds values in JSON and through templates; `template` renders the templates of Home
+//! - `text_reading` finds values in JSON and through templates; `template` renders the templates of Home
 //!   Assistant.
 //! - `naming` makes names of agents and compares names of rooms.
 //!

@@ -47,10 +47,7 @@ impl PlanRequester {
             let Some(records) = records.take() else { return };
             match answer {
                 ExchangeEvent::Message(message)
-                    if message.performative == Performative::Confirm =>
-                {
-                    ()
-                }
+                    if message.performative == Performative::Confirm => {}
                 _ => retry_handover(records, times, ctx),
             }
         });

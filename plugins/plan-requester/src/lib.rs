@@ -3,11 +3,11 @@
 //!
 //! - `request` (a goal) from a user or an agent → `confirm`s of progress and outcome.
 //! - Reads domain and state from the Domain Maintainer. Then, by the ecosystem's mode, asks the
-//!   Planning Agent for a plan (`planning`) or calls all actuators for proposals (`calling`). Asks the
+//!   Planning Agent for a plan (`planning`) or calls all actuators for proposals (`contract_net`). Asks the
 //!   Plan Executor to execute the chosen plan.
 //! - Replans at once when a plan fails, and reports the reason. Plans again for a kept goal whenever it
 //!   no longer holds.
-//! - Several goals run side by side; no plan breaks another's causal links (`sharing`).
+//! - Several goals run side by side; no plan breaks another's causal links (`scheduling`).
 //!
 //! Start reading at `PlanRequester::consider`.
 

@@ -2,11 +2,11 @@
 //! plans may run side by side, and which goal yields.
 //!
 //! - One goal is planned for at a time, by priority; plans run side by side.
-//! - A plan is first made without the agents that act in other plans ([`Attempt::Beside`]), then with
-//!   those of goals of lower priority, which yield ([`Attempt::Instead`]). If neither succeeds, the
+//! - A plan is first made without the agents that act in other plans ([`PlanningMode::Beside`]), then with
+//!   those of goals of lower priority, which yield ([`PlanningMode::Instead`]). If neither succeeds, the
 //!   goal waits.
 //! - A plan must not undo kept goals of at least its own priority. If there is no such plan, one is
-//!   made without this constraint, only to explain which goals conflict ([`Attempt::Regardless`]).
+//!   made without this constraint, only to explain which goals conflict ([`PlanningMode::Regardless`]).
 //! - When an agent joins with which a running plan would be much cheaper, its goal is planned for
 //!   again. For a small gain the running plan is not given up.
 

@@ -274,7 +274,7 @@ impl Probe for PhidgetProbe {
                 let measured = match phidget.try_to_measure(&line).await {
                     Ok(measured) => measured,
                     Err(problem) => {
-                        // The caller logs the problem. It is noted here, so that `look_once` does not log
+                        // The caller logs the problem. It is noted here, so that `check_attached` does not log
                         // it again.
                         *lock(&phidget.trouble) = Some(problem.clone());
                         phidget.check_attached().await;

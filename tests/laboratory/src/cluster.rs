@@ -107,11 +107,11 @@ impl Cluster {
         Cluster::with(script, without, settings(without), folder)
     }
 
-    /// Like [`City::new`], with a given size of the agents' duplicate window.
+    /// Like [`Cluster::new`], with a given size of the agents' duplicate window.
     ///
     /// # Errors
     ///
-    /// Returns an error as [`City::new`] does.
+    /// Returns an error as [`Cluster::new`] does.
     pub fn enduring(
         script: TrialScript,
         heard_messages_max: usize,

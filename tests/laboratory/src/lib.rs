@@ -9,13 +9,13 @@
 //! - [`script`]: everything that a seed decides: agents and their daemons, goals, faults and their
 //!   times.
 //! - [`machine`]: one daemon on one machine, with a clock and a disk that outlive its processes.
-//! - [`city`]: all machines, the network between them, the building.
-//! - [`gates`]: a second ecosystem, and the interfacing nodes between both.
+//! - [`cluster`]: all machines, the network between them, the building.
+//! - [`annex_nodes`]: a second ecosystem, and the interfacing nodes between both.
 //! - [`endurance`]: a long run, to measure the memory in use.
 //! - [`people`]: people that request goals, and the reports that they receive.
 //! - [`checks`]: what must hold afterwards; [`commands`]: that each command is executed once and in
-//!   order; [`waits`]: that exchanges end.
-//! - [`effects`]: counters of the faults that took effect.
+//!   order; [`open_exchanges`]: that exchanges end.
+//! - [`fault_effects`]: counters of the faults that took effect.
 //! - [`trial`]: plays a seed.
 
 pub mod annex_nodes;

@@ -1,5 +1,5 @@
 //! Sends one request or message to a running ecosystem through a keyboard agent of the command, and
-//! follows the answers. Used by `goal`, `act`, `set`, `mode`, `answer` and `send`.
+//! follows the answers. Used by `goal`, `act`, `launch_scenario`, `mode`, `answer` and `send`.
 
 use std::mem;
 use std::process::ExitCode;

@@ -4,7 +4,7 @@
 //! 1. `reader` checks the text of the file, and `environment` the variables, against the `schema`;
 //!    each becomes a `layer` of values with their places.
 //! 2. The `config` crate merges the layers: `defaults.toml` < file < environment < command line.
-//! 3. `meaning` turns the merged values (`raw`) into an [`Ecosystem`], and reports what does not
+//! 3. `interpret` turns the merged values (`raw`) into an [`Ecosystem`], and reports what does not
 //!    fit.
 //!
 //! All mistakes are found in one pass; each points into the text in which it was made.

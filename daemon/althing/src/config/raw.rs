@@ -1,4 +1,4 @@
-//! The configuration with its layers merged and nothing interpreted yet; `meaning` turns it into an
+//! The configuration with its layers merged and nothing interpreted yet; `interpret` turns it into an
 //! ecosystem.
 //!
 //! Fields with a default in `defaults.toml` are always set; the others may be missing.

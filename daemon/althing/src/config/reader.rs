@@ -1,7 +1,7 @@
 //! Reads TOML against the schema: values that fit become a [`Layer`], all others a diagnostic.
 //!
 //! Reading continues after every mistake, so that all of them are reported at once. What names
-//! refer to, and whether the parts fit together, is checked in `meaning`.
+//! refer to, and whether the parts fit together, is checked in `interpret`.
 
 use std::sync::Arc;
 

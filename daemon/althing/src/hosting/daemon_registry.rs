@@ -34,8 +34,8 @@ const LOCK_FILE: &str = "entrance.lock";
 /// How long a daemon waits for the lock. Its holder reads a few small files; only a process that
 /// was stopped meanwhile holds it for longer.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
-const DOOR_PERIOD: Duration = Duration::from_millis(2);
-const _: () = assert!(DOOR_PERIOD.as_millis() < LOCK_TIMEOUT.as_millis());
+const LOCK_POLL_PERIOD: Duration = Duration::from_millis(2);
+const _: () = assert!(LOCK_POLL_PERIOD.as_millis() < LOCK_TIMEOUT.as_millis());
 
 /// How often a newcomer waits again because another daemon has left meanwhile. A service that exits
 /// as soon as it has started, and is restarted again and again, must not keep all others out.
@@ -95,7 +95,7 @@ struct PresenceFile {
     since: SystemTime,
 }
 
-/// Enters, but not before [`REST`] has passed since another daemon left. If the previous
+/// Enters, but not before [`REOPEN_DELAY`] has passed since another daemon left. If the previous
 /// incarnation of this daemon did not record that it left, it crashed; it is taken to have left
 /// now, because the restart may have followed at once. When another daemon crashed is not known, so
 /// that is not waited for.
@@ -131,7 +131,7 @@ async fn acquire_lock(folder: &Path) -> Result<File, RegisterError> {
         loop {
             match door.try_lock() {
                 Ok(()) => return Ok(()),
-                Err(TryLockError::WouldBlock) => tokio::time::sleep(DOOR_PERIOD).await,
+                Err(TryLockError::WouldBlock) => tokio::time::sleep(LOCK_POLL_PERIOD).await,
                 Err(TryLockError::Error(source)) => return Err(source),
             }
         }

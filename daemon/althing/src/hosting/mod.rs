@@ -1,6 +1,6 @@
 //! One daemon of an ecosystem: its connection to the substrate, and the agents that it hosts.
 //!
-//! The order of use: configure ([`crate::config`]), [`Node::open`], run, [`Node::drain`].
+//! The order of use: configure ([`crate::config`]), [`DaemonNode::open`], run, [`DaemonNode::drain`].
 //!
 //! Its parts: launching and supervising agents, the simulated building, the folders and sockets of
 //! this machine, keys, and the conditions under which the process restarts itself. What agents do
@@ -134,7 +134,7 @@ pub(crate) enum HostError {
     },
 }
 
-/// The arguments of [`Node::open`].
+/// The arguments of [`DaemonNode::open`].
 pub(crate) struct NodeOptions<'a> {
     /// The ecosystem.
     pub(crate) ecosystem: &'a Ecosystem,

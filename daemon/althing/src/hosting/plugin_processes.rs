@@ -19,7 +19,7 @@ use crate::config::{AgentEntry, Ecosystem};
 /// The running program, also if the file at its path has been replaced meanwhile.
 pub(crate) const ITSELF: &str = "/proc/self/exe";
 
-/// The arguments of [`Node::host_processes`].
+/// The arguments of [`DaemonNode::host_processes`].
 pub(crate) struct PluginProcesses<'p> {
     pub(crate) ecosystem: &'p Ecosystem,
     /// The agents of the daemon's part.

@@ -52,7 +52,7 @@ pub(super) struct LineSource {
 }
 
 impl LineSource {
-    /// Opens standard input. Nothing is read before [`Input::next`].
+    /// Opens standard input. Nothing is read before [`LineSource::next`].
     pub(super) fn open(
         words: &Arc<RwLock<CompletionWords>>,
         ecosystem: &EcosystemId,

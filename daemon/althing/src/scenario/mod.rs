@@ -3,7 +3,7 @@
 //!
 //! - `setting` writes the ecosystem of a seed, as the files that a user would write.
 //! - `stage` launches its agents: in this process, or in several.
-//! - `performance` has the steps that all scenarios share: requesting goals, receiving reports,
+//! - `scenario_run` has the steps that all scenarios share: requesting goals, receiving reports,
 //!   waiting for the building's truth.
 //! - One file per scenario plays it: `temperatures` (1), `maintenance` (2), `access` (3), `meeting`
 //!   (Figure 1).

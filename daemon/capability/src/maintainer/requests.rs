@@ -43,7 +43,7 @@ impl Maintainer {
         self.change_actions(&[(action, agent)], &[], now)
     }
 
-    /// Gives back an action withheld by [`withhold`](Maintainer::withhold). The arguments must be the
+    /// Gives back an action withheld by [`disable_action`](Maintainer::disable_action). The arguments must be the
     /// same.
     ///
     /// # Errors
@@ -225,7 +225,7 @@ impl Maintainer {
         self.beliefs.take_partition_log();
     }
 
-    /// Becomes standby after a heal. Returns the changes by requests since [`part`](Maintainer::part),
+    /// Becomes standby after a heal. Returns the changes by requests since [`begin_partition_log`](Maintainer::begin_partition_log),
     /// for the surviving leader. From now on, the announcements of that leader are authoritative.
     pub fn stand_down(&mut self, now: Timestamp) -> RequestedSince {
         let changed = match self.beliefs.take_partition_log() {

@@ -8,7 +8,7 @@
 //!    `numbers` (Metric-FF): keeps the arithmetic that it reads, with one change of each fluent;
 //! 4. `types`: removes `either` and several supertypes;
 //! 5. `names`: renames everything to `a-move`, `o-office1`, …, and can translate names back;
-//! 6. `caps` (Metric-FF): checks the sizes that it is compiled for.
+//! 6. `size_limits` (Metric-FF): checks the sizes that it is compiled for.
 //!
 //! Names that passes invent contain a `'`, which is not allowed in the names of a task. The pass
 //! `names` removes it.

@@ -214,7 +214,7 @@ impl<'f> ActionParts<'f> {
         });
     }
 
-    /// Returns the node after a key; that of an agent is left for [`Parts::opt_agent`].
+    /// Returns the node after a key; that of an agent is left for [`ActionParts::opt_agent`].
     fn value(
         &mut self,
         reader: &mut GrammarReader<'f>,

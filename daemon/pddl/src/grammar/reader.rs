@@ -25,8 +25,8 @@ pub(crate) struct GrammarReader<'f> {
 /// Most words of a call that are quoted in advice.
 const CALL_WORDS_MAX: usize = 6;
 
-/// Most variables that may be copied when `forall` is flattened; see [`Reader::afford_copies`].
-/// [`Reader::afford_copies`].
+/// Most variables that may be copied when `forall` is flattened; see [`GrammarReader::afford_copies`].
+/// [`GrammarReader::afford_copies`].
 const COPIES_MAX: usize = 100_000;
 
 /// Kind of place of an expression: decides which special terms are allowed.

@@ -28,7 +28,7 @@ const EXPLAINED: &str = "%explained";
 pub(super) enum OperatorMeaning {
     /// An agent offers this capability.
     Suppose(usize),
-    /// A fact about a new agent: index in [`Supposed::placements`].
+    /// A fact about a new agent: index in [`SupposedTask::placements`].
     Place(usize),
     /// The part of the goal with this number.
     Reach(usize),

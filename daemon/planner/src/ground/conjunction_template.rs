@@ -1,7 +1,7 @@
 //! Conditions, split into literals that are ground directly and parts that are ground as a tree.
 //!
 //! Most conditions are conjunctions of literals: those go straight into an array. Only disjunctions,
-//! quantifiers and comparisons of numbers become a [`Tree`].
+//! quantifiers and comparisons of numbers become a [`GroundFormula`].
 
 use super::formula_template::{FormulaGrounder, FormulaTemplate, LiteralTruth};
 use super::ground_formula::GroundFormula;
@@ -61,7 +61,7 @@ impl ConjunctionTemplate {
     }
 
     /// Appends the literals under a binding to `literals`, sorted, and returns the parts that are not
-    /// literals. Returns [`Tree::False`] if the condition can never hold.
+    /// literals. Returns [`GroundFormula::False`] if the condition can never hold.
     #[inline]
     pub(super) fn ground(
         &self,

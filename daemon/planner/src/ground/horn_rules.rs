@@ -2,7 +2,7 @@
 //!
 //! - [`rules`] makes one rule per disjunct of a condition. A condition without a Horn form is assumed
 //!   to hold: this errs on the side of reachable, never of unreachable.
-//! - [`Rule::narrow`] uses static facts to restrict the objects that a variable can stand for. A
+//! - [`AxiomRule::narrow`] uses static facts to restrict the objects that a variable can stand for. A
 //!   variable with a single object left is replaced by it, and atoms that only expressed the
 //!   restriction are dropped.
 

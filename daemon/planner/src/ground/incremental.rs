@@ -2,10 +2,10 @@
 //! actions are masked; only additions are ground.
 //!
 //! - No fact is static here, as the world may change any of them, and nothing is dropped as irrelevant.
-//!   [`Standing::task`] simplifies for one state and goal, in one pass.
+//!   [`IncrementalGrounding::task`] simplifies for one state and goal, in one pass.
 //! - Objects, predicates and schemas keep their numbers; new ones get the numbers after them.
 //! - Each predicate has room for more facts than it has now. If the room is used up, or if a change
-//!   cannot be expressed this way, the result is [`Outgrown`], and the caller grounds the texts afresh.
+//!   cannot be expressed this way, the result is [`NeedsRegrounding`], and the caller grounds the texts afresh.
 
 use pddl::{Atom, InitElement, Term};
 
@@ -240,7 +240,7 @@ impl IncrementalGrounding {
     }
 
     /// Builds the task of one state and goal. Returns `None` if the goal can never hold. Returns
-    /// [`Outgrown`] if the goal reads numbers that are not followed, or if earlier goals have left too
+    /// [`NeedsRegrounding`] if the goal reads numbers that are not followed, or if earlier goals have left too
     /// much behind.
     pub(crate) fn task(
         &mut self,

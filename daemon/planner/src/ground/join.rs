@@ -3,7 +3,7 @@
 //!
 //! - [`JoinPlan::compile`] fixes the order once: first atoms with all arguments bound, then those that
 //!   leave few choices; the objects of a type are enumerated only for variables that no atom binds.
-//! - [`Join::run`] executes the plan, and counts every candidate in [`Work`].
+//! - [`Join::run`] executes the plan, and counts every candidate in [`WorkBudget`].
 
 use super::ground_fluents::GroundFluents;
 use super::grounding_meter::GroundingMeter;

@@ -1,8 +1,8 @@
 //! Grounding: from the lifted task to facts and operators.
 //!
-//! 1. [`rules`] states the Horn rules of the delete relaxation. [`reach`] finds every relaxed-reachable
+//! 1. [`axiom_rules`] states the Horn rules of the delete relaxation. [`reach`] finds every relaxed-reachable
 //!    tuple by joins.
-//! 2. [`instantiate`] turns each tuple of an action into operators; [`drawn`] holds them.
+//! 2. [`instantiate`] turns each tuple of an action into operators; [`raw_instances`] holds them.
 //! 3. [`finish`] drops facts that never change and facts and operators that are irrelevant.
 //!
 //! Work is counted in join steps, so the same task reaches a limit at the same point on every machine.

@@ -28,7 +28,7 @@ pub(crate) trait Evaluator {
     /// through it.
     fn evaluate(&mut self, state: &State) -> Option<u64>;
 
-    /// As [`Evaluator::evaluate`], for a state that was reached by the step `way`. `id` names the state
+    /// As [`Evaluator::evaluate`], for a state that was reached by the step `transition`. `id` names the state
     /// for later calls. Findings about the parent state may be used again.
     fn evaluate_after(
         &mut self,

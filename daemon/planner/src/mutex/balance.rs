@@ -135,10 +135,7 @@ fn judge(
         match own {
             RequiredFacts::Two => continue,
             RequiredFacts::One(fact)
-                if fact == addition.fact || is_deleted(operator, addition, fact) =>
-            {
-                ()
-            }
+                if fact == addition.fact || is_deleted(operator, addition, fact) => {}
             RequiredFacts::One(_) | RequiredFacts::Nothing => {
                 return BalanceResult::Unbalanced { deleted: deleted(operator, addition) };
             }

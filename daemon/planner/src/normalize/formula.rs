@@ -71,14 +71,14 @@ impl<'s> FormulaScope<'s> {
         }
     }
 
-    /// Brings variables into scope. Returns the argument for [`Scope::leave`] and the slots of the
+    /// Brings variables into scope. Returns the argument for [`CompilationScope::leave`] and the slots of the
     /// variables.
     pub(super) fn enter(&mut self, variables: &[Typed]) -> (usize, Vec<SlotIndex>) {
         let outside = self.visible.len();
         (outside, variables.iter().map(|variable| self.declare(variable)).collect())
     }
 
-    /// Removes the variables of the matching [`Scope::enter`] from the scope.
+    /// Removes the variables of the matching [`CompilationScope::enter`] from the scope.
     pub(super) fn leave(&mut self, outside: usize) {
         self.visible.truncate(outside);
     }

@@ -90,7 +90,7 @@ impl SymbolTable {
         found.filter(|index| self.predicates[*index].arity == arity)
     }
 
-    /// As [`Symbols::predicate`], but an unknown name is not reported as an error.
+    /// As [`SymbolTable::predicate`], but an unknown name is not reported as an error.
     pub(crate) fn known_predicate(&self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.predicate_ids.get(name).copied();
         found.filter(|index| self.predicates[*index].arity == arity)

@@ -2,7 +2,7 @@
 //! can.
 //!
 //! - Removed objects and actions are masked, additions are ground, and the rest is kept
-//!   ([`crate::ground::Standing`]). If that is not possible, the texts are ground afresh; the result
+//!   ([`crate::ground::IncrementalGrounding`]). If that is not possible, the texts are ground afresh; the result
 //!   tells which of these it was.
 //! - The rest of the old plan is checked from the present state. If it fails, its suffixes are offered
 //!   to the search as macro operators (`repair`), beside all others.

@@ -102,7 +102,7 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
                 return Some((steps, state, 0));
             }
         }
-        // A single step is not evaluated here, because `ascend` tries it anyway.
+        // A single step is not evaluated here, because `search_better_state` tries it anyway.
         let better = if steps.len() > 1 { self.evaluate(&state)? } else { estimate };
         if better >= estimate {
             return None;

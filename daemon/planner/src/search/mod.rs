@@ -1,10 +1,10 @@
 //! Search: from a ground task to a sequence of operators.
 //!
-//! A search implements [`Search::step`]. The loop around it, with its limits, is the same for all
+//! A search implements [`PlacementSearch::step`]. The loop around it, with its limits, is the same for all
 //! searches and is [`run`].
 //!
 //! - [`climbing`] is quick and incomplete; [`lazy`] is complete.
-//! - [`lanes`] runs two searches in lockstep.
+//! - [`portfolio`] runs two searches in lockstep.
 //! - [`optimal`] finds a cheapest plan of a small task, with a proof.
 //! - [`improve`] removes steps that a plan does not need; [`neighborhood`] finds shortcuts.
 

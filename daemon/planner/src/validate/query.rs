@@ -122,7 +122,7 @@ impl<'w> WorldView<'w> {
         }
     }
 
-    /// As [`View::each`], but for one part, which must be a fact, only the rows in `rows` are used.
+    /// As [`WorldView::each`], but for one part, which must be a fact, only the rows in `rows` are used.
     pub(super) fn each_from(
         self,
         query: &Query,
@@ -276,7 +276,7 @@ impl<'w, 'q> ChoicePoint<'w, 'q> {
     }
 }
 
-/// Binds a variable; returns the bits for [`Level::bound`].
+/// Binds a variable; returns the bits for [`ChoicePoint::bound`].
 fn bind_one(slot: FrameSlot, object: Object, frame: &mut [Object]) -> u64 {
     frame[slot.index()] = object;
     1

@@ -91,7 +91,7 @@ impl History {
     }
 }
 
-/// Counts of the values of `Course` and `Grounding` that were returned.
+/// Counts of the values of `PlanReuse` and `GroundingReuse` that were returned.
 #[derive(Debug, Default)]
 struct Tally {
     courses: [u32; 3],

@@ -2,7 +2,7 @@
 //! enforced with them.
 //!
 //! They are tried out, and not derived from a kernel version: a process of the daemon's own program
-//! confines itself step by step, and reports which steps succeeded ([`Means::try_out`]).
+//! confines itself step by step, and reports which steps succeeded ([`ConfinementMeans::try_out`]).
 
 use std::path::{Path, PathBuf};
 

@@ -289,7 +289,7 @@ fn limit(what: &'static str, source: std::io::Error) -> ConfinementError {
     ConfinementError::Limit { what, source }
 }
 
-/// Finds out what the kernel offers to confine plugins, in a process of its own. Returns [`Means`] in JSON,
+/// Finds out what the kernel offers to confine plugins, in a process of its own. Returns [`ConfinementMeans`] in JSON,
 /// for the daemon to read.
 pub fn probe(folder: &Path) -> String {
     serde_json::to_string(&ConfinementMeans::try_out(folder)).unwrap_or_default()
