@@ -1,8 +1,18 @@
-//! The language of comments, as far as it can be counted: the subject comes first and has a name
-//! (CONTRIBUTING.md, docs/glossary.md).
+//! The language of comments and names, as far as it can be counted: the subject of a comment comes first
+//! and has a name, and one name of a type has one meaning (CONTRIBUTING.md, docs/glossary.md).
 
-use crate::source::{comments, words};
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::source::{comments, production, words};
 use crate::{none, root};
+
+/// Names of types that several crates define, and why.
+const SHARED_NAMES: &[(&str, &str)] = &[
+    ("BoxFuture", "the usual alias; gpio-lines knows no other crate of ours"),
+    ("Config", "what the configuration of a plugin is called in its own crate"),
+    ("Problem", "a PDDL problem, and the reasons why a message cannot be decoded"),
+    ("Simulated", "the simulated driver of a plugin"),
+];
 
 /// Pronouns in whose place a comment names the thing: the agent, the sender, the daemon.
 const NAMELESS: &[&str] = &["who", "whom", "whose", "whoever", "nobody", "somebody", "anybody"];
@@ -66,7 +76,49 @@ fn comments_name_their_subject() {
     none(&openings_found, &format!("a doc comment opens with its subject, not with {OPENINGS:?}"));
 }
 
+/// Returns the names of the types that `code` defines outside of traits and implementations.
+fn types_of(code: &str) -> Vec<&str> {
+    let is_keyword = |word: &str| ["struct", "enum", "trait", "type"].contains(&word);
+    let words: Vec<_> = words(code).collect();
+    let is_indented = |at: usize| code[..at].ends_with("    ") && code[at..].starts_with("type");
+    let pairs = words.windows(2).filter(|pair| is_keyword(pair[0].1) && !is_indented(pair[0].0));
+    let is_name = |name: &&str| name.starts_with(char::is_uppercase);
+    pairs.map(|pair| pair[1].1).filter(is_name).collect()
+}
+
+#[test]
+fn a_type_name_has_one_meaning() {
+    let mut crates: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for folder in ["daemon", "plugins"] {
+        for (path, code) in production(&root().join(folder)) {
+            let path = path.strip_prefix(root()).unwrap_or(&path).to_owned();
+            let of: Vec<_> = path.components().take(2).map(|part| part.as_os_str()).collect();
+            let of = of.join("/".as_ref()).to_string_lossy().into_owned();
+            for name in types_of(&code) {
+                crates.entry(name.to_owned()).or_default().insert(of.clone());
+            }
+        }
+    }
+    assert!(crates.len() > 1000, "{} types are too few", crates.len());
+    let is_shared = |name: &str| SHARED_NAMES.iter().any(|(shared, _)| *shared == name);
+    let several = crates.iter().filter(|(_, of)| of.len() > 1);
+    let mut complaints: Vec<_> = several
+        .filter(|(name, _)| !is_shared(name))
+        .map(|(name, of)| format!("`{name}` is defined in {of:?}: give each a name of its own"))
+        .collect();
+    let is_needed = |name: &str| crates.get(name).is_some_and(|of| of.len() > 1);
+    let unneeded = SHARED_NAMES.iter().filter(|(name, _)| !is_needed(name));
+    complaints.extend(unneeded.map(|(name, why)| format!("`{name}` is not shared: drop “{why}”")));
+    none(&complaints, "one name of a type has one meaning");
+}
+
 // === the rule can fail ===
+
+#[test]
+fn types_are_found_in_code_only() {
+    let code = "pub struct One;\nenum Two {}\nimpl T for One {\n    type Out = u8;\n}\ntype Three = u8;";
+    assert_eq!(types_of(code), ["One", "Two", "Three"]);
+}
 
 #[test]
 fn riddles_are_found() {
