@@ -116,7 +116,8 @@ fn a_type_name_has_one_meaning() {
 
 #[test]
 fn types_are_found_in_code_only() {
-    let code = "pub struct One;\nenum Two {}\nimpl T for One {\n    type Out = u8;\n}\ntype Three = u8;";
+    let code =
+        "pub struct One;\nenum Two {}\nimpl T for One {\n    type Out = u8;\n}\ntype Three = u8;";
     assert_eq!(types_of(code), ["One", "Two", "Three"]);
 }
 

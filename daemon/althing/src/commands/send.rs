@@ -260,7 +260,7 @@ mod tests {
 
     #[test]
     fn a_mistake_is_told_before_anything_is_sent() {
-        check_mistake("{", "no message");
+        check_mistake("{", "not a message");
         check_mistake("", "it ends too early");
         check_mistake("[]", "there must be a table in { } where a list is");
         check_mistake(r#"{"performative": "request", "receiver": 5}"#, "`receiver` is a name");
