@@ -1,39 +1,40 @@
-//! Admission of agents that no file names: the policy of the file for all of them, and the
-//! decisions of people about each.
+//! Admission of agents that the ecosystem file does not name: the policy of the file for all of them,
+//! and the decisions of people about each.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::watch;
 
-/// Policy of the file for agents that it does not name.
+/// Policy of the ecosystem file for agents that the file does not name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AdmissionPolicy {
-    /// All take part.
+    /// All such agents take part.
     #[default]
     All,
-    /// All are listed only; the file has to name an agent before it takes part.
+    /// Such agents are listed and do not take part; a person has to add an agent to the ecosystem file
+    /// before it takes part.
     Listed,
-    /// A person is asked about each.
+    /// A person is asked about each such agent.
     Ask,
 }
 
-/// Whether an agent may take part.
+/// Whether an agent that was found may take part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AdmissionStatus {
     /// The agent may take part.
     Granted,
-    /// The agent may take part only if the file names it.
+    /// The agent may take part only after a person has added it to the ecosystem file.
     Listed,
-    /// A person has not decided yet.
+    /// A person is asked whether the agent may take part, and has not decided yet.
     Asked,
-    /// A person has declined.
+    /// A person has declined that the agent takes part.
     Denied,
 }
 
 impl AdmissionStatus {
-    /// Returns the reason why the agent does not take part, for a person. `None` if it takes part,
-    /// or if it lacks only an entry in the file.
+    /// Returns the reason, for a person, why the agent does not take part. `None` if the agent takes
+    /// part, or if only its entry in the ecosystem file is missing.
     pub fn reason(self) -> Option<String> {
         match self {
             AdmissionStatus::Granted | AdmissionStatus::Listed => None,
@@ -45,7 +46,7 @@ impl AdmissionStatus {
     }
 }
 
-/// An agent that no file names, and its finder.
+/// An agent that the ecosystem file does not name, with the finder that reported it.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Applicant {
     /// Finder of the agent: the folder of plugins, or a gateway.
@@ -54,7 +55,7 @@ pub struct Applicant {
     pub name: String,
 }
 
-/// Resource of a host: decides which agents that no file names take part.
+/// Resource of a host: decides which of the agents that the ecosystem file does not name take part.
 #[derive(Debug)]
 pub struct Admissions {
     admit: AdmissionPolicy,
@@ -66,17 +67,17 @@ pub struct Admissions {
 struct AdmissionState {
     /// Decisions of people; `true` admits the agent.
     answers: BTreeMap<Applicant, bool>,
-    /// Agents that are present, with a description of each for a person.
+    /// Applicants that are present, with a description of each for a person.
     here: BTreeMap<Applicant, String>,
 }
 
 impl Admissions {
-    /// Creates the admissions without decisions.
+    /// Creates admissions under the policy `admit`, without any decision of a person.
     pub fn new(admit: AdmissionPolicy) -> Admissions {
         Admissions { admit, known: Mutex::default(), changed: watch::Sender::new(()) }
     }
 
-    /// Returns whether an agent may take part.
+    /// Returns whether the agent `name`, found by `by`, may take part.
     pub fn of(&self, by: &str, name: &str) -> AdmissionStatus {
         let applicant = Applicant { by: by.to_owned(), name: name.to_owned() };
         match (self.admit, self.known().answers.get(&applicant)) {
@@ -89,8 +90,8 @@ impl Admissions {
         }
     }
 
-    /// Replaces the list of present agents that `by` has found, with a description of each for a
-    /// person. Does nothing unless people are asked.
+    /// Replaces the list of present agents that the finder `by` has found; each has a description for a
+    /// person. Does nothing unless the policy is to ask people.
     pub fn present(&self, by: &str, here: BTreeMap<String, String>) {
         if self.admit != AdmissionPolicy::Ask {
             return;
@@ -108,7 +109,7 @@ impl Admissions {
         }
     }
 
-    /// Returns the present agents that no person has decided about.
+    /// Returns the present agents that no person has decided about, each with its description.
     pub fn open(&self) -> Vec<(Applicant, String)> {
         let known = self.known();
         let is_open = |applicant: &&Applicant| !known.answers.contains_key(*applicant);
@@ -116,18 +117,18 @@ impl Admissions {
         open.into_iter().map(|one| (one.clone(), known.here[one].clone())).collect()
     }
 
-    /// Records decisions of people.
+    /// Records decisions of people; `true` admits the agent.
     pub fn answer(&self, answers: impl IntoIterator<Item = (Applicant, bool)>) {
         self.known().answers.extend(answers);
         self.changed.send_replace(());
     }
 
-    /// Returns all decisions of people.
+    /// Returns all decisions of people; `true` means that the agent was admitted.
     pub fn answers(&self) -> Vec<(Applicant, bool)> {
         self.known().answers.iter().map(|(one, is_in)| (one.clone(), *is_in)).collect()
     }
 
-    /// Returns a receiver that is notified of every change.
+    /// Returns a receiver that is notified of every change of the present agents or of the decisions.
     pub fn changes(&self) -> watch::Receiver<()> {
         self.changed.subscribe()
     }

@@ -1,6 +1,6 @@
-//! Authorization of incoming messages, by the [`Rights`] of the ecosystem's file and by presence.
+//! Authorization of incoming messages, by the [`Rights`] in the ecosystem file and by presence.
 //!
-//! The substrate has verified which daemon sent a message; here it is checked which agents that
+//! The substrate has verified which daemon sent a message; this module checks which agents that
 //! daemon may speak for. Messages of a daemon to itself are not checked.
 
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use crate::broadcast_cache::MODEL_BYTES_MAX;
 use crate::rights::Rights;
 use crate::router::{MessageRouter, inform_of};
 
-/// Reason why an origin may not send something.
+/// Reason why a daemon may not send a message.
 #[derive(Debug)]
 pub(crate) struct AuthorizationError {
     breach: ViolationKind,
@@ -33,21 +33,22 @@ fn is_at(holder: &Resident) -> AuthorizationError {
 }
 
 impl MessageRouter {
-    /// Sets the rights of the ecosystem. Only the first call has an effect; without rights,
-    /// everything is allowed.
+    /// Sets the rights of the ecosystem. Only the first call has an effect. As long as no rights are
+    /// set, every message is allowed.
     pub fn set_rights(&self, rights: Rights) {
         // Rights do not change while a daemon runs.
         let _ = self.rights.set(Arc::new(rights));
     }
 
-    /// Returns the rights and the origin to check. `None` if nothing is to be checked: the origin
-    /// is this daemon, or messages are not signed, or no rights are set.
+    /// Returns the rights, and the origin that is to be checked against them. `None` if nothing is to
+    /// be checked: the origin is this daemon, or messages are not signed, or no rights are set.
     fn limits<'s, 'o>(&'s self, origin: Option<&'o Origin>) -> Option<(&'s Rights, &'o Origin)> {
         let origin = origin.filter(|origin| origin.daemon != *self.daemon())?;
         Some((self.rights.get()?, origin))
     }
 
-    /// Whether a message to one agent may be passed on; if not, it has been counted, logged and refused.
+    /// Whether a message to one agent may be passed on to that agent. If not, the message has been
+    /// counted, logged and refused.
     pub(crate) fn authorize_direct(
         &self,
         origin: Option<&Origin>,
@@ -69,7 +70,7 @@ impl MessageRouter {
         }
     }
 
-    /// Whether the origin may send this message; if not, that is counted and logged.
+    /// Whether `origin` may send this message. If not, the rejection is counted and logged.
     pub(crate) fn authorize_message(
         &self,
         origin: Option<&Origin>,
@@ -79,8 +80,8 @@ impl MessageRouter {
         self.check_message(origin, message, inform).is_ok()
     }
 
-    /// Whether an origin may repeat a heartbeat of this incarnation of an agent; if not, that is
-    /// counted and logged.
+    /// Whether `origin` may repeat a heartbeat of this incarnation of `sender`. If not, the rejection
+    /// is counted and logged.
     pub(crate) fn authorize_repetition(
         &self,
         origin: Option<&Origin>,
@@ -93,8 +94,8 @@ impl MessageRouter {
         checked.map_err(|overstep| self.note(&overstep, origin, sender.as_str())).is_ok()
     }
 
-    /// Checks whether the origin may send this message; returns the reason if not, after counting
-    /// and logging it.
+    /// Checks whether `origin` may send this message. If not, counts and logs the rejection and returns
+    /// the reason.
     fn check_message(
         &self,
         origin: Option<&Origin>,
@@ -117,12 +118,13 @@ impl MessageRouter {
         })
     }
 
-    /// Checks that the sender may be at the origin's daemon, that no later incarnation of it is
-    /// there, and that it is not present at other daemons only.
+    /// Checks three conditions: the rights let the daemon `origin` host the agent `sender`; no later
+    /// incarnation of `sender` is present at that daemon; and `sender` is not present at other daemons
+    /// only.
     ///
-    /// An agent that is present at the daemon may send from it although another holds its name, as
-    /// standbys do: the daemon has signed its presence. A message alone proves nothing: any daemon
-    /// could claim a later incarnation in it.
+    /// An agent that is present at the daemon may send from there even if another replica holds the
+    /// name, as standbys do: the daemon has signed the presence of its replica. A message alone proves
+    /// no presence, because any daemon could state a later incarnation in a message.
     fn check_sender(
         &self,
         rights: &Rights,
@@ -144,15 +146,16 @@ impl MessageRouter {
         }
     }
 
-    /// Checks that the sender holds its name at the origin's daemon. A standby must not send models
-    /// and heartbeats under the name: of two incarnations that send them, the later would be
-    /// believed.
+    /// Checks that no other daemon than `origin` hosts the holder of the sender's name. A standby must
+    /// not send models and heartbeats under the name: of two incarnations that send them, the later one
+    /// would be believed.
     fn check_holds(&self, origin: &Origin, sender: &AgentId) -> Result<(), AuthorizationError> {
         let holder = self.find(sender).filter(|holder| holder.daemon != origin.daemon);
         holder.map_or(Ok(()), |holder| Err(is_at(&holder)))
     }
 
-    /// Refuses a message that its origin may not send, if it opens an exchange.
+    /// Sends a refusal of a message that its origin may not send. Does nothing if the message does not
+    /// open an exchange.
     fn forbid(&self, origin: Option<&Origin>, from: &AgentId, message: Message, detail: String) {
         let Some(origin) = origin.filter(|_| message.opens_exchange()) else { return };
         let to = AgentAddress { daemon: origin.daemon.clone(), agent: message.sender.clone() };
@@ -161,8 +164,8 @@ impl MessageRouter {
         self.send_to(&to, Subject::Message(Performative::Refuse), payload);
     }
 
-    /// Whether an agent may be present at the daemon that its token names; if not, that is counted
-    /// and logged.
+    /// Whether an agent may be present at the daemon that its presence token names. If not, the
+    /// rejection is counted and logged.
     pub(crate) fn may_be_present(&self, presence: &Presence) -> bool {
         let resident = presence.resident();
         let Some(rights) = self.rights.get().filter(|_| resident.daemon != *self.daemon()) else {
@@ -184,7 +187,8 @@ impl MessageRouter {
         }
     }
 
-    /// Whether an origin may give this answer; if not, that is counted and logged.
+    /// Whether the origin of an answer to a query may give that answer. If not, the rejection is
+    /// counted and logged.
     pub(crate) fn admits_answer(&self, answer: &Answer<'_>) -> bool {
         let Answer { origin, resource, agent, payload } = *answer;
         let Some((rights, origin)) = self.limits(Some(origin)) else { return true };
@@ -223,7 +227,8 @@ impl MessageRouter {
     }
 }
 
-/// Checks whether the sender may send this content.
+/// Checks whether the sender of a message may send the content of the message; returns the reason if
+/// not.
 fn check_content(
     rights: &Rights,
     origin: &Origin,
@@ -336,7 +341,8 @@ mod tests {
             House { hub, refused, network }
         }
 
-        /// Delivers a message to the requester, or to all; returns the counts of rejections.
+        /// Delivers a message from the daemon `from` to the requester, or to all agents; returns the
+        /// counts of rejections.
         fn hears(&self, from: &str, to: Option<&str>, message: Message) -> BTreeMap<String, u64> {
             let addressed = match to {
                 Some(to) => Destination::To(agent(to), Subject::Message(message.performative)),
@@ -466,7 +472,8 @@ mod tests {
         drop(house.network);
     }
 
-    /// Such a message would be cached, and copied for every agent that starts later.
+    /// A broadcast that is too long must not be kept: it would be cached, and copied for every agent
+    /// that starts later.
     #[tokio::test]
     async fn what_is_longer_than_anybody_has_to_say_is_not_kept() {
         let house = House::new();

@@ -1,7 +1,7 @@
 //! The Base Agent (the paper, “The Base Agent”): the event loop of an agent.
 //!
-//! Waiting is asynchronous, deciding is not. Everything that can wake an agent is an [`AgentEvent`];
-//! each is handled by one synchronous callback.
+//! Waiting is asynchronous; deciding is not. Every event that can wake an agent is an [`AgentEvent`],
+//! and each event is handled by one synchronous callback.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -28,26 +28,26 @@ pub trait Agent: Sized + Send + 'static {
     /// Returns the table of callbacks for messages.
     fn callbacks(&self) -> Callbacks<Self>;
 
-    /// Called when the agent is present and its mailbox is open.
+    /// Called once, when the agent is present and its mailbox is open.
     fn activated(&mut self, _ctx: &mut Context<Self>) {}
 
-    /// Called when the agent becomes the leader or a standby; while it is a standby, another agent
-    /// of its name leads at another daemon. An agent without replicas is the leader from its
-    /// activation to its end.
+    /// Called when the agent becomes the leader or a standby. While the agent is a standby, another
+    /// replica of the same name leads at another daemon. An agent without replicas is the leader from
+    /// its activation to its end.
     fn leadership_changed(&mut self, _is_leading: bool, _ctx: &mut Context<Self>) {}
 
-    /// Called when an agent joins or leaves.
+    /// Called when another agent joins or leaves.
     fn presence(&mut self, _presence: &Presence, _ctx: &mut Context<Self>) {}
 
-    /// Whether the agent wants presence callbacks now. If `false`, the runtime does not wake it
-    /// when agents join or leave; it can still read [`Context::directory`]. This avoids waking a
-    /// thousand idle agents on each join. An agent with replicas or unreceipted messages gets the
-    /// callbacks in any case.
+    /// Whether the agent wants presence callbacks now. If `false`, the runtime does not wake the agent
+    /// when other agents join or leave; the agent can still read [`Context::directory`]. This avoids
+    /// waking a thousand idle agents on each join. An agent that has replicas, or has sent messages
+    /// that have no receipt yet, gets the callbacks in any case.
     fn wants_presence(&self) -> bool {
         true
     }
 
-    /// Returns the action model as it would be announced now; `None` if the agent has none.
+    /// Returns the action model that the agent would announce now; `None` if the agent has no model.
     fn model(&self) -> Option<String> {
         None
     }
@@ -57,9 +57,9 @@ pub trait Agent: Sized + Send + 'static {
         None
     }
 
-    /// Called while the daemon drains: the last chance to give up commitments. Returns `false`
-    /// while some are still open; then it is called again after each event until the grace has
-    /// passed.
+    /// Called while the daemon drains: the last chance to give up commitments. Returns `false` while
+    /// some commitments are still open; the method is then called again after each event, until the
+    /// grace has passed.
     fn drain(&mut self, _ctx: &mut Context<Self>) -> bool {
         true
     }
@@ -72,39 +72,40 @@ pub struct LaunchContext {
     pub id: AgentId,
     /// Incarnation of the agent.
     pub incarnation: Incarnation,
-    /// Router of the daemon.
+    /// Router of the daemon that hosts the agent.
     pub router: Arc<MessageRouter>,
-    /// Name of the shared ontology, for messages.
+    /// Name of the shared ontology, which the messages of the agent carry.
     pub ontology: Arc<str>,
-    /// Set when the daemon drains.
+    /// Token that is cancelled when the daemon drains.
     pub stopping: CancellationToken,
-    /// Whether other daemons may host an agent of this name too: the oldest replica is the leader,
-    /// the others are standbys and take over in the order of their age.
+    /// Whether other daemons may host an agent of this name too. If so, the oldest replica is the
+    /// leader, and the others are standbys and take over in the order of their age.
     pub has_replicas: bool,
-    /// Ecosystems that the agent comes from, the farthest first; empty for an agent of this one.
+    /// Ecosystems through which the agent was passed on to this one, the farthest first; empty for an
+    /// agent of this ecosystem.
     pub via: Arc<[EcosystemId]>,
 }
 
-/// Reason why an agent could not be launched, or ended. Completes “failed to …”.
+/// Reason why an agent could not be launched, or why it ended. Completes “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LaunchError {
-    /// Another agent holds the name.
+    /// Another agent holds the name of the agent that was launched.
     #[error(
         "launch `{}`: an agent of that name is already at daemon `{}`; give one of them another \
          name, or stop the other first",
         holder.agent, holder.daemon
     )]
     NameTaken {
-        /// Holder of the name.
+        /// Agent that holds the name.
         holder: Resident,
     },
     /// The substrate did not accept the presence of the agent.
     #[error("announce `{agent}`: {source}")]
     Announce {
-        /// The agent.
+        /// Agent that could not be made present.
         agent: AgentId,
-        /// Error of the substrate.
+        /// Error that the substrate returned.
         #[source]
         source: SendError,
     },
@@ -112,10 +113,10 @@ pub enum LaunchError {
 
 /// An agent of any type, ready to be launched.
 pub trait LaunchableAgent: Send {
-    /// Returns the action model as it would be announced now; `None` if the agent has none.
+    /// Returns the action model that the agent would announce now; `None` if the agent has no model.
     fn model(&self) -> Option<String>;
 
-    /// Starts the agent. The task ends when the daemon drains, or with an error.
+    /// Starts the agent. The returned task ends when the daemon drains, or with an error.
     fn launch(self: Box<Self>, berth: LaunchContext) -> JoinHandle<Result<(), LaunchError>>;
 }
 
@@ -130,11 +131,11 @@ impl<A: Agent> LaunchableAgent for A {
     }
 }
 
-/// Event that can wake an agent. The list is complete on purpose.
+/// Event that can wake an agent. No other event can: the list is complete on purpose.
 enum AgentEvent<A: Agent> {
     Letter(MailboxItem),
     Presence(Presence),
-    /// There were more presence changes than the channel holds: compare directories.
+    /// More presence changes arrived than the channel holds: the agent compares directories instead.
     PresenceMissed,
     /// Background work has finished.
     Finished(DeferredCallback<A>),
@@ -145,24 +146,25 @@ enum AgentEvent<A: Agent> {
 }
 
 struct AgentTask<A: Agent> {
-    /// Boxed: the future of the task reserves space in several of its steps, and would hold the agent
-    /// three times otherwise.
+    /// The agent's state. Boxed, because the future of the task reserves space for the state in several
+    /// of its steps, and would hold it three times otherwise.
     agent: Box<A>,
     callbacks: Callbacks<A>,
     ctx: Context<A>,
     mailbox: Mailbox,
     presence: broadcast::Receiver<Presence>,
-    /// Directory as far as the agent was notified of it; shared with the daemon's if it was
-    /// notified of all changes. `None` while the agent does not heed presence, so that idle agents
-    /// do not keep outdated directories.
+    /// Directory that contains the presence changes of which the agent was notified so far. Shares the
+    /// memory of the daemon's directory if the agent was notified of all changes. `None` while the
+    /// agent does not heed presence, so that idle agents do not keep outdated directories.
     told: Option<Arc<Directory>>,
-    /// Kept from one event to the next, as `alarm` is. Otherwise a thousand agents that are woken
-    /// at once would each be added to the runtime's lists and removed from them every time.
+    /// Future that completes when the daemon drains. Kept from one event to the next, as `alarm` is:
+    /// otherwise a thousand agents that are woken at once would each be added to the runtime's lists
+    /// and removed from them every time.
     stopping: Pin<Box<WaitForCancellationFutureOwned>>,
     alarm: Pin<Box<Sleep>>,
-    /// Leadership; `None` for an agent without replicas.
+    /// State of the agent as leader or standby; `None` for an agent without replicas.
     standing: Option<Leadership>,
-    /// Keeps the agent present.
+    /// Presence token: keeps the agent present until the task ends.
     _token: PresenceToken,
 }
 
@@ -216,8 +218,8 @@ async fn live<A: Agent>(agent: Box<A>, berth: LaunchContext) -> Result<(), Launc
     end
 }
 
-/// Waits until no other agent holds the name: an earlier incarnation may be seen for the length of
-/// a lease.
+/// Waits until no other agent holds the name `id`. An earlier incarnation that has ended may still be
+/// seen as present for the length of a lease.
 async fn await_name(id: &AgentId, switchboard: &MessageRouter) -> Result<(), LaunchError> {
     let (mut directory, mut changes) = switchboard.presence_changes();
     let deadline = Instant::now() + switchboard.settings().name_awaited();
@@ -290,13 +292,13 @@ impl<A: Agent> AgentTask<A> {
             || self.agent.wants_presence()
     }
 
-    /// Discards the presence changes that have arrived.
+    /// Discards the presence changes that have arrived and were not handled.
     fn catch_up(&mut self) {
         while let Ok(_) | Err(TryRecvError::Lagged(_)) = self.presence.try_recv() {}
     }
 
-    /// Returns the directory as far as the agent was notified of it. An agent that has not heeded
-    /// presence begins with the daemon's present directory.
+    /// Returns the directory that contains the presence changes of which the agent was notified so far.
+    /// An agent that has not heeded presence begins with the daemon's present directory.
     fn told(&mut self) -> Arc<Directory> {
         let ctx = &self.ctx;
         Arc::clone(self.told.get_or_insert_with(|| ctx.directory()))
@@ -319,7 +321,7 @@ impl<A: Agent> AgentTask<A> {
         self.update_leadership();
     }
 
-    /// Checks whether this agent becomes the leader or a standby.
+    /// Checks whether this agent has become the leader or a standby, and acts on the change.
     fn update_leadership(&mut self) {
         if self.standing.is_none() {
             return;
@@ -365,9 +367,10 @@ impl<A: Agent> AgentTask<A> {
         }
     }
 
-    /// Returns the item if this agent is to handle it. A standby handles broadcasts, receipts, and
-    /// questions that every replica answers. It declines a direct message, or keeps it until
-    /// leadership is decided, and drops a question that only the leader answers.
+    /// Returns `letter` if this agent is to handle it; `None` if the agent is a standby that declined,
+    /// kept or dropped it. A standby handles broadcasts, receipts, and questions that every replica
+    /// answers. It declines a direct message, or keeps the message until leadership is decided, and
+    /// drops a question that only the leader answers.
     fn meant_for_it(&mut self, letter: MailboxItem) -> Option<MailboxItem> {
         let Some(standing) = self.standing.as_mut().filter(|standing| !standing.is_leading())
         else {
@@ -388,7 +391,8 @@ impl<A: Agent> AgentTask<A> {
         }
     }
 
-    /// Refuses a message as a standby, and names the daemon of the leader as this agent sees it.
+    /// Refuses a message because this agent is a standby. The refusal names the daemon of the agent
+    /// that this agent sees as leader.
     fn decline(&mut self, letter: MailboxItem) {
         let MailboxItem::Direct(payload) = letter else { return };
         let message = match self.ctx.communication.read(&payload) {
@@ -488,7 +492,8 @@ impl<A: Agent> AgentTask<A> {
         self.ctx.undelivered(&mut self.agent, lost);
     }
 
-    /// Returns the older agent that holds this agent's name, if there is one. `None` for a replica.
+    /// Returns the older agent that holds the same name as this agent, if there is one. Always `None`
+    /// for an agent that may have replicas.
     fn usurped(&self) -> Option<Resident> {
         if self.standing.is_some() {
             return None;

@@ -2,8 +2,9 @@
 //! (the paper's “cache broadcast messages”).
 //!
 //! Nearly all heartbeats repeat the previous one, and a thousand agents send a thousand of them per
-//! second to every daemon. So the text of a heartbeat is first compared with the previous one, byte
-//! by byte: if only its id and its sequence number differ, it need not be decoded.
+//! second to every daemon. So the text of a heartbeat is first compared byte by byte with the previous
+//! heartbeat of its sender. If only the message id and the sequence number differ, the heartbeat need
+//! not be decoded.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -13,22 +14,22 @@ use acl::content::{Heartbeat, Inform};
 use acl::{Incarnation, Message};
 use bytes::Bytes;
 
-/// Longest announcement of a model that is read, in bytes, with its heartbeat. The largest that
-/// `capability::limits` allows, with a hundred actions and a thousand objects, takes a quarter of
-/// it. Each daemon caches one announcement per agent.
+/// Longest announcement of a model that is read, in bytes, including the heartbeat in it. The largest
+/// model that `capability::limits` allows, with a hundred actions and a thousand objects, takes a
+/// quarter of this length. Each daemon caches one announcement per agent.
 pub(crate) const MODEL_BYTES_MAX: usize = 1 << 20;
 
-/// Longest heartbeat that is read, in bytes; an agent sends one per second. It has room for four
-/// thousand facts of sixty bytes, the most that an agent may claim.
+/// Longest heartbeat that is read, in bytes; an agent sends one heartbeat per second. This length has
+/// room for four thousand facts of sixty bytes, the most that an agent may claim.
 pub(crate) const HEARTBEAT_BYTES_MAX: usize = 256 << 10;
 
-/// Longest announcement of a Domain Maintainer that is read, in bytes. There are few of them. Each
-/// contains what the requests of all agents have changed: at most sixteen times what one agent may
-/// claim.
+/// Longest announcement of a Domain Maintainer that is read, in bytes. There are few such
+/// announcements. Each contains the changes that the requests of all agents have made: at most sixteen
+/// times as many facts as one agent may claim.
 pub(crate) const EPOCH_BYTES_MAX: usize = 4 << 20;
 
-/// Returns the longest message with this content, in bytes; `None` if the content is not cached and
-/// has no bound of its own.
+/// Returns the maximum length, in bytes, of a message with this kind of content. `None` if the content
+/// is not cached; such a message has no bound of its own.
 pub(crate) fn bytes_max(inform: &Inform) -> Option<usize> {
     match inform {
         Inform::Model(_) => Some(MODEL_BYTES_MAX),
@@ -38,7 +39,8 @@ pub(crate) fn bytes_max(inform: &Inform) -> Option<usize> {
     }
 }
 
-/// The last broadcasts of one agent, not decoded: most are never read again.
+/// The last broadcasts of one agent. They are stored without decoding, because most are never read
+/// again.
 #[derive(Default)]
 pub(crate) struct BroadcastCache {
     model: Option<Bytes>,
@@ -49,15 +51,17 @@ pub(crate) struct BroadcastCache {
 /// The last heartbeat of one agent.
 struct CachedHeartbeat {
     text: Bytes,
-    /// Pattern that recognises a repetition; `None` if this heartbeat cannot be compared by its text.
+    /// Pattern that recognises a repetition of this heartbeat; `None` if repetitions cannot be
+    /// recognised by comparing texts.
     repeatable: Option<HeartbeatPattern>,
 }
 
-/// Pattern of a heartbeat, which recognises a repetition of it.
+/// Pattern of one heartbeat, which recognises a later repetition of that heartbeat.
 pub(crate) struct HeartbeatPattern {
     pub(crate) said: Arc<HeartbeatContent>,
     pub(crate) sequence: u64,
-    /// Byte range of the id in the text, and below it that of the sequence number, which comes after it.
+    /// Byte range of the message id in the heartbeat's text. The next field is the byte range of the
+    /// sequence number, which comes after the id.
     id: Range<usize>,
     number: Range<usize>,
 }
@@ -69,7 +73,8 @@ pub(crate) struct HeartbeatContent {
     pub(crate) period: Duration,
 }
 
-/// A repetition of a heartbeat, and the sequence number of the heartbeat before it.
+/// A heartbeat that repeats the previous one, with the sequence number of the previous heartbeat in
+/// `before`.
 pub(crate) struct HeartbeatRepetition {
     pub(crate) before: u64,
     pub(crate) now: HeartbeatPattern,
@@ -78,10 +83,10 @@ pub(crate) struct HeartbeatRepetition {
 const ID: &str = "\"id\":\"";
 const NUMBER: &str = "\"sequence\":";
 
-// === impl Hearsay ===
+// === impl BroadcastCache ===
 
 impl BroadcastCache {
-    /// Stores a broadcast in place of the last one of its kind.
+    /// Stores a broadcast in place of the sender's last broadcast of the same kind.
     pub(crate) fn keep(&mut self, text: Bytes, message: &Message, inform: &Inform) {
         match inform {
             Inform::Model(_) => self.model = Some(text),
@@ -94,29 +99,30 @@ impl BroadcastCache {
         }
     }
 
-    /// Returns all stored broadcasts in the order in which they must be handled.
+    /// Returns all stored broadcasts in the order in which a receiver must handle them.
     pub(crate) fn all(&self) -> impl Iterator<Item = &Bytes> {
         let heartbeat = self.heartbeat.as_ref().map(|heard| &heard.text);
         self.model.iter().chain(heartbeat).chain(&self.epoch)
     }
 
-    /// Compares a text with the last heartbeat; returns `None` if it is not a repetition of it.
+    /// Compares a text with the last heartbeat; returns `None` if the text is not a repetition of that
+    /// heartbeat.
     pub(crate) fn is_again(&self, text: &[u8]) -> Option<HeartbeatRepetition> {
         let CachedHeartbeat { text: before, repeatable } = self.heartbeat.as_ref()?;
         repeatable.as_ref()?.is_again(before, text)
     }
 
-    /// Stores a repetition in place of the last heartbeat.
+    /// Stores a repeated heartbeat in place of the last heartbeat.
     pub(crate) fn keep_again(&mut self, text: Bytes, again: HeartbeatRepetition) {
         self.heartbeat = Some(CachedHeartbeat { text, repeatable: Some(again.now) });
     }
 }
 
-// === impl Repeatable ===
+// === impl HeartbeatPattern ===
 
 impl HeartbeatPattern {
-    /// Finds the id and the sequence number in the text. Returns `None` if either key occurs a
-    /// second time, or if the heartbeat has facts that expire.
+    /// Finds the message id and the sequence number in the text of a heartbeat. Returns `None` if one
+    /// of the two keys occurs a second time, or if the heartbeat has facts that expire.
     fn of(text: &[u8], message: &Message, heartbeat: &Heartbeat) -> Option<HeartbeatPattern> {
         // The time left of a fact counts from arrival, so the same text means something else each time.
         if !heartbeat.known_for.is_empty() {
@@ -155,7 +161,8 @@ impl HeartbeatPattern {
     }
 }
 
-/// Returns the byte range of the value that follows a key; `None` if the key occurs a second time.
+/// Returns the byte range of `value` where it follows `key` in `text`. `None` if `key` is missing or
+/// occurs a second time, or if another value follows it.
 fn value_of(text: &str, key: &str, value: &str) -> Option<Range<usize>> {
     let mut places = text.match_indices(key).map(|(place, _)| place + key.len());
     let start = places.next().filter(|_| places.next().is_none())?;
@@ -188,7 +195,7 @@ mod tests {
         hearsay
     }
 
-    /// Returns the message as our own encoder writes it.
+    /// Returns the message as Althing's own encoder writes it.
     fn written(value: &Value) -> String {
         let message = acl::decode(value.to_string().as_bytes()).expect("a message");
         String::from_utf8(acl::encode(&message).to_vec()).expect("it is JSON")

@@ -10,11 +10,12 @@ use crate::context::Context;
 /// Handler of a message.
 pub(crate) type Callback<A> = fn(&mut A, Message, &mut Context<A>);
 
-/// One callback per performative, for messages to this agent and for messages to all.
+/// Table of an agent's callbacks: one per performative, for messages to this agent and for messages to
+/// all agents.
 ///
-/// Messages that continue an exchange this agent opened go to that exchange's own callback
-/// instead. A performative without a callback is answered with `not-understood`; a broadcast
-/// without one is not even delivered.
+/// A message that continues an exchange opened by this agent goes to the callback of that exchange
+/// instead. A direct message with a performative without a callback is answered with `not-understood`;
+/// a broadcast with such a performative is not even delivered.
 pub struct Callbacks<A: Agent> {
     direct: BTreeMap<Performative, Callback<A>>,
     broadcast: BTreeMap<Performative, Callback<A>>,
@@ -32,14 +33,14 @@ impl<A: Agent> Callbacks<A> {
         Callbacks::default()
     }
 
-    /// Sets the callback for messages of this type to this agent.
+    /// Sets the callback for messages with this performative to this agent.
     #[must_use]
     pub fn on(mut self, performative: Performative, callback: Callback<A>) -> Callbacks<A> {
         self.direct.insert(performative, callback);
         self
     }
 
-    /// Sets the callback for messages of this type to all.
+    /// Sets the callback for messages with this performative to all agents.
     #[must_use]
     pub fn on_broadcast(
         mut self,
@@ -58,12 +59,12 @@ impl<A: Agent> Callbacks<A> {
         self.broadcast.get(&performative).copied()
     }
 
-    /// Returns the types of broadcasts that this agent listens to.
+    /// Returns the performatives of the broadcasts that this agent listens to.
     pub(crate) fn interests(&self) -> Vec<Performative> {
         self.broadcast.keys().copied().collect()
     }
 
-    /// Returns the types of messages that this agent takes, as text for a person.
+    /// Returns the performatives of the messages that this agent takes, as text for a person.
     pub(crate) fn understood(&self) -> String {
         let names: Vec<_> = self.direct.keys().map(|performative| performative.as_str()).collect();
         names.join(", ")

@@ -2,11 +2,11 @@
 //! substrate.
 //!
 //! - Decodes messages, answers those that cannot be read, drops duplicates, sends receipts.
-//! - Retries commitments until a receipt or an answer comes; gives up with a reason.
-//! - Follows, as participant, the exchanges that others opened, so that a turn which the protocol
-//!   does not allow is answered and not acted on.
+//! - Retries the agent's messages until a receipt or an answer comes; gives up with a reason.
+//! - Follows, as participant, the exchanges that other agents opened. A turn that the protocol does not
+//!   allow is then answered and not acted on.
 //!
-//! Exchanges this agent opened, with their callbacks, are in `context`.
+//! The exchanges that this agent opened, with their callbacks, are in `context`.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -29,40 +29,40 @@ use crate::outbox::{DueAction, OutboundMessage, Outbox, ReceiverIncarnation};
 use crate::receipts::{ImplicitReceipt, Receipts};
 use crate::router::MessageRouter;
 
-/// Exchanges opened by others that are followed at a time. Beyond it the oldest is dropped, and a
-/// later `cancel` of it is not understood.
+/// Most exchanges opened by other agents that are followed at a time. If there are more, the oldest is
+/// dropped, and a later `cancel` of that exchange is not understood.
 const ENGAGEMENTS_MAX: usize = 4_096;
 
-/// Closed exchanges that may remain in the order of the followed ones, beyond as many as are
-/// followed; if there are more, they are removed.
+/// Most closed exchanges that may remain in the list that orders the followed exchanges, in addition to
+/// as many as are followed. If there are more, the closed ones are removed from the list.
 const OVER_MAX: usize = 64;
 
-/// Most turns that are kept because they arrived before the opening of their exchange: a `cancel`
-/// that overtook a lost `request`.
+/// Most turns that are kept because they arrived before the opening of their exchange, such as a
+/// `cancel` that arrived while the `request` before it was lost and is being sent again.
 const EARLY_TURNS_MAX: usize = 64;
 
-/// How long an answer is retried; it has no deadline of its own.
+/// How long an answer is retried; an answer has no deadline of its own.
 const ANSWER_RETRIED: Duration = Duration::from_secs(30);
 
-/// First message of an exchange.
+/// First message of an exchange, without the fields that the Communication Agent adds.
 #[derive(Clone, Debug)]
 pub struct ExchangeOpening {
-    /// Receiver; `None` for all agents.
+    /// Agent that receives the message; `None` for all agents.
     pub to: Option<AgentId>,
-    /// Performative of the message.
+    /// Performative of the first message.
     pub performative: Performative,
     /// Protocol of the exchange.
     pub protocol: Protocol,
     /// Conversation that the exchange belongs to.
     pub conversation: ConversationId,
-    /// Content of the message.
+    /// Content of the first message.
     pub content: Value,
 }
 
 /// Event that an exchange brings to its initiator.
 #[derive(Clone, Debug)]
 pub enum ExchangeEvent {
-    /// A turn of the protocol.
+    /// A participant has sent a turn of the protocol.
     Message(Box<Message>),
     /// The deadline has passed; the exchange is closed.
     TimedOut,
@@ -79,13 +79,13 @@ pub enum DeliveryError {
     /// The receiver left, and the grace has passed.
     #[error("it has left")]
     Left,
-    /// The receiver was restarted and does not know the message.
+    /// The receiver was restarted; its new incarnation does not know the message.
     #[error("it was restarted")]
     Restarted,
-    /// The receiver is present and did not answer.
+    /// The receiver is present and sent neither a receipt nor an answer.
     #[error("it gave no receipt in time")]
     NoReceipt,
-    /// Too many messages are under way.
+    /// Too many messages of this agent are under way.
     #[error("too many messages are under way")]
     OutboxFull,
 }
@@ -95,7 +95,8 @@ pub enum DeliveryError {
 pub struct Participation {
     /// Initiator of the exchange.
     pub initiator: AgentId,
-    /// Incarnation of the initiator: of several replicas, the one that asked gets the answer.
+    /// Incarnation of the initiator. If the initiator has several replicas, the one that opened the
+    /// exchange gets the answer.
     #[serde(default)]
     pub life: Option<Incarnation>,
     /// Token of the exchange.
@@ -109,11 +110,11 @@ pub struct Participation {
 /// Result of reading a message.
 #[derive(Debug)]
 pub(crate) enum IncomingMessage {
-    /// The message continues an exchange, perhaps one that this agent opened.
+    /// The message continues an exchange, which this agent or another may have opened.
     Continues(ReplyToken, Box<Message>),
-    /// The message opens an exchange, or belongs to none.
+    /// The message opens an exchange, or belongs to no exchange.
     Opens(Box<Message>),
-    /// The message has been handled.
+    /// The message has been handled already; nothing is left to do.
     Nothing,
 }
 
@@ -136,7 +137,8 @@ pub(crate) struct CommunicationAgent {
 impl Participation {
     /// Returns the participant's side of the exchange that `message` opened.
     ///
-    /// A message of a foreign tool may name no exchange; then its id takes the place of the token.
+    /// A message of a foreign tool may name no exchange; then the id of the message takes the place of
+    /// the token.
     pub fn of(message: &Message) -> Participation {
         let own_id = || ReplyToken::new(message.id.as_str());
         Participation {
@@ -218,7 +220,7 @@ impl CommunicationAgent {
         ReplyToken::new(&format!("{}.{}.{}", self.id, self.incarnation, self.messages_sent))
     }
 
-    /// Sends the first message of an exchange; returns it, and whether it could be sent.
+    /// Sends the first message of an exchange. Returns the message, and an error if the outbox is full.
     pub(crate) fn open(
         &mut self,
         opening: ExchangeOpening,
@@ -235,7 +237,7 @@ impl CommunicationAgent {
         (message, sent)
     }
 
-    /// Sends an answer as the participant of an exchange; logs it if the answer cannot be sent.
+    /// Sends an answer as the participant of an exchange. If the answer cannot be sent, logs that.
     pub(crate) fn answer(
         &mut self,
         engagement: &Participation,
@@ -248,7 +250,8 @@ impl CommunicationAgent {
         }
     }
 
-    /// Sends an answer as the participant of an exchange. The exchange advances only if it could be sent.
+    /// Sends an answer as the participant of an exchange. The exchange advances only if the answer
+    /// could be sent.
     pub(crate) fn try_answer(
         &mut self,
         engagement: &Participation,
@@ -266,7 +269,7 @@ impl CommunicationAgent {
         Ok(())
     }
 
-    /// Sends a message to its receiver, or to all.
+    /// Sends a message to the receiver that it names, or to all agents.
     pub(crate) fn post(
         &mut self,
         message: &Message,
@@ -275,7 +278,8 @@ impl CommunicationAgent {
         self.post_to(None, message, patience)
     }
 
-    /// Sends a message to its receiver; if `life` is given, to this incarnation only.
+    /// Sends a message to the receiver that it names; if `life` is given, only to that incarnation of
+    /// the receiver.
     fn post_to(
         &mut self,
         life: Option<Incarnation>,
@@ -321,8 +325,8 @@ impl CommunicationAgent {
         Ok(())
     }
 
-    /// Sends a turn of an exchange to several of its participants in one broadcast; agents that it
-    /// does not name ignore it. There are no receipts for it.
+    /// Sends a turn of an exchange to several of its participants in one broadcast; agents that the
+    /// broadcast does not name ignore it. The broadcast has no receipts.
     pub(crate) fn say_to_several(&mut self, message: &Message) {
         tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
             performative = %message.performative, to = ?message.receiver, id = %message.id, "says");
@@ -334,13 +338,13 @@ impl CommunicationAgent {
         self.switchboard.broadcast(&self.id, message.performative, acl::encode(message));
     }
 
-    /// Sends a message again, unchanged.
+    /// Sends a message to the agent `to` again, unchanged.
     pub(crate) fn repeat(&self, to: &AgentId, message: &Message) {
         tracing::debug!(agent = %self.id, %to, id = %message.id, "repeats");
         self.switchboard.send(to, Subject::Message(message.performative), acl::encode(message));
     }
 
-    /// Sends the receipts that are owed.
+    /// Sends the receipts that this agent owes.
     pub(crate) fn send_receipts(&mut self) {
         let directory = self.switchboard.directory();
         for ((to, life), payload) in self.receipts.take() {
@@ -387,14 +391,15 @@ impl CommunicationAgent {
 
     // === receiving ===
 
-    /// Whether a broadcast is new. Only broadcasts that open an exchange are sent again, to agents
-    /// that did not answer; of all others the newest counts.
+    /// Whether a broadcast was not received before. Only broadcasts that open an exchange are checked:
+    /// only these are sent again, to agents that did not answer. Of all other broadcasts the newest
+    /// counts.
     pub(crate) fn is_new(&mut self, message: &Message) -> bool {
         message.reply_with.is_none() || self.door.receive(&message.id) == MessageState::New
     }
 
-    /// Whether this agent is among the receivers of a broadcast. If it is, the broadcast also
-    /// counts as a receipt.
+    /// Whether this agent is among the receivers of a broadcast. If so, the broadcast also counts as a
+    /// receipt for messages of this agent.
     pub(crate) fn concerns_me(&mut self, message: &Message) -> bool {
         let is_concerned = message.receiver.is_empty() || message.receiver.contains(&self.id);
         if let Some(exchange) = message.in_reply_to.as_ref().filter(|_| is_concerned) {
@@ -403,7 +408,8 @@ impl CommunicationAgent {
         is_concerned
     }
 
-    /// Decodes a message. Handles it here if it is unreadable, refused or a duplicate.
+    /// Decodes a message. Handles the message at once if it is unreadable, was refused, or is a
+    /// duplicate.
     pub(crate) fn read(&mut self, payload: &[u8]) -> IncomingMessage {
         let message = match acl::decode(payload) {
             Ok(message) => message,
@@ -442,9 +448,9 @@ impl CommunicationAgent {
         }
     }
 
-    /// Refuses a message because no answer could be sent now, or because a copy of it was refused.
-    /// The refusal is not retried: a sender that misses it sends its message again and gets
-    /// another.
+    /// Refuses a message because no answer could be sent now, or because a copy of the message was
+    /// refused. The refusal is not retried: a sender that misses the refusal sends its message again
+    /// and gets another refusal.
     fn turn_away(&mut self, message: Message) {
         let detail = format!("`{}` is busy: too much is under way; ask again later", self.id);
         tracing::debug!(agent = %self.id, from = %message.sender, id = %message.id, detail, "refuses");
@@ -463,7 +469,8 @@ impl CommunicationAgent {
         }
     }
 
-    /// Whether a message that opens an exchange may do so; if so, the exchange is followed from now on.
+    /// Whether the protocol allows `message` as the opening of an exchange. If so, the exchange is
+    /// followed from now on; if not, the message is answered with `not-understood`.
     pub(crate) fn engage(&mut self, message: &Message) -> bool {
         let (Some(token), Some(protocol)) = (&message.reply_with, message.protocol) else {
             return true;
@@ -507,8 +514,8 @@ impl CommunicationAgent {
         }
     }
 
-    /// Keeps a `cancel` of an exchange that has not been opened yet. If the exchange is over
-    /// instead, later ones push it out.
+    /// Keeps a `cancel` that arrived before the opening of its exchange. If the exchange is over
+    /// already, the `cancel` stays until later ones displace it.
     pub(crate) fn keep_early(&mut self, message: Message) {
         if message.performative == Performative::Cancel {
             if self.early.len() >= EARLY_TURNS_MAX {
@@ -518,7 +525,8 @@ impl CommunicationAgent {
         }
     }
 
-    /// Takes the turn that arrived before `opening` and follows it.
+    /// Removes the kept turn that arrived before `opening`, and advances the exchange by that turn.
+    /// Returns the turn, if there is one.
     pub(crate) fn take_early(&mut self, opening: &Message) -> Option<Message> {
         let token = opening.reply_with.as_ref()?;
         let follows = |early: &Message| {
@@ -555,8 +563,8 @@ impl CommunicationAgent {
         self.outbox.next_due().into_iter().chain(self.receipts.due()).min()
     }
 
-    /// Sends receipts and messages that are due. Returns the exchanges with a message that could
-    /// not be delivered.
+    /// Sends the receipts and the retries that are due. Returns each exchange of which a message could
+    /// not be delivered, with the reason.
     pub(crate) fn retry(&mut self) -> Vec<(ReplyToken, DeliveryError)> {
         let now = Instant::now();
         if self.receipts.due().is_some_and(|due| due <= now) {
@@ -571,8 +579,8 @@ impl CommunicationAgent {
         !self.outbox.is_empty()
     }
 
-    /// Updates the outbox when an agent joins or leaves. Returns the exchanges with a message that
-    /// could not be delivered.
+    /// Updates the outbox when another agent joins or leaves. Returns each exchange of which a message
+    /// could not be delivered, with the reason.
     pub(crate) fn presence(&mut self, presence: &Presence) -> Vec<(ReplyToken, DeliveryError)> {
         let now = Instant::now();
         match presence {
@@ -608,7 +616,7 @@ impl CommunicationAgent {
     }
 }
 
-/// Returns the address of an agent.
+/// Returns the address at which an agent is reached: its daemon and its name.
 fn address(resident: &Resident) -> AgentAddress {
     AgentAddress { daemon: resident.daemon.clone(), agent: resident.agent.clone() }
 }

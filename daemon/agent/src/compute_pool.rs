@@ -1,9 +1,9 @@
-//! Bounded pool for computations: the agents of one daemon share its cores, and a hundred that plan
-//! at once would leave none for receiving messages.
+//! Bounded pool for computations. The agents of one daemon share the cores of its machine, and a
+//! hundred agents that plan at once would leave no core for receiving messages.
 //!
 //! A thread that holds a permit runs the computations that wait, the oldest first. If many agents
-//! compute for a moment each, as after a call for proposals, this wakes as many threads as there
-//! are permits, and not one for each agent.
+//! compute for a moment each, as after a call for proposals, as many threads are woken as there are
+//! permits, and not one thread for each agent.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,19 +11,20 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-/// Part of the memory of the machine, or of the daemon's control group, that all computations of a
-/// daemon may take together: one in this many. The rest is for stored data, for messages, and for
-/// other processes.
+/// Divisor of the memory of the machine, or of the daemon's control group. The quotient, a quarter, is
+/// what all computations of a daemon together may take. The rest is for stored data, for messages, and
+/// for other processes.
 const MEMORY_PART: u64 = 4;
 
-/// Most memory of one computation, in bytes: a hundred times what an office needs. More helps no
-/// computation of a building.
+/// Most memory of one computation, in bytes: a hundred times as much as the plans of an office need.
+/// More memory helps no computation of a building.
 const COMPUTATION_BYTES_MAX: u64 = 1 << 30;
 
 /// Assumed memory of the machine, in bytes, if the kernel does not report it.
 const MEMORY_UNKNOWN_BYTES: u64 = 1 << 30;
 
-/// Returns the most bytes that one computation may take; as many run at once as there are permits.
+/// Returns the most bytes of memory that one computation may take. As many computations run at once as
+/// there are permits.
 pub fn computation_bytes_max() -> usize {
     static BYTES_MAX: OnceLock<usize> = OnceLock::new();
     *BYTES_MAX.get_or_init(|| {
@@ -42,7 +43,7 @@ pub(crate) fn turns_at_once() -> usize {
     std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2))
 }
 
-/// A queued computation, which delivers its own result.
+/// A queued computation. It sends its result to the caller itself.
 type Computation = Box<dyn FnOnce() + Send>;
 
 /// Bounded pool for the computations of one machine.
@@ -61,10 +62,10 @@ impl ComputePool {
         ComputePool { turns, waiting: Mutex::default() }
     }
 
-    /// Runs a computation on a thread of the runtime that may be busy for long, once a permit is
-    /// free. Skips it if the caller has stopped waiting by then.
+    /// Runs a computation once a permit is free, on a thread of the runtime that may be busy for long.
+    /// Skips the computation if the caller has stopped waiting by then.
     ///
-    /// Returns `None` if it panicked, or the daemon is ending.
+    /// Returns `None` if the computation panicked, or if the daemon is ending.
     pub(crate) async fn compute<T: Send + 'static>(
         self: Arc<Self>,
         compute: impl FnOnce() -> T + Send + 'static,

@@ -1,7 +1,7 @@
 //! Operations of a callback: open an exchange, answer, set a timer, run work in the background.
 //!
-//! No operation blocks. A callback changes its agent's state and returns. Whatever follows from
-//! what it began (an answer, a timeout, finished work) arrives as another callback on the same
+//! No operation blocks. A callback changes the state of its agent and returns. The results of
+//! operations that it began (an answer, a timeout, finished work) arrive as other callbacks on the same
 //! task, so no other code can touch the agent's state in between.
 
 use std::collections::{BTreeMap, HashMap};
@@ -28,16 +28,15 @@ use crate::directory::Directory;
 use crate::router::MessageRouter;
 use crate::settings::AgentSettings;
 
-/// Most turns of one exchange that wait for the turn they follow: a protocol has few, and each
-/// comes once.
+/// Most turns of one exchange that are kept because the turn before them has not arrived yet. A
+/// protocol has few turns, and each comes once.
 const EARLY_TURNS_MAX: usize = 32;
 
-/// Wait before a request that a standby has declined is sent again to the leader. The daemons'
-/// views of which replica is the leader agree within a few milliseconds, or as soon as the daemons
-/// are connected.
+/// Wait before a request that a standby has declined is sent again, to the leader. The daemons agree on
+/// which replica is the leader within a few milliseconds, or as soon as they are connected.
 const ASK_WHO_ACTS: Duration = Duration::from_millis(25);
 
-/// Most such attempts, before the initiator gets the refusal.
+/// Most times that a request declined by standbys is sent again before the initiator gets the refusal.
 const ASKED_WHO_ACTS_MAX: u32 = 40;
 
 pub(crate) type DeferredCallback<A> = Box<dyn FnOnce(&mut A, &mut Context<A>) + Send>;
@@ -58,7 +57,7 @@ pub struct Context<A: Agent> {
 pub struct ExchangeSummary {
     /// Number of open exchanges.
     pub open_count: usize,
-    /// Earliest deadline among them; `None` if there are none.
+    /// Earliest deadline among the open exchanges; `None` if no exchange is open.
     pub due: Option<Instant>,
 }
 
@@ -69,23 +68,26 @@ struct OpenExchange<A: Agent> {
     to: Option<AgentId>,
     /// Message that opened the exchange.
     opening: Box<Message>,
-    /// Number of times that a standby has declined it.
+    /// Number of times that a standby has declined the opening.
     declined: u32,
-    /// State after the opening. The state of each participant that has answered begins as a copy of it.
+    /// State of the exchange after the opening. The state of each participant that answers begins as a
+    /// copy of this one.
     begun: Exchange,
     participants: BTreeMap<AgentId, Exchange>,
-    /// Turns that arrived before the turn they follow, which was lost and is being sent again.
+    /// Turns that arrived too early: the turn that each of them follows was lost and is being sent
+    /// again.
     early: Vec<Message>,
     timer: TimerId,
     on_answer: Option<ExchangeCallback<A>>,
 }
 
-/// Identifies a timer: the time when it is due, and a number that tells two of one instant apart.
+/// Identifies a timer, by the time when the timer is due and a number that distinguishes timers of the
+/// same instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TimerId(Instant, u64);
 
-/// Handle of background work. Dropping it aborts the work. Then its callback does not run, even if
-/// the work had finished before.
+/// Handle of background work. Dropping the handle aborts the work. The callback of the work does not
+/// run then, even if the work had finished before.
 #[derive(Debug)]
 pub struct WorkHandle {
     task: AbortHandle,
@@ -144,12 +146,12 @@ impl<A: Agent> Context<A> {
         &self.communication.switchboard
     }
 
-    /// Returns the present agents, as this daemon sees them.
+    /// Returns the directory of the present agents, as this daemon sees them.
     pub fn directory(&self) -> Arc<Directory> {
         self.router().directory()
     }
 
-    /// Returns the holder of a name; `None` if no agent of that name is present.
+    /// Returns the agent that holds a name; `None` if no agent of that name is present.
     pub fn find(&self, agent: &AgentId) -> Option<Resident> {
         self.router().find(agent)
     }
@@ -159,15 +161,15 @@ impl<A: Agent> Context<A> {
         Instant::now()
     }
 
-    /// Returns the exchanges that this agent waits in.
+    /// Returns a summary of the exchanges that this agent has open.
     pub fn exchanges(&self) -> ExchangeSummary {
         let due = self.exchanges.values().map(|open| open.timer.0).min();
         ExchangeSummary { open_count: self.exchanges.len(), due }
     }
 
-    /// Queries `resource` from the current holder of the name `of`, on its daemon only; waiting for
-    /// other daemons would make the answer old. Returns an empty list if there is no holder or no
-    /// answer in time.
+    /// Queries `resource` of the agent that holds the name `of`, at the daemon of that agent only;
+    /// waiting for other daemons would make the answer old. Returns an empty list if no agent holds the
+    /// name, or if no answer comes in time.
     pub fn ask(&self, resource: Resource, of: &AgentId) -> BoxFuture<Vec<Bytes>> {
         let Some(resident) = self.find(of) else {
             return Box::pin(std::future::ready(Vec::new()));
@@ -184,8 +186,8 @@ impl<A: Agent> Context<A> {
         ConversationId::new(self.communication.token().as_str())
     }
 
-    /// Opens an exchange and returns its token. `on_answer` gets every answer, until the protocol
-    /// ends the exchange, [`Context::close`] is called, or `patience` has passed
+    /// Opens an exchange and returns its token. `on_answer` is called with every answer, until the
+    /// protocol ends the exchange, [`Context::close`] is called, or `patience` has passed
     /// ([`ExchangeEvent::TimedOut`]).
     pub fn open(
         &mut self,
@@ -229,9 +231,9 @@ impl<A: Agent> Context<A> {
         token
     }
 
-    /// Sends the `cfp` that opened an exchange again, to `agent`, which has not answered. A `cfp`
-    /// has no receipt, and an agent that has just joined may have missed it. An agent that has
-    /// received it drops this copy as a duplicate. Does nothing if the opening is retried anyway.
+    /// Sends the `cfp` that opened an exchange again, to `agent`, which has not answered. A `cfp` has
+    /// no receipt, and an agent that has just joined may have missed it. An agent that has received the
+    /// `cfp` drops the copy as a duplicate. Does nothing if the opening is retried anyway.
     pub fn resend_cfp(&mut self, token: &ReplyToken, agent: &AgentId) {
         let opening = self.exchanges.get(token).map(|open| &*open.opening);
         let is_call = |opening: &&Message| !opening.performative.is_retried();
@@ -257,9 +259,9 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Sends the initiator's next turn of an exchange to several participants in one broadcast,
-    /// which costs a daemon as much as a message to one agent. There is no receipt for it and no
-    /// retry: use it only if nothing changes for a participant that misses it.
+    /// Sends the initiator's next turn of an exchange to several participants in one broadcast, which
+    /// costs a daemon as much as a message to one agent. The broadcast has no receipt and is not
+    /// retried: use this method only if no harm comes from a participant that misses the turn.
     pub fn multicast_turn(
         &mut self,
         token: &ReplyToken,
@@ -272,8 +274,8 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Builds the initiator's next turn of an exchange, for those participants that the protocol
-    /// allows it for. Returns `None` if there are none.
+    /// Builds the initiator's next turn of an exchange, addressed to those participants for which the
+    /// protocol allows the turn now. Returns `None` if there are no such participants.
     fn turn(
         &mut self,
         token: &ReplyToken,
@@ -362,7 +364,7 @@ impl<A: Agent> Context<A> {
         self.communication.try_answer(engagement, performative, value(content))
     }
 
-    /// Sends a refusal as the participant of an exchange.
+    /// Refuses, as the participant of an exchange, what the initiator asked for.
     pub fn refuse(
         &mut self,
         engagement: &Participation,
@@ -400,15 +402,15 @@ impl<A: Agent> Context<A> {
         let _ = self.communication.post(&message, Duration::ZERO);
     }
 
-    /// Broadcasts this agent's action model or heartbeat, as an `inform`.
+    /// Broadcasts the action model or a heartbeat of this agent, as an `inform`.
     pub fn broadcast_state(&mut self, inform: &Inform) {
         let message = self.beating(inform);
         let is_model = matches!(inform, Inform::Model(_));
         self.router().beat(&message.sender, acl::encode(&message), is_model);
     }
 
-    /// Broadcasts this agent's heartbeat a few milliseconds later, in one batch with those of other
-    /// agents of its daemon. For heartbeats that are not urgent.
+    /// Broadcasts a heartbeat of this agent a few milliseconds later, in one batch with heartbeats of
+    /// other agents of the same daemon. For heartbeats that are not urgent.
     pub fn batch_heartbeat(&mut self, heartbeat: Heartbeat) {
         let message = self.beating(&Inform::Heartbeat(heartbeat));
         self.router().beat_together(&message.sender, acl::encode(&message));
@@ -421,7 +423,7 @@ impl<A: Agent> Context<A> {
 
     // === waiting and working ===
 
-    /// Calls `then` after `wait`.
+    /// Calls `then` once, after the time `wait`. Returns the timer.
     pub fn after(
         &mut self,
         wait: Duration,
@@ -438,8 +440,8 @@ impl<A: Agent> Context<A> {
         self.timers.remove(&timer);
     }
 
-    /// Runs `work` in the background and calls `then` with its result. Dropping the handle aborts
-    /// the work.
+    /// Runs `work` in the background and calls `then` with its result. Dropping the returned handle
+    /// aborts the work.
     pub fn run<T: Send + 'static>(
         &mut self,
         work: impl Future<Output = T> + Send + 'static,
@@ -460,8 +462,9 @@ impl<A: Agent> Context<A> {
         WorkHandle { task, _awaited: awaited }
     }
 
-    /// Starts another agent on this daemon. If it ends by itself, calls `then` with its error, if
-    /// it has one. It stops when the handle is dropped, and with this agent.
+    /// Starts another agent, a child, on this daemon. If the child ends by itself, calls `then` with
+    /// the error of the child, if there is one. The child stops when the returned handle is dropped, or
+    /// when this agent stops.
     pub fn spawn_child(
         &mut self,
         id: AgentId,
@@ -486,9 +489,9 @@ impl<A: Agent> Context<A> {
         ChildHandle { stopping, _work: work }
     }
 
-    /// Runs a computation in the background, on a thread that may be busy for long, once a slot is
-    /// free. Calls `then` with its result. A computation cannot be aborted from outside: give it a
-    /// flag of its own.
+    /// Runs a computation in the background, on a thread that may be busy for long, once a permit is
+    /// free. Calls `then` with the result. A computation cannot be aborted from outside: to stop it
+    /// early, give it a flag that it checks.
     pub fn compute<T: Send + 'static>(
         &mut self,
         compute: impl FnOnce() -> T + Send + 'static,
@@ -503,7 +506,8 @@ impl<A: Agent> Context<A> {
 
     // === for the Base Agent ===
 
-    /// Handles an answer to an exchange that this agent opened; returns the message if it is none.
+    /// Handles `message` as an answer in an exchange that this agent opened. Returns the message if
+    /// this agent has opened no such exchange.
     ///
     /// An answer that arrives before the turn it follows is kept until that turn has come, or the
     /// exchange ends.
@@ -549,7 +553,7 @@ impl<A: Agent> Context<A> {
     }
 
     /// Rejects an answer from an agent that was not asked. Every listener can read the token of an
-    /// exchange, so such an answer must not count as that of the agent that was asked.
+    /// exchange, so such an answer must not count as the answer of the agent `asked`.
     fn reject_uninvited(&mut self, message: &Message, asked: &AgentId) {
         let detail = format!("answers a question to `{asked}`");
         self.router().rejections.note(&Rejected {
@@ -562,9 +566,9 @@ impl<A: Agent> Context<A> {
         self.communication.not_understood(message, Reason::OutOfTurn, detail);
     }
 
-    /// Sends the opening of an exchange again, to the present leader of the name it was opened
-    /// with. The agent that answered is gone, and may not have told any other replica of the
-    /// exchange.
+    /// Sends the opening of an exchange again, to the present leader among the replicas of the agent
+    /// that the exchange was opened with. Call this method if the replica that answered is gone,
+    /// because it may not have notified the other replicas of the exchange.
     pub fn reopen_with_leader(&mut self, token: &ReplyToken) {
         if let Some(open) = self.exchanges.get_mut(token) {
             (open.participants, open.declined) = (BTreeMap::new(), 0);
@@ -572,7 +576,8 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Sends the opening of an exchange again, to the present leader of the name.
+    /// Sends the opening of an exchange again, to the present leader among the replicas of the
+    /// receiver. Does nothing if a participant has answered.
     fn resend_opening(&mut self, token: &ReplyToken) {
         // The leader may have received the opening and answered as soon as it was present.
         let unanswered = |open: &&OpenExchange<A>| open.participants.is_empty();
@@ -587,7 +592,8 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Takes an early turn that can follow now.
+    /// Removes and returns a kept turn that arrived too early and can follow now; `None` if there is
+    /// none.
     fn take_early(&mut self, token: &ReplyToken) -> Option<Box<Message>> {
         let open = self.exchanges.get_mut(token)?;
         let follows = |early: &Message| {
@@ -598,7 +604,7 @@ impl<A: Agent> Context<A> {
         Some(Box::new(open.early.remove(index)))
     }
 
-    /// Passes `answer` to the callback of an exchange and closes the exchange.
+    /// Calls the callback of an exchange with `answer`, and closes the exchange.
     pub(crate) fn end(&mut self, agent: &mut A, token: &ReplyToken, answer: ExchangeEvent) {
         self.call_back(agent, token, answer);
         self.close(token);
@@ -613,14 +619,15 @@ impl<A: Agent> Context<A> {
         }
     }
 
-    /// Closes each exchange with a message that could not be delivered.
+    /// Closes each exchange of which a message could not be delivered, after calling its callback.
     pub(crate) fn undelivered(&mut self, agent: &mut A, lost: Vec<(ReplyToken, DeliveryError)>) {
         for (token, why) in lost {
             self.end(agent, &token, ExchangeEvent::Undelivered(why));
         }
     }
 
-    /// Waits for the next work to finish and returns its callback; `None` if no work is under way.
+    /// Waits until some background work finishes, and returns the callback of that work; `None` if no
+    /// work is under way.
     pub(crate) async fn finished(&mut self) -> Option<DeferredCallback<A>> {
         loop {
             match self.work.join_next().await? {
@@ -650,7 +657,7 @@ impl<A: Agent> Context<A> {
     }
 }
 
-/// Whether this is the refusal of a standby.
+/// Whether `message` is a refusal by a standby.
 fn stands_by(message: &Message) -> bool {
     let is_refusal = message.performative == Performative::Refuse;
     let reason = || message.content_as::<Refusal>().map(|refusal| refusal.reason);

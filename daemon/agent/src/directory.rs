@@ -1,5 +1,5 @@
-//! Directory of the present agents, with daemons and incarnations, as this daemon sees them;
-//! updated by presence.
+//! Directory of the present agents, with their daemons and incarnations, as one daemon sees them.
+//! Presence changes update the directory.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,19 +7,20 @@ use std::sync::Arc;
 use acl::{AgentId, DaemonId, Incarnation};
 use substrate::{AgentAddress, Presence, Resident};
 
-/// The agents that can be reached from here.
+/// The agents that this daemon can reach.
 ///
-/// Two agents of one name may appear at two daemons. The older one (the smaller incarnation) holds
-/// the name. The other is kept as a rival, and takes over when the first leaves.
+/// Two agents of one name may appear at two daemons. The older one (the one with the smaller
+/// incarnation) holds the name. The other is kept as a rival, and becomes the holder when the first
+/// leaves.
 #[derive(Clone, Debug, Default)]
 pub struct Directory {
-    /// Agents of each name, the holder first. Shared by clones: of a thousand names, one changes at
-    /// a time.
+    /// Agents of each name, the holder first. Each list is shared by all clones of the directory,
+    /// because of a thousand names only one changes at a time.
     residents: BTreeMap<AgentId, Arc<Vec<Resident>>>,
 }
 
 impl Directory {
-    /// Returns the holder of the name.
+    /// Returns the agent that holds the name; `None` if no agent of that name is present.
     pub fn find(&self, agent: &AgentId) -> Option<&Resident> {
         self.residents.get(agent)?.first()
     }
@@ -34,23 +35,24 @@ impl Directory {
         self.residents.get(agent)?.iter().find(|resident| resident.incarnation == incarnation)
     }
 
-    /// Returns the address of the holder of the name.
+    /// Returns the address of the agent that holds the name; `None` if no agent of that name is
+    /// present.
     pub fn address(&self, agent: &AgentId) -> Option<AgentAddress> {
         let resident = self.find(agent)?;
         Some(AgentAddress { daemon: resident.daemon.clone(), agent: agent.clone() })
     }
 
-    /// Returns the holders of all names, in the order of names.
+    /// Returns the holder of each name, in the order of names.
     pub fn iter(&self) -> impl Iterator<Item = &Resident> {
         self.residents.values().filter_map(|rivals| rivals.first())
     }
 
-    /// Returns the agents that want a name which another agent holds.
+    /// Returns the rivals: agents with a name that another agent holds.
     pub fn rivals(&self) -> impl Iterator<Item = &Resident> {
         self.residents.values().flat_map(|rivals| rivals.iter().skip(1))
     }
 
-    /// Returns the daemons that host a holder of a name.
+    /// Returns each daemon that hosts the holder of some name.
     pub fn daemons(&self) -> impl Iterator<Item = &DaemonId> {
         let mut daemons: Vec<_> = self.iter().map(|resident| &resident.daemon).collect();
         daemons.sort();
@@ -58,8 +60,8 @@ impl Directory {
         daemons.into_iter()
     }
 
-    /// Applies a presence change. Returns the resulting changes of holders: a rival that becomes
-    /// the holder counts as joined, and a holder that is replaced as left.
+    /// Applies a presence change. Returns the changes of holders that result: a rival that becomes the
+    /// holder counts as joined, and a holder that is replaced counts as left.
     pub fn update(&mut self, presence: &Presence) -> Vec<Presence> {
         let agent = &presence.resident().agent;
         let before = self.find(agent).cloned();
@@ -86,7 +88,8 @@ impl Directory {
         }
     }
 
-    /// Returns the changes that turn `self` into `other`, for a listener that has missed some.
+    /// Returns the presence changes that turn `self` into `other`, for a listener that has missed
+    /// changes.
     pub fn changes_to(&self, other: &Directory) -> Vec<Presence> {
         let left = self
             .iter()

@@ -1,12 +1,12 @@
 //! Discovered agents: an agent that finds devices starts an agent for each of them on its own
 //! daemon, and stops it when the device is gone.
 //!
-//! - A moment after a discovery, everything found is compared with the agents that run: missing
-//!   agents start, agents of devices that are gone or changed stop, and the rest is left alone.
-//! - An agent that no file names takes part only if the file or a person admits it
-//!   ([`Admissions`]). Everything found is listed, with the reason why it does not take part and
-//!   the lines of the file that would change that.
-//! - An agent that could not start is tried again after a pause.
+//! - A moment after a discovery, everything found is compared with the agents that run. Missing agents
+//!   start, agents of devices that are gone or changed stop, and all other agents are left alone.
+//! - An agent that the ecosystem file does not name takes part only if the policy of the file or a
+//!   person admits it ([`Admissions`]). Everything found is listed, with the reason why it does not
+//!   take part and the lines for the ecosystem file that would change that.
+//! - An agent that could not start is started again after a pause.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -21,41 +21,42 @@ use crate::base_agent::{Agent, LaunchableAgent};
 use crate::context::{ChildHandle, Context, WorkHandle};
 use crate::plugin::{BuildError, Host};
 
-/// Reason why a device gets no agent: the room in which it stands is not known.
+/// Reason why a device gets no agent: the room in which the device stands is not known.
 pub const ROOM_UNKNOWN: &str = "its room is not known";
 
-/// Delay before discovered agents start and stop, to collect more changes: a broker reports
-/// hundreds of devices at once.
+/// Delay between a discovery and the start and stop of agents, so that further changes are handled
+/// together: a broker reports hundreds of devices at once.
 const MORE: Duration = Duration::from_millis(50);
 
-/// Pause before an agent that could not start is tried again.
+/// Pause before an agent that could not start is started again.
 const REST: Duration = Duration::from_secs(10);
 
-/// A device that was found.
+/// A device that was found, and the agent for it.
 #[derive(Clone, Debug)]
 pub struct FoundDevice<P> {
-    /// Name of its agent.
+    /// Name of the agent for the device.
     pub agent: AgentId,
-    /// Whether the file names the agent: then it needs no admission.
+    /// Whether the ecosystem file names the agent; such an agent needs no admission.
     pub is_named: bool,
-    /// Room in which the device stands; `None` if not known.
+    /// Room in which the device stands; `None` if the room is not known.
     pub room: Option<String>,
-    /// Data from which the agent is built; or the reason why there can be no agent, such as [`ROOM_UNKNOWN`].
+    /// Data from which the agent is built, or the reason why the device can have no agent, such as
+    /// [`ROOM_UNKNOWN`].
     pub part: Result<P, String>,
-    /// Description of what cannot be used of the device.
+    /// Description of the functions of the device that cannot be used; `None` if all can.
     pub problem: Option<String>,
     /// Lines of the ecosystem file that would let the agent take part.
     pub toml: String,
 }
 
-/// The discovered agents that run, and the state of those that do not.
+/// The discovered agents that run, and the reasons why others could not start.
 #[derive(Debug)]
 pub struct DiscoveredAgents<P> {
     admissions: Arc<Admissions>,
-    /// Largest number of agents that may run.
+    /// Largest number of discovered agents that may run.
     at_most: usize,
     here: BTreeMap<AgentId, (P, ChildHandle)>,
-    /// Agents that could not start, with the reason, until they are tried again.
+    /// Agents that could not start, each with the reason, until they are started again.
     failed: BTreeMap<AgentId, String>,
     /// Whether a comparison of found and running agents is scheduled.
     is_due: bool,
@@ -64,21 +65,21 @@ pub struct DiscoveredAgents<P> {
 
 /// Agent that starts agents for what it discovers.
 pub trait DiscoversAgents: Agent {
-    /// Data from which an agent is built; if it changes, the agent is replaced.
+    /// Data from which an agent is built. If the data of a device change, its agent is replaced.
     type Part: Clone + PartialEq + Send + 'static;
 
     /// Returns the state of the discovered agents.
     fn discovered_agents(&mut self) -> &mut DiscoveredAgents<Self::Part>;
 
-    /// Returns everything that is found at present.
+    /// Returns all devices that are found at present.
     fn found_devices(&self) -> Vec<FoundDevice<Self::Part>>;
 
-    /// Returns the reason why nothing can be found at present; `None` if there is no problem.
+    /// Returns the reason why no device can be found at present; `None` if discovery works.
     fn discovery_problem(&self) -> Option<String> {
         None
     }
 
-    /// Builds an agent from `part`. Opens no device.
+    /// Builds the agent `name` from `part`. Opens no device.
     ///
     /// # Errors
     ///
@@ -91,8 +92,8 @@ pub trait DiscoversAgents: Agent {
 }
 
 impl<P> DiscoveredAgents<P> {
-    /// Creates the state without agents; at most `at_most` agents will run. Without [`Admissions`]
-    /// among the host's resources, all are admitted.
+    /// Creates the state, without any agent; at most `at_most` agents will run. If the host's resources
+    /// contain no [`Admissions`], all discovered agents are admitted.
     pub fn new(host: &Host, at_most: usize) -> DiscoveredAgents<P> {
         let admissions = host.resources.get::<Admissions>();
         DiscoveredAgents {
@@ -107,7 +108,8 @@ impl<P> DiscoveredAgents<P> {
     }
 }
 
-/// Starts to follow the decisions of people about admissions. Call it when the agent is activated.
+/// Starts to follow the decisions of people about admissions: each change leads to a comparison of what
+/// is found with the agents that run. Call this function when the agent is activated.
 pub fn follow_admissions<A: DiscoversAgents>(agent: &mut A, ctx: &mut Context<A>) {
     let changes = agent.discovered_agents().admissions.changes();
     hear(agent, changes, ctx);
@@ -123,9 +125,9 @@ fn hear<A: DiscoversAgents>(agent: &mut A, mut changes: watch::Receiver<()>, ctx
     agent.discovered_agents().hearing = Some(work);
 }
 
-/// Schedules a comparison of what is found with the agents that run, which starts and stops agents.
-/// Call it whenever something else is found than before. Calls within a short time lead to one
-/// comparison.
+/// Schedules a comparison of what is found with the agents that run; the comparison starts and stops
+/// agents. Call this function whenever the devices that are found have changed. Calls within a short
+/// time lead to one comparison.
 pub fn schedule_reconcile<A: DiscoversAgents>(agent: &mut A, ctx: &mut Context<A>) {
     if std::mem::replace(&mut agent.discovered_agents().is_due, true) {
         return;
@@ -183,12 +185,12 @@ fn fail<A: DiscoversAgents>(agent: &mut A, name: AgentId, problem: String, ctx: 
     schedule_reconcile(agent, ctx);
 }
 
-/// The decision about everything that was found.
+/// The decision which of the devices found get an agent.
 #[derive(Debug)]
 struct DiscoveryDecision<P> {
-    /// Agents that are to run.
+    /// Agents that are to run, each with the data from which it is built.
     wanted: BTreeMap<AgentId, P>,
-    /// All of them, for people.
+    /// All agents found, including those that do not take part, for display to people.
     discovered: Vec<Discovered>,
     /// Agents that a person could admit, with a description of each.
     applicants: BTreeMap<String, String>,
@@ -277,7 +279,7 @@ mod tests {
         }
     }
 
-    /// Returns the name of each agent, whether it joins, and why not.
+    /// Returns the name of each agent, whether it takes part, and why not.
     fn told(census: &DiscoveryDecision<u8>) -> Vec<(&str, bool, &str)> {
         let told = |one: &'_ Discovered| one.problem.clone().unwrap_or_default().leak() as &str;
         census.discovered.iter().map(|one| (one.agent.as_str(), one.joined, told(one))).collect()

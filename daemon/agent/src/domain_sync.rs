@@ -1,16 +1,16 @@
-//! Synchronisation of a Domain Maintainer: passes messages and presence changes to the state
-//! machine in `capability`, and reports the changes to the agent.
+//! Synchronisation of a Domain Maintainer: passes messages and presence changes to the maintainer's
+//! state machine in `capability`, and reports the changes of the domain to the agent that keeps it.
 //!
-//! - Models and heartbeats arrive as broadcast `inform`s; a model that was missed is requested.
+//! - Models and heartbeats arrive as broadcast `inform`s. A model that was missed is requested.
 //! - When an agent's token is lost or its heartbeats stop, its capabilities are masked at once. If
 //!   it stays away for [`AgentSettings::removal`](crate::AgentSettings), its objects and facts are removed
 //!   too (docs/design.md, “Membership”). Silence alone is enough, because a router can lose the end
 //!   of a token.
-//! - Changes that requests made at the central maintainer arrive with its announcements, for
-//!   maintainers that otherwise receive heartbeats only.
+//! - Changes of facts that agents requested from the central Domain Maintainer arrive with the
+//!   announcements of that maintainer. They are for maintainers that otherwise receive heartbeats only.
 //!
-//! The central Domain Maintainer uses these functions itself. The actuators of a daemon share a
-//! maintainer in its [`SharedDomain`](crate::SharedDomain), which is updated in the same way.
+//! The central Domain Maintainer uses these functions itself. The actuators of a daemon share one
+//! maintainer in the daemon's [`SharedDomain`](crate::SharedDomain), which is updated in the same way.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -28,32 +28,33 @@ use tokio::time::Instant;
 use crate::base_agent::Agent;
 use crate::context::{Context, TimerId, WorkHandle};
 
-/// Shortest time between two compositions of models: the models of a daemon that starts arrive
-/// within this time, and a single one is composed at once. Composing a thousand takes some
-/// milliseconds.
+/// Shortest time between two compositions of models. The models of a daemon that starts arrive within
+/// this time and are composed together; a single model is composed at once. Composing a thousand models
+/// takes some milliseconds.
 const COMPOSING_APART: Duration = Duration::from_millis(20);
 
-/// How long an agent that has just joined is given to announce its model by itself. It does so at
-/// once; an earlier request would bring nothing new.
+/// How long to wait for the model that an agent announces by itself when it joins. The agent announces
+/// it at once, so an earlier request would bring nothing new.
 pub(crate) const TELLING: Duration = Duration::from_millis(20);
 
-/// Wait before an agent that gave no answer is asked again, doubled each time, and how often it is
-/// asked again. Presence is known a moment before queries reach the agent; Zenoh's routes are there
-/// after a tenth of a second at most. An agent without a model never answers.
+/// First wait before an agent that gave no answer is asked for its model again; the wait doubles each
+/// time, and `ASKED_AGAIN` is the number of repetitions. Presence is known a moment before queries
+/// reach the agent; Zenoh's routes are there after a tenth of a second at most. An agent without a
+/// model never answers.
 const ASK_AGAIN: Duration = Duration::from_millis(15);
 const ASKED_AGAIN: u32 = 5;
 
-/// How long a model that was not accepted is neither requested nor read again. Its agent names it
-/// in a heartbeat every second. What it lacked, such as room among other agents, may be there after
-/// a while.
+/// How long a model that was not accepted is neither requested nor read again. Its agent states the
+/// digest of the model in a heartbeat every second. The obstacle, such as too many other agents, may be
+/// gone after a while.
 const REFUSED_FOR: Duration = Duration::from_secs(10);
 
-/// Most rejected models remembered at a time: as many as there may be agents with a model.
+/// Most rejected models remembered at a time: as many as the number of agents that may have a model.
 const REFUSED_MAX: usize = capability::limits::AGENTS_MAX;
 
-/// A maintainer, and the data for keeping it up to date.
+/// A Domain Maintainer, and the data for keeping it up to date.
 pub struct DomainSync {
-    /// The state machine.
+    /// The state machine of the Domain Maintainer.
     pub maintainer: Maintainer,
     began: Instant,
     expiry: Option<TimerId>,
@@ -64,7 +65,8 @@ pub struct DomainSync {
     refused: RejectedModels,
 }
 
-/// Models that were not accepted lately: by agent, the incarnation, the digest and the time.
+/// Models that were not accepted lately: for each agent its incarnation, the digest of the model, and
+/// the time of the rejection.
 #[derive(Default)]
 pub(crate) struct RejectedModels(BTreeMap<AgentId, (Incarnation, String, Timestamp)>);
 
@@ -73,15 +75,15 @@ pub trait MaintainsDomain: Agent {
     /// Returns the maintainer and the data for keeping it up to date.
     fn domain_sync(&mut self) -> &mut DomainSync;
 
-    /// Called when something has changed.
+    /// Called when the composite domain or the believed facts have changed.
     fn domain_changed(&mut self, _change: &DomainChange, _ctx: &mut Context<Self>) {}
 
-    /// Called when a part of a model cannot be composed as written.
+    /// Called when a part of an agent's model cannot be composed as it is written.
     fn conflicts_found(&mut self, _conflicts: &[Conflict], _ctx: &mut Context<Self>) {}
 }
 
 impl DomainSync {
-    /// Creates the data for a maintainer, which may have content already.
+    /// Creates the data for keeping a maintainer up to date. The maintainer may have content already.
     pub fn new(maintainer: Maintainer) -> DomainSync {
         let (expiry, composed, composing) = (None, None, None);
         let (began, fetching) = (Instant::now(), BTreeMap::new());
@@ -95,7 +97,8 @@ impl DomainSync {
     }
 }
 
-/// Handles a broadcast `inform`.
+/// Handles a broadcast `inform`: passes its content to the maintainer, and requests the sender's model
+/// if that is missing.
 pub fn receive_inform<A: MaintainsDomain>(agent: &mut A, message: &Message, ctx: &mut Context<A>) {
     let inform = match message.content_as::<Inform>() {
         Ok(inform) => inform,
@@ -120,7 +123,7 @@ pub fn receive_inform<A: MaintainsDomain>(agent: &mut A, message: &Message, ctx:
     if heard.lacks_model {
         fetch(agent, &message.sender, ASKED_AGAIN, ctx);
     }
-    // If there are commons, they have counted it.
+    // If there is a shared domain, it has counted the mistake.
     if let Some(why) = heard.not_taken()
         && !ctx.router().has_commons()
     {
@@ -131,7 +134,8 @@ pub fn receive_inform<A: MaintainsDomain>(agent: &mut A, message: &Message, ctx:
     }
 }
 
-/// Composes the models that have arrived, or schedules that together with those that arrive soon.
+/// Composes the models that have arrived, either at once or a little later together with models that
+/// arrive soon.
 fn compose_soon<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     let upkeep = agent.domain_sync();
     if !upkeep.maintainer.is_stale() || upkeep.composing.is_some() {
@@ -145,7 +149,8 @@ fn compose_soon<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     agent.domain_sync().composing = Some(ctx.after(wait, |agent: &mut A, ctx| compose(agent, ctx)));
 }
 
-/// Composes the models that have arrived, if any. Call it before the domain is shown to others.
+/// Composes the models that have arrived, if there are any. Call this function before the domain is
+/// shown to others.
 pub fn compose<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     let upkeep = agent.domain_sync();
     let timer = upkeep.composing.take();
@@ -161,20 +166,22 @@ pub fn compose<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     timer.into_iter().for_each(|timer| ctx.cancel_timer(timer));
 }
 
-/// Outcome of a broadcast `inform`.
+/// Outcome of handling a broadcast `inform`.
 #[derive(Default)]
 pub(crate) struct InformOutcome {
-    /// Changes of the domain.
+    /// Changes of the domain that the message caused.
     pub(crate) changes: Vec<DomainChange>,
-    /// Whether the sender's model must be requested first.
+    /// Whether the sender's model is missing, and must be requested before the heartbeats can be used.
     pub(crate) lacks_model: bool,
-    /// Description of what is malformed in the message.
+    /// Description of what is malformed in the message; `None` if the message is well-formed.
     pub(crate) mistake: Option<String>,
-    /// Reason why a well-formed message is not believed, if it did not merely come too late.
+    /// Reason why a well-formed message is not believed. `None` if the message is believed, or merely
+    /// came too late.
     declined: Option<String>,
 }
 
-/// Passes a broadcast `inform` to a maintainer. `read` is its announcement, if that was parsed before.
+/// Passes a broadcast `inform` to a maintainer. `read` is the parsed announcement in the message, if it
+/// was parsed before.
 pub(crate) fn hear(
     (maintainer, refused): (&mut Maintainer, &mut RejectedModels),
     message: &Message,
@@ -209,7 +216,7 @@ pub(crate) fn hear(
     heard
 }
 
-/// Handles a change of presence.
+/// Handles that another agent has joined or left.
 pub fn presence<A: MaintainsDomain>(agent: &mut A, presence: &Presence, ctx: &mut Context<A>) {
     let (who, life) = (presence.resident().agent.clone(), presence.resident().incarnation);
     let now = agent.domain_sync().timestamp();
@@ -235,8 +242,8 @@ pub fn presence<A: MaintainsDomain>(agent: &mut A, presence: &Presence, ctx: &mu
     report_change(agent, &change, ctx);
 }
 
-/// Reports a change to the agent, and schedules the next expiry. Call it after any change of the
-/// maintainer.
+/// Reports a change of the domain to the agent, and schedules the next expiry of a fact or lease. Call
+/// this function after any change of the maintainer.
 pub fn report_change<A: MaintainsDomain>(
     agent: &mut A,
     change: &DomainChange,
@@ -299,7 +306,7 @@ impl RejectedModels {
 }
 
 impl InformOutcome {
-    /// Returns the reason why the sender's announcement or heartbeat is not accepted, if it is not.
+    /// Returns the reason why the announcement or heartbeat is not accepted; `None` if it is accepted.
     pub(crate) fn not_taken(&self) -> Option<&str> {
         self.mistake.as_deref().or(self.declined.as_deref())
     }
@@ -360,8 +367,9 @@ impl InformOutcome {
         }
     }
 
-    /// Applies the changes that requests made at a central maintainer. Everything else in its
-    /// announcement arrives here directly from the agents that own it.
+    /// Applies the changes of facts that agents requested from a central Domain Maintainer. The
+    /// announcement of that maintainer is needed for nothing else: all other content comes here
+    /// directly from the agents that own it.
     fn follow(
         &mut self,
         maintainer: &mut Maintainer,
@@ -406,8 +414,8 @@ fn joined(diagnostics: &[Diagnostic]) -> String {
     diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
-/// Requests an agent's model, up to `again` times more if no answer comes. Reasoning agents have no
-/// model and do not answer.
+/// Requests the model of the agent `whose`. If no answer comes, asks again up to `again` times.
+/// Reasoning agents have no model and do not answer.
 fn fetch<A: MaintainsDomain>(agent: &mut A, whose: &AgentId, again: u32, ctx: &mut Context<A>) {
     if agent.domain_sync().fetching.contains_key(whose) {
         return;

@@ -1,8 +1,8 @@
 //! Services of the host machine that an agent uses, besides memory: threads, the wall clock, and
 //! incarnation numbers.
 //!
-//! A daemon uses the real ones. A simulation gives its agents a machine of its own, on which one
-//! thread does all work in an order that a seed decides.
+//! A daemon uses the services of the real machine. A simulation gives its agents a simulated machine,
+//! on which one thread does all work in an order that a seed decides.
 
 use std::fmt;
 use std::io;
@@ -16,7 +16,8 @@ use tokio::sync::Semaphore;
 use crate::compute_pool::{ComputePool, turns_at_once};
 use crate::context::ExchangeSummary;
 
-/// File in the state folder: the number of the last incarnation that began on this machine.
+/// Name of the file in the state folder that holds the number of the last incarnation that began on
+/// this machine.
 const LIVES: &str = "lives";
 
 /// Number of computations that run at one time on a simulated machine.
@@ -38,14 +39,14 @@ enum Threads {
 
 /// A machine of a simulation.
 pub trait MachineSimulation: Send + Sync + 'static {
-    /// Returns the time of day; it may jump.
+    /// Returns the time of day of the simulated machine; it may jump.
     fn wall_clock(&self) -> SystemTime;
 
     /// Returns how long the next piece of work takes.
     fn work_duration(&self) -> Duration;
 
-    /// Called when an agent of this machine has handled an event, or its incarnation has ended,
-    /// with the exchanges that it waits in.
+    /// Called when an agent of this machine has handled an event, or when its incarnation has ended.
+    /// `_exchanges` summarises the exchanges that the agent has open.
     fn waits_changed(&self, _agent: &AgentId, _life: Incarnation, _exchanges: ExchangeSummary) {}
 }
 
@@ -54,7 +55,7 @@ pub trait MachineSimulation: Send + Sync + 'static {
 #[error("finish a piece of work: {0}")]
 pub struct WorkError(String);
 
-/// Number of the last incarnation, in memory and on disk.
+/// Counter that holds the number of the last incarnation, in memory and on disk.
 #[derive(Default)]
 struct IncarnationCounter {
     last: Mutex<u64>,
@@ -62,15 +63,15 @@ struct IncarnationCounter {
 }
 
 impl HostServices {
-    /// Creates the machine that this process runs on. The folder `state` keeps data for the next
-    /// process; with `None` there is none.
+    /// Creates the services of the machine on which this process runs. The folder `state` keeps data
+    /// for the next process; with `None` no data are kept.
     pub fn new(state: Option<PathBuf>) -> HostServices {
         // One per core, and two if there is one core, so that a long search does not delay a short one.
         let threads = Threads::Real(Arc::new(ComputePool::new(turns_at_once())));
         HostServices { threads, lives: Arc::new(IncarnationCounter::open(state)) }
     }
 
-    /// Creates a machine of a simulation.
+    /// Creates the services of a simulated machine.
     pub fn simulated(
         simulated: Arc<dyn MachineSimulation>,
         state: Option<PathBuf>,
@@ -87,15 +88,16 @@ impl HostServices {
         }
     }
 
-    /// Returns the number of an incarnation that begins now. It is greater than any before on this
-    /// machine, even if the clock was put back before this process began. Of two incarnations,
-    /// others believe the greater.
+    /// Returns the number for an incarnation that begins now. The number is greater than every number
+    /// returned before on this machine, even if the clock was put back before this process began. Other
+    /// daemons believe the incarnation with the greater number.
     pub fn next_incarnation(&self) -> Incarnation {
         let now = self.wall_clock().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
         self.lives.next(u64::try_from(now).unwrap_or(0))
     }
 
-    /// Reports which exchanges an agent waits in. On a real machine nothing is computed or reported.
+    /// Reports to a simulated machine which exchanges an agent has open. On a real machine nothing is
+    /// computed or reported.
     pub(crate) fn tell_waits(
         &self,
         agent: &AgentId,
@@ -107,7 +109,7 @@ impl HostServices {
         }
     }
 
-    /// Runs work that may wait for a disk on a thread that may block.
+    /// Runs work that may wait for a disk, on a thread that may block.
     ///
     /// # Errors
     ///
@@ -128,7 +130,7 @@ impl HostServices {
         }
     }
 
-    /// Runs a computation on a thread that may be busy for long, once a slot is free: the agents of
+    /// Runs a computation on a thread that may be busy for long, once a permit is free: the agents of
     /// one daemon share the machine's cores.
     ///
     /// # Errors
@@ -153,7 +155,7 @@ impl HostServices {
 }
 
 impl Default for HostServices {
-    /// Creates a machine that keeps nothing from earlier processes.
+    /// Creates the services of this machine, without data of earlier processes.
     fn default() -> HostServices {
         HostServices::new(None)
     }
@@ -168,7 +170,7 @@ impl fmt::Debug for HostServices {
     }
 }
 
-// === impl Lives ===
+// === impl IncarnationCounter ===
 
 impl IncarnationCounter {
     fn open(state: Option<PathBuf>) -> IncarnationCounter {
@@ -189,7 +191,8 @@ impl IncarnationCounter {
         Incarnation(*last)
     }
 
-    /// Writes a second file and renames it, so that a crash leaves the old or the new number.
+    /// Writes the number to a second file and renames that file, so that a crash leaves either the old
+    /// or the new number.
     fn write(&self, last: u64) -> io::Result<()> {
         let Some(path) = &self.path else { return Ok(()) };
         let beside = path.with_extension("new");

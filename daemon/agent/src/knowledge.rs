@@ -1,4 +1,5 @@
-//! Symbols of a composite domain for what is unknown, in the form in which they are sent with it.
+//! Conversion of the symbols with which a composite domain states that a fact is unknown. They are sent
+//! together with the domain.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +7,7 @@ use acl::content;
 use pddl::Name;
 use pddl::knowledge::{AuxiliaryPredicates, Knowledge};
 
-/// Converts the symbols that were sent with a domain.
+/// Converts the symbols that were sent with a composite domain, and that state what is unknown.
 pub fn knowledge(sent: &BTreeMap<String, content::Auxiliary>) -> Knowledge {
     let name = |text: &String| Name::new(text);
     let read = |(symbol, sent): (&String, &content::Auxiliary)| {

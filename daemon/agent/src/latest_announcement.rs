@@ -1,10 +1,11 @@
-//! Latest announcement of an agent of this daemon, for agents that have missed it.
+//! Latest announcement of an agent of this daemon, for other agents that have missed it.
 
 use acl::Message;
 use acl::content::{Inform, value};
 use bytes::Bytes;
 
-/// An agent's model, and its last heartbeat if one was sent after the model.
+/// The last model that an agent has announced, and the agent's last heartbeat if one was sent after the
+/// model.
 #[derive(Default)]
 pub(crate) struct LatestAnnouncement {
     model: Option<Bytes>,
@@ -22,8 +23,9 @@ impl LatestAnnouncement {
         }
     }
 
-    /// Returns the model, updated by the last heartbeat: the receiver would otherwise believe the
-    /// facts of the time when the agent started.
+    /// Returns the announced model, updated by the last heartbeat. Without the update the receiver
+    /// would believe the facts of the time when the agent started. `None` if the agent has announced no
+    /// model.
     pub(crate) fn model(&mut self) -> Option<Bytes> {
         if let Some(heartbeat) = self.heartbeat.take()
             && let Some(renewed) = self.model.as_ref().and_then(|model| renew(model, &heartbeat))
@@ -34,7 +36,8 @@ impl LatestAnnouncement {
     }
 }
 
-/// Returns the model with a later heartbeat in it; `None` if either cannot be read.
+/// Returns the announcement of the model with its heartbeat replaced by a later one; `None` if either
+/// message cannot be read.
 fn renew(model: &Bytes, heartbeat: &Bytes) -> Option<Bytes> {
     let (model, heartbeat) = (acl::decode(model).ok()?, acl::decode(heartbeat).ok()?);
     let (Inform::Model(mut announced), Inform::Heartbeat(heartbeat)) =

@@ -1,9 +1,9 @@
 //! Leadership among replicas: whether this agent is the leader or a standby (docs/design.md,
 //! “Fail-over”).
 //!
-//! The holder of the name in the directory is the leader; all directories agree once presence
-//! changes have spread. A replica that has just started waits a moment before it becomes the
-//! leader, because connecting takes time.
+//! The replica that holds the name in the directory is the leader; the directories of all daemons agree
+//! once presence changes have spread. A replica that has just started waits a moment before it becomes
+//! the leader, because connecting to other daemons takes time.
 
 use std::time::Duration;
 
@@ -11,25 +11,26 @@ use tokio::time::Instant;
 
 use crate::mailbox::MailboxItem;
 
-/// How long a new replica waits for others to appear before it may become the leader. A daemon on
-/// the same machine is seen in a tenth of that time, one that has to be found in half of it.
+/// How long a new replica waits for other replicas to appear before it may become the leader. A daemon
+/// on the same machine is seen in a tenth of this time, a daemon that has to be found on the network in
+/// half of it.
 const LOOKING_AROUND: Duration = Duration::from_millis(400);
 
-/// Most messages kept during that time; further ones are declined.
+/// Most messages kept while a new replica waits to see others; further messages are declined.
 const KEPT_MAX: usize = 64;
 
 /// Leadership of an agent that may have replicas.
 pub(crate) struct Leadership {
     is_leading: bool,
-    /// Whether this agent holds the name, as far as it knows.
+    /// Whether this agent holds the name in the daemon's directory.
     is_called: bool,
-    /// End of the initial wait; `None` once it is over.
+    /// End of the initial wait; `None` once the wait is over.
     until: Option<Instant>,
     /// Messages that arrived before leadership was decided.
     kept: Vec<MailboxItem>,
 }
 
-// === impl Standing ===
+// === impl Leadership ===
 
 impl Leadership {
     pub(crate) fn new(now: Instant) -> Leadership {
@@ -47,13 +48,14 @@ impl Leadership {
         self.is_called && !self.is_leading
     }
 
-    /// Returns the end of the initial wait, when leadership must be decided even without an event.
+    /// Returns the end of the initial wait: at that time leadership must be decided even if no event
+    /// occurs.
     pub(crate) fn due(&self) -> Option<Instant> {
         self.until
     }
 
-    /// Updates leadership at `now`; `is_first` means that this agent holds the name. Returns
-    /// whether it is the leader; `None` if that has not changed.
+    /// Updates leadership at the time `now`; `is_first` states that this agent holds the name. Returns
+    /// whether the agent is the leader; `None` if that has not changed.
     pub(crate) fn take(&mut self, is_first: bool, now: Instant) -> Option<bool> {
         self.is_called = is_first;
         self.until = self.until.filter(|until| *until > now);
@@ -62,7 +64,7 @@ impl Leadership {
         (was_leading != is_leading).then_some(is_leading)
     }
 
-    /// Keeps a message until leadership is decided; returns it if too many are kept.
+    /// Keeps a message until leadership is decided. Returns the message if too many are kept already.
     pub(crate) fn keep(&mut self, letter: MailboxItem) -> Option<MailboxItem> {
         if self.kept.len() >= KEPT_MAX {
             return Some(letter);
@@ -71,7 +73,7 @@ impl Leadership {
         None
     }
 
-    /// Takes the kept messages, once leadership is decided.
+    /// Removes and returns the kept messages, once leadership is decided.
     pub(crate) fn kept(&mut self) -> Vec<MailboxItem> {
         std::mem::take(&mut self.kept)
     }

@@ -4,14 +4,16 @@
 //! - [`Agent`] is the paper's Base Agent; its [`Callbacks`] list the messages that it reacts to.
 //! - [`Context`] has the operations of a callback: open an exchange, answer, set a timer, run work
 //!   in the background.
-//! - The Communication Agent behind it decodes messages, drops duplicates, sends receipts, retries
-//!   commitments, follows the protocols, and holds messages for agents that are not present yet.
-//! - [`MessageRouter`] is the router of a daemon: mailboxes, the [`Directory`], and the broadcasts
-//!   that a newly started agent has missed.
-//! - [`Rights`] state which agent may do what in a secured ecosystem; the switchboard enforces them.
-//! - [`domain_sync`] keeps a Domain Maintainer up to date; the [`SharedDomain`] are the domain model that the
-//!   actuators of one daemon share.
-//! - [`replication`] replicates records to the Journals for data that must outlive an agent, and reads
+//! - The Communication Agent behind a context decodes messages, drops duplicates, sends receipts,
+//!   retries commitments, follows the protocols, and holds messages for agents that are not present
+//!   yet.
+//! - [`MessageRouter`] is the router of a daemon: mailboxes, the [`Directory`], and the broadcasts that
+//!   a newly started agent has missed.
+//! - [`Rights`] state which agent may do what in a secured ecosystem; the router enforces them.
+//! - [`domain_sync`] keeps a Domain Maintainer up to date; the [`SharedDomain`] is the domain model
+//!   that the actuators of one daemon share.
+//! - [`replication`] replicates records to the Journals, for data that must outlive an agent, and reads
+//!   the records back.
 //!   them back.
 //! - [`discovery`] starts agents for the devices that an agent discovers, if people ([`Admissions`])
 //!   admit them.

@@ -1,4 +1,4 @@
-//! Mailbox of an agent: a bounded queue, so that a flood is refused and does not pile up.
+//! Mailbox of an agent: a bounded queue. A flood of messages is refused and does not pile up.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,15 +12,15 @@ use tokio::sync::mpsc;
 
 /// Item in a mailbox.
 pub(crate) enum MailboxItem {
-    /// A message to this agent, not decoded.
+    /// A message to this agent alone, not decoded.
     Direct(Bytes),
-    /// A broadcast that this agent listens to; decoded once for the whole daemon.
+    /// A broadcast with a performative that this agent listens to; decoded once for the whole daemon.
     Broadcast(Arc<Message>),
-    /// A broadcast from before this agent started, not decoded.
+    /// A broadcast that arrived before this agent started, not decoded.
     Replayed(Bytes),
-    /// Receipts for messages of this agent.
+    /// Receipts for messages that this agent has sent.
     Receipts(Vec<MessageId>),
-    /// A question that this agent may answer.
+    /// A query of a resource, which this agent may answer.
     Question(ReceivedQuery),
     /// An agent of the same name has joined or left at another daemon.
     NameConflict,
@@ -34,9 +34,9 @@ pub(crate) struct MailboxSender {
     door: Arc<DuplicateFilter>,
 }
 
-/// Duplicate window of an agent: the messages that it has received, and those that were refused
-/// before it received them. A copy of a message that waits in a full mailbox may arrive again: then
-/// the message is either handled or refused, never both.
+/// Duplicate window of an agent: the messages that the agent has received, and the messages that were
+/// refused before the agent received them. A copy of a message that waits in a full mailbox may arrive
+/// again; the window ensures that the message is then either handled or refused, never both.
 pub(crate) struct DuplicateFilter(Mutex<FilterWindows>);
 
 struct FilterWindows {
@@ -51,7 +51,7 @@ pub(crate) enum MessageState {
     New,
     /// The agent has received the message before.
     Before,
-    /// A refusal was sent to its sender.
+    /// The message was refused, and its sender was sent the refusal.
     Refused,
 }
 
@@ -68,7 +68,8 @@ pub(crate) struct Mailbox {
     door: Arc<DuplicateFilter>,
 }
 
-/// Creates a mailbox for `letters_max` items, with a duplicate window of `known_max` messages.
+/// Creates a mailbox that holds at most `letters_max` items, with a duplicate window of `known_max`
+/// message ids.
 pub(crate) fn mailbox(letters_max: usize, known_max: usize) -> (MailboxSender, Mailbox) {
     let (letters, mailbox) = mpsc::channel(letters_max.max(1));
     let door = Arc::new(DuplicateFilter::new(known_max));
@@ -96,8 +97,8 @@ impl DuplicateFilter {
         }
     }
 
-    /// Records that a message is refused before its agent receives it; returns `false` if the agent
-    /// has received it.
+    /// Records that a message is refused before its agent receives it. Returns `false`, and records
+    /// nothing, if the agent has received the message.
     pub(crate) fn refuse(&self, id: &MessageId) -> bool {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let is_unheard = !known.heard.contains(id);
@@ -109,7 +110,7 @@ impl DuplicateFilter {
 }
 
 impl MailboxSender {
-    /// Adds an item; returns it if the mailbox is full or its agent has ended.
+    /// Adds an item to the mailbox; returns the item if the mailbox is full or its agent has ended.
     pub(crate) fn put(&self, letter: MailboxItem) -> Result<(), MailboxItem> {
         match self.letters.try_send(letter) {
             Ok(()) => {
@@ -124,12 +125,13 @@ impl MailboxSender {
         }
     }
 
-    /// Returns the duplicate window of the agent.
+    /// Returns the duplicate window of the agent that owns the mailbox.
     pub(crate) fn door(&self) -> &DuplicateFilter {
         &self.door
     }
 
-    /// Returns the fill level and the counters, as the mailbox of `agent`.
+    /// Returns the number of items and the counters of this mailbox; `agent` is the name under which
+    /// they are reported.
     pub(crate) fn status(&self, agent: AgentId) -> MailboxStatus {
         let (room, most) = (self.letters.capacity(), self.letters.max_capacity());
         let number = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
@@ -142,14 +144,14 @@ impl MailboxSender {
         }
     }
 
-    /// Whether the agent has ended, so that no item is taken out any more.
+    /// Whether the agent has ended, so that no item is taken out of the mailbox any more.
     pub(crate) fn is_closed(&self) -> bool {
         self.letters.is_closed()
     }
 }
 
 impl Mailbox {
-    /// Returns the duplicate window of the agent.
+    /// Returns the duplicate window of the agent that owns the mailbox.
     pub(crate) fn door(&self) -> Arc<DuplicateFilter> {
         Arc::clone(&self.door)
     }
@@ -160,7 +162,7 @@ impl Mailbox {
         self.letters.len()
     }
 
-    /// Returns the next item; `None` once all sending halves are gone.
+    /// Waits for the next item and returns it; `None` once all sending halves are gone.
     pub(crate) async fn next(&mut self) -> Option<MailboxItem> {
         self.letters.recv().await
     }

@@ -1,5 +1,6 @@
-//! Requests for missed models. If many models of one daemon are missing at the same moment, as for
-//! a daemon that joins a building full of others, they are requested together.
+//! Requests for models that this daemon has missed. If many models of one daemon are missing at the
+//! same moment, they are requested together. This happens to a daemon that joins a building full of
+//! other daemons.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,29 +13,30 @@ use tokio::sync::oneshot;
 
 use crate::broadcast_cache::MODEL_BYTES_MAX;
 
-/// Number of models of one daemon that are requested one by one, without delay: an agent that is
-/// back is asked before other agents decide by its earlier announcement.
+/// Number of models of one daemon that are requested one by one, without delay. So an agent that has
+/// returned is asked for its model before other agents decide by its earlier announcement.
 const FEW: usize = 16;
 
-/// How long further requests wait for each other: a batch of heartbeats reveals missing models at
-/// one moment.
+/// How long the requests after the first [`FEW`] wait for each other: a batch of heartbeats reveals
+/// many missing models at one moment.
 const GATHERED_WITHIN: Duration = Duration::from_millis(2);
 
-/// Requests under way, by daemon.
+/// Requests for models that are under way, by the daemon that hosts the agents.
 #[derive(Clone, Default)]
 pub(crate) struct ModelFetcher(Arc<Mutex<BTreeMap<DaemonId, PendingRequests>>>);
 
 #[derive(Default)]
 struct PendingRequests {
-    /// Number of requests for single models under way.
+    /// Number of requests for a single model that are under way.
     asked: usize,
-    /// Agents to be covered by the next joint request, with the channel for each model.
+    /// Agents whose models the next joint request must cover, each with the channel for its model.
     waiting: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>,
 }
 
 impl ModelFetcher {
-    /// Requests the model of an agent from its daemon; returns no answer if none comes within
-    /// `deadline`. The first [`FEW`] requests are sent before this function returns.
+    /// Requests the model of `agent` from the daemon that hosts the agent. Resolves to an empty list if
+    /// no answer comes within `deadline`. The first [`FEW`] requests to a daemon are sent before this
+    /// function returns.
     ///
     /// # Panics
     ///
@@ -101,7 +103,8 @@ impl ModelFetcher {
     }
 }
 
-/// A request for a single model, under way until it is answered or its future is dropped.
+/// A request for a single model of this daemon's agents. The request counts as under way until this
+/// value is dropped.
 struct SingleRequest(ModelFetcher, DaemonId);
 
 impl Drop for SingleRequest {
@@ -122,7 +125,7 @@ impl PendingRequests {
     }
 }
 
-/// Whether a model is within the bound for broadcast models; if not, that is logged.
+/// Whether the answer is no longer than a broadcast model may be; if it is longer, that is logged.
 fn is_short_enough(answer: &Bytes) -> bool {
     let (bytes, is_short_enough) = (answer.len(), answer.len() <= MODEL_BYTES_MAX);
     if !is_short_enough {
@@ -155,7 +158,7 @@ mod tests {
     use crate::router::MessageRouter;
     use crate::settings::AgentSettings;
 
-    /// A daemon full of agents, which records the questions that it gets.
+    /// A daemon that hosts many agents, and records the questions that it gets.
     #[derive(Default)]
     struct Full(Mutex<Vec<Option<AgentId>>>);
 

@@ -1,5 +1,5 @@
-//! Observer of agents: follows their presence, models and heartbeats on the network where they run,
-//! on behalf of another network. It sends nothing but requests for models.
+//! Observer of agents: follows the presence, the models and the heartbeats of agents on the network
+//! where they run, on behalf of another network. An observer sends nothing but requests for models.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -22,23 +22,26 @@ use crate::context::{Context, WorkHandle};
 pub struct AgentSnapshot {
     /// Incarnation of the agent.
     pub incarnation: Incarnation,
-    /// Ecosystems that the agent was passed on from before; empty if it belongs to this one.
+    /// Ecosystems through which the agent was passed on before; empty if the agent belongs to the
+    /// observed ecosystem.
     pub via: Vec<EcosystemId>,
     /// Action model that the agent has announced.
     pub model: Arc<ActionModel>,
-    /// Which method carries out which action.
+    /// Methods of the agent: which method carries out which action.
     pub methods: Methods,
-    /// Digest of the model and the methods.
+    /// Digest of the agent's action model and methods.
     pub digest: String,
-    /// Facts of the last heartbeat, each with the time when it expires, if it does.
+    /// Facts of the agent's last heartbeat, each with the time when the fact expires; `None` if it does
+    /// not expire.
     pub facts: Vec<(InitElement, Option<Instant>)>,
     /// Sequence number of the last heartbeat.
     sequence: u64,
-    /// Time at which the agent counts as gone if no heartbeat comes before.
+    /// Time at which the agent counts as gone if no heartbeat comes before that time.
     due: Instant,
 }
 
-/// Latest snapshot of an observed agent; `None` until it is present and its model is known.
+/// Receiver of the latest snapshot of an observed agent. The value is `None` until the agent is present
+/// and its model is known, and again when the agent has gone.
 pub type AgentWatch = watch::Receiver<Option<AgentSnapshot>>;
 
 /// Agent that observes other agents.
@@ -46,14 +49,15 @@ pub type AgentWatch = watch::Receiver<Option<AgentSnapshot>>;
 pub struct Observer {
     watched: BTreeMap<AgentId, watch::Sender<Option<AgentSnapshot>>>,
     fetching: BTreeMap<AgentId, WorkHandle>,
-    /// Channel for agents that are met on the way; set if all agents are watched.
+    /// Channel for agents that join and were not watched before; set only if all agents are watched.
     newcomers: Option<mpsc::Sender<(AgentId, AgentWatch)>>,
-    /// How long an agent may be silent: a setting, known once the observer is active.
+    /// How long an agent may be silent. The limit comes from the settings and is known once the
+    /// observer is active.
     silence: SilenceLimit,
 }
 
 impl Observer {
-    /// Creates an observer of these agents. Returns it with a receiver of the snapshots of each.
+    /// Creates an observer of these agents. Returns it with one receiver of snapshots per agent.
     pub fn of(agents: impl Iterator<Item = AgentId>) -> (Observer, BTreeMap<AgentId, AgentWatch>) {
         let watched: BTreeMap<_, _> =
             agents.map(|agent| (agent, watch::Sender::new(None))).collect();
@@ -62,14 +66,15 @@ impl Observer {
         (Observer { watched, ..Observer::default() }, sights)
     }
 
-    /// Creates an observer of all agents that join. If `newcomers` is full when an agent joins,
-    /// that agent is not watched.
+    /// Creates an observer of all agents that join; `newcomers` gets the receiver of snapshots of each.
+    /// An agent that joins while `newcomers` is full is not watched.
     pub fn of_all(newcomers: mpsc::Sender<(AgentId, AgentWatch)>) -> Observer {
         let newcomers = Some(newcomers);
         Observer { newcomers, ..Observer::default() }
     }
 
-    /// Starts to watch an agent that has joined, if all agents are watched.
+    /// Starts to watch an agent that has joined. Does nothing if this observer does not watch all
+    /// agents.
     fn meet(&mut self, agent: &AgentId) {
         let Some(newcomers) = &self.newcomers else { return };
         if self.watched.contains_key(agent) {
@@ -99,7 +104,8 @@ impl Observer {
         }
     }
 
-    /// Handles an announced model. A model that cannot be read counts as none.
+    /// Handles an announced model. An agent with a model that cannot be read counts as an agent without
+    /// a model.
     fn introduced(&mut self, message: &Message, announced: &ModelAnnouncement) {
         let Some(seen) = self.watched.get(&message.sender) else { return };
         self.fetching.remove(&message.sender);
@@ -133,7 +139,7 @@ impl Observer {
         }));
     }
 
-    /// Handles a heartbeat; returns `false` if its model is not known.
+    /// Handles a heartbeat; returns `false` if the model that the heartbeat refers to is not known.
     fn heard(&mut self, message: &Message, beat: &Heartbeat) -> bool {
         let Some(seen) = self.watched.get(&message.sender) else { return true };
         let (mut is_known, silence) = (false, self.silence);
@@ -180,8 +186,8 @@ impl Observer {
         self.fetching.insert(whose.clone(), work);
     }
 
-    /// Drops the snapshot of each agent that has been silent for too long, even if its presence
-    /// token remains. Runs twice per heartbeat period.
+    /// Drops the snapshot of each agent that has been silent for too long, even if the presence token
+    /// of that agent remains. Runs twice per heartbeat period.
     fn look_around(&mut self, ctx: &mut Context<Self>) {
         let now = ctx.now();
         for (agent, seen) in &self.watched {
@@ -226,7 +232,8 @@ impl Agent for Observer {
     }
 }
 
-/// Returns the time from which the agent counts as silent. Its period is bounded, so that the time can be
+/// Returns the time from which the sender of a heartbeat counts as silent. The period stated in the
+/// heartbeat is limited to an hour, and the tolerated silence to a day, so that the time can be
 /// computed.
 fn due(beat: &Heartbeat, silence: SilenceLimit) -> Instant {
     let period = beat.period.0.min(Duration::from_secs(3_600));
@@ -234,7 +241,8 @@ fn due(beat: &Heartbeat, silence: SilenceLimit) -> Instant {
     Instant::now() + tolerated
 }
 
-/// Returns the facts of a heartbeat, each with its expiry. Facts that cannot be parsed are left out.
+/// Returns the facts of a heartbeat, each with its expiry; `None` for a fact that does not expire.
+/// Facts that cannot be parsed are left out.
 fn facts_of(beat: &Heartbeat) -> Vec<(InitElement, Option<Instant>)> {
     let now = Instant::now();
     let lasting = pddl::parse_init_elements(&beat.facts).value.unwrap_or_default();

@@ -1,8 +1,9 @@
-//! Messages under way that need a receipt: retried until it comes, parked while their receiver is away.
+//! Messages under way that need a receipt. A message is retried until its receipt comes, and parked
+//! while its receiver is away.
 //!
-//! These are the paper's “queue operations on agent death/activation”: a message to an agent that
-//! is not present yet waits until the agent joins. A message to an agent that has left waits for
-//! the grace, and is then reported as undelivered.
+//! Parked messages are the paper's “queue operations on agent death/activation”. A message to an agent
+//! that is not present yet waits until the agent joins. A message to an agent that has left waits for
+//! the length of the grace, and is then reported as undelivered.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -16,24 +17,26 @@ use crate::communication_agent::DeliveryError;
 use crate::directory::Directory;
 use crate::receipts;
 
-/// A message under way.
+/// A message that was given to the outbox and has no receipt yet.
 #[derive(Clone, Debug)]
 pub(crate) struct OutboundMessage {
     pub(crate) to: AgentId,
-    /// Incarnation of the receiver that the message is for; `None` for any holder of the name.
+    /// Incarnation of the receiver that the message is for; `None` if the message is for the agent that
+    /// holds the name, in any incarnation.
     pub(crate) incarnation: Option<Incarnation>,
     pub(crate) performative: Performative,
     pub(crate) exchange: Option<ReplyToken>,
-    /// Whether the message opens that exchange.
+    /// Whether the message opens the exchange in `exchange`.
     pub(crate) opens: bool,
     pub(crate) payload: Bytes,
-    /// Time after which delivery is given up.
+    /// Time after which delivery of the message is given up.
     pub(crate) give_up: Instant,
 }
 
 #[derive(Debug)]
 struct PendingDelivery {
-    /// Running number: messages that are due are sent in this order.
+    /// Running number of the message; messages that are due at the same time are sent in the order of
+    /// these numbers.
     number: u64,
     parcel: OutboundMessage,
     state: SendState,
@@ -41,14 +44,15 @@ struct PendingDelivery {
 
 #[derive(Debug)]
 enum SendState {
-    /// The message was sent to this incarnation of the receiver; it is sent again at `again`.
+    /// The message was sent to the incarnation `life` of the receiver; without a receipt it is sent
+    /// again at the time `again`.
     Sent { life: ReceiverIncarnation, again: Instant, wait: Duration },
-    /// The receiver is not present; it is awaited until `until`. `life` is the incarnation that was
-    /// present before, if any.
+    /// The receiver is not present, and is awaited until the time `until`. `life` is the incarnation of
+    /// the receiver that was present before, if any.
     Parked { life: Option<ReceiverIncarnation>, until: Instant },
 }
 
-/// An incarnation of a receiver, and its daemon.
+/// One incarnation of a receiver, with the daemon that hosts it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ReceiverIncarnation {
     daemon: DaemonId,
@@ -61,7 +65,7 @@ impl From<&Resident> for ReceiverIncarnation {
     }
 }
 
-/// An action that is due.
+/// An action on a message, to be done now.
 #[derive(Debug)]
 pub(crate) enum DueAction {
     /// Send this message.
@@ -95,8 +99,8 @@ impl Outbox {
         }
     }
 
-    /// Adds a message. `life` is the incarnation of the receiver; `None` if the receiver is not
-    /// present. Returns `false` if the outbox is full.
+    /// Adds a message to the outbox. `life` is the present incarnation of the receiver; `None` if the
+    /// receiver is not present. Returns `false` if the outbox is full.
     pub(crate) fn put(
         &mut self,
         id: MessageId,
@@ -124,21 +128,21 @@ impl Outbox {
         true
     }
 
-    /// Whether new exchanges may begin: half of the outbox is reserved for exchanges that have
-    /// begun before.
+    /// Whether the outbox has room for the messages of a new exchange: half of the outbox is reserved
+    /// for exchanges that have begun before.
     pub(crate) fn has_room(&self) -> bool {
         self.parcels.len() < self.parcels_max.div_ceil(2)
     }
 
-    /// Removes a message that has its receipt.
+    /// Removes a message for which the receipt has come.
     pub(crate) fn received(&mut self, id: &MessageId) {
         self.parcels.remove(id);
     }
 
-    /// Removes messages that need no receipt any more, because the turn `with` of their exchange can
-    /// only follow them. Any answer replaces the receipt of the message that opened the exchange;
-    /// `accept-proposal` and `reject-proposal` replace that of the proposal. The receipt of a
-    /// `cancel` is never replaced, because the turn may have crossed it.
+    /// Removes messages that need no receipt any more, because the turn `with` of the exchange can only
+    /// follow them. Any answer replaces the receipt of the message that opened the exchange;
+    /// `accept-proposal` and `reject-proposal` replace the receipt of the proposal. The receipt of a
+    /// `cancel` is never replaced: the turn may have been sent before the `cancel` arrived.
     pub(crate) fn replied(&mut self, exchange: &ReplyToken, by: &AgentId, with: Performative) {
         let is_before = |parcel: &OutboundMessage| {
             let proposes =
@@ -155,14 +159,15 @@ impl Outbox {
         self.parcels.retain(|_, under_way| under_way.parcel.exchange.as_ref() != Some(exchange));
     }
 
-    /// Handles that an incarnation of a receiver is present; returns the messages that are due.
+    /// Handles that an incarnation of a receiver is present; returns the actions on its messages that
+    /// are due:
     ///
     /// - The incarnation is the same as before, or the first one: the message is sent.
-    /// - It is a new incarnation on the same daemon, which knows nothing of earlier exchanges: the
+    /// - The incarnation is a new one on the same daemon, and knows nothing of earlier exchanges: the
     ///   message is given up.
-    /// - It is an incarnation on another daemon, which is the leader now: a message that opens an
+    /// - The incarnation is one on another daemon, and is the leader now. A message that opens an
     ///   exchange is sent to it, because it has not received the message and goes on with what the
-    ///   former leader knew. A message that is for one incarnation only waits for that one. Any
+    ///   former leader knew. A message that is for one incarnation only waits for that incarnation. Any
     ///   other message is given up.
     pub(crate) fn joined(&mut self, resident: &Resident, now: Instant) -> Vec<DueAction> {
         let (agent, life) = (&resident.agent, ReceiverIncarnation::from(resident));
@@ -199,7 +204,7 @@ impl Outbox {
         as_said(due)
     }
 
-    /// Handles that an agent has left: messages under way to it wait for its return.
+    /// Handles that an agent has left: messages under way to the agent wait for its return.
     pub(crate) fn left(&mut self, agent: &AgentId, directory: &Directory, now: Instant) {
         for under_way in self.parcels.values_mut().filter(|other| other.parcel.to == *agent) {
             let bound = under_way.parcel.incarnation;
@@ -213,12 +218,12 @@ impl Outbox {
         }
     }
 
-    /// Whether every message has a receipt.
+    /// Whether no message waits for a receipt.
     pub(crate) fn is_empty(&self) -> bool {
         self.parcels.is_empty()
     }
 
-    /// Returns the time of the next action.
+    /// Returns the time at which the next action is due; `None` if no message waits.
     pub(crate) fn next_due(&self) -> Option<Instant> {
         self.parcels.values().map(PendingDelivery::due).min()
     }
@@ -265,15 +270,16 @@ impl Outbox {
     }
 }
 
-/// Sorts actions by the order in which their messages were added.
+/// Sorts the actions that are due by the order in which their messages were added, and drops the
+/// numbers.
 fn as_said(mut due: Vec<(u64, DueAction)>) -> Vec<DueAction> {
     due.sort_by_key(|(number, _)| *number);
     due.into_iter().map(|(_, due)| due).collect()
 }
 
 impl OutboundMessage {
-    /// Returns the receiver if it is present: the incarnation that the message is for, or the
-    /// holder of the name.
+    /// Returns the receiver of the message if it is present: the incarnation that the message is for,
+    /// or the holder of the name if the message is for any incarnation.
     pub(crate) fn receiver<'d>(&self, directory: &'d Directory) -> Option<&'d Resident> {
         match self.incarnation {
             Some(life) => directory.find_incarnation(&self.to, life),
@@ -283,7 +289,8 @@ impl OutboundMessage {
 }
 
 impl OutboundMessage {
-    /// Returns the one incarnation that the message is for, if there is one and it is present.
+    /// Returns the one incarnation that the message is for. `None` if that incarnation is not present,
+    /// or if the message is for any incarnation.
     fn its_life(&self, directory: &Directory) -> Option<ReceiverIncarnation> {
         directory.find_incarnation(&self.to, self.incarnation?).map(ReceiverIncarnation::from)
     }
@@ -325,7 +332,8 @@ mod tests {
         }
     }
 
-    /// Returns an outbox with one message to `robot`, which is present in incarnation `life`, or absent.
+    /// Returns an outbox with one message to `robot`. The robot is present in incarnation `life`, or
+    /// absent if that is `None`.
     fn outbox(life: Option<u64>, now: Instant) -> Outbox {
         let mut outbox = Outbox::new(&crate::AgentSettings::default());
         let parcel = parcel(now + Duration::from_secs(60));
@@ -407,7 +415,7 @@ mod tests {
         assert_eq!(outbox.next_due(), None);
     }
 
-    /// Two replicas: the one at `a` has asked, and is then cut off.
+    /// Two replicas open exchanges; the one at `a` has asked, and is then cut off.
     #[tokio::test(start_paused = true)]
     async fn who_asked_hears_the_answer_and_not_who_takes_over() {
         let now = Instant::now();

@@ -14,19 +14,22 @@ use serde_json::Value;
 use crate::base_agent::LaunchableAgent;
 use crate::settings::AgentSettings;
 
-/// Entry of the daemon's table of plugins.
+/// Entry of the daemon's table of plugins, which describes one plugin.
 #[derive(Clone, Copy, Debug)]
 pub struct PluginEntry {
-    /// Name of the plugin in an ecosystem file.
+    /// Name by which an ecosystem file refers to the plugin.
     pub name: &'static str,
-    /// Description in one line.
+    /// Description of the plugin in one line.
     pub about: &'static str,
-    /// Names of the drivers; the first is the default. Empty if the plugin uses no device.
+    /// Names of the drivers that the plugin offers; the first is the default. Empty if the plugin uses
+    /// no device.
     pub drivers: &'static [&'static str],
-    /// Whether several daemons may host the agent: one replica is the leader, the others are
-    /// standbys. `false` for a device, because there is only one.
+    /// Whether several daemons may host an agent of this plugin. If so, one replica is the leader and
+    /// the others are standbys. `false` for a plugin that drives a device, because there is only one
+    /// device.
     pub has_replicas: bool,
-    /// Builds an agent. Opens nothing: that is done when the agent is activated.
+    /// Builds an agent of this plugin. Opens no device or connection: that is done when the agent is
+    /// activated.
     pub build: fn(Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError>,
 }
 
@@ -35,47 +38,47 @@ pub struct PluginEntry {
 pub struct Blueprint {
     /// Name of the agent.
     pub id: AgentId,
-    /// Name of the driver; one of the plugin's.
+    /// Name of the driver: one of those that the plugin offers.
     pub driver: String,
-    /// The entry's `config`, as JSON.
+    /// The `config` table of the agent's entry, as JSON.
     pub config: Arc<Value>,
-    /// Data and resources of the daemon.
+    /// Data and resources of the daemon that hosts the agent.
     pub host: Arc<Host>,
 }
 
 /// Data and resources that a daemon gives to all its agents.
 #[derive(Debug)]
 pub struct Host {
-    /// The shared ontology.
+    /// The shared ontology of the ecosystem.
     pub ontology: Arc<Domain>,
-    /// The shared map: objects and facts that no agent brings.
+    /// The shared map: places and facts that belong to no agent.
     pub map: Arc<Problem>,
-    /// Flow of planning in the ecosystem: centralised or decentralised.
+    /// Planning mode of the ecosystem: centralised or decentralised.
     pub mode: Mode,
-    /// Times and bounds.
+    /// Times and bounds that apply to the daemon's agents.
     pub settings: AgentSettings,
-    /// The Journals of the ecosystem, in the order of its file.
+    /// Names of the Journals of the ecosystem, in the order of the ecosystem file.
     pub journals: Vec<AgentId>,
-    /// Objects through which drivers reach the outside world, by type.
+    /// Objects through which drivers reach the outside world, one per type.
     pub resources: Resources,
 }
 
-/// Resource of a host: the folder for data that the daemon's agents need after a restart.
+/// Resource of a host: path of the folder for data that the daemon's agents need after a restart.
 #[derive(Clone, Debug)]
 pub struct StateFolder(pub PathBuf);
 
-/// Resource of a host: the names of all agents in the ecosystem's file, including those of other
-/// daemons. A discovered agent must not take any of them.
+/// Resource of a host: the names of all agents in the ecosystem file, including those of other daemons.
+/// A discovered agent must not take any of these names.
 #[derive(Clone, Debug, Default)]
 pub struct ConfiguredNames(pub BTreeSet<String>);
 
-/// Resource of a host: the agent is built only to check that it can be, perhaps on another machine
-/// than its own. Then everything outside its entry, such as files and devices, is neither read nor
-/// required.
+/// Resource of a host: states that an agent is built only to check that it can be built, perhaps on
+/// another machine than its own. Files, devices and everything else outside the agent's entry are then
+/// neither read nor required.
 #[derive(Clone, Copy, Debug)]
 pub struct BuildCheck;
 
-/// Objects that drivers share, one per type.
+/// Objects that drivers share; at most one of each type.
 #[derive(Clone, Default)]
 pub struct Resources(HashMap<TypeId, Arc<dyn Any + Send + Sync>>);
 
@@ -83,41 +86,41 @@ pub struct Resources(HashMap<TypeId, Arc<dyn Any + Send + Sync>>);
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BuildError {
-    /// The entry's `config` does not have the expected shape.
+    /// The `config` of the agent's entry does not have the expected shape.
     #[error("read the config of `{agent}`: {source}")]
     Config {
-        /// The agent.
+        /// Name of the agent that could not be built.
         agent: AgentId,
-        /// Error of the parser.
+        /// Error that the parser returned.
         #[source]
         source: serde_json::Error,
     },
-    /// The plugin has no such driver.
+    /// The plugin has no driver of the name in the agent's entry.
     #[error("find driver `{driver}` for `{agent}`; there is {}", known.join(", "))]
     UnknownDriver {
-        /// The agent.
+        /// Name of the agent that could not be built.
         agent: AgentId,
-        /// The driver asked for.
+        /// Name of the driver that the entry asks for.
         driver: String,
-        /// The drivers that the plugin has.
+        /// Names of the drivers that the plugin has.
         known: Vec<String>,
     },
-    /// Any other problem of this entry.
+    /// The agent's entry has another problem.
     #[error("build `{agent}`: {problem}")]
     Other {
-        /// The agent.
+        /// Name of the agent that could not be built.
         agent: AgentId,
-        /// Description of the problem, and of what would be right.
+        /// Description of the problem, and of what a correct entry would contain.
         problem: String,
     },
 }
 
 impl Blueprint {
-    /// Parses the entry's `config`.
+    /// Parses the `config` of the agent's entry.
     ///
     /// # Errors
     ///
-    /// Returns an error if it does not have the expected shape.
+    /// Returns an error if `config` does not have the expected shape.
     pub fn config_as<T: DeserializeOwned>(&self) -> Result<T, BuildError> {
         let config = if self.config.is_null() {
             Value::Object(Default::default())
@@ -128,7 +131,7 @@ impl Blueprint {
             .map_err(|source| BuildError::Config { agent: self.id.clone(), source })
     }
 
-    /// Creates an error about this entry.
+    /// Creates an error about the agent's entry.
     pub fn problem(&self, problem: impl Into<String>) -> BuildError {
         BuildError::Other { agent: self.id.clone(), problem: problem.into() }
     }
@@ -152,11 +155,12 @@ impl Host {
         self.map.objects.iter().map(|declared| declared.object.name.as_str())
     }
 
-    /// Checks that the map has this place.
+    /// Checks that the map has the object `place`.
     ///
     /// # Errors
     ///
-    /// Returns a text for a person if it has not, with a similar name that may have been meant.
+    /// Returns a text for a person if the map has no such object. The text suggests a similar name on
+    /// the map, if there is one.
     pub fn has_place(&self, place: &str) -> Result<(), String> {
         if self.places().any(|known| known == place) {
             return Ok(());
@@ -168,12 +172,12 @@ impl Host {
 }
 
 impl Resources {
-    /// Adds an object; replaces one of the same type.
+    /// Adds an object; it replaces an object of the same type.
     pub fn insert<T: Send + Sync + 'static>(&mut self, thing: T) {
         self.0.insert(TypeId::of::<T>(), Arc::new(thing));
     }
 
-    /// Adds an object that others hold too; replaces one of the same type.
+    /// Adds an object that other owners hold too; it replaces an object of the same type.
     pub fn share<T: Send + Sync + 'static>(&mut self, thing: Arc<T>) {
         self.0.insert(TypeId::of::<T>(), thing);
     }

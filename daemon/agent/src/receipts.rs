@@ -1,8 +1,9 @@
-//! Receipts that this agent owes: sent together a little later, or not at all if an answer is sent first.
+//! Receipts that an agent owes. They are sent together a little later, or not at all if an answer is
+//! sent first.
 //!
-//! A receipt stops the sender's retries and has no other effect. So it may be sent as late as
-//! shortly before the first retry, and one message carries all receipts for one sender. A turn that
-//! can only follow a message counts as its receipt.
+//! A receipt stops the sender's retries and has no other effect. So a receipt may be sent as late as
+//! shortly before the first retry, and one message carries all receipts for one sender. A turn that can
+//! only follow a message counts as the receipt of that message.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,14 +12,14 @@ use acl::{AgentId, Incarnation, Message, MessageId, Performative, Protocol, Repl
 use bytes::Bytes;
 use tokio::time::Instant;
 
-/// Most receipts that wait; one more sends them all.
+/// Most receipts that wait; one more causes all of them to be sent.
 const OWED_MAX: usize = 256;
 
 /// Receipts that an agent owes to others.
 #[derive(Debug)]
 pub(crate) struct Receipts {
     owed: Vec<OwedReceipt>,
-    /// Longest wait of the first of them.
+    /// Longest time that the first of the owed receipts waits.
     delay: Duration,
     due: Option<Instant>,
 }
@@ -26,24 +27,26 @@ pub(crate) struct Receipts {
 #[derive(Debug)]
 struct OwedReceipt {
     to: AgentId,
-    /// Incarnation of the sender: another agent of that name does not know the message.
+    /// Incarnation of the agent that sent the message. The receipt is for this incarnation only,
+    /// because another one does not know the message.
     life: Incarnation,
     message: MessageId,
-    /// Turn that replaces the receipt, if it is sent first.
+    /// Turn that replaces the receipt, if the turn is sent before the receipt.
     until: Option<ImplicitReceipt>,
 }
 
-/// Turn that replaces a receipt: only an agent that has received the message can send it.
+/// Turn that replaces the receipt of a message, because only an agent that has received the message can
+/// send the turn.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum ImplicitReceipt {
-    /// The message opened this exchange: any answer in it.
+    /// The message opened this exchange; any answer in the exchange replaces the receipt.
     Answered(ReplyToken),
-    /// The message is a proposal in this exchange: its acceptance or rejection.
+    /// The message is a proposal in this exchange; its acceptance or rejection replaces the receipt.
     Judged(ReplyToken),
 }
 
 impl ImplicitReceipt {
-    /// Returns the turn that replaces the receipt of a message; `None` if there is none.
+    /// Returns the turn that replaces the receipt of a message; `None` if no turn does.
     pub(crate) fn of(message: &Message) -> Option<ImplicitReceipt> {
         match (&message.in_reply_to, message.performative, message.protocol) {
             (None, ..) => message.reply_with.clone().map(ImplicitReceipt::Answered),
@@ -55,9 +58,11 @@ impl ImplicitReceipt {
         }
     }
 
-    /// Whether a turn with this performative, from the receiver of the message, replaces its receipt.
+    /// Whether a turn in `exchange` with this performative, sent by the receiver of the message,
+    /// replaces the receipt of the message.
     ///
-    /// The receipt of a `cancel` is never replaced: the answer may have crossed it.
+    /// The receipt of a `cancel` is never replaced: the answer may have been sent before the `cancel`
+    /// arrived.
     pub(crate) fn is_over(&self, exchange: &ReplyToken, performative: Performative) -> bool {
         match self {
             ImplicitReceipt::Answered(opened) => opened == exchange,
@@ -72,13 +77,13 @@ pub(crate) fn is_judgment(performative: Performative) -> bool {
 }
 
 impl Receipts {
-    /// Creates an empty list. Senders retry after `retry_first`; receipts wait a fifth of that,
-    /// which leaves time for the way.
+    /// Creates an empty list of owed receipts. Senders retry after `retry_first`. Receipts wait for a
+    /// fifth of that time, which leaves time for their transport.
     pub(crate) fn new(retry_first: Duration) -> Receipts {
         Receipts { owed: Vec::new(), delay: retry_first / 5, due: None }
     }
 
-    /// Notes that the receipt of a message is owed.
+    /// Notes that this agent owes the receipt of a message.
     pub(crate) fn owe(
         &mut self,
         (to, life): (AgentId, Incarnation),
@@ -91,7 +96,7 @@ impl Receipts {
         self.owed.push(OwedReceipt { to, life, message, until });
     }
 
-    /// Removes the receipts that an outgoing turn of an exchange replaces.
+    /// Removes the owed receipts that an outgoing turn of an exchange replaces.
     pub(crate) fn replied(&mut self, to: &AgentId, exchange: &ReplyToken, with: Performative) {
         let is_over = |until: &ImplicitReceipt| until.is_over(exchange, with);
         self.owed.retain(|owed| owed.to != *to || !owed.until.as_ref().is_some_and(is_over));
@@ -100,12 +105,12 @@ impl Receipts {
         }
     }
 
-    /// Returns the time at which the receipts are to be sent.
+    /// Returns the time at which the owed receipts are to be sent; `None` if no receipt is owed.
     pub(crate) fn due(&self) -> Option<Instant> {
         self.due
     }
 
-    /// Takes all receipts, encoded, one payload per receiver.
+    /// Removes all owed receipts and returns them encoded, one payload per receiving agent.
     pub(crate) fn take(&mut self) -> BTreeMap<(AgentId, Incarnation), Bytes> {
         self.due = None;
         let mut letters: BTreeMap<(AgentId, Incarnation), Vec<MessageId>> = BTreeMap::new();
@@ -116,13 +121,13 @@ impl Receipts {
     }
 }
 
-/// Encodes receipts as they travel: a JSON list of message ids.
+/// Encodes receipts for sending, as a JSON list of message ids.
 fn write(messages: &[MessageId]) -> Bytes {
     let ids: Vec<_> = messages.iter().map(MessageId::as_str).collect();
     serde_json::to_vec(&ids).map(Bytes::from).unwrap_or_default()
 }
 
-/// Decodes receipts; returns an empty list for garbage.
+/// Decodes receipts; returns an empty list if the payload cannot be read.
 pub(crate) fn read(payload: &[u8]) -> Vec<MessageId> {
     let ids: Vec<String> = serde_json::from_slice(payload).unwrap_or_default();
     ids.iter().map(|id| MessageId::new(id)).collect()

@@ -1,4 +1,5 @@
-//! Rejected messages: counted by kind, and logged at a bounded rate, so that no sender can fill the log.
+//! Rejected messages: counted by kind of violation, and logged at a bounded rate, so that no sender can
+//! fill the log.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -7,11 +8,11 @@ use std::time::{Duration, Instant};
 use acl::Message;
 use substrate::{Rejected, ViolationKind};
 
-/// Shortest time between two log lines about one kind of breach under one name.
+/// Shortest time between two log lines about one kind of violation by senders of one name.
 const SAID_EVERY: Duration = Duration::from_secs(10);
 
-/// Most lines about one kind within that time, under all names together: a sender that takes a new
-/// name each time is counted, but cannot fill the log.
+/// Most log lines about one kind of violation within `SAID_EVERY`, under all names together. The
+/// messages of a sender that takes a new name each time are counted, but cannot fill the log.
 const LINES_MAX: u32 = 16;
 
 /// Counters and log of rejected messages.
@@ -21,22 +22,22 @@ pub(crate) struct Rejections {
     said: Mutex<BTreeMap<&'static str, KindLog>>,
 }
 
-/// Lines that were logged lately about one kind.
+/// Log lines that were written lately about one kind of violation.
 #[derive(Debug)]
 struct KindLog {
     /// Start of the period in which lines are counted.
     since: Instant,
     lines: u32,
-    /// Number of rejections under other names that were not logged.
+    /// Number of rejections that were not logged, without those that an entry in `names` counts.
     unsaid: u64,
-    /// Last line for each name. Each name has cost a line, so there are few.
+    /// Last log line for each name. There are few names, because each one has cost a line.
     names: HashMap<String, LoggedLine>,
 }
 
 #[derive(Debug)]
 struct LoggedLine {
     at: Instant,
-    /// Number of rejections since then that were not logged.
+    /// Number of rejections under this name since that line that were not logged.
     unsaid: u64,
 }
 
@@ -57,7 +58,7 @@ impl Rejections {
         }
     }
 
-    /// Counts and logs that an announcement or heartbeat was not accepted.
+    /// Counts and logs that an announcement or heartbeat was not accepted, for the reason `why`.
     pub(crate) fn not_taken(&self, message: &Message, why: &str) {
         let detail = format!("describes its sender in a way that is not accepted: {why}");
         let (breach, claimed) = (ViolationKind::NotUnderstood, Some(message.sender.as_str()));
@@ -65,14 +66,14 @@ impl Rejections {
         self.note(&Rejected { violation: breach, detail: &detail, claimed, key });
     }
 
-    /// Returns the number of rejections of each kind.
+    /// Returns the number of rejected messages for each kind of violation.
     pub(crate) fn counts(&self) -> BTreeMap<String, u64> {
         let counts = lock(&self.counts);
         counts.iter().map(|(breach, count)| (breach.as_str().to_owned(), *count)).collect()
     }
 
-    /// Returns the number of rejections that were not logged before, if this one is to be logged;
-    /// else `None`.
+    /// Returns `None` if this rejection is not to be logged now. Otherwise returns the number of
+    /// earlier rejections that were not logged, for the log line.
     pub(crate) fn is_to_say(&self, kind: &'static str, from: &str, now: Instant) -> Option<u64> {
         let mut said = lock(&self.said);
         let empty = || KindLog { since: now, lines: 0, unsaid: 0, names: HashMap::new() };

@@ -1,9 +1,10 @@
 //! Replicated records: an agent writes records to the ecosystem's Journals, and reads them when it
 //! becomes the leader (docs/design.md, “Fail-over”).
 //!
-//! Each leader writes under a term of its own, greater than any it has read (fencing). So its
-//! versions are newer than those of earlier leaders, whatever their clocks say. Journals that join
-//! or return are read again: after a partition they hold what was decided on their side.
+//! Each leader writes under a term of its own, which is greater than any term that it has read
+//! (fencing). So its versions of records are newer than those of earlier leaders, whatever the clocks
+//! of the machines say. Journals that join or return are read again: after a partition they hold the
+//! decisions made on their side.
 
 mod journal_queue;
 
@@ -22,18 +23,19 @@ use crate::context::{Context, TimerId, WorkHandle};
 use crate::plugin::Host;
 use crate::replication::journal_queue::JournalQueues;
 
-/// How long to wait for the other Journals once one has answered. They hold the same records,
-/// except for those written last.
+/// How long to wait for the other Journals once one has answered. The other Journals hold the same
+/// records, except for those written last.
 const OTHERS_AWAITED: Duration = Duration::from_millis(100);
 
-/// Wait before a Journal that gave no answer is read again: a machine that has just started is
-/// still opening its file. After `READS_OFTEN` attempts the wait is `READ_LATER`, for as long as
-/// the Journal is present: a slow card may take minutes to repair a file.
+/// Wait before a Journal that gave no answer is read again: a machine that has just started is still
+/// opening the file of its Journal. After `READS_OFTEN` attempts the wait is `READ_LATER`, for as long
+/// as the Journal is present: a slow memory card may take minutes to repair a file.
 const READ_AGAIN: Duration = Duration::from_millis(50);
 const READS_OFTEN: u32 = 40;
 const READ_LATER: Duration = Duration::from_secs(2);
 
-/// Client of the Journals for one agent: its versions, and the records on their way.
+/// Client of the Journals for one agent: the versions that the agent writes, and the records on their
+/// way.
 pub struct JournalClient<A: Agent> {
     journals: Vec<AgentId>,
     version: Version,
@@ -44,33 +46,33 @@ pub struct JournalClient<A: Agent> {
     has_read: bool,
     reads: u32,
     reading: Option<WorkHandle>,
-    /// Timer after which Journals that gave no answer are read again.
+    /// Timer that is due when Journals that gave no answer are read again.
     again: Option<TimerId>,
     deliveries: JournalQueues<A>,
 }
 
-/// Agent that has records kept by the Journals.
+/// Agent that lets the Journals keep its records.
 pub trait ReplicatesRecords: Agent {
-    /// Returns the client of the Journals.
+    /// Returns the agent's client of the Journals.
     fn journal_client(&mut self) -> &mut JournalClient<Self>;
 
-    /// Called with the records that the Journals hold, written by this agent or by earlier leaders:
-    /// the newest version of each, ordered by key. Called when the agent becomes the leader and
-    /// whenever a Journal joins.
+    /// Called with the newest version of each record that the Journals hold, ordered by key; this agent
+    /// or earlier leaders have written them. Called when the agent becomes the leader, and whenever a
+    /// Journal joins.
     fn records_restored(&mut self, records: Vec<Record>, ctx: &mut Context<Self>);
 }
 
-/// Outcome of keeping some records.
+/// Outcome of replicating some records to the Journals.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReplicationOutcome {
-    /// Journals that have them on disk.
+    /// Journals that have the records on disk.
     pub stored_by: Vec<AgentId>,
-    /// Journals that could not keep them, with the reason.
+    /// Journals that could not keep the records, each with the reason.
     pub failed_by: BTreeMap<AgentId, String>,
 }
 
 impl<A: Agent> JournalClient<A> {
-    /// Creates a client that has read nothing yet.
+    /// Creates a client of the host's Journals that has read no record yet.
     pub fn new(host: &Host) -> JournalClient<A> {
         JournalClient {
             journals: host.journals.clone(),
@@ -85,7 +87,7 @@ impl<A: Agent> JournalClient<A> {
         }
     }
 
-    /// Whether every Journal that is present and works has all records that it was asked to keep.
+    /// Whether every Journal that is present and works has kept all records that were sent to it.
     pub fn has_delivered(&self) -> bool {
         self.deliveries.is_empty()
     }
@@ -95,22 +97,24 @@ impl<A: Agent> JournalClient<A> {
         &self.journals
     }
 
-    /// Whether this agent is the leader, and so writes.
+    /// Whether this agent is the leader; only the leader writes records.
     pub fn is_leading(&self) -> bool {
         self.is_leading
     }
 
-    /// Takes note of records that others have written: later versions of this agent are newer than these.
+    /// Takes note of records that other agents have written. Versions that this agent writes later are
+    /// newer than these records.
     pub fn advance_term_past(&mut self, life: Incarnation, records: &[Record]) {
         self.begin_term(life, records);
     }
 
-    /// Returns the term under which this agent writes: greater than any that it has read.
+    /// Returns the term under which this agent writes; it is greater than any term that the agent has
+    /// read.
     pub fn term(&self) -> u64 {
         self.version.term
     }
 
-    /// Creates a new version of a record.
+    /// Creates a new version of the record `key`, with the content `body`.
     pub fn write(&mut self, key: String, body: Value) -> Record {
         self.version.count += 1;
         Record { key, version: self.version, body }
@@ -126,20 +130,21 @@ impl<A: Agent> JournalClient<A> {
     }
 }
 
-/// Returns the distance of a new term from the greatest one read. It differs between incarnations:
-/// two agents that have read the same records while cut off from each other begin different terms.
+/// Returns the distance between a new term and the greatest term that was read. The distance differs
+/// between incarnations, so that two agents begin different terms even if they have read the same
+/// records while cut off from each other.
 fn stride_of(Incarnation(life): Incarnation) -> u64 {
-    /// 2⁶⁴ divided by the golden ratio: spreads incarnations that lie close together (Knuth, The
-    /// Art of Computer Programming, 6.4).
+    /// 2⁶⁴ divided by the golden ratio. Multiplication by this number spreads incarnations that lie
+    /// close together (Knuth, The Art of Computer Programming, 6.4).
     const SPREAD: u64 = 0x9e37_79b9_7f4a_7c15;
     // 32 bits, which is about an hour in microseconds: terms do not run far ahead of the clock, and
     // there is room for more terms than there are seconds in a century.
     (life.wrapping_mul(SPREAD) >> 32).max(1)
 }
 
-/// Replicates records to the Journals that are present. Calls `then` as soon as enough Journals
-/// have them, all have answered, or the time for an answer has passed. Each Journal is asked again
-/// until it has them.
+/// Replicates records to the Journals that are present. Calls `then` as soon as enough Journals have
+/// the records, all Journals have answered, or the time for an answer has passed. The records are sent
+/// to each Journal again until it has them.
 pub fn replicate<A: ReplicatesRecords>(
     agent: &mut A,
     records: &[Record],
@@ -149,8 +154,8 @@ pub fn replicate<A: ReplicatesRecords>(
     journal_queue::deliver(agent, records, Some(Box::new(then)), ctx);
 }
 
-/// Replicates records without reporting the outcome. The Journals that are present are asked until
-/// they have these records, or newer ones.
+/// Replicates records without reporting the outcome. The records are sent to the Journals that are
+/// present until each has these versions or newer ones.
 pub fn replicate_detached<A: ReplicatesRecords>(
     agent: &mut A,
     records: &[Record],
@@ -159,7 +164,8 @@ pub fn replicate_detached<A: ReplicatesRecords>(
     journal_queue::deliver(agent, records, None, ctx);
 }
 
-/// Handles that an agent becomes the leader or a standby. Call it from [`Agent::leadership_changed`].
+/// Handles that this agent becomes the leader or a standby. Call this function from
+/// [`Agent::leadership_changed`].
 pub fn handle_leadership<A: ReplicatesRecords>(
     agent: &mut A,
     is_leading: bool,
@@ -176,7 +182,7 @@ pub fn handle_leadership<A: ReplicatesRecords>(
     }
 }
 
-/// Handles a change of presence. Call it for every change.
+/// Handles that another agent has joined or left. Call this function for every change of presence.
 pub fn handle_presence<A: ReplicatesRecords>(
     agent: &mut A,
     presence: &Presence,
@@ -198,7 +204,7 @@ pub fn handle_presence<A: ReplicatesRecords>(
     }
 }
 
-/// Reads all Journals that are present.
+/// Reads the records of all Journals that are present.
 fn read_all<A: ReplicatesRecords>(agent: &mut A, ctx: &mut Context<A>) {
     let keeper = agent.journal_client();
     let here = keeper.journals.iter().filter(|journal| ctx.find(journal).is_some());
@@ -206,7 +212,7 @@ fn read_all<A: ReplicatesRecords>(agent: &mut A, ctx: &mut Context<A>) {
     read(agent, ctx);
 }
 
-/// Reads the Journals that have not been read, unless a read is under way.
+/// Reads the records of those Journals that have not been read, unless a read is under way.
 fn read<A: ReplicatesRecords>(agent: &mut A, ctx: &mut Context<A>) {
     let keeper = agent.journal_client();
     if keeper.reading.is_some() || keeper.unread.is_empty() {
@@ -244,7 +250,8 @@ fn read<A: ReplicatesRecords>(agent: &mut A, ctx: &mut Context<A>) {
     agent.journal_client().reading = Some(reading);
 }
 
-/// Collects the answers of Journals. Once one has answered, waits for the others at most `patience`.
+/// Collects the answers of Journals. Once one Journal has answered, waits for the others at most
+/// `patience`.
 async fn answers(
     mut asked: JoinSet<(AgentId, Vec<bytes::Bytes>)>,
     patience: Duration,
@@ -274,7 +281,7 @@ async fn answers(
     }
 }
 
-/// Returns the newest version of each record that was read; `None` if no Journal answered.
+/// Returns the newest version of each record that was read; `None` if no Journal has answered.
 fn take_in<A: ReplicatesRecords>(
     agent: &mut A,
     answers: Vec<(AgentId, Vec<Record>)>,
@@ -340,8 +347,8 @@ mod tests {
         assert!(keeper.write("goal/a".to_owned(), Value::Null).version > theirs.version);
     }
 
-    /// With equal terms, a plan of one leader could be mistaken for that of the other, and so could
-    /// a command.
+    /// If two leaders had equal terms, a plan or a command of one could be mistaken for that of the
+    /// other.
     #[test]
     fn two_that_read_the_same_begin_terms_of_their_own() {
         let version = Version { term: 1_700_000_034_043_986, count: 3 };

@@ -1,58 +1,59 @@
-//! Rights in a secured ecosystem, as its file states them: which daemon may host which agents, what
-//! these may advertise, which agents may ask for goals. This module has data and decisions; `authorization`
-//! enforces them.
+//! Rights in a secured ecosystem, as the ecosystem file states them: which daemon may host which
+//! agents, which actions these agents may advertise, and which agents may ask for goals. This module
+//! has data and decisions; the module `authorization` enforces them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use acl::content::{ChangeState, Request};
 use acl::{AgentId, DaemonId};
 
-/// Rights that the ecosystem's file grants.
+/// Rights that the ecosystem file grants.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Rights {
-    /// The agents that the file names.
+    /// The agents that the ecosystem file names, each with its rights.
     pub agents: BTreeMap<AgentId, AgentRights>,
-    /// Daemons through which people take part. They may host agents that the file does not name, if
-    /// these offer no actions.
+    /// Daemons through which people take part. These daemons may host agents that the ecosystem file
+    /// does not name, if such agents offer no actions.
     pub guests: AllowedNames<DaemonId>,
-    /// Daemons that may host agents with actions although the file does not name these agents.
+    /// Daemons that may host agents with actions even if the ecosystem file does not name these agents.
     pub newcomers: AllowedNames<DaemonId>,
     /// Agents that may ask for goals, plans and actions.
     pub goals: AllowedRequesters,
-    /// Agents that may change facts, and the way plans are made.
+    /// Agents that may change facts, and may change how plans are made.
     pub changes: AllowedRequesters,
 }
 
 /// Rights of one agent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AgentRights {
-    /// Daemons that may host the agent; empty means any.
+    /// Daemons that may host the agent; if empty, any daemon may.
     pub daemons: BTreeSet<DaemonId>,
-    /// Actions that the agent may advertise, in lower case; `None` means any.
+    /// Actions that the agent may advertise, in lower case; `None` if it may advertise any action.
     pub actions: Option<BTreeSet<String>>,
-    /// Whether the agent is a reasoning agent, and so carries out what others may ask for.
+    /// Whether the agent is a reasoning agent: one that carries out what other agents may ask for.
     pub reasons: bool,
 }
 
-/// A set of names, or all names.
+/// A set of allowed names, or all names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AllowedNames<T> {
     /// Every name.
     All,
-    /// Only these names.
+    /// Only the names in this set.
     These(BTreeSet<T>),
 }
 
-/// Agents that may ask for something. Reasoning agents always may.
+/// Agents that may make a certain kind of request. Reasoning agents always may.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AllowedRequesters {
     /// Every agent.
     All,
-    /// Only these agents.
+    /// Only the agents that the fields describe.
     These {
-        /// Agents that the file names.
+        /// Agents that the ecosystem file names and that may make the request.
         agents: BTreeSet<AgentId>,
-        /// Whether agents that the file does not name may ask: people at command lines and keyboards.
+        /// Whether agents that the ecosystem file does not name may make the request: people at command
+        /// lines and keyboards.
         guests: bool,
     },
 }
@@ -60,11 +61,12 @@ pub enum AllowedRequesters {
 // === impl Rights ===
 
 impl Rights {
-    /// Checks whether an agent may be hosted by a daemon, which is one of the file or a guest of one.
+    /// Checks whether an agent may be hosted by `daemon`, which may also be a guest of a daemon that
+    /// the ecosystem file names.
     ///
     /// # Errors
     ///
-    /// Returns the reason, for a person, if it may not.
+    /// Returns the reason, for a person, if the daemon may not host the agent.
     pub fn may_host(&self, agent: &AgentId, daemon: &DaemonId) -> Result<(), String> {
         match self.agents.get(agent) {
             Some(_) if daemon.is_guest() => {
@@ -89,7 +91,8 @@ impl Rights {
         }
     }
 
-    /// Whether the actions that an agent of `daemon` advertises must be checked.
+    /// Whether the rights limit which actions `agent`, hosted by `daemon`, may advertise, so that they
+    /// must be checked.
     pub fn limits_actions(&self, agent: &AgentId, daemon: &DaemonId) -> bool {
         match self.agents.get(agent) {
             Some(rights) => rights.actions.is_some(),
@@ -97,12 +100,12 @@ impl Rights {
         }
     }
 
-    /// Checks whether an agent of `daemon` may advertise these actions.
+    /// Checks whether `agent`, hosted by `daemon`, may advertise these actions.
     ///
     /// # Errors
     ///
-    /// Returns the reason, for a person, if it may not; it names the actions where the file names
-    /// the agent.
+    /// Returns the reason, for a person, if the agent may not. If the ecosystem file names the agent,
+    /// the reason lists the actions that are not allowed.
     pub fn may_advertise<'a>(
         &self,
         agent: &AgentId,
@@ -136,7 +139,7 @@ impl Rights {
     ///
     /// # Errors
     ///
-    /// Returns the reason, for a person, if it may not.
+    /// Returns the reason, for a person, if the agent may not make the request.
     pub fn may_ask(&self, agent: &AgentId, request: &Request) -> Result<(), String> {
         match request {
             Request::Achieve(_)
@@ -176,13 +179,13 @@ impl Rights {
     ///
     /// # Errors
     ///
-    /// Returns the reason, for a person, if it may not.
+    /// Returns the reason, for a person, if the agent may not ask for goals, plans and actions.
     pub fn may_ask_for_goals(&self, agent: &AgentId) -> Result<(), String> {
         self.may(&self.goals, agent, "ask for goals and actions", "goals")
     }
 
-    /// Whether an agent is one of the ecosystem's reasoning agents. If the file names no reasoning
-    /// agent, every agent counts as one.
+    /// Whether `agent` is one of the ecosystem's reasoning agents. If the ecosystem file names no
+    /// reasoning agent, every agent counts as one.
     pub fn may_reason(&self, agent: &AgentId) -> bool {
         let reasons = |rights: &AgentRights| rights.reasons;
         self.agents.get(agent).is_some_and(reasons) || !self.agents.values().any(reasons)
@@ -255,7 +258,8 @@ mod tests {
         DaemonId::new(name).expect("a name")
     }
 
-    /// A robot on either of two boards, a requester, a camera that may ask, people at the desk.
+    /// Rights for a test: a robot on either of two boards, a requester, a camera that may ask for
+    /// goals, and people at a guest daemon.
     fn rights() -> Rights {
         let rights = |daemons: &[&str], actions: Option<&[&str]>, reasons| AgentRights {
             daemons: daemons.iter().map(|name| daemon(name)).collect(),

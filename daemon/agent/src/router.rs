@@ -1,13 +1,13 @@
-//! The router of one daemon: connects all agents of the daemon to the substrate.
+//! The router of one daemon: connects all agents of that daemon to the substrate.
 //!
-//! - Puts incoming messages into mailboxes; answers `refuse` for a full mailbox.
+//! - Puts incoming messages into mailboxes. If a mailbox is full, answers the message with `refuse`.
 //! - Maintains the [`Directory`] and notifies agents when others join or leave.
 //! - Passes broadcasts to the [`SharedDomain`] before it puts them into mailboxes.
 //! - Decodes a broadcast once for the whole daemon, and does not decode a heartbeat that repeats
 //!   the previous one; caches the last broadcasts of each sender ([`BroadcastCache`]) for agents that
 //!   start later.
 //!
-//! Called on the substrate's threads: no function here blocks.
+//! The substrate calls this module on its own threads: no function here blocks.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -44,8 +44,8 @@ use crate::rights::Rights;
 use crate::settings::AgentSettings;
 use crate::shared_domain::SharedDomain;
 
-/// Capacity of the channel of presence changes. An agent that lags further behind compares
-/// directories instead.
+/// Capacity of the channel of presence changes. An agent that misses changes because it lags further
+/// behind compares directories instead.
 const PRESENCE_CHANGES_MAX: usize = 1_024;
 
 /// The router of one daemon; see the module documentation.
@@ -57,33 +57,36 @@ pub struct MessageRouter {
     presence: broadcast::Sender<Presence>,
     substrate: OnceLock<Arc<dyn Substrate>>,
     shared_domain: OnceLock<SharedDomainHandle>,
-    /// Heartbeats of agents here that wait to be sent in one batch.
+    /// Heartbeats of this daemon's agents that wait to be sent in one batch.
     gathering: HeartbeatBatcher,
-    /// Requests for models that this daemon has missed.
+    /// Requests for models of agents that this daemon has missed.
     fetching: ModelFetcher,
     counters: FailureCounters,
     host_services: HostServices,
-    /// Returns the answer to [`Resource::Plugins`]: the state of the plugins that run as processes.
-    /// Set only if this daemon hosts any.
+    /// Function that returns the answer to [`Resource::Plugins`]: the state of the plugins that run as
+    /// processes. Set only if this daemon hosts such plugins.
     plugins: OnceLock<Box<dyn Fn() -> String + Send + Sync>>,
-    /// Answer to [`Resource::Files`]: the files of the ecosystem as this daemon has read them.
+    /// Answer to [`Resource::Files`]: digests of the ecosystem's domain and map as this daemon has read
+    /// them.
     files: OnceLock<String>,
-    /// Discovered agents (no file names them), by the finder that reported them.
+    /// Discovered agents, which the ecosystem file does not name, by the finder that reported them.
     discovered: Mutex<BTreeMap<String, Vec<Discovered>>>,
-    /// Counts and logs rejected messages.
+    /// Counters and log of rejected messages.
     pub(crate) rejections: Arc<Rejections>,
-    /// Rights of the ecosystem, checked by `authorization`; unset if the ecosystem limits no rights.
+    /// Rights of the ecosystem, which the module `authorization` checks; unset if the ecosystem limits
+    /// no rights.
     pub(crate) rights: OnceLock<Arc<Rights>>,
 }
 
-/// Counters of failures since start, for the operator.
+/// Counters of failures since the daemon started, for its operator.
 #[derive(Debug, Default)]
 pub struct FailureCounters {
     /// Messages refused because a mailbox was full.
     pub mailbox_full: AtomicU64,
     /// Messages to agents that this daemon does not host.
     pub unknown_receiver: AtomicU64,
-    /// Broadcasts that could not be decoded, or that name another sender than their address does.
+    /// Broadcasts that could not be decoded, or that name another sender than the address under which
+    /// they arrived.
     pub unreadable: AtomicU64,
     /// Messages that the substrate did not accept.
     pub unsent: AtomicU64,
@@ -94,15 +97,16 @@ pub struct FailureCounters {
 #[derive(Default)]
 struct RouterState {
     agents: BTreeMap<AgentId, HostedAgent>,
-    /// Shared with its readers, and copied on change.
+    /// Directory of the present agents. Readers share it; a change is made in a copy.
     directory: Arc<Directory>,
-    /// Last broadcasts of each sender.
+    /// The last broadcasts of each sender.
     heard: BTreeMap<AgentId, BroadcastCache>,
-    /// Number of agents here that listen to `inform` broadcasts, without the commons.
+    /// Number of this daemon's agents that listen to `inform` broadcasts; the shared domain does not
+    /// count.
     listeners: usize,
 }
 
-/// The commons, and the runtime on which they wait for answers.
+/// The shared domain of this daemon, and the runtime on which its requests for models wait for answers.
 struct SharedDomainHandle {
     commons: Arc<SharedDomain>,
     runtime: Handle,
@@ -112,12 +116,12 @@ struct HostedAgent {
     slot: MailboxSender,
     incarnation: Incarnation,
     interests: BTreeSet<Performative>,
-    /// Latest announcement of the agent; answers [`Resource::Model`].
+    /// Latest announcement of the agent; it answers the query [`Resource::Model`].
     last_word: LatestAnnouncement,
 }
 
 impl MessageRouter {
-    /// Creates a router without agents and without a substrate, on the default machine.
+    /// Creates a router without agents and without a substrate, on the machine of this process.
     pub fn new(
         ecosystem: EcosystemId,
         daemon: DaemonId,
@@ -126,7 +130,7 @@ impl MessageRouter {
         MessageRouter::on(HostServices::default(), ecosystem, daemon, settings)
     }
 
-    /// Creates a router without agents and without a substrate, on `machine`.
+    /// Creates a router without agents and without a substrate, on the given machine.
     pub fn on(
         machine: HostServices,
         ecosystem: EcosystemId,
@@ -154,7 +158,7 @@ impl MessageRouter {
         })
     }
 
-    /// Sets the substrate. Only the first call has an effect.
+    /// Sets the substrate through which the router sends. Only the first call has an effect.
     pub fn connect(&self, substrate: Arc<dyn Substrate>) {
         // A second substrate would split the daemon's agents; the first one stays.
         let _ = self.substrate.set(substrate);
@@ -167,8 +171,8 @@ impl MessageRouter {
         let _ = self.plugins.set(Box::new(tell));
     }
 
-    /// Sets the answer to [`Resource::Files`]: the files of the ecosystem as this daemon has read
-    /// them. Only the first call has an effect.
+    /// Sets the answer to [`Resource::Files`]: digests of the ecosystem's domain and map as this daemon
+    /// has read them. Only the first call has an effect.
     pub fn tell_files(&self, files: String) {
         // The files are read once, at start.
         let _ = self.files.set(files);
@@ -200,7 +204,7 @@ impl MessageRouter {
         self.host_services.clone()
     }
 
-    /// Returns the name of the ecosystem.
+    /// Returns the name of the ecosystem that the daemon belongs to.
     pub fn ecosystem(&self) -> &EcosystemId {
         &self.ecosystem
     }
@@ -220,12 +224,12 @@ impl MessageRouter {
         &self.counters
     }
 
-    /// Returns the present agents, as this daemon sees them.
+    /// Returns the directory of the present agents, as this daemon sees them.
     pub fn directory(&self) -> Arc<Directory> {
         Arc::clone(&self.read().directory)
     }
 
-    /// Returns the holder of a name; `None` if no agent of that name is present.
+    /// Returns the agent that holds a name; `None` if no agent of that name is present.
     pub fn find(&self, agent: &AgentId) -> Option<Resident> {
         self.read().directory.find(agent).cloned()
     }
@@ -250,7 +254,7 @@ impl MessageRouter {
         }
     }
 
-    /// Queries this daemon's own agents, without the substrate.
+    /// Queries the agents of this daemon for a resource, without the substrate.
     fn ask_itself(&self, ask: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         let (answers, heard) = mpsc::channel(ANSWERS_MAX);
         let answer = Arc::new(move |payload| drop(answers.try_send(payload)));
@@ -260,8 +264,8 @@ impl MessageRouter {
 
     // === agents of this daemon ===
 
-    /// Registers an agent and returns its mailbox. If the agent listens to `inform`, the mailbox
-    /// starts with the cached broadcasts.
+    /// Registers an agent and returns its mailbox. If the agent listens to `inform` broadcasts, the
+    /// mailbox starts with the cached ones.
     pub(crate) fn register(
         &self,
         agent: &AgentId,
@@ -286,7 +290,7 @@ impl MessageRouter {
         mailbox
     }
 
-    /// Removes the mailbox of an agent, if it still belongs to this incarnation.
+    /// Removes the mailbox of an agent, if the mailbox still belongs to this incarnation of the agent.
     pub(crate) fn unregister(&self, agent: &AgentId, incarnation: Incarnation) {
         let mut state = self.write();
         if state.agents.get(agent).is_some_and(|hosted| hosted.incarnation == incarnation) {
@@ -296,15 +300,15 @@ impl MessageRouter {
         }
     }
 
-    /// Returns the directory, and a receiver of every change from now on. A receiver that lags too
-    /// far behind compares directories instead.
+    /// Returns the directory, and a receiver of every presence change from now on. A receiver that lags
+    /// too far behind misses changes, and must compare directories instead.
     pub fn presence_changes(&self) -> (Arc<Directory>, broadcast::Receiver<Presence>) {
         // Subscribed under the lock, so that no change falls between the two.
         let state = self.read();
         (Arc::clone(&state.directory), self.presence.subscribe())
     }
 
-    /// Returns the directory if the listener `told` has received every change so far; else `None`.
+    /// Returns the directory if the receiver `told` has no unread presence change; otherwise `None`.
     pub(crate) fn told_whole(
         &self,
         told: &broadcast::Receiver<Presence>,
@@ -321,10 +325,10 @@ impl MessageRouter {
         self.substrate.get().ok_or(SendError::Closed)?.announce(agent, incarnation)
     }
 
-    // === the commons ===
+    // === the shared domain ===
 
-    /// Returns the domain model shared by this daemon's actuators ([`SharedDomain`]). The first call
-    /// creates it from the cached broadcasts.
+    /// Returns the domain model that this daemon's actuators share ([`SharedDomain`]). The first call
+    /// creates the model from the cached broadcasts.
     pub fn shared_domain(&self, host: &Host) -> Arc<SharedDomain> {
         let begin = || SharedDomainHandle {
             commons: Arc::new(SharedDomain::new(host)),
@@ -333,7 +337,7 @@ impl MessageRouter {
         let is_new = self.shared_domain.get().is_none();
         let commons = Arc::clone(&self.shared_domain.get_or_init(begin).commons);
         if is_new {
-            // From here on the commons receive broadcasts themselves. A broadcast that arrives both
+            // From here on the shared domain receives broadcasts itself. A broadcast that arrives both
             // ways has no further effect.
             let mut said: BTreeMap<AgentId, Vec<Bytes>> = BTreeMap::new();
             let directory = {
@@ -350,7 +354,7 @@ impl MessageRouter {
         commons
     }
 
-    /// Returns the parsed announcement of an agent, if the commons have read it.
+    /// Returns the parsed announcement of an agent, if the shared domain has read it.
     pub(crate) fn announcement(
         &self,
         agent: &AgentId,
@@ -375,7 +379,7 @@ impl MessageRouter {
         }
     }
 
-    /// Whether the commons exist, and so check what agents announce.
+    /// Whether the shared domain exists. If it does, it checks what agents announce.
     pub(crate) fn has_commons(&self) -> bool {
         self.shared_domain.get().is_some()
     }
@@ -393,9 +397,9 @@ impl MessageRouter {
         }
     }
 
-    /// Requests the model of an agent for the commons. If the agent is on another daemon and has
-    /// announced its model within `patience`, no request is sent. Reasoning agents have no model
-    /// and do not answer.
+    /// Requests the model of the agent `whose` for the shared domain. If the agent is on another daemon
+    /// and has announced its model within `patience`, no request is sent. Reasoning agents have no
+    /// model and do not answer.
     fn fetch(&self, whose: &AgentId, patience: Duration) {
         let Some(SharedDomainHandle { commons, runtime }) = self.shared_domain.get() else {
             return;
@@ -439,7 +443,7 @@ impl MessageRouter {
         });
     }
 
-    /// Requests the model of an agent. Requests to one daemon at about the same moment are merged.
+    /// Requests the model of an agent. Requests to one daemon at about the same moment are combined.
     pub(crate) fn model_of(&self, whose: Resident) -> BoxFuture<Vec<Bytes>> {
         let Resident { agent, daemon, .. } = whose;
         let deadline = self.settings.answer_deadline;
@@ -458,7 +462,7 @@ impl MessageRouter {
         self.send_to(&address, subject, payload);
     }
 
-    /// Sends to this address, independently of which agent holds the name.
+    /// Sends a payload to the agent and daemon in the address `to`, whichever agent holds the name.
     pub(crate) fn send_to(&self, to: &AgentAddress, subject: Subject, payload: Bytes) {
         self.hand_over(|substrate| substrate.send(to, subject, payload));
     }
@@ -467,16 +471,16 @@ impl MessageRouter {
         self.hand_over(|substrate| substrate.broadcast(sender, performative, payload));
     }
 
-    /// Broadcasts a model or heartbeat at once, and keeps it to answer [`Resource::Model`]. A
-    /// heartbeat of the sender that waits for a batch is withdrawn.
+    /// Broadcasts a model or heartbeat at once, and keeps it to answer queries for [`Resource::Model`].
+    /// If a heartbeat of the same sender waits for a batch, that heartbeat is withdrawn.
     pub(crate) fn beat(&self, sender: &AgentId, payload: Bytes, is_model: bool) {
         self.keep_last_word(sender, &payload, is_model);
         self.gathering.withdraw(sender);
         self.hand_over(|substrate| substrate.broadcast_state(sender, payload));
     }
 
-    /// Broadcasts a heartbeat in one batch with those that other agents here send at about the same
-    /// moment.
+    /// Broadcasts a heartbeat in one batch with those that other agents of this daemon send at about
+    /// the same moment.
     pub(crate) fn beat_together(self: &Arc<Self>, sender: &AgentId, payload: Bytes) {
         self.keep_last_word(sender, &payload, false);
         if !self.gathering.add(sender, payload) {
@@ -532,7 +536,8 @@ impl MessageRouter {
         }
     }
 
-    /// Refuses a message to a full mailbox, so that its sender learns of it at once and does not wait.
+    /// Refuses a message to an agent with a full mailbox, so that the sender learns of it at once and
+    /// does not wait.
     fn refuse_overflow(&self, agent: &AgentId, slot: &MailboxSender, payload: &[u8]) {
         self.counters.mailbox_full.fetch_add(1, Ordering::Relaxed);
         let from = acl::sender_of(payload);
@@ -626,8 +631,8 @@ impl MessageRouter {
         }
     }
 
-    /// Whether a broadcast has at most `bytes_max` bytes; if not, that is counted and logged. The
-    /// bound is needed because the last broadcasts of every sender are cached.
+    /// Whether a broadcast has at most `bytes_max` bytes. If not, that is counted and logged. The bound
+    /// is needed because the last broadcasts of every sender are cached.
     fn is_short_enough(
         &self,
         payload: &Bytes,
@@ -646,9 +651,9 @@ impl MessageRouter {
         false
     }
 
-    /// Fast path for a heartbeat identical to the previous one: keeps it without decoding. Returns
-    /// `false` if the slow path must decode it, because it differs or an agent here listens to
-    /// `inform`.
+    /// Handles a heartbeat that repeats the previous one without decoding it. Returns `false` if the
+    /// heartbeat must be decoded, because it differs from the previous one or an agent of this daemon
+    /// listens to `inform` broadcasts.
     fn take_again(&self, payload: &Bytes, sender: &AgentId, origin: Option<&Origin>) -> bool {
         let again = {
             let state = self.read();
@@ -697,8 +702,8 @@ impl MessageRouter {
         }
     }
 
-    /// Returns the latest model of each agent of this daemon, or only of `asked`, with the latest
-    /// heartbeat of that agent in it.
+    /// Returns the latest model of each agent of this daemon, or only that of the agent `asked`. Each
+    /// model contains the latest heartbeat of its agent.
     fn models(&self, asked: Option<&AgentId>) -> Vec<Bytes> {
         let mut state = self.write();
         let asked = |agent: &AgentId| asked.is_none_or(|asked| asked == agent);
@@ -706,7 +711,8 @@ impl MessageRouter {
         hosted.filter_map(|(_, hosted)| hosted.last_word.model()).collect()
     }
 
-    /// Counts a record that this machine's disk did not keep. The caller logs which record, and why.
+    /// Counts a record that the disk of this machine did not keep. The caller logs which record it was,
+    /// and the reason.
     pub fn count_not_persisted(&self) {
         self.counters.not_persisted.fetch_add(1, Ordering::Relaxed);
     }

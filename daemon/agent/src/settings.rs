@@ -1,54 +1,58 @@
-//! Times and bounds of agents, each with its reason.
+//! Times and bounds of agents, each with the reason for its value.
 
 use std::time::Duration;
 
 use capability::SilenceLimit;
 
-/// The lease of Zenoh's links (`substrate_zenoh::LEASE`); this crate does not know that one.
+/// Lease of Zenoh's links. The value repeats `substrate_zenoh::LEASE`, because this crate does not
+/// depend on that one.
 const LINK_LEASE: Duration = Duration::from_secs(4);
 
-/// How long after a lease has passed all daemons know it.
+/// Time until all daemons have noticed that a lease has passed.
 const DETECTION: Duration = Duration::from_secs(2);
 
 /// Times and bounds that apply to every agent of a daemon.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AgentSettings {
-    /// Period of an actuator's heartbeat. One second is the paper's plug and play: what only a
-    /// heartbeat reveals is seen within a second.
+    /// Period of an actuator's heartbeat. One second serves the paper's plug and play: a change that
+    /// only a heartbeat reveals is seen within a second.
     pub heartbeat_period: Duration,
-    /// Silence after which the capabilities of an actuator leave the domain. Three and a half
-    /// heartbeat periods: one heartbeat may be lost and one may be late, and the half keeps a
-    /// punctual third from racing the lease.
+    /// Silence after which the capabilities of an actuator leave the domain: three and a half heartbeat
+    /// periods. One heartbeat may be lost and one may be late. The half period gives a third one, sent
+    /// in time, a margin before the lease ends.
     pub heartbeat_lease: Duration,
-    /// How long a running plan tolerates the absence of an agent it needs before it is repaired. A
-    /// restarted router is back in half a second: a shorter grace breaks plans for a blink, a
-    /// longer one loses time after a real failure.
+    /// How long a running plan tolerates the absence of an agent that it needs, before the plan is
+    /// repaired. A restarted router is back in half a second. A shorter grace breaks plans because of a
+    /// brief gap; a longer one loses time after a real failure.
     pub grace: Duration,
-    /// How long the objects and facts of an agent are still believed after it has left. Longer than
-    /// the grace, so that they are not removed before the plan is repaired.
+    /// How long the objects and facts of an agent are still believed after the agent has left. This
+    /// time is longer than the grace, so that they are not removed before the plan is repaired.
     pub removal: Duration,
-    /// First wait for a receipt; doubled at each retry up to [`AgentSettings::retry_max`]. A round
-    /// trip on a LAN takes below a millisecond, a busy board may take fifty.
+    /// First wait for a receipt before a message is sent again. The wait doubles at each retry, up to
+    /// [`AgentSettings::retry_max`]. A round trip on a LAN takes below a millisecond; a busy board may
+    /// take fifty.
     pub retry_first: Duration,
-    /// Longest wait between two retries: a second loses little when a link comes back.
+    /// Longest wait between two retries. A second loses little time when a link comes back.
     pub retry_max: Duration,
-    /// How long bidders have to propose (decentralised). Planning takes milliseconds; a second
-    /// serves a board that is busy. The round closes earlier when all have answered.
+    /// How long bidders may take to propose, in the decentralised planning mode. Planning takes
+    /// milliseconds; a second is enough for a board that is busy. The round closes earlier when all
+    /// bidders have answered.
     pub proposals_deadline: Duration,
-    /// How long the central planner may search.
+    /// How long the Planning Agent may search for a plan, in the centralised planning mode.
     pub planning_deadline: Duration,
-    /// How long a question to another agent that needs no planning may take.
+    /// How long another agent may take to answer a question that needs no planning.
     pub answer_deadline: Duration,
-    /// Messages that a mailbox holds; further ones are refused. A hundred agents that each ask once
-    /// at one instant fit.
+    /// Most messages that a mailbox holds; further messages are refused. A hundred agents that each
+    /// send one request at the same instant fit.
     pub mailbox_messages_max: usize,
     /// Most messages of an agent that are under way without a receipt.
     pub outbox_messages_max: usize,
     /// Size of the duplicate window, in message ids. Must exceed the number of messages that a peer
     /// can have under way while it retries any of them.
     pub heard_messages_max: usize,
-    /// Commands that an actuator remembers as begun. The plan of a goal has tens of steps, so ten
-    /// thousand are days of work. Older commands are rejected by the order of plans.
+    /// Number of commands that an actuator remembers as begun. The plan of a goal has tens of steps, so
+    /// ten thousand commands are days of work. Older commands are rejected because their plans are
+    /// older than later plans.
     pub tokens_max: usize,
 }
 
@@ -73,19 +77,21 @@ impl Default for AgentSettings {
 }
 
 impl AgentSettings {
-    /// How long an agent may be silent: the lease, in proportion to the period of its own heartbeats.
+    /// Returns how long an agent may be silent: the heartbeat lease, scaled to the heartbeat period
+    /// that the agent itself states.
     pub fn silence_limit(&self) -> SilenceLimit {
         SilenceLimit::new(self.heartbeat_lease, self.heartbeat_period)
     }
 
-    /// How long an agent that starts waits until its name is free. The agents of a daemon that was killed
-    /// behind a cut link keep their names until both leases have passed and all daemons have noticed.
+    /// Returns how long an agent that starts waits until its name is free. The agents of a daemon that
+    /// was killed behind a cut link keep their names until both leases have passed and all daemons have
+    /// noticed that.
     pub(crate) fn name_awaited(&self) -> Duration {
         self.heartbeat_lease.max(LINK_LEASE) + DETECTION
     }
 
-    /// Returns a description of what is impossible about these settings, such as a lease within a
-    /// heartbeat period or a removal within the grace; `None` if nothing is.
+    /// Returns a description of what is impossible in these settings, such as a lease shorter than a
+    /// heartbeat period or a removal shorter than the grace; `None` if the settings are possible.
     pub fn problem(&self) -> Option<String> {
         if self.heartbeat_lease <= self.heartbeat_period {
             return Some(format!(

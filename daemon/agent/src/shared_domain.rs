@@ -1,18 +1,19 @@
-//! The commons: a domain model shared by the actuators of one daemon.
+//! The shared domain: a domain model that the actuators of one daemon share.
 //!
 //! Every actuator plans with the messages that it has received itself (the paper, “Decentralized
-//! Planning”). The actuators of one daemon receive the same messages, so these are read and kept
-//! once, and each actuator filters the shared model through its own visibility
-//! ([`Maintainer::snapshot_for`]): memory grows with the number of agents, not with its square. A
-//! model that was parsed here is not parsed again by a Domain Maintainer of the same daemon.
+//! Planning”). The actuators of one daemon receive the same messages, so these are read and kept once.
+//! Each actuator filters the shared model by what it may see itself ([`Maintainer::snapshot_for`]). So
+//! memory grows with the number of agents, not with its square. A model that was parsed here is not
+//! parsed again by a Domain Maintainer of the same daemon.
 //!
-//! - The commons receive broadcasts before the daemon's mailboxes do: an agent that is called for
-//!   proposals knows everything that was broadcast before the call.
-//! - Called on the substrate's threads: no function blocks. Overdue expiries are applied on each
-//!   access. A reader keeps the state that it took; later changes are written into a copy.
-//! - Broadcasts from before the first actuator started are read when their sender sends again, or
-//!   on the first access to the model: a thousand models at once would delay that actuator by a
-//!   tenth of a second, and all senders send within a heartbeat period.
+//! - The shared domain receives broadcasts before the daemon's mailboxes do. An agent that gets a call
+//!   for proposals then knows everything that was broadcast before the call.
+//! - The substrate's threads call this module: no function here blocks. Expiries that are overdue are
+//!   applied on each access. A reader keeps the state that it took; later changes are written into a
+//!   copy.
+//! - Broadcasts from before the first actuator started are read when their sender sends again, or on
+//!   the first access to the model. Reading a thousand models at once would delay that actuator by a
+//!   tenth of a second, and all senders send again within a heartbeat period.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -32,27 +33,27 @@ use crate::domain_sync::{self, InformOutcome, RejectedModels, TELLING};
 use crate::plugin::Host;
 use crate::router::inform_of;
 
-/// Domain model shared by the actuators of one daemon.
+/// Domain model that the actuators of one daemon share.
 pub struct SharedDomain {
     began: Instant,
-    /// How long after an agent has left its objects and facts are still believed.
+    /// How long the objects and facts of an agent are still believed after the agent has left.
     removal: Duration,
     state: Mutex<SharedDomainState>,
 }
 
 struct SharedDomainState {
     maintainer: Arc<Maintainer>,
-    /// Agents that have left, with the time when they are removed.
+    /// Agents that have left, each with the time when its objects and facts are removed.
     leaving: BTreeSet<(Timestamp, AgentId, Incarnation)>,
-    /// Agents with a request for their model under way.
+    /// Agents for which a request for the model is under way.
     asked: BTreeSet<AgentId>,
-    /// Broadcasts from before the commons began, by sender; not read yet.
+    /// Broadcasts from before the shared domain was created, by sender; not read yet.
     unread: BTreeMap<AgentId, Vec<Bytes>>,
     refused: RejectedModels,
 }
 
 impl SharedDomain {
-    /// Creates a model without agents.
+    /// Creates a domain model without agents.
     pub(crate) fn new(host: &Host) -> SharedDomain {
         let (ontology, map) = (Arc::clone(&host.ontology), Arc::clone(&host.map));
         let maintainer = Maintainer::new(ontology, map, MaintainerScope::Public);
@@ -67,12 +68,13 @@ impl SharedDomain {
         }
     }
 
-    /// Sets the broadcasts from before the commons began, by sender: the newest of each kind.
+    /// Sets the broadcasts from before the shared domain was created, by sender: the newest one of each
+    /// kind.
     pub(crate) fn was_said(&self, before: BTreeMap<AgentId, Vec<Bytes>>) {
         self.state().0.unread = before;
     }
 
-    /// Returns the present model, and its time.
+    /// Returns the present state of the shared model, and the time of that state.
     pub fn current(&self) -> (Arc<Maintainer>, Timestamp) {
         let (mut state, now) = self.state();
         while let Some((_, said)) = state.unread.pop_first() {
@@ -81,14 +83,15 @@ impl SharedDomain {
         (Arc::clone(&state.maintainer), now)
     }
 
-    /// Returns the time until the next common heartbeat moment of the actuators here. These moments
-    /// are `period` apart.
+    /// Returns the time until the actuators of this daemon next send their heartbeats. They all send at
+    /// the same moments, which are `period` apart.
     pub fn until_next_heartbeat(&self, period: Duration) -> Duration {
         let over = self.began.elapsed().as_nanos() % period.as_nanos().max(1);
         period.saturating_sub(Duration::from_nanos(u64::try_from(over).unwrap_or(0)))
     }
 
-    /// Returns the parsed announcement of an agent, if it was received and accepted.
+    /// Returns the parsed announcement of an agent; `None` if the announcement was not received or not
+    /// accepted.
     pub(crate) fn announcement(
         &self,
         agent: &AgentId,
@@ -100,15 +103,16 @@ impl SharedDomain {
         state.maintainer.announcement(agent, incarnation, digest)
     }
 
-    /// Handles a broadcast `inform`. Returns whether its sender's model must be requested first,
-    /// and what was not accepted.
+    /// Handles a broadcast `inform`. The outcome states whether the sender's model must be requested
+    /// first, and what was not accepted.
     pub(crate) fn hear(&self, message: &Message, inform: &Inform) -> InformOutcome {
         let (mut state, now) = self.state();
         self.read_of(&mut state, &message.sender, now);
         self.take(&mut state, message, inform, now)
     }
 
-    /// Handles a heartbeat that repeats the previous one; returns `false` if it must be decoded.
+    /// Handles a heartbeat that repeats the previous one of its sender; returns `false` if the
+    /// heartbeat must be decoded.
     pub(crate) fn hear_again(&self, sender: &AgentId, again: &HeartbeatRepetition) -> bool {
         let (mut state, now) = self.state();
         let HeartbeatRepetition { before, now: HeartbeatPattern { said, sequence, .. } } = again;
@@ -134,13 +138,15 @@ impl SharedDomain {
         }
     }
 
-    /// Reads the earlier broadcasts of an agent, if that has not been done.
+    /// Reads the broadcasts of an agent from before the shared domain was created, if they are not read
+    /// yet.
     fn read_of(&self, state: &mut SharedDomainState, agent: &AgentId, now: Timestamp) {
         let said = state.unread.remove(agent);
         self.read(state, said.unwrap_or_default(), now);
     }
 
-    /// Reads earlier broadcasts. If a model is missing then, it is requested when its agent sends again.
+    /// Reads broadcasts from before the shared domain was created. A model that is missing then is
+    /// requested when its agent sends again.
     fn read(&self, state: &mut SharedDomainState, said: Vec<Bytes>, now: Timestamp) {
         for message in said.iter().filter_map(|payload| acl::decode(payload).ok()) {
             if let Some(inform) = inform_of(&message) {
@@ -166,8 +172,8 @@ impl SharedDomain {
         heard
     }
 
-    /// Handles a change of presence. Returns the delay after which the agent's model must be
-    /// requested; `None` if it need not be.
+    /// Handles that an agent has joined or left. Returns the delay after which the agent's model must
+    /// be requested; `None` if the model need not be requested.
     pub(crate) fn presence(&self, presence: &Presence) -> Option<Duration> {
         let (mut state, now) = self.state();
         let (who, life) = (&presence.resident().agent, presence.resident().incarnation);
@@ -201,7 +207,8 @@ impl SharedDomain {
         state.maintainer.incarnation(agent) == Some(life)
     }
 
-    /// Marks a request for the model of `agent` as under way; returns `false` if one is already.
+    /// Marks a request for the model of `agent` as under way; returns `false` if one is under way
+    /// already.
     pub(crate) fn begins_to_ask(&self, agent: &AgentId) -> bool {
         self.state().0.asked.insert(agent.clone())
     }
@@ -219,7 +226,8 @@ impl SharedDomain {
         }
     }
 
-    /// Locks the state, after applying everything that was due by now.
+    /// Locks the state, after applying everything that was due by now. Returns the lock and the present
+    /// time.
     fn state(&self) -> (MutexGuard<'_, SharedDomainState>, Timestamp) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Timestamp(u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX));

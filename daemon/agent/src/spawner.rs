@@ -1,4 +1,5 @@
-//! Launching of agents while the daemon runs: agents of interfaces, and agents that plugins bring.
+//! Launching of agents while the daemon runs: agents of interfaces between ecosystems, and agents that
+//! plugins bring.
 
 use std::sync::Arc;
 
@@ -10,25 +11,25 @@ use crate::base_agent::LaunchContext;
 use crate::plugin::Host;
 use crate::router::MessageRouter;
 
-/// Source of launch contexts on one daemon.
+/// Source of the contexts with which agents are launched on one daemon.
 #[derive(Clone)]
 pub struct Spawner {
-    /// Router of the daemon.
+    /// Router of the daemon that hosts the agents.
     pub router: Arc<MessageRouter>,
-    /// Data and resources from which agents are built here.
+    /// Data and resources from which the agents are built.
     pub host: Arc<Host>,
-    /// Set when the daemon drains.
+    /// Token that is cancelled when the daemon drains.
     pub stopping: CancellationToken,
-    /// Tasks that the drain waits for.
+    /// Tasks that a draining daemon waits for.
     pub tasks: TaskTracker,
-    /// Whether agents are launched with the ecosystems that they come through. `false` on the network
-    /// of a plugin process, and in the fault laboratory to check that loops are noticed.
+    /// Whether a launched agent records the ecosystems through which it came. `false` on the network of
+    /// a plugin process, and in the fault laboratory to check that loops are noticed.
     pub records_via: bool,
 }
 
 impl Spawner {
-    /// Returns the launch context for a new incarnation of an agent that comes from other
-    /// ecosystems, `via` these.
+    /// Returns the launch context for a new incarnation of the agent `id`, which came through the
+    /// ecosystems `via`.
     pub fn launch_context(
         &self,
         id: &AgentId,

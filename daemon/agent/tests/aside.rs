@@ -1,4 +1,4 @@
-//! Background work: its callback does not run after its handle is dropped.
+//! Background work: the callback of some work does not run after the handle of that work is dropped.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -23,7 +23,7 @@ fn name(text: &str) -> AgentId {
     AgentId::new(text).expect("a name")
 }
 
-/// A daemon on the network.
+/// A daemon on the in-memory network.
 struct Daemon {
     switchboard: Arc<MessageRouter>,
     port: Arc<dyn Substrate>,
@@ -40,7 +40,7 @@ impl Daemon {
         Daemon { switchboard, port, stopping: CancellationToken::new() }
     }
 
-    /// Makes the daemon lose the next messages.
+    /// Makes the daemon lose the next `count` messages that it receives.
     fn loses(&mut self, network: &Network, count: u32) {
         let inner = Arc::clone(&self.switchboard);
         let deaf = Lossy { inner, lose: std::sync::atomic::AtomicU32::new(count) };
@@ -56,7 +56,7 @@ impl Daemon {
         self.berth(agent, id, life, false)
     }
 
-    /// Launches an agent that may have replicas.
+    /// Returns a context for launching an agent that may have replicas.
     fn berth(
         &self,
         agent: impl Agent,
@@ -76,7 +76,7 @@ impl Daemon {
     }
 }
 
-/// Answers a `request` with `agree`, then `confirm`s after `takes`; reports what it did.
+/// Answers a `request` with `agree`, then with `confirm` after the time `takes`; reports what it did.
 struct Worker {
     takes: Duration,
     done: mpsc::UnboundedSender<&'static str>,
@@ -107,11 +107,11 @@ impl Worker {
     }
 }
 
-/// Asks `worker` once and reports what comes back.
+/// Asks `worker` once, and reports the answers.
 struct Asker {
     patience: Duration,
     performative: Performative,
-    /// Whether it cancels as soon as it has asked.
+    /// Whether the agent cancels its request as soon as it has asked.
     changes_its_mind: bool,
     heard: mpsc::UnboundedSender<String>,
 }
@@ -338,7 +338,7 @@ async fn a_call_is_heard_once_however_often_it_is_repeated() {
     }
 }
 
-/// Loses the first messages to its daemon's agents.
+/// Loses the first messages to the agents of a daemon, and passes on the others.
 struct Lossy {
     inner: Arc<MessageRouter>,
     lose: std::sync::atomic::AtomicU32,
@@ -519,7 +519,7 @@ async fn of_several_the_oldest_acts_and_the_next_takes_over() {
 
 // === agents that do not heed presence ===
 
-/// Heeds presence while `heeds` is set; reports the changes that it is notified of.
+/// Agent that heeds presence while `heeds` is set, and reports the changes of which it is notified.
 struct Idler {
     heeds: Arc<AtomicBool>,
     met: mpsc::UnboundedSender<String>,

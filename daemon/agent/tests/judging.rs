@@ -60,7 +60,7 @@ impl Agent for Caller {
     }
 }
 
-/// Proposes, and reports whether that is accepted or rejected.
+/// Agent that proposes, and reports whether its proposal is accepted or rejected.
 struct Bidder(mpsc::UnboundedSender<String>);
 
 impl Agent for Bidder {

@@ -1,4 +1,4 @@
-//! How a Domain Maintainer, and a daemon's commons, treat agents that fall silent, over the
+//! How a Domain Maintainer, and the shared domain of a daemon, treat agents that fall silent, over the
 //! in-memory substrate.
 
 use std::sync::Arc;
@@ -29,7 +29,8 @@ const MAP: &str =
 const MODEL: &str = "(define (agent meter) (:domain test) (:objects meter - sensor)
     (:action measure :agent ?s - sensor :parameters (?r - room) :effect (known ?r)))";
 
-/// Sends `beats_left` announcements, which state that it knows the hall; then stays present and silent.
+/// Agent that sends `beats_left` announcements, which state that the meter knows the hall; then it
+/// stays present and silent.
 struct Meter {
     beats_left: u64,
     sequence: u64,
@@ -67,7 +68,7 @@ impl Meter {
     }
 }
 
-/// Keeps a maintainer, and reports its changes.
+/// Agent that keeps a Domain Maintainer, and reports the changes of the domain.
 struct Keeper {
     upkeep: DomainSync,
     changes: mpsc::UnboundedSender<DomainChange>,
@@ -135,7 +136,7 @@ impl House {
         }
     }
 
-    /// Returns the commons; the first call creates them, as the first actuator does.
+    /// Returns the shared domain of the daemon; the first call creates it, as the first actuator does.
     fn commons(&self) -> Arc<SharedDomain> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let host = Host::new(ontology.expect("a domain"), map.expect("a problem"));
@@ -143,7 +144,7 @@ impl House {
             .shared_domain(&Host { settings: self.switchboard.settings().clone(), ..host })
     }
 
-    /// Launches a keeper here; returns the receiver of its changes.
+    /// Launches a keeper on this daemon; returns the receiver of the changes that the keeper reports.
     fn keep(&self, scope: MaintainerScope) -> mpsc::UnboundedReceiver<DomainChange> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let maintainer =
@@ -159,8 +160,8 @@ impl House {
 /// Longer than any lease of these tests: a wait that takes this long has failed.
 const FAR: Duration = Duration::from_secs(3600);
 
-/// Runs a meter with so many heartbeats; returns when its capability left, and when its fact became
-/// unknown.
+/// Runs a meter with so many heartbeats. Returns the time when its capability left the domain, and the
+/// time when its fact became unknown.
 async fn silence_of(beats: u64, settings: AgentSettings) -> (Duration, Duration) {
     let house = House::with(settings);
     let mut changes = house.keep(MaintainerScope::Everything);
@@ -198,8 +199,8 @@ async fn a_silent_agent_is_masked_then_forgotten_although_its_token_stays() {
     }
 }
 
-/// Whether the commons see the meter as present, and whether they know the hall, at this time of
-/// the test.
+/// Whether the shared domain sees the meter as present, and whether it knows the fact about the hall,
+/// at this time of the test.
 async fn known_at(commons: &SharedDomain, began: Instant, time: Duration) -> (bool, bool) {
     tokio::time::sleep_until(began + time).await;
     let (known, now) = commons.current();
@@ -262,7 +263,8 @@ async fn a_daemon_has_its_own_models_at_hand() {
     }
 }
 
-/// Announces once what requests changed, as a Domain Maintainer does; with or without a model of its own.
+/// Agent that announces once what requests changed, as a Domain Maintainer does; it may or may not have
+/// a model of its own.
 struct Teller {
     change: EpochChange,
     has_model: bool,
@@ -317,7 +319,8 @@ fn told_anew(these: &[(&str, Option<u64>)]) -> EpochChange {
     EpochChange { requested_since: Some(since), ..EpochChange::default() }
 }
 
-/// Whether the commons know the hall before they receive `change`, soon after, and a second later.
+/// Whether the shared domain knows the fact about the hall before it receives `change`, soon after, and
+/// a second later.
 async fn known_when_told(change: EpochChange, has_model: bool) -> [bool; 3] {
     let (house, began) = (House::new(), Instant::now());
     let commons = house.commons();
@@ -329,7 +332,7 @@ async fn known_when_told(change: EpochChange, has_model: bool) -> [bool; 3] {
     known
 }
 
-/// Returns what a central keeper believes after `change`.
+/// Returns the facts that a central keeper believes after `change`.
 async fn believed(change: EpochChange) -> Vec<String> {
     let house = House::new();
     let mut changes = house.keep(MaintainerScope::Everything);
@@ -356,7 +359,8 @@ async fn what_requests_changed_is_believed_by_those_who_hear_heartbeats_only() {
     }
 }
 
-/// Announces a model that cannot be parsed, and names it in a heartbeat every second.
+/// Agent that announces a model that cannot be parsed, and states the digest of that model in a
+/// heartbeat every second.
 struct Mumbler {
     sequence: u64,
 }

@@ -1,11 +1,11 @@
-//! Duplicate window: finds messages that were received before, because of a retry or a substrate
-//! that doubles them.
+//! Duplicate window: recognises messages that were received before, because a sender retried or a
+//! substrate doubled them.
 
 use std::collections::{HashSet, VecDeque};
 
 use acl::MessageId;
 
-/// The ids of the last messages received; older ones are dropped.
+/// The ids of the last messages that were received; older ids are dropped.
 #[derive(Clone, Debug)]
 pub struct DuplicateWindow {
     ids: HashSet<MessageId>,
@@ -14,18 +14,18 @@ pub struct DuplicateWindow {
 }
 
 impl DuplicateWindow {
-    /// Creates a window of `ids_max` messages. It must hold more messages than can be under way to
-    /// one listener while any of them is still retried.
+    /// Creates a window that holds the ids of `ids_max` messages. This number must exceed the number of
+    /// messages that can be under way to one listener while any of them is still retried.
     pub fn new(ids_max: usize) -> DuplicateWindow {
         DuplicateWindow { ids: HashSet::new(), order: VecDeque::new(), ids_max }
     }
 
-    /// Whether a message was received before.
+    /// Whether the message `id` was received before.
     pub fn contains(&self, id: &MessageId) -> bool {
         self.ids.contains(id)
     }
 
-    /// Adds a message; returns `false` if it was received before.
+    /// Adds the message `id` to the window; returns `false` if the message was received before.
     pub fn insert(&mut self, id: &MessageId) -> bool {
         if !self.ids.insert(id.clone()) {
             return false;

@@ -8,11 +8,11 @@ use crate::turn::PROTOCOLS;
 /// Phase of an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ExchangePhase {
-    /// No message has been sent.
+    /// The exchange has no message yet.
     Opening,
     /// The initiator has sent its first message; the participant has not answered.
     Open,
-    /// A proposal waits for its acceptance or rejection.
+    /// The participant has made a proposal, which waits for its acceptance or rejection.
     Proposed,
     /// The participant has agreed.
     Committed,
@@ -27,7 +27,7 @@ pub enum ExchangePhase {
 pub enum ExchangeRole {
     /// The agent that opened the exchange.
     Initiator,
-    /// The agent that answers.
+    /// The agent that answers the initiator.
     Participant,
 }
 
@@ -35,13 +35,13 @@ pub enum ExchangeRole {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{performative}` of the {role:?} does not follow in {protocol:?} at {phase:?}")]
 pub struct ProtocolViolation {
-    /// The protocol.
+    /// Protocol of the exchange.
     pub protocol: Protocol,
-    /// Phase of the exchange.
+    /// Phase in which the exchange was when the message came.
     pub phase: ExchangePhase,
-    /// Role of the sender.
+    /// Role of the agent that sent the message.
     pub role: ExchangeRole,
-    /// Performative of the message.
+    /// Performative of the message that is not allowed.
     pub performative: Performative,
 }
 
@@ -50,23 +50,25 @@ pub struct ProtocolViolation {
 pub struct Exchange {
     protocol: Protocol,
     initiator: AgentId,
-    /// Incarnation of the initiator: a replica may open an exchange with another of the same name.
+    /// Incarnation of the initiator. It distinguishes the initiator from a participant of the same
+    /// name, because a replica may open an exchange with another.
     incarnation: Incarnation,
     phase: ExchangePhase,
 }
 
 impl Exchange {
-    /// Creates an exchange before its first message, which this incarnation of the initiator will send.
+    /// Creates the state of an exchange before its first message, which the incarnation `life` of
+    /// `initiator` will send.
     pub fn new(protocol: Protocol, initiator: AgentId, life: Incarnation) -> Exchange {
         Exchange { protocol, initiator, incarnation: life, phase: ExchangePhase::Opening }
     }
 
-    /// Returns the phase.
+    /// Returns the phase that the exchange is in.
     pub fn phase(&self) -> ExchangePhase {
         self.phase
     }
 
-    /// Returns the protocol.
+    /// Returns the protocol of the exchange.
     pub fn protocol(&self) -> Protocol {
         self.protocol
     }
@@ -81,8 +83,8 @@ impl Exchange {
         self.phase == ExchangePhase::Closed
     }
 
-    /// Whether a message that cannot follow now may follow later: the message that it answers, or
-    /// an earlier one of its sender, may still be on its way.
+    /// Whether a message that the protocol does not allow now may be allowed later. The message before
+    /// it, from the same sender or from the other agent, may still be on its way.
     pub fn may_follow_later(&self, message: &Message) -> bool {
         let role = self.role(message);
         let mut reached = vec![self.phase];
@@ -136,7 +138,8 @@ impl Exchange {
     }
 }
 
-/// Whether this is a `confirm` without a final outcome, which leaves the exchange in its phase.
+/// Whether `message` is a `confirm` without a final outcome, which leaves the exchange in the phase
+/// that it is in.
 fn is_progress(message: &Message) -> bool {
     message.performative == Performative::Confirm
         && message.content_as::<Report>().is_ok_and(|report| !report.outcome.is_final())

@@ -7,16 +7,16 @@ use acl::{AgentId, Message, Protocol, ReplyToken};
 use crate::duplicate_window::DuplicateWindow;
 use crate::exchange::{Exchange, ExchangePhase, ExchangeRole, ProtocolViolation};
 
-/// Most open exchanges that a transcript follows. Beyond it the one with the smallest token is
-/// dropped, so that a listener that runs for months does not grow.
+/// Most open exchanges that a transcript follows. If there are more, the exchange with the smallest
+/// token is dropped, so that the memory of a listener that runs for months does not grow.
 pub const TRANSCRIPT_EXCHANGES_MAX: usize = 10_000;
 
-/// The exchanges that a listener on the network has received.
+/// The exchanges of which a listener on the network has received messages.
 #[derive(Clone, Debug)]
 pub struct Transcript {
     duplicates: DuplicateWindow,
-    /// One exchange per token and participant; `None` is the opening of a broadcast before any
-    /// participant has answered.
+    /// State of each exchange, by token and participant. The key `None` stands for the opening of a
+    /// broadcast before any participant has answered.
     exchanges: BTreeMap<(ReplyToken, Option<AgentId>), Exchange>,
 }
 
@@ -35,16 +35,16 @@ impl Transcript {
         }
     }
 
-    /// Takes a message in the order of arrival. Returns the phase of its exchange; `None` if the
-    /// message was not checked.
+    /// Handles the next message in the order of arrival. Returns the phase that the exchange of the
+    /// message is in afterwards; `None` if the message was not checked.
     ///
-    /// Three kinds of messages are always in order: one outside any protocol (an `inform` to all),
-    /// one that was received before, and one that continues an exchange of which the opening was
-    /// not received, because a listener may start late.
+    /// Three kinds of messages are not checked, and never cause an error: a message outside any
+    /// protocol (an `inform` to all), a message that was received before, and a message of an exchange
+    /// of which the opening was not received, because a listener may start late.
     ///
     /// # Errors
     ///
-    /// Returns an error if the protocol of its exchange does not allow the message.
+    /// Returns an error if the protocol of the message's exchange does not allow the message now.
     pub fn receive(
         &mut self,
         message: &Message,
@@ -87,8 +87,8 @@ impl Transcript {
         Ok(phase)
     }
 
-    /// Returns the participants of the exchange that a message continues: the receivers if the
-    /// initiator sent it, else its sender.
+    /// Returns the participants of the exchange that a message continues: the receivers of the message
+    /// if the initiator sent it, otherwise its sender.
     fn participants(&self, token: &ReplyToken, message: &Message) -> Vec<AgentId> {
         match self.role(token, &message.sender) {
             Some(ExchangeRole::Initiator) => message.receiver.clone(),
@@ -107,8 +107,8 @@ impl Transcript {
         Some(if is_initiator { ExchangeRole::Initiator } else { ExchangeRole::Participant })
     }
 
-    /// Returns the exchange under `key`. For a participant that answers a broadcast, it begins as a
-    /// copy of the opening.
+    /// Returns the exchange stored under `key`. For a participant that answers a broadcast, the
+    /// exchange begins as a copy of the opening.
     fn exchange(&mut self, key: &(ReplyToken, Option<AgentId>)) -> Option<&mut Exchange> {
         if !self.exchanges.contains_key(key) {
             let opening = self.exchanges.get(&(key.0.clone(), None))?.clone();
@@ -125,7 +125,8 @@ mod tests {
 
     use super::*;
 
-    /// `a>b request` opens, `b>a agree` continues, `b>a confirm+` is progress, `a>* cfp` is to all.
+    /// Returns the message that `line` describes: `a>b request` opens an exchange, `b>a agree`
+    /// continues it, `b>a confirm+` is progress, and `a>* cfp` is a broadcast to all agents.
     fn message(id: &str, line: &str, protocol: Protocol) -> Message {
         let (who, act) = line.split_once(' ').expect("a test line has a space");
         let (sender, receiver) = who.split_once('>').expect("a test line has an arrow");
@@ -158,8 +159,8 @@ mod tests {
         }
     }
 
-    /// Passes the lines to a transcript one by one; the first that is out of order must have the
-    /// number `out_of_order`.
+    /// Passes the messages of the lines to a transcript one by one. The first one that the protocol
+    /// does not allow must have the index `out_of_order`; `None` if all are allowed.
     fn check(protocol: Protocol, lines: &[&str], out_of_order: Option<usize>) {
         let mut transcript = Transcript::new();
         let mut numbered = lines.iter().enumerate();

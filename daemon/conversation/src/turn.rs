@@ -4,18 +4,18 @@ use acl::{Performative, Protocol};
 
 use crate::exchange::{ExchangePhase, ExchangeRole};
 
-/// A turn: in `phase`, `role` may send `performative`, which leads to `next`.
+/// A turn of a protocol: in `phase`, `role` may send `performative`, which leads to the phase `next`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProtocolTurn {
-    /// The protocol.
+    /// Protocol that the turn belongs to.
     pub protocol: Protocol,
-    /// Phase before the message.
+    /// Phase of the exchange before the message.
     pub phase: ExchangePhase,
-    /// Role of the sender.
+    /// Role of the agent that sends the message.
     pub role: ExchangeRole,
     /// Performative of the message.
     pub performative: Performative,
-    /// Phase after the message.
+    /// Phase of the exchange after the message.
     pub next: ExchangePhase,
 }
 
@@ -44,7 +44,8 @@ use Performative::{
 };
 use Protocol::{Action, ContractNet, Execution, Goal, Planning, Query, StateChange};
 
-/// All turns. A `confirm` without a final outcome does not change the phase; see [`Exchange`].
+/// All turns of all protocols. A `confirm` without a final outcome does not change the phase; see
+/// [`Exchange`].
 ///
 /// [`Exchange`]: crate::Exchange
 pub const PROTOCOLS: &[ProtocolTurn] = &[

@@ -1,33 +1,34 @@
-//! Answers of people, sealed to the agent that asked: agents that overhear all messages cannot read them.
+//! Answers of people, sealed so that only the agent that asked can read them: other agents receive all
+//! messages too.
 //!
-//! Each question has a key pair of its own; the asking agent holds it and drops it with the question. A
-//! sealed box does not show its author, and only the asking agent can open it. The scheme does not prove
-//! that the public key in a question is the asking agent's: in an ecosystem without certificates a
-//! participant can pose as another agent.
+//! Each question has a key pair of its own; the agent that asks holds it, and drops it together with
+//! the question. A sealed answer does not show its author, and only that agent can open it. The scheme
+//! does not prove that the public key in a question belongs to the agent that asks: in an ecosystem
+//! without certificates a participant can pose as another agent.
 
 use crypto_box::aead::OsRng;
 use crypto_box::{KEY_SIZE, PublicKey, SecretKey};
 
-/// The longest answer, in bytes.
+/// Maximum length of an answer, in bytes.
 const ANSWER_BYTES_MAX: usize = 4 << 10;
 
-/// Length that sealing adds, in bytes: a public key and a tag.
+/// Number of bytes that sealing adds to an answer: a public key and a tag.
 const SEAL_BYTES: usize = 48;
 
-/// The key pair of one question.
+/// The key pair that belongs to one question.
 pub struct AnswerKey(SecretKey);
 
-/// Why an answer cannot be sealed or read. Completes “the answer …”.
+/// Reason why an answer cannot be sealed or read. Completes “the answer …”.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SealError {
-    /// The key in the question is not valid.
+    /// The public key in the question is not valid.
     #[error("cannot be sealed: the key of the question is not 64 hexadecimal digits")]
     NoKey,
-    /// The answer is too long.
+    /// The answer is longer than allowed.
     #[error("is longer than {ANSWER_BYTES_MAX} bytes")]
     TooLong,
-    /// The answer was sealed to another key, or changed on its way.
+    /// The answer was sealed to the key of another question, or was changed on its way.
     #[error("was not sealed to the key of this question")]
     Foreign,
 }
@@ -35,17 +36,17 @@ pub enum SealError {
 // === impl AnswerKey ===
 
 impl AnswerKey {
-    /// Generates a key pair.
+    /// Generates the key pair for a new question.
     pub fn new() -> AnswerKey {
         AnswerKey(SecretKey::generate(&mut OsRng))
     }
 
-    /// Returns the public key in hexadecimal, as the question carries it.
+    /// Returns the public key in hexadecimal, as the question contains it.
     pub fn public(&self) -> String {
         to_hex(self.0.public_key().as_bytes())
     }
 
-    /// Opens a sealed answer.
+    /// Opens an answer that was sealed to this key, and returns its text.
     ///
     /// # Errors
     ///
@@ -66,7 +67,7 @@ impl Default for AnswerKey {
     }
 }
 
-/// Seals an answer to the public key in its question.
+/// Seals the answer `text` to the public key `key`, which its question contains.
 ///
 /// # Errors
 ///

@@ -19,14 +19,16 @@ use crate::is_certifiable;
 use crate::revocations::Revocations;
 use crate::trust::Trust;
 
-/// Default validity of an authority, in days: ten years, as long as a building's devices last.
+/// Default validity of an authority's certificate, in days: ten years, as long as the devices of a
+/// building last.
 pub const AUTHORITY_DAYS: u32 = 3_650;
 
 /// Default validity of a daemon's certificate, in days: two years. Renewal is then frequent enough to be
 /// remembered and rare enough not to be a burden.
 pub const DAEMON_DAYS: u32 = 730;
 
-/// How far the start of validity is set back: the clocks of boards without a battery run behind.
+/// How far the start of a certificate's validity is set back from now, because the clocks of boards
+/// without a battery run behind.
 const BACKDATED: Duration = Duration::from_secs(24 * 3_600);
 
 const DAY: Duration = Duration::from_secs(24 * 3_600);
@@ -36,7 +38,7 @@ const KEY_MODE: u32 = 0o600;
 /// Mode of a file that every user may read.
 const PUBLIC_MODE: u32 = 0o644;
 
-/// An ecosystem's authority, with its key.
+/// The authority of an ecosystem, with its key.
 pub struct Authority {
     folder: CredentialFolder,
     certificate: Certificate,
@@ -52,11 +54,11 @@ impl std::fmt::Debug for Authority {
 // === impl Authority ===
 
 impl Authority {
-    /// Creates an authority: writes `authority.pem` and `authority.key`.
+    /// Creates an authority: writes the files `authority.pem` and `authority.key`.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is one already, or the folder cannot be written.
+    /// Returns an error if the folder contains an authority already, or cannot be written.
     pub fn create(
         folder: &CredentialFolder,
         ecosystem: &EcosystemId,
@@ -83,7 +85,8 @@ impl Authority {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is none, or its key can be read by others.
+    /// Returns an error if the folder contains no authority, or if other users can read the authority's
+    /// key.
     pub fn open(folder: &CredentialFolder) -> Result<Authority, CredentialError> {
         let path = folder.authority_key();
         if !path.exists() {
@@ -105,8 +108,9 @@ impl Authority {
         &self.certificate
     }
 
-    /// Issues a key and a certificate for a daemon: `NAME.key` and `NAME.pem`. An older certificate of that
-    /// name is replaced here; it stays valid until it expires or is revoked.
+    /// Issues a key and a certificate for a daemon: writes the files `NAME.key` and `NAME.pem`. An
+    /// older certificate of that name in the folder is replaced; it stays valid until it expires or is
+    /// revoked.
     ///
     /// # Errors
     ///
@@ -140,7 +144,7 @@ impl Authority {
         Ok(made)
     }
 
-    /// Returns all certificates it has issued, sorted by name and expiry.
+    /// Returns all certificates that the authority has issued, sorted by name and expiry.
     pub fn issued(&self) -> Vec<Certificate> {
         let Ok(entries) = std::fs::read_dir(self.folder.issued()) else { return Vec::new() };
         let read = entries.flatten().filter_map(|entry| Certificate::read(&entry.path()).ok());
@@ -149,12 +153,13 @@ impl Authority {
         issued
     }
 
-    /// Revokes all certificates of a daemon: writes `revoked.pem`. Returns the number of certificates that
-    /// were not revoked before.
+    /// Revokes all certificates of a daemon: writes the file `revoked.pem`. Returns the number of
+    /// certificates that were not revoked before.
     ///
     /// # Errors
     ///
-    /// Returns an error if the daemon has none, or the folder cannot be written.
+    /// Returns an error if the authority has issued no certificate for the daemon, or if the folder
+    /// cannot be written.
     pub fn revoke(&self, daemon: &DaemonId) -> Result<usize, CredentialError> {
         let issued = self.issued();
         let is_meant = |each: &&Certificate| each.subject == daemon.as_str();
@@ -207,14 +212,15 @@ fn name(common: &str, organization: &str) -> DistinguishedName {
     name
 }
 
-/// Sets the validity: from a little before now, for this number of days.
+/// Sets the validity of a certificate: from a day before now until `days` days after now.
 fn set_validity(params: &mut CertificateParams, days: u32) {
     let now = SystemTime::now();
     params.not_before = OffsetDateTime::from(now.checked_sub(BACKDATED).unwrap_or(UNIX_EPOCH));
     params.not_after = OffsetDateTime::from(now) + DAY * days;
 }
 
-/// Returns the daemon's name, its mDNS name, and the given hosts.
+/// Returns the names for which a certificate is valid: the daemon's name, its mDNS name, and the given
+/// hosts.
 fn alternative_names(daemon: &DaemonId, hosts: &[String]) -> Result<Vec<SanType>, CredentialError> {
     // A host name has no underscore.
     let own = [daemon.to_string(), format!("{daemon}.local")];

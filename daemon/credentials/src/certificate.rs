@@ -12,33 +12,35 @@ use x509_parser::prelude::{FromDer as _, X509Certificate};
 use crate::error::CredentialError;
 use crate::files;
 
-/// A certificate and its parsed content. Whether it is trusted is checked by [`crate::Trust`].
+/// A certificate and its parsed content. Whether the certificate is trusted is checked by
+/// [`crate::Trust`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Certificate {
-    /// The certificate itself.
+    /// The certificate, in DER.
     pub(crate) der: CertificateDer<'static>,
-    /// Common name of the subject: a daemon's name, or the authority's description.
+    /// Common name of the certificate's subject: the name of a daemon, or the description of the
+    /// authority.
     pub subject: String,
-    /// Serial number among those of its authority.
+    /// Serial number, which distinguishes the certificate from others of the same authority.
     pub serial: Vec<u8>,
-    /// Start of its validity.
+    /// Time from which the certificate is valid.
     pub not_before: SystemTime,
-    /// End of its validity.
+    /// Time until which the certificate is valid.
     pub not_after: SystemTime,
     /// Host names and addresses at which the daemon is reached.
     pub hosts: Vec<String>,
-    /// The Ed25519 public key; `None` if the key is of another kind.
+    /// The Ed25519 public key in the certificate; `None` if the key is of another kind.
     pub(crate) public_key: Option<[u8; 32]>,
 }
 
 // === impl Certificate ===
 
 impl Certificate {
-    /// Reads a PEM file.
+    /// Reads a certificate from a PEM file.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no file, or no certificate in it.
+    /// Returns an error if the file does not exist, or contains no certificate.
     pub fn read(path: &Path) -> Result<Certificate, CredentialError> {
         let text = files::read(path)?;
         let malformed = |problem: &str| CredentialError::Malformed {
@@ -50,7 +52,8 @@ impl Certificate {
         Certificate::from_der(&der).ok_or_else(|| malformed("its certificate cannot be read"))
     }
 
-    /// Reads a certificate from outside. Returns `None` if the bytes are not one.
+    /// Parses a certificate in DER that comes from outside. Returns `None` if the bytes are no
+    /// certificate.
     pub(crate) fn from_der(der: &[u8]) -> Option<Certificate> {
         let (rest, read) = X509Certificate::from_der(der).ok()?;
         if !rest.is_empty() {
@@ -71,17 +74,18 @@ impl Certificate {
         })
     }
 
-    /// Returns the daemon for which it was issued; `None` if it is not a daemon's.
+    /// Returns the daemon for which the certificate was issued; `None` if the certificate is not one of
+    /// a daemon.
     pub fn daemon(&self) -> Option<DaemonId> {
         DaemonId::new(&self.subject).ok().filter(crate::is_certifiable)
     }
 
-    /// Returns how long it is still valid; zero if it has expired.
+    /// Returns how long the certificate is still valid at the time `now`; zero if it has expired.
     pub fn remaining(&self, now: SystemTime) -> Duration {
         self.not_after.duration_since(now).unwrap_or_default()
     }
 
-    /// Whether it is valid at this time.
+    /// Whether the certificate is valid at the time `now`.
     pub(crate) fn is_current(&self, now: SystemTime) -> bool {
         self.not_before <= now && now <= self.not_after
     }

@@ -3,90 +3,90 @@
 use std::io;
 use std::path::PathBuf;
 
-/// Why a credential cannot be made or used. Completes “failed to …”.
+/// Reason why a credential cannot be made or used. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CredentialError {
-    /// A file or a folder cannot be used.
+    /// A file or a folder of credentials cannot be read or written.
     #[error("use {}: {source}", path.display())]
     Io {
-        /// The file or folder.
+        /// Path of the file or folder that cannot be read or written.
         path: PathBuf,
-        /// The cause.
+        /// Error that the system returned.
         #[source]
         source: io::Error,
     },
     /// A required file does not exist.
     #[error("find {what}: there is no {}; {remedy}", path.display())]
     Missing {
-        /// Description of the file.
+        /// Description of the missing file.
         what: &'static str,
-        /// Path at which it was looked for.
+        /// Path at which the missing file was looked for.
         path: PathBuf,
-        /// The remedy.
+        /// Description of how to get the missing file.
         remedy: String,
     },
-    /// Other users can read a key.
+    /// Other users can read a file that contains a private key.
     #[error(
         "use the key {0}: others can read it (mode {mode:03o}); make it yours alone: chmod 600 {0}",
         path.display()
     )]
     Loose {
-        /// The key.
+        /// Path of the key file that others can read.
         path: PathBuf,
-        /// The permissions of the key.
+        /// Permissions of the key file, as a Unix mode.
         mode: u32,
     },
-    /// Every user of this machine can replace the file.
+    /// Every user of this machine can replace a file that has to be trusted.
     #[error("trust {0}: every user can write it (mode {mode:03o}); forbid that: chmod o-w {0}",
         path.display())]
     Writable {
-        /// The file, or its folder.
+        /// Path of the file that every user can replace, or of its folder.
         path: PathBuf,
-        /// Its permissions.
+        /// Permissions of that file or folder, as a Unix mode.
         mode: u32,
     },
     /// A file does not have the expected content.
     #[error("read {}: {problem}", path.display())]
     Malformed {
-        /// The file.
+        /// Path of the file with unexpected content.
         path: PathBuf,
-        /// The problem.
+        /// Description of what is wrong with the content.
         problem: String,
     },
-    /// The file to create exists already.
+    /// A file that is to be created exists already.
     #[error("make {}: it exists already, and without it the certificates that it has signed are \
              worth nothing; to make a new one, move the folder away first", path.display())]
     Exists {
-        /// The file.
+        /// Path of the file that exists already.
         path: PathBuf,
     },
-    /// No certificate can be made out to this name.
+    /// No certificate can be made for a daemon of this name.
     #[error(
         "make a certificate for `{0}`: the name of a daemon with a certificate has at most 40 \
          letters and no `--`, which marks the names of its guests"
     )]
     Name(String),
-    /// A host name that cannot stand in a certificate.
+    /// This host name cannot be put into a certificate.
     #[error("put `{0}` into a certificate: write a host name or an IP address")]
     Host(String),
-    /// The authority has issued no certificate for this name.
+    /// The authority has issued no certificate for the name that was asked for.
     #[error("revoke `{name}`: this authority has given it no certificate{}", others(known))]
     Unknown {
-        /// The name.
+        /// Name for which the authority has issued no certificate.
         name: String,
-        /// Names for which it has issued one.
+        /// Names for which the authority has issued certificates.
         known: Vec<String>,
     },
-    /// The library that makes certificates returned an error.
+    /// The library that makes certificates returned this error.
     #[error("make a certificate: {0}")]
     Making(#[from] rcgen::Error),
-    /// A certificate is not valid here.
+    /// A certificate is not valid in this ecosystem.
     #[error("use the certificate {}: {why}", path.display())]
     Distrusted {
-        /// The file.
+        /// Path of the file with the certificate that is not valid here.
         path: PathBuf,
-        /// The reason.
+        /// Reason why the certificate is not valid here.
         why: DistrustReason,
     },
 }
@@ -98,7 +98,7 @@ fn others(names: &[String]) -> String {
     }
 }
 
-/// Why a message is not believed. Completes “the message …”.
+/// Reason why a message is not believed. Completes “the message …”.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum DistrustReason {
@@ -108,13 +108,14 @@ pub enum DistrustReason {
     /// The seal cannot be read.
     #[error("has a seal that cannot be read")]
     Malformed,
-    /// The certificate is not this authority's, or is not a daemon's.
+    /// The certificate of the sender was not issued by this ecosystem's authority, or is not one of a
+    /// daemon.
     #[error("is signed with a certificate that the ecosystem's authority has not made")]
     Stranger,
-    /// The certificate is not valid yet, or has expired.
+    /// The certificate of the sender is not valid yet, or has expired.
     #[error("is signed with a certificate that is not valid at this time")]
     Expired,
-    /// The certificate was revoked.
+    /// The certificate of the sender was revoked.
     #[error("is signed with a certificate that was revoked")]
     Revoked,
     /// The signature does not match the message.
@@ -123,16 +124,17 @@ pub enum DistrustReason {
     /// The sender's name does not match the certificate.
     #[error("is signed by a daemon in the name of another")]
     Impostor,
-    /// The message was received before, or is of an earlier incarnation of its sender.
+    /// The message was received before, or comes from an earlier incarnation of its sender.
     #[error("was received before, or is of an earlier incarnation")]
     Replayed,
-    /// The message is for an earlier incarnation of its receiver.
+    /// The message was sent to an earlier incarnation of its receiver.
     #[error("is for an earlier incarnation of this daemon: it is replayed, or its sender is late")]
     OldReceiver,
-    /// The message was sealed too long ago.
+    /// The message was sealed too long before it arrived.
     #[error("was delayed for longer than any receiver waits")]
     Delayed,
-    /// The sender has not answered a call yet, or had not when it sent this: the message may be old.
+    /// The sender has not answered a call of this daemon yet, or sent the message before it answered.
+    /// So the message may be a recording.
     #[error("was sent before its daemon answered a roll call")]
     NotSynced,
     /// The sender exceeds its rate limit.

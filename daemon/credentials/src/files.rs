@@ -1,4 +1,4 @@
-//! Names of the files in a folder of credentials, and how they are written and read.
+//! Names of the files in a folder of credentials, and the functions that write and read these files.
 //!
 //! ```text
 //! authority.pem     whom the ecosystem trusts; on every machine
@@ -20,17 +20,18 @@ use rustls_pki_types::pem::PemObject as _;
 
 use crate::error::CredentialError;
 
-/// Maximum length of a file, in bytes: a list with ten thousand revoked certificates has half a megabyte.
+/// Maximum length of a file, in bytes. A list with ten thousand revoked certificates has half a
+/// megabyte.
 const FILE_BYTES_MAX: u64 = 4 << 20;
 
-/// A folder of credentials.
+/// A folder that contains credentials.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CredentialFolder(PathBuf);
 
-// === impl Folder ===
+// === impl CredentialFolder ===
 
 impl CredentialFolder {
-    /// Returns the folder at this path, which need not exist.
+    /// Returns the folder at this path. The folder need not exist.
     pub fn new(path: impl Into<PathBuf>) -> CredentialFolder {
         CredentialFolder(path.into())
     }
@@ -40,37 +41,38 @@ impl CredentialFolder {
         &self.0
     }
 
-    /// Path of the authority's certificate.
+    /// Returns the path of the authority's certificate.
     pub fn authority(&self) -> PathBuf {
         self.0.join("authority.pem")
     }
 
-    /// Path of the authority's key.
+    /// Returns the path of the authority's key.
     pub fn authority_key(&self) -> PathBuf {
         self.0.join("authority.key")
     }
 
-    /// Path of a daemon's certificate.
+    /// Returns the path of a daemon's certificate.
     pub fn certificate(&self, daemon: &DaemonId) -> PathBuf {
         self.0.join(format!("{daemon}.pem"))
     }
 
-    /// Path of a daemon's key.
+    /// Returns the path of a daemon's key.
     pub fn key(&self, daemon: &DaemonId) -> PathBuf {
         self.0.join(format!("{daemon}.key"))
     }
 
-    /// Path of the list of revoked certificates.
+    /// Returns the path of the list of revoked certificates.
     pub fn revocations(&self) -> PathBuf {
         self.0.join("revoked.pem")
     }
 
-    /// Path of the folder with copies of all certificates that the authority here has made.
+    /// Returns the path of the folder with copies of all certificates that the authority of this folder
+    /// has issued.
     pub(crate) fn issued(&self) -> PathBuf {
         self.0.join("issued")
     }
 
-    /// Returns the daemons that have a key here, sorted by name.
+    /// Returns the daemons that have a key in this folder, sorted by name.
     pub fn daemons(&self) -> Vec<DaemonId> {
         let Ok(entries) = fs::read_dir(&self.0) else { return Vec::new() };
         let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
@@ -81,7 +83,7 @@ impl CredentialFolder {
         daemons
     }
 
-    /// Makes the folder, with access for this user alone.
+    /// Creates the folder, with access for the present user alone.
     pub(crate) fn make(&self) -> Result<(), CredentialError> {
         for folder in [&self.0, &self.issued()] {
             let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);
@@ -105,8 +107,8 @@ pub(crate) fn read(path: &Path) -> Result<String, CredentialError> {
     fs::read_to_string(path).map_err(|source| failed(path, source))
 }
 
-/// Rejects a file that is world-writable, or in a world-writable folder: a user that can replace the CA
-/// certificate controls which certificates every daemon trusts.
+/// Returns an error if every user can write the file, or the folder that contains it. A user that can
+/// replace the authority's certificate controls which certificates every daemon trusts.
 pub(crate) fn check_not_world_writable(
     folder: &CredentialFolder,
     path: &Path,
@@ -121,7 +123,7 @@ pub(crate) fn check_not_world_writable(
     Ok(())
 }
 
-/// Reads a key; returns an error if other users can read it too.
+/// Reads a private key; returns an error if other users can read the file too.
 pub(crate) fn read_key(path: &Path) -> Result<PrivatePkcs8KeyDer<'static>, CredentialError> {
     let mode = fs::metadata(path).map_err(|source| failed(path, source))?.mode() & 0o777;
     if mode & 0o077 != 0 {
@@ -134,7 +136,7 @@ pub(crate) fn read_key(path: &Path) -> Result<PrivatePkcs8KeyDer<'static>, Crede
     })
 }
 
-/// Writes a new file with this mode. Returns an error if it exists already.
+/// Writes a new file with the permissions `mode`. Returns an error if the file exists already.
 pub(crate) fn write_new(path: &Path, text: &str, mode: u32) -> Result<(), CredentialError> {
     let mut options = OpenOptions::new();
     let file = options.write(true).create_new(true).mode(mode).open(path);
@@ -146,7 +148,8 @@ pub(crate) fn write_new(path: &Path, text: &str, mode: u32) -> Result<(), Creden
     written.map_err(|source| failed(path, source))
 }
 
-/// Replaces a file atomically: a reader sees either the old content or the new, never a part.
+/// Replaces a file atomically: a reader sees either the old content or the new content, never a part of
+/// it.
 pub(crate) fn replace(path: &Path, text: &str, mode: u32) -> Result<(), CredentialError> {
     let aside = path.with_extension(format!("new-{}", std::process::id()));
     // A remnant of a process that died.

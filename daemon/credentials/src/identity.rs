@@ -1,4 +1,4 @@
-//! A daemon's own key and certificate, which seal its messages.
+//! A daemon's own key and certificate, with which the daemon seals its messages.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -13,54 +13,56 @@ use crate::files::{self, CredentialFolder};
 use crate::seal::{Nonce, Seal, SignedFields};
 use crate::trust::Trust;
 
-/// Number of channels.
+/// Number of seal channels.
 const CHANNELS: usize = 3;
 
-/// The channels with sequence numbers.
+/// The seal channels in which messages have sequence numbers.
 const NUMBERED: [usize; NUMBERED_CHANNELS] =
     [SealChannel::Message as usize, SealChannel::AgentState as usize];
 pub(crate) const NUMBERED_CHANNELS: usize = 2;
 
-/// Kind of message. Messages of one channel arrive nearly in order; those of two channels may overtake each
-/// other at will, so each channel has its own sequence numbers.
+/// Kind of a sealed message. Messages of one channel arrive nearly in order; messages of two channels
+/// may overtake each other at will, so each channel has its own sequence numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum SealChannel {
-    /// Messages to one agent and to all.
+    /// Messages to one agent, and messages to all agents.
     Message = 0,
-    /// Models and heartbeats, which travel at a lower priority.
+    /// Action models and heartbeats, which travel at a lower priority.
     AgentState = 1,
-    /// Answers to questions: they are bound to their question by its nonce, and not numbered.
+    /// Answers to questions. They are bound to their question by its nonce, and have no sequence
+    /// numbers.
     Answer = 2,
 }
 
-/// Sequence numbers that a sender has reached, as it states them in answer to a call: every message with a
-/// number up to these was sent earlier.
+/// Sequence numbers that a sender has reached, as the sender states them when it answers a call. Every
+/// message with a number up to these was sent before that answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SequenceState {
-    /// Incarnation: microseconds since the Unix epoch at its start.
+    /// Incarnation of the sender: the time at which it started, in microseconds since the Unix epoch.
     pub life: u64,
-    /// The last number of each numbered channel, in the order of [`SealChannel`].
+    /// The last sequence number that the sender has used in each numbered channel, in the order of
+    /// [`SealChannel`].
     pub numbers: [u64; NUMBERED_CHANNELS],
-    /// Age of the incarnation in milliseconds, by a monotonic clock. 0 if the sender's version does not
-    /// state it.
+    /// Age of the sender's incarnation in milliseconds, by a monotonic clock. 0 if the sender runs a
+    /// version that does not state the age.
     #[serde(default)]
     pub age: u64,
 }
 
-/// Position of a message among the others, for its seal.
+/// Channel, sequence number and receiving incarnation of a message, for its seal.
 struct SealNumbers {
     channel: SealChannel,
     number: u64,
     to: u64,
 }
 
-/// The key of a daemon, and the name under which it signs.
+/// The key of a daemon, and the name under which the daemon signs.
 pub struct DaemonIdentity {
     folder: CredentialFolder,
     certificate: Certificate,
     key: Ed25519KeyPair,
-    /// The daemon, or a guest that signs with its key.
+    /// Name under which messages are signed: the daemon, or a guest that signs with the daemon's key.
     sender: DaemonId,
     incarnation: u64,
     began: Instant,
@@ -73,14 +75,16 @@ impl std::fmt::Debug for DaemonIdentity {
     }
 }
 
-// === impl Identity ===
+// === impl DaemonIdentity ===
 
 impl DaemonIdentity {
-    /// Reads a daemon's key and certificate, and checks them against `trust`. A new incarnation begins.
+    /// Reads a daemon's key and certificate from the folder, and checks them against `trust`. A new
+    /// incarnation of the daemon begins.
     ///
     /// # Errors
     ///
-    /// Returns an error if one of them is missing, can be read by others, or is not valid here.
+    /// Returns an error if the key or the certificate is missing or not valid here, or if other users
+    /// can read the key.
     pub fn read(
         folder: &CredentialFolder,
         daemon: &DaemonId,
@@ -129,29 +133,31 @@ impl DaemonIdentity {
         })
     }
 
-    /// Sets the incarnation to one known to be later than all before, in case the clock was set back.
+    /// Sets the incarnation to `life`, which is known to be later than all earlier ones. For the case
+    /// that the clock was set back.
     #[must_use]
     pub fn with_incarnation(self, life: u64) -> DaemonIdentity {
         DaemonIdentity { incarnation: life, ..self }
     }
 
-    /// Uses the same key for a guest of this daemon; see [`DaemonId::guest`].
+    /// Uses the key of this daemon for the messages of its guest `guest`; see [`DaemonId::guest`].
     #[must_use]
     pub fn for_guest(self, guest: DaemonId) -> DaemonIdentity {
         DaemonIdentity { sender: guest, ..self }
     }
 
-    /// Returns the daemon or guest that signs.
+    /// Returns the daemon or guest that signs the messages.
     pub fn sender(&self) -> &DaemonId {
         &self.sender
     }
 
-    /// Returns the certificate.
+    /// Returns the certificate of the daemon that owns the key.
     pub fn certificate(&self) -> &Certificate {
         &self.certificate
     }
 
-    /// Returns the files of its key, its certificate and its authority's certificate, for TLS.
+    /// Returns the paths of three files for TLS: the daemon's key, its certificate, and the certificate
+    /// of its authority.
     pub fn files(&self) -> (std::path::PathBuf, std::path::PathBuf, std::path::PathBuf) {
         let daemon = DaemonId::new(&self.certificate.subject);
         let daemon = daemon.expect("invariant: its subject was a daemon when it was read");
@@ -159,7 +165,8 @@ impl DaemonIdentity {
         (folder.key(&daemon), folder.certificate(&daemon), folder.authority())
     }
 
-    /// Returns the incarnation, its age, and the number of messages sealed in each numbered channel.
+    /// Returns the incarnation of the sender, the age of the incarnation, and the number of messages
+    /// sealed in each numbered channel.
     pub fn sequence_state(&self) -> SequenceState {
         let numbers = NUMBERED.map(|channel| self.numbers[channel].load(Ordering::Relaxed));
         SequenceState { life: self.incarnation, numbers, age: self.age() }
@@ -169,8 +176,8 @@ impl DaemonIdentity {
         u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    /// Returns the seal for a payload that goes out under this key expression: to the incarnation `to` of
-    /// one daemon, or to all.
+    /// Returns the seal for a payload that is sent under the key expression `key_expr`. The payload is
+    /// for the incarnation `to` of one daemon, or for all daemons if `to` is `None`.
     pub fn seal(
         &self,
         channel: SealChannel,
@@ -183,7 +190,7 @@ impl DaemonIdentity {
         self.write_seal(SealNumbers { channel, number, to }, key_expr, payload, &[])
     }
 
-    /// Returns the seal for an answer to the question with this nonce.
+    /// Returns the seal for an answer to the question that has the nonce `nonce`.
     pub fn seal_answer(&self, key_expr: &str, payload: &[u8], nonce: &Nonce) -> Vec<u8> {
         let numbers = SealNumbers { channel: SealChannel::Answer, number: 0, to: 0 };
         self.write_seal(numbers, key_expr, payload, nonce)
@@ -224,7 +231,8 @@ impl DaemonIdentity {
     }
 }
 
-/// Returns a new incarnation by the clock: greater than every earlier one, unless the clock was set back.
+/// Returns the number of a new incarnation, taken from the clock. It is greater than that of every
+/// earlier incarnation, unless the clock was set back.
 fn now() -> u64 {
     let micros = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
     u64::try_from(micros).unwrap_or(u64::MAX)

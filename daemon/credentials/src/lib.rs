@@ -1,15 +1,18 @@
 //! Credentials of daemons: keys and certificates, the seals on messages, and revocations.
 //!
-//! - [`Authority`] makes certificates and revokes them; its key stays where it was made.
-//! - [`CredentialFolder`] names the files, and refuses a key that other users can read.
-//! - [`AnswerKey`] opens the answers of people, [`seal_answer`] seals them.
-//! - [`DaemonIdentity`] seals outgoing messages, [`Verifier`] opens incoming ones.
+//! - [`Authority`] issues certificates and revokes them; the key of the authority stays where it was
+//!   made.
+//! - [`CredentialFolder`] gives the paths of the files in a folder of credentials. A key that other
+//!   users can read is refused.
+//! - [`AnswerKey`] opens the answers of people; [`seal_answer`] seals them.
+//! - [`DaemonIdentity`] seals outgoing messages; [`Verifier`] verifies the seals of incoming ones.
 //!
-//! One Ed25519 key per daemon serves TLS and seals. The signed bytes begin with a different text in each,
-//! so that a signature for one is never valid for the other. This crate knows nothing of Zenoh, nor of
-//! rights: which daemon may send which message is decided in higher layers.
+//! Each daemon has one Ed25519 key, which serves both TLS and seals. The signed bytes begin with a
+//! different text for each use, so that a signature for one use is never valid for the other. This
+//! crate does not depend on Zenoh and does not handle rights: which daemon may send which message is
+//! decided in higher layers.
 //!
-//! Keys never leave this crate except as files, and no value that holds one is logged or shown.
+//! Keys never leave this crate except as files, and no value that holds a key is logged or shown.
 
 mod answer;
 mod authority;
@@ -37,10 +40,11 @@ pub use verifier::{SealedMessage, VerifiedOrigin, Verifier};
 
 use acl::DaemonId;
 
-/// Maximum length of a certified daemon name, in bytes; the name of a guest is longer.
+/// Maximum length of the name of a daemon that has a certificate, in bytes. The name of a guest may be
+/// longer.
 const CERTIFIED_NAME_BYTES_MAX: usize = 40;
 
-/// Whether a certificate may be issued for this name.
+/// Whether a certificate may be issued for the daemon `name`.
 fn is_certifiable(name: &DaemonId) -> bool {
     name.as_str().len() <= CERTIFIED_NAME_BYTES_MAX && !name.is_guest()
 }

@@ -1,13 +1,14 @@
 //! Replay protection: a sliding window of sequence numbers per sender, incarnation and channel (as in RFC
 //! 4303, 3.4.3).
 //!
-//! Only the newest incarnation of a sender counts; a message of an older one is a recording. A daemon that
-//! has just begun to listen has received nothing yet, so recordings of all earlier messages could be sent
-//! to it. So a broadcast counts only if its number is beyond the one that the sender itself states when it
-//! is called, and a message to one daemon is bound to one incarnation of that daemon.
+//! Only the newest incarnation of a sender counts; a message of an older incarnation is a recording. A
+//! daemon that has just begun to listen has received nothing yet, so an attacker could send it
+//! recordings of all earlier messages. Two rules prevent that. A broadcast counts only if its number is
+//! greater than the one that the sender states when this daemon calls it. A message to one daemon is
+//! bound to one incarnation of that daemon.
 //!
-//! Clocks of two machines are not compared: a sender states the age of its incarnation whenever it is
-//! called, and in each seal the age at which the message was sealed.
+//! Clocks of two machines are not compared. A sender states the age of its incarnation in its answer to
+//! each call, and states in each seal the age at which the message was sealed.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -16,68 +17,71 @@ use std::time::{Duration, Instant};
 use crate::error::DistrustReason;
 use crate::identity::{NUMBERED_CHANNELS, SequenceState};
 
-/// Window size: how far a message may arrive behind a later one of its channel. It is ten times the
-/// reordering that was seen in a burst of bids.
+/// Size of the duplicate window: how far a message may arrive behind a later message of its channel.
+/// The size is ten times the reordering that was seen in a burst of bids.
 const WINDOW_SIZE: u64 = 4_096;
 const WORDS: usize = (WINDOW_SIZE / 64) as usize;
 
-/// How long after the sender's answer a message sent before it may still arrive. It is dropped, but not
-/// reported as a replay.
+/// How long after a sender's answer to a call a message that was sent before the answer may still
+/// arrive. Such a message is dropped, but not reported as a replay.
 const OVERTAKEN_GRACE: Duration = Duration::from_secs(2);
 
-/// How long a message may be under way. A sender waits seconds for an answer and then sends again; a
-/// message that arrives later than this was held back.
+/// How long a message may be under way. A sender that waits for an answer sends again after seconds, so
+/// a message that is under way for longer than this was held back.
 const UNDERWAY_MAX: Duration = Duration::from_secs(30);
 
-/// Maximum number of senders remembered per certificate: a daemon and its guests, each of which exists for
-/// a moment only. Beyond it the one that was silent for longest is dropped. From then on no unknown sender
-/// is believed in an incarnation as old as that one's.
+/// Maximum number of senders remembered per certificate: a daemon and its guests, each of which exists
+/// for a moment only. If there are more, the sender that was silent for longest is dropped. From then
+/// on an unknown sender is believed only if its incarnation is newer than that of every dropped sender.
 const SENDERS_MAX: usize = 64;
 
-/// State of all senders with one certificate name.
+/// State of all senders that use the certificate of one name.
 #[derive(Debug, Default)]
 pub(crate) struct ReplayGuard {
     senders: BTreeMap<String, SenderWindows>,
-    /// Greatest incarnation that was dropped.
+    /// Greatest incarnation among the senders that were dropped.
     dropped_incarnation: u64,
-    /// Counts messages, to find the sender that was silent for longest.
+    /// Running count of messages, to find the sender that was silent for longest.
     clock: u64,
 }
 
 #[derive(Debug)]
 struct SenderWindows {
     incarnation: u64,
-    /// Sequence numbers in its first answer in this incarnation, and the time of that answer.
+    /// Sequence numbers in the sender's first answer to a call in this incarnation, and the time when
+    /// that answer arrived.
     from: Option<([u64; NUMBERED_CHANNELS], Instant)>,
-    /// Age of the incarnation in milliseconds in its latest answer, and the time of that answer.
+    /// Age of the incarnation in milliseconds, as stated in the sender's latest answer to a call, and
+    /// the time when that answer arrived.
     age: Option<(u64, Instant)>,
     windows: [Option<Box<SequenceWindow>>; NUMBERED_CHANNELS],
     last_used: u64,
 }
 
-/// Position of one message among the others.
+/// Position of one message among the messages of its sender: incarnation, channel, number and age.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MessagePosition {
     pub(crate) incarnation: u64,
     pub(crate) channel: usize,
     pub(crate) number: u64,
-    /// Time of the seal: milliseconds since the sender's incarnation began.
+    /// Time at which the message was sealed, in milliseconds since the sender's incarnation began.
     pub(crate) at: u64,
-    /// Whether it is bound to this incarnation of the receiver; it can then not be a recording from before
-    /// that.
+    /// Whether the message is bound to the present incarnation of the receiver. If so, the message
+    /// cannot be a recording from before that incarnation began.
     pub(crate) is_for_this_incarnation: bool,
 }
 
-/// Duplicate window: the sequence numbers received lately.
+/// Duplicate window of one channel: the sequence numbers received lately.
 #[derive(Debug)]
 struct SequenceWindow {
-    /// Greatest number received.
+    /// Greatest sequence number received.
     newest: u64,
-    /// One bit for each of the last [`WINDOW`] numbers, at the number modulo the window.
+    /// One bit for each of the last [`WINDOW_SIZE`] sequence numbers. The bit of a number is at the
+    /// number modulo `WINDOW_SIZE`.
     received: [u64; WORDS],
 }
 
-// === impl Replays ===
+// === impl ReplayGuard ===
 
 impl ReplayGuard {
     /// Records a message if it is new.
@@ -121,7 +125,8 @@ impl ReplayGuard {
         if is_new { Ok(()) } else { Err(DistrustReason::Replayed) }
     }
 
-    /// Returns the state of a sender that has answered a call in this incarnation.
+    /// Returns the state of a sender that has answered a call in the incarnation `life`; otherwise the
+    /// reason why a message of the sender is not believed.
     fn synced_sender(
         &mut self,
         speaker: &str,
@@ -139,8 +144,8 @@ impl ReplayGuard {
         }
     }
 
-    /// Records the answer of a sender to a call. The answer is fresh, so it also counts if the sender had
-    /// been dropped.
+    /// Records the answer of a sender to a call. The answer is fresh, so it counts even if the sender
+    /// had been dropped.
     pub(crate) fn record_reply(&mut self, speaker: &str, said: SequenceState, now: Instant) {
         if !self.senders.contains_key(speaker) {
             self.insert(speaker, said.life);
@@ -151,14 +156,15 @@ impl ReplayGuard {
         }
     }
 
-    /// Returns the incarnation in which a sender has answered; `None` if it has not.
+    /// Returns the incarnation in which a sender has answered a call; `None` if the sender has not
+    /// answered.
     pub(crate) fn incarnation(&self, speaker: &str) -> Option<u64> {
         let known = self.senders.get(speaker)?;
         known.from.map(|_| known.incarnation)
     }
 
-    /// Returns the state of a sender, reset if this incarnation is newer; `None` if the incarnation is an
-    /// older one.
+    /// Returns the state of a sender. The state is reset if the incarnation `life` is newer than the
+    /// known one; `None` if it is older.
     fn current_sender(&mut self, speaker: &str, life: u64) -> Option<&mut SenderWindows> {
         self.clock += 1;
         if !self.senders.contains_key(speaker) && !self.admit(speaker, life) {
@@ -172,7 +178,8 @@ impl ReplayGuard {
         Some(known)
     }
 
-    /// Makes room for an unknown sender; returns `false` if it may be one that was dropped.
+    /// Adds an unknown sender to the remembered ones. Returns `false`, and adds nothing, if the sender
+    /// may be one that was dropped.
     fn admit(&mut self, speaker: &str, life: u64) -> bool {
         if life <= self.dropped_incarnation {
             return false;
@@ -209,8 +216,9 @@ impl SenderWindows {
         }
     }
 
-    /// Whether a message sealed at `at` has been under way for too long. The result is a lower bound of its
-    /// age, because the stated age of the incarnation was measured before the answer arrived here.
+    /// Whether a message that was sealed at `at` has been under way for too long. The time under way is
+    /// computed as a lower bound, because the sender stated the age of its incarnation before that
+    /// answer arrived here.
     fn is_overdue(&self, at: u64, now: Instant) -> bool {
         let Some((age, heard)) = self.age else { return false };
         let before_answer = Duration::from_millis(age.saturating_sub(at));
@@ -220,7 +228,7 @@ impl SenderWindows {
     }
 }
 
-// === impl Window ===
+// === impl SequenceWindow ===
 
 impl Default for SequenceWindow {
     fn default() -> SequenceWindow {
@@ -242,7 +250,7 @@ impl SequenceWindow {
         is_new
     }
 
-    /// Clears the bits of the numbers after the newest, up to this one.
+    /// Clears the bits of all numbers after the newest one, up to `number`.
     fn forget_up_to(&mut self, number: u64) {
         if number - self.newest >= WINDOW_SIZE {
             self.received = [0; WORDS];
@@ -269,7 +277,7 @@ mod tests {
 
     use super::*;
 
-    /// Whether a broadcast is accepted.
+    /// Whether the guard accepts a broadcast with this number.
     fn is_heard(
         replays: &mut ReplayGuard,
         speaker: &str,
@@ -405,7 +413,7 @@ mod tests {
     }
 
     proptest! {
-        /// Compares the window with a set that remembers every number.
+        /// Compares the duplicate window with a set that remembers every number.
         #[test]
         fn a_window_is_a_set_of_the_last(numbers in prop::collection::vec(1..10_000_u64, 1..400)) {
             let (mut window, mut all, mut newest) = (SequenceWindow::default(), BTreeSet::new(), 0);

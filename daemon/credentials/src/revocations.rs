@@ -1,5 +1,5 @@
-//! The list of revoked certificates (an X.509 CRL). It is believed because of the authority's signature,
-//! whichever daemon sends it.
+//! The list of revoked certificates (an X.509 CRL). The list is believed because the authority has
+//! signed it, whichever daemon sends it.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ use x509_parser::revocation_list::CertificateRevocationList;
 
 use crate::certificate::Certificate;
 
-/// A list with a verified signature.
+/// A list of revoked certificates with a verified signature.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Revocations {
     der: Vec<u8>,
@@ -22,7 +22,8 @@ pub struct Revocations {
 // === impl Revocations ===
 
 impl Revocations {
-    /// Reads a list. Returns `None` if it is malformed or the authority has not signed it.
+    /// Parses a list in DER. Returns `None` if the list is malformed or the authority has not signed
+    /// it.
     pub(crate) fn from_der(der: &[u8], authority: &Certificate) -> Option<Revocations> {
         let (rest, list) = CertificateRevocationList::from_der(der).ok()?;
         let key = UnparsedPublicKey::new(&ED25519, authority.public_key?);
@@ -40,17 +41,17 @@ impl Revocations {
         Revocations::from_der(&der, authority)
     }
 
-    /// Returns the list in DER, as it is sent.
+    /// Returns the list in DER, the form in which it is sent.
     pub fn der(&self) -> &[u8] {
         &self.der
     }
 
-    /// Returns its number, which is greater than that of every earlier list.
+    /// Returns the number of the list, which is greater than that of every earlier list.
     pub fn number(&self) -> u64 {
         self.number
     }
 
-    /// Whether a certificate is on the list.
+    /// Whether `certificate` is on the list.
     pub fn contains(&self, certificate: &Certificate) -> bool {
         self.serials.contains(&certificate.serial)
     }

@@ -1,4 +1,5 @@
-//! The seal on a message: its layout beside the payload, and the bytes that are signed.
+//! The seal on a message: the bytes that are sent in addition to the payload, and the bytes that are
+//! signed.
 //!
 //! ```text
 //! 1 byte    version
@@ -14,9 +15,9 @@
 //!
 //! A *life* is an incarnation, and the *speaker* is the sender: a daemon or a guest of one.
 //!
-//! The signed bytes are a text of this protocol's own, then channel, the four numbers, sender, key
-//! expression and nonce, each of the last three with its length, then the SHA-256 of the payload. The
-//! payload is hashed so that a message of 16 MiB is not copied to be signed.
+//! The signed bytes are, in this order: a text that only this protocol uses; the channel; the four
+//! numbers; the sender, the key expression and the nonce, each with its length; and the SHA-256 of the
+//! payload. The payload is hashed so that a message of 16 MiB need not be copied to be signed.
 
 use ring::digest::{SHA256, digest};
 use ring::rand::{SecureRandom as _, SystemRandom};
@@ -27,16 +28,17 @@ const VERSION: u8 = 3;
 const NUMBERS_BYTES: usize = 8;
 pub(crate) const SIGNATURE_BYTES: usize = 64;
 
-/// Maximum length of a certificate, in bytes. Those of this crate have some 500.
+/// Maximum length of a certificate in a seal, in bytes. Certificates that this crate issues have some
+/// 500 bytes.
 const CERTIFICATE_BYTES_MAX: usize = 4_096;
 
-/// Prefix of the signed bytes; so no other signature of the key is valid for a message.
+/// Prefix of the signed bytes. Because of it no other signature of the key is valid for a message.
 const CONTEXT: &[u8] = b"althing seal 3";
 
 /// Length of a [`Nonce`], in bytes.
 pub const NONCE_BYTES: usize = 16;
 
-/// Random value of one question; it binds an answer to that question alone.
+/// Random value in a question; it binds an answer to that question alone.
 pub type Nonce = [u8; NONCE_BYTES];
 
 /// Returns an unpredictable nonce; `None` if the system has no randomness.
@@ -45,20 +47,20 @@ pub fn nonce() -> Option<Nonce> {
     SystemRandom::new().fill(&mut nonce).ok().map(|()| nonce)
 }
 
-/// A parsed seal that is not verified yet.
+/// A seal that was parsed and is not verified yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Seal<'s> {
     pub(crate) incarnation: u64,
     pub(crate) number: u64,
     pub(crate) at: u64,
     pub(crate) to: u64,
-    /// Empty if the sender is the certificate's owner itself, not a guest.
+    /// Name of the sender; empty if the sender is the owner of the certificate and not a guest.
     pub(crate) sender: &'s str,
     pub(crate) signature: &'s [u8],
     pub(crate) certificate: &'s [u8],
 }
 
-/// The signed fields, without the payload.
+/// The signed fields of a seal, without the payload.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SignedFields<'s> {
     pub(crate) channel: SealChannel,
@@ -68,7 +70,7 @@ pub(crate) struct SignedFields<'s> {
     pub(crate) to: u64,
     pub(crate) sender: &'s str,
     pub(crate) key_expr: &'s str,
-    /// Nonce of the question, if this is an answer; empty otherwise.
+    /// Nonce of the question that is answered; empty if the message is no answer.
     pub(crate) nonce: &'s [u8],
 }
 
@@ -93,7 +95,8 @@ impl<'s> Seal<'s> {
         bytes
     }
 
-    /// Reads a seal from outside. Returns `None` if it is malformed or of another version.
+    /// Parses a seal that comes from outside. Returns `None` if the seal is malformed or of another
+    /// version.
     pub(crate) fn read(bytes: &'s [u8]) -> Option<Seal<'s>> {
         let (version, rest) = bytes.split_first()?;
         let (life, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
@@ -118,10 +121,10 @@ impl<'s> Seal<'s> {
     }
 }
 
-// === impl Statement ===
+// === impl SignedFields ===
 
 impl SignedFields<'_> {
-    /// Returns the bytes that are signed.
+    /// Returns the bytes to sign for these fields and `payload`.
     pub(crate) fn bytes(&self, payload: &[u8]) -> Vec<u8> {
         let SignedFields {
             channel,

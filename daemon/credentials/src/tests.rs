@@ -1,4 +1,4 @@
-//! An authority, its daemons, and every way in which their messages can be wrong.
+//! Tests with an authority, its daemons, and every way in which their messages can be wrong.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -11,7 +11,7 @@ use super::*;
 const KEY: &str = "althing/office/in/pi/robot/request";
 const PLENTY: u32 = 1_000_000;
 
-/// Incarnation of the receiver.
+/// Incarnation of the daemon that receives messages in these tests.
 const HERE: u64 = 77;
 
 struct House {
@@ -78,7 +78,7 @@ fn what_a_daemon_says_is_believed_once() {
     refused(&verifier, sealed(KEY, b"go", &seal), DistrustReason::Replayed, Some("pi"));
 }
 
-/// A replay of another daemon's messages does not use up that daemon's rate limit.
+/// A replay of another daemon's messages must not use up that daemon's rate limit.
 #[test]
 fn what_is_played_again_is_not_charged_to_whose_it_was() {
     let house = house();
@@ -323,7 +323,7 @@ fn a_key_that_others_can_read_is_refused_with_the_remedy() {
     assert!(matches!(Authority::open(&house.folder), Err(CredentialError::Loose { .. })));
 }
 
-/// A user that can replace the authority decides which certificates are trusted.
+/// A user that can replace the authority's certificate decides which certificates are trusted.
 #[test]
 fn what_anybody_can_write_is_not_trusted() {
     let house = house();

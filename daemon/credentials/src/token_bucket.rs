@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-/// A bucket of permits for messages.
+/// A bucket of permits, each for sending one message.
 #[derive(Debug)]
 pub(crate) struct TokenBucket {
     permits: f64,
@@ -10,17 +10,17 @@ pub(crate) struct TokenBucket {
 }
 
 impl TokenBucket {
-    /// Returns a full bucket.
+    /// Returns a full bucket, to which `per_second` permits are added per second.
     pub(crate) fn new(per_second: u32, now: Instant) -> TokenBucket {
         TokenBucket { permits: burst(per_second), refilled_at: now }
     }
 
-    /// Takes one permit; returns `false` if there is none.
+    /// Takes one permit; returns `false` if the bucket has none.
     pub(crate) fn take(&mut self, per_second: u32, now: Instant) -> bool {
         self.take_up_to(1, per_second, now) == 1
     }
 
-    /// Takes up to `count` permits; returns how many were taken.
+    /// Takes up to `count` permits; returns the number of permits taken.
     pub(crate) fn take_up_to(&mut self, count: u32, per_second: u32, now: Instant) -> u32 {
         let passed = now.saturating_duration_since(self.refilled_at).as_secs_f64();
         self.refilled_at = now;
@@ -32,8 +32,8 @@ impl TokenBucket {
     }
 }
 
-/// Capacity of a bucket: two seconds' worth, because all agents of a daemon answer one call in the same
-/// instant.
+/// Returns the capacity of a bucket: the permits of two seconds, because all agents of a daemon answer
+/// one call at the same instant.
 fn burst(per_second: u32) -> f64 {
     2.0 * f64::from(per_second)
 }

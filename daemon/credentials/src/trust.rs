@@ -1,4 +1,4 @@
-//! The trust of an ecosystem: its authority, and the certificates that were revoked.
+//! The trust of an ecosystem: the certificate of its authority, and the certificates that were revoked.
 
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -11,11 +11,12 @@ use crate::error::{CredentialError, DistrustReason};
 use crate::files::{self, CredentialFolder};
 use crate::revocations::Revocations;
 
-/// The authority's certificate, and the newest list of revocations.
+/// The certificate of an ecosystem's authority, and the newest list of revocations.
 #[derive(Clone, Debug)]
 pub struct Trust {
     folder: CredentialFolder,
-    /// File for lists that come over the network; by default the same as the folder's own.
+    /// File for lists of revocations that come over the network; by default the file in the folder of
+    /// credentials.
     stored_list: PathBuf,
     authority: Certificate,
     anchor: TrustAnchor<'static>,
@@ -29,7 +30,8 @@ impl Trust {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no authority, or a file cannot be read.
+    /// Returns an error if the folder contains no certificate of an authority, or if a file cannot be
+    /// read.
     pub fn read(folder: &CredentialFolder) -> Result<Trust, CredentialError> {
         let path = folder.authority();
         if !path.exists() {
@@ -54,12 +56,13 @@ impl Trust {
         Ok(trust)
     }
 
-    /// Stores lists that come over the network in this file instead of the folder, which the daemon may not
-    /// be able to write. Also reads the list that was stored there before.
+    /// Stores lists of revocations that come over the network in the file `kept`, not in the folder of
+    /// credentials, which the daemon may not be able to write. Also reads the list that was stored in
+    /// that file before.
     ///
     /// # Errors
     ///
-    /// As [`Trust::read`].
+    /// Returns an error if a list of revocations cannot be read, or the authority has not signed it.
     pub fn storing_at(mut self, kept: PathBuf) -> Result<Trust, CredentialError> {
         self.stored_list = kept;
         self.revocations = self.read_revocations()?;
@@ -71,16 +74,17 @@ impl Trust {
         &self.authority
     }
 
-    /// Returns the newest list of revocations.
+    /// Returns the newest list of revocations that is known; `None` if there is none.
     pub fn revocations(&self) -> Option<&Revocations> {
         self.revocations.as_ref()
     }
 
-    /// Returns the newest list in the files, if there is one.
+    /// Reads the files again and returns the newest list of revocations in them; `None` if there is
+    /// none.
     ///
     /// # Errors
     ///
-    /// Returns an error if a file cannot be read, or the authority has not signed it.
+    /// Returns an error if a file cannot be read, or the authority has not signed the list in it.
     pub fn read_revocations(&self) -> Result<Option<Revocations>, CredentialError> {
         let own = self.folder.revocations();
         let kept = Some(&self.stored_list).filter(|kept| **kept != own);
@@ -99,12 +103,13 @@ impl Trust {
         Ok(newest)
     }
 
-    /// Reads a list that came over the network. Returns `None` if the authority has not signed it.
+    /// Parses a list of revocations that came over the network. Returns `None` if the authority has not
+    /// signed it.
     pub fn verify_revocations(&self, der: &[u8]) -> Option<Revocations> {
         Revocations::from_der(der, &self.authority)
     }
 
-    /// Takes a list if it is newer than the known one; returns whether it was.
+    /// Replaces the known list of revocations by `list` if that is newer; returns whether it was newer.
     pub(crate) fn take(&mut self, list: Revocations) -> bool {
         let is_newer = self.revocations.as_ref().is_none_or(|known| known.number() < list.number());
         if is_newer {
@@ -113,21 +118,22 @@ impl Trust {
         is_newer
     }
 
-    /// Stores a list for the next incarnation.
+    /// Stores a list of revocations for the next run of this daemon.
     ///
     /// # Errors
     ///
-    /// Returns an error if the folder cannot be written.
+    /// Returns an error if the file cannot be written.
     pub fn store(&self, list: &Revocations) -> Result<(), CredentialError> {
         let text = pem::encode(&pem::Pem::new("X509 CRL", list.der()));
         files::replace(&self.stored_list, &text, 0o644)
     }
 
-    /// Checks that a certificate is a daemon's of this ecosystem, and valid at `now`.
+    /// Checks that a certificate was issued to a daemon of this ecosystem, was not revoked, and is
+    /// valid at the time `now`.
     ///
     /// # Errors
     ///
-    /// Returns the reason if it is not.
+    /// Returns the reason if the certificate fails the check.
     pub fn check(&self, certificate: &Certificate, now: SystemTime) -> Result<(), DistrustReason> {
         if certificate.daemon().is_none() || certificate.public_key.is_none() {
             return Err(DistrustReason::Stranger);

@@ -1,8 +1,8 @@
-//! Verifies seals: which key has signed, whether it has signed this message, and whether the message is
-//! new.
+//! Verification of seals: which key has signed, whether the signature is for this message, and whether
+//! the message is new.
 //!
-//! A certificate is checked once and remembered by its hash; a signature is checked each time. All stored
-//! state is bounded, and belongs to daemons that the authority has certified.
+//! A certificate is checked once and remembered by its hash; a signature is checked each time. All
+//! stored state is bounded, because it belongs to daemons that the authority has certified.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -22,26 +22,26 @@ use crate::seal::{Nonce, Seal, SignedFields};
 use crate::token_bucket::TokenBucket;
 use crate::trust::Trust;
 
-/// Maximum number of certificates remembered as valid. When it is reached all are dropped and checked anew,
-/// which takes a tenth of a millisecond each.
+/// Maximum number of certificates remembered as valid. When this number is reached, all are dropped and
+/// checked again, which takes a tenth of a millisecond for each.
 const CERTIFICATES_MAX: usize = 1_024;
 
-/// How long other daemons may take to notice a new incarnation of this one: they call it at least once a
-/// second while the membership changes.
+/// How long other daemons may take to notice a new incarnation of this daemon. They call this daemon at
+/// least once a second while the membership changes.
 const NOTICE_GRACE: Duration = Duration::from_secs(5);
 
 /// A received message or answer, with its seal.
 #[derive(Clone, Copy, Debug)]
 pub struct SealedMessage<'s> {
-    /// Its channel.
+    /// Channel in which the message was sealed.
     pub channel: SealChannel,
-    /// Key expression under which it came.
+    /// Key expression under which the message came.
     pub key_expr: &'s str,
     /// Payload of the message.
     pub payload: &'s [u8],
-    /// Seal that came with it, if any.
+    /// Seal that came with the message; `None` if there was none.
     pub seal: Option<&'s [u8]>,
-    /// Nonce of the question, if this is an answer.
+    /// Nonce of the question that is answered; `None` if the message is no answer.
     pub nonce: Option<&'s Nonce>,
     /// The only daemon that may send under this key expression; `None` if there is no such restriction.
     pub only_sender: Option<&'s str>,
@@ -52,24 +52,25 @@ pub struct SealedMessage<'s> {
 /// Verified origin of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct VerifiedOrigin {
-    /// The sender: a daemon, or a guest of one.
+    /// Daemon that sent the message, or a guest of a daemon.
     pub sender: DaemonId,
-    /// The daemon that owns the key: the sender itself, or the guest's host.
+    /// Daemon that owns the key with which the message was signed: the sender itself, or the host of
+    /// the guest.
     pub signing_daemon: DaemonId,
 }
 
-/// Verifies messages, and returns the reason if one is not believed.
+/// Verifies the seals of messages, and states the reason if a message is not believed.
 #[derive(Debug)]
 pub struct Verifier {
     trust: RwLock<Trust>,
-    /// Valid certificates, by their hash.
+    /// Certificates that were found valid, by their hash.
     certificates: Mutex<HashMap<[u8; 32], Arc<Certificate>>>,
-    /// State per name in a certificate.
+    /// State of the senders that use one certificate, by the name in the certificate.
     senders: Mutex<BTreeMap<String, SenderState>>,
-    /// Maximum number of messages per second and certificate name.
+    /// Maximum number of messages per second under one certificate name.
     messages_per_second: u32,
     began: Instant,
-    /// How often the list of revocations has changed.
+    /// Number of times that the list of revocations has changed.
     revisions: AtomicU64,
 }
 
@@ -82,7 +83,8 @@ struct SenderState {
 // === impl Verifier ===
 
 impl Verifier {
-    /// Returns a verifier with these trusted certificates and this rate limit per sender.
+    /// Returns a verifier that trusts the certificates of `trust` and limits the rate per certificate
+    /// name.
     pub fn new(trust: Trust, messages_per_second: u32) -> Verifier {
         Verifier {
             trust: RwLock::new(trust),
@@ -98,7 +100,8 @@ impl Verifier {
     ///
     /// # Errors
     ///
-    /// Returns the reason why it is not believed, and the name in which it came if that can be read.
+    /// Returns the reason why the message is not believed, and the name under which the message came if
+    /// that can be read.
     pub fn open(
         &self,
         sealed: SealedMessage<'_>,
@@ -146,7 +149,8 @@ impl Verifier {
         Ok(verified)
     }
 
-    /// Returns a certificate that is valid now, from memory or after a check.
+    /// Returns the certificate in `der`, if it is valid now. The certificate is remembered, or is
+    /// checked first.
     fn certificate(
         &self,
         der: &[u8],
@@ -176,8 +180,8 @@ impl Verifier {
         Ok(certificate)
     }
 
-    /// Checks a message with a valid signature against the duplicate window and the rate limit, and records
-    /// it.
+    /// Checks a message with a valid signature against the duplicate window and the rate limit, and
+    /// records the message.
     fn record(
         &self,
         certificate: &Certificate,
@@ -215,28 +219,31 @@ impl Verifier {
         }
     }
 
-    /// Returns how many of `count` more messages the daemon may send that came under one seal: each
-    /// heartbeat of a batch costs the same as a single one.
+    /// Takes permits for `count` more messages that the daemon `voucher` has sent under one seal;
+    /// returns how many of them are permitted. So each heartbeat of a batch costs as much as a single
+    /// heartbeat.
     pub fn take_permits(&self, voucher: &DaemonId, count: u32) -> u32 {
         let (mut heard, now) = (lock(&self.senders), Instant::now());
         let heard = self.sender_state(&mut heard, voucher.as_str(), now);
         heard.rate.take_up_to(count, self.messages_per_second, now)
     }
 
-    /// Records the answer of a daemon to a call. Broadcasts with a number up to `said` are not believed;
-    /// later ones are.
+    /// Records the answer of a daemon to a call. Broadcasts of that daemon with a number up to those in
+    /// `said` are not believed; broadcasts with greater numbers are.
     pub fn record_reply(&self, answerer: &VerifiedOrigin, said: SequenceState) {
         let (mut heard, now) = (lock(&self.senders), Instant::now());
         let heard = self.sender_state(&mut heard, answerer.signing_daemon.as_str(), now);
         heard.replays.record_reply(answerer.sender.as_str(), said, now);
     }
 
-    /// Returns the incarnation in which a daemon, or a guest of one, last answered a call.
+    /// Returns the incarnation in which a daemon, or a guest of a daemon, last answered a call; `None`
+    /// if there was no answer.
     pub fn incarnation(&self, speaker: &DaemonId) -> Option<u64> {
         lock(&self.senders).get(speaker.host())?.replays.incarnation(speaker.as_str())
     }
 
-    /// Returns the state of one certificate name. Only the authority gives these names, so they are few.
+    /// Returns the state of the senders under one certificate name. Only the authority gives these
+    /// names, so they are few.
     fn sender_state<'h>(
         &self,
         heard: &'h mut BTreeMap<String, SenderState>,
@@ -257,13 +264,13 @@ impl Verifier {
         trust.revocations().map(|list| list.der().to_vec())
     }
 
-    /// Returns the subject of a certificate (in DER) if it was revoked; `None` otherwise.
+    /// Returns the subject of a certificate (in DER) if the certificate was revoked; `None` otherwise.
     pub fn revoked_subject(&self, certificate: &[u8]) -> Option<String> {
         let certificate = Certificate::from_der(certificate)?;
         self.has_revoked(&certificate).then_some(certificate.subject)
     }
 
-    /// Returns how often the list of revocations has changed.
+    /// Returns the number of times that the list of revocations has changed.
     pub fn revocations_revision(&self) -> u64 {
         self.revisions.load(Ordering::Acquire)
     }
@@ -274,8 +281,9 @@ impl Verifier {
         trust.revocations().is_some_and(|list| list.contains(certificate))
     }
 
-    /// Takes a list that came over the network, without storing it. Returns `None` if the authority has not
-    /// signed it; otherwise whether it was newer.
+    /// Uses a list of revocations that came over the network from now on, if it is newer than the known
+    /// one; does not store it. Returns whether it was newer; `None` if the authority has not signed the
+    /// list.
     pub fn take_revocations(&self, der: &[u8]) -> Option<bool> {
         let list = {
             let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
@@ -284,11 +292,12 @@ impl Verifier {
         Some(self.take(list))
     }
 
-    /// Takes the list in the folder if it is newer; returns whether it was.
+    /// Uses the list of revocations in the files from now on, if it is newer than the known one;
+    /// returns whether it was newer.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is a list that cannot be used.
+    /// Returns an error if a list cannot be read, or the authority has not signed it.
     pub fn reread_revocations(&self) -> Result<bool, crate::CredentialError> {
         let list = {
             let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
@@ -297,11 +306,11 @@ impl Verifier {
         Ok(list.is_some_and(|list| self.take(list)))
     }
 
-    /// Stores the newest list in the folder for the next incarnation.
+    /// Stores the newest list of revocations in its file for the next run of this daemon.
     ///
     /// # Errors
     ///
-    /// Returns an error if the folder cannot be written.
+    /// Returns an error if the file cannot be written.
     pub fn store_revocations(&self) -> Result<(), crate::CredentialError> {
         let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
         match trust.revocations() {
@@ -322,8 +331,8 @@ impl Verifier {
     }
 }
 
-/// Returns the origin of a message with this certificate and sender name; `None` if the certificate does
-/// not cover the name.
+/// Returns the origin of a message that was sent under the name `speaker` with this certificate; `None`
+/// if the certificate does not cover that name.
 fn speaking(speaker: &str, certificate: &Certificate) -> Option<VerifiedOrigin> {
     let speaker = DaemonId::new(speaker).ok()?;
     let voucher = certificate.daemon()?;

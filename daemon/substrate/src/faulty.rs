@@ -1,11 +1,13 @@
-//! A substrate within one process with bad links: messages may be lost, doubled, late or overtaken,
-//! links break and are mended, processes die. The seed alone decides what happens, as long as one
-//! thread does everything and time is simulated.
+//! A substrate within one process with bad links: messages may be lost, doubled, delayed or overtaken
+//! by later ones; links break and are mended; processes die. The seed alone decides what happens, as
+//! long as one thread does everything and time is simulated.
 //!
-//! - A broken link loses at once what is sent over it. The ends see that the agents behind it are
-//!   gone after the lease, as on a real network, or at once if the connection was reset.
+//! - A broken link at once loses everything that is sent over it. The daemons at its ends see that the
+//!   agents behind the link are gone after the lease, as on a real network, or at once if the
+//!   connection was reset.
 //! - Messages of a daemon to itself never leave the process and are never lost.
-//! - A daemon that reads slowly receives everything late. At most [`UNDER_WAY_MAX`] messages wait for it.
+//! - A daemon that reads slowly receives everything late. At most [`UNDER_WAY_MAX`] messages wait for
+//!   it.
 
 mod network_state;
 
@@ -26,37 +28,38 @@ use crate::{
     ResourceQuery, SendError, Subject, Substrate,
 };
 
-/// Most messages under way to one daemon. Further ones are lost, as on a network that must not block.
+/// Most messages under way to one daemon. Further messages are lost, as on a network that must not
+/// block.
 pub const UNDER_WAY_MAX: usize = 20_000;
 
 /// Quality of the links.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkConditions {
-    /// Share of messages that are lost.
+    /// Share of messages that are lost, from 0 to 1.
     pub loss: f64,
-    /// Share of messages that arrive twice.
+    /// Share of messages that arrive twice, from 0 to 1.
     pub doubled: f64,
-    /// Share of messages that are overtaken by later ones.
+    /// Share of messages that are overtaken by later ones, from 0 to 1.
     pub overtaken: f64,
-    /// Time that a message is under way, in microseconds.
+    /// Range of the time that a message is under way, in microseconds.
     pub delay: Range<u64>,
 }
 
-/// The network of one ecosystem. Clones are the same network.
+/// The network of one ecosystem, with faults. Clones refer to the same network.
 #[derive(Clone)]
 pub struct Network(Arc<SharedNetwork>);
 
 struct SharedNetwork {
     wire: Mutex<NetworkState>,
-    /// Notified when something is due earlier than before.
+    /// Wakes the delivery task when an item is due earlier than the items before.
     sooner: Notify,
 }
 
-/// Identifies a cut.
+/// Identifies a cut: the breaking of the links between some daemons and all others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct CutId(u64);
 
-/// Observer of everything that is sent, with the sending daemon.
+/// Observer that is called with everything that is sent, and with the daemon that sends it.
 type SendObserver = Arc<dyn Fn(&DaemonId, &Destination, &Bytes) + Send + Sync>;
 
 /// Counts of what has happened to messages so far.
@@ -66,28 +69,29 @@ pub struct MessageCounts {
     pub sent: u64,
     /// Messages lost because of the link quality, or because too many were under way.
     pub lost: u64,
-    /// Messages lost because a link was broken.
+    /// Messages lost because a cut had broken the link.
     pub cut: u64,
     /// Messages that arrived twice.
     pub doubled: u64,
     /// Messages that arrived after later ones.
     pub overtaken: u64,
-    /// Messages that took longer than any does on good links.
+    /// Messages that took longer than any message does on good links.
     pub delayed: u64,
     /// Messages that arrived late because their receiver reads slowly.
     pub slowed: u64,
 }
 
-/// One daemon's end of the network.
+/// Connection of one daemon to the network.
 struct Port {
     target: ConnectionId,
     shared: Weak<SharedNetwork>,
 }
 
-// === impl Weather ===
+// === impl LinkConditions ===
 
 impl LinkConditions {
-    /// Links as they are in a building: nothing is lost, and a message takes 0.1 to 2 milliseconds.
+    /// Returns the quality of links in a building: nothing is lost, and a message takes 0.1 to 2
+    /// milliseconds.
     pub fn good() -> LinkConditions {
         LinkConditions { loss: 0.0, doubled: 0.0, overtaken: 0.0, delay: 100..2_000 }
     }
@@ -107,7 +111,8 @@ impl Network {
         Network(shared)
     }
 
-    /// Connects a daemon.
+    /// Connects a daemon; `inbound` receives what is sent to it. Returns the sending side of the
+    /// daemon.
     pub fn open(&self, daemon: DaemonId, inbound: Arc<dyn Inbound>) -> Arc<dyn Substrate> {
         let life = self.0.with(|wire| {
             wire.connections_count += 1;
@@ -124,8 +129,8 @@ impl Network {
         })
     }
 
-    /// Disconnects a daemon as a SIGKILL of its process would: messages under way to it are lost,
-    /// and the others see at once that its agents have left.
+    /// Disconnects a daemon as a SIGKILL of its process would: messages under way to the daemon are
+    /// lost, and the other daemons see at once that its agents have left.
     pub fn kill(&self, daemon: &DaemonId) {
         self.0.with(|wire| {
             wire.daemons.remove(daemon);
@@ -134,7 +139,8 @@ impl Network {
         });
     }
 
-    /// Breaks the links between these daemons and all others. The ends see that after `lease`.
+    /// Breaks the links between these daemons and all others. The daemons at the ends of the links see
+    /// that after the time `lease`.
     pub fn cut(&self, daemons: BTreeSet<DaemonId>, lease: Duration) -> CutId {
         self.0.with(|wire| {
             wire.cuts_count += 1;
@@ -147,8 +153,8 @@ impl Network {
         })
     }
 
-    /// Mends the links that a cut broke, except those that another cut broke too. Returns how many
-    /// messages the cut has stopped.
+    /// Mends the links that a cut broke, except those that another cut broke too. Returns the number of
+    /// messages that were lost because of the cut.
     pub fn heal(&self, cut: CutId) -> u64 {
         self.0.with(|wire| {
             let stopped = wire.cuts.remove(&cut).map_or(0, |island| island.stopped);
@@ -157,7 +163,7 @@ impl Network {
         })
     }
 
-    /// Delays everything that a daemon receives by this time; zero ends the delay.
+    /// Delays everything that a daemon receives by the time `by`; zero ends the delay.
     pub fn delay_receiver(&self, daemon: &DaemonId, by: Duration) {
         self.0.with(|wire| {
             if by.is_zero() {
@@ -173,7 +179,8 @@ impl Network {
         self.0.with(|wire| wire.conditions = weather);
     }
 
-    /// Passes everything that is sent from now on to `tap` too, including what is lost.
+    /// Calls `tap` with everything that is sent from now on, including what is lost. Messages are
+    /// delivered as before.
     pub fn tap(&self, tap: impl Fn(&DaemonId, &Destination, &Bytes) + Send + Sync + 'static) {
         self.0.with(|wire| wire.tap = Some(Arc::new(tap)));
     }
@@ -184,7 +191,7 @@ impl Network {
     }
 }
 
-/// Delivers what is due, at its time, as long as the network is in use.
+/// Delivers each item that is due at its time, as long as the network is in use.
 async fn run_deliveries(shared: Weak<SharedNetwork>) {
     loop {
         let Some(held) = shared.upgrade() else { return };
@@ -207,7 +214,7 @@ async fn run_deliveries(shared: Weak<SharedNetwork>) {
     }
 }
 
-// === impl Shared ===
+// === impl SharedNetwork ===
 
 impl SharedNetwork {
     fn with<T>(&self, act: impl FnOnce(&mut NetworkState) -> T) -> T {
@@ -248,7 +255,8 @@ impl SharedNetwork {
 // === impl Port ===
 
 impl Port {
-    /// Runs `act` on the network if this connection of the daemon still exists.
+    /// Runs `act` on the network, if this connection of the daemon still exists; otherwise returns an
+    /// error.
     fn with<T>(&self, act: impl FnOnce(&mut NetworkState) -> T) -> Result<T, SendError> {
         let shared = self.shared.upgrade().ok_or(SendError::Closed)?;
         shared.with(|wire| {
@@ -366,7 +374,7 @@ impl Substrate for Port {
     }
 }
 
-/// Sends an answer to the asker. If it is lost, the asker waits until `timeout`.
+/// Sends an answer to the daemon that asked. If the answer is lost, that daemon waits until `timeout`.
 fn return_answer(
     shared: &Weak<SharedNetwork>,
     from: &DaemonId,

@@ -1,5 +1,5 @@
-//! A substrate in front of another: it overrides the operations in which it counts, loses or
-//! records messages, and passes on all others.
+//! A substrate in front of another substrate. It overrides the operations in which it counts, loses or
+//! records messages, and passes all other calls on.
 
 use std::time::Duration;
 
@@ -8,18 +8,18 @@ use bytes::Bytes;
 
 use crate::{AgentAddress, BoxFuture, PresenceToken, ResourceQuery, SendError, Subject, Substrate};
 
-/// A [`Substrate`] in front of another. An implementation overrides the operations that it changes.
+/// A [`Substrate`] in front of another one. An implementation overrides the operations that it changes.
 #[expect(clippy::missing_errors_doc, reason = "as those of `Substrate`")]
 pub trait ForwardingSubstrate: Send + Sync + 'static {
     /// Returns the substrate behind this one.
     fn inner(&self) -> &dyn Substrate;
 
-    /// As [`Substrate::send`].
+    /// Sends to one agent, as [`Substrate::send`] does. By default passes the call on.
     fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError> {
         self.inner().send(to, subject, payload)
     }
 
-    /// As [`Substrate::broadcast`].
+    /// Sends to all agents, as [`Substrate::broadcast`] does. By default passes the call on.
     fn broadcast(
         &self,
         sender: &AgentId,
@@ -29,12 +29,13 @@ pub trait ForwardingSubstrate: Send + Sync + 'static {
         self.inner().broadcast(sender, performative, payload)
     }
 
-    /// As [`Substrate::broadcast_state`]; the heartbeats of a batch pass here one by one.
+    /// Sends an action model or heartbeat to all agents, as [`Substrate::broadcast_state`] does. The
+    /// heartbeats of a batch pass through this method one by one. By default passes the call on.
     fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         self.inner().broadcast_state(sender, payload)
     }
 
-    /// As [`Substrate::ask`].
+    /// Queries daemons for a resource, as [`Substrate::ask`] does. By default passes the call on.
     fn ask(&self, question: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         self.inner().ask(question, timeout)
     }

@@ -2,8 +2,8 @@
 //! Communication Agents send, and a substrate within one process.
 //!
 //! - [`Substrate`] is the sending side of a daemon, [`Inbound`] is its receiving side.
-//! - [`faulty`] carries messages within one process over links that lose, double, delay and break,
-//!   as a seed decides.
+//! - [`faulty`] carries messages within one process, over links that lose, double and delay messages
+//!   and that break, as a seed decides.
 //! - [`memory`] carries messages within one process; `substrate-zenoh` carries them between
 //!   machines. The same agents run unchanged on both.
 //! - [`ForwardingSubstrate`] is a substrate in front of another, which counts, loses or records messages.
@@ -33,10 +33,10 @@ pub use crate::forwarding::ForwardingSubstrate;
 /// A future that a trait object can return.
 pub type BoxFuture<T> = Pin<Box<dyn Future<Output = T> + Send>>;
 
-/// The sending side of a daemon. Sending never blocks: it hands the message over, and promises no
-/// delivery.
+/// The sending side of a daemon. Sending never blocks: the message is handed over to the substrate,
+/// without a promise that it is delivered.
 pub trait Substrate: Send + Sync + 'static {
-    /// Sends to one agent.
+    /// Sends a message to one agent.
     ///
     /// # Errors
     ///
@@ -44,11 +44,11 @@ pub trait Substrate: Send + Sync + 'static {
     /// delivery.
     fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError>;
 
-    /// Sends to all: the paper's global topic per message type.
+    /// Sends a message to all agents, on the paper's global topic per message type.
     ///
     /// # Errors
     ///
-    /// As [`Substrate::send`].
+    /// Returns an error in the same cases as [`Substrate::send`].
     fn broadcast(
         &self,
         sender: &AgentId,
@@ -56,19 +56,19 @@ pub trait Substrate: Send + Sync + 'static {
         payload: Bytes,
     ) -> Result<(), SendError>;
 
-    /// Sends an agent's action model or heartbeat to all.
+    /// Sends the action model or a heartbeat of an agent to all agents.
     ///
     /// # Errors
     ///
-    /// As [`Substrate::send`].
+    /// Returns an error in the same cases as [`Substrate::send`].
     fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError>;
 
-    /// Sends the heartbeats of several agents to all: each as [`Substrate::broadcast_state`] does, but at the
-    /// cost of one message where that is possible.
+    /// Sends the heartbeats of several agents to all agents. Each heartbeat arrives as with
+    /// [`Substrate::broadcast_state`], but all together cost only one message where that is possible.
     ///
     /// # Errors
     ///
-    /// As [`Substrate::send`].
+    /// Returns an error in the same cases as [`Substrate::send`].
     fn broadcast_heartbeats(&self, beats: Vec<(AgentId, Bytes)>) -> Result<(), SendError> {
         beats.into_iter().try_for_each(|(sender, payload)| self.broadcast_state(&sender, payload))
     }
@@ -88,18 +88,19 @@ pub trait Substrate: Send + Sync + 'static {
     /// may be none.
     fn ask(&self, question: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>>;
 
-    /// Completes when every daemon that is present now receives this daemon's broadcasts, or soon
-    /// if some of them never will. A sender that joins, broadcasts once and leaves must wait for
-    /// it. An agent must have been announced before.
+    /// Completes when every daemon that is present now receives this daemon's broadcasts, or a short
+    /// time later if some of them never will. A sender that joins, broadcasts once and leaves must wait
+    /// for this. An agent must have been announced before.
     fn broadcast_ready(&self) -> BoxFuture<()> {
         Box::pin(std::future::ready(()))
     }
 
-    /// Closes the substrate: what is still queued may go out, nothing comes in any more.
+    /// Closes the substrate: messages that are still queued may be sent, and no message is received any
+    /// more.
     fn close(&self) -> BoxFuture<()>;
 }
 
-/// The receiving side of a daemon. Called on the substrate's own threads: must not block.
+/// The receiving side of a daemon. The substrate calls it on threads of its own: no method may block.
 pub trait Inbound: Send + Sync + 'static {
     /// Called when a message has arrived.
     fn deliver(&self, delivery: Delivery);
@@ -107,13 +108,15 @@ pub trait Inbound: Send + Sync + 'static {
     /// Called when an agent has joined or left.
     fn presence(&self, presence: Presence);
 
-    /// Called when a daemon queries a resource. Dropping the question gives no answer.
+    /// Called when another daemon queries a resource. Dropping the question without a call of `answer`
+    /// means that there is no answer.
     fn receive_query(&self, question: ReceivedQuery);
 
-    /// Called when something was rejected and is not passed on. By default this is not recorded.
+    /// Called when something that arrived was rejected and is not passed on. By default the rejection
+    /// is not recorded.
     fn rejected(&self, _rejected: &Rejected<'_>) {}
 
-    /// Whether the origin of an answer may give it. By default every answer is admitted.
+    /// Whether the origin of an answer may give that answer. By default every answer is accepted.
     fn accepts_answer(&self, _answer: &Answer<'_>) -> bool {
         true
     }
@@ -122,26 +125,27 @@ pub trait Inbound: Send + Sync + 'static {
 /// Origin of a message, as its signature proves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Origin {
-    /// Daemon that sent the message, or a guest of one.
+    /// Daemon that sent the message, or a guest of a daemon.
     pub daemon: DaemonId,
-    /// Daemon with the key that signed the message: the same daemon, or the host of the guest.
+    /// Daemon that owns the key with which the message was signed: the sending daemon itself, or the
+    /// host of the guest.
     pub signing_daemon: DaemonId,
 }
 
-/// Something that arrived and was rejected.
+/// A message, or something else that arrived, which was rejected.
 #[derive(Clone, Copy, Debug)]
 pub struct Rejected<'r> {
-    /// Kind of the violation.
+    /// Kind of the violation for which it was rejected.
     pub violation: ViolationKind,
-    /// Description that continues the sentence “the message …”.
+    /// Description of the violation; it continues the sentence “the message …”.
     pub detail: &'r str,
     /// Name of the claimed sender, as far as it is known.
     pub claimed: Option<&'r str>,
-    /// Address or key that it arrived under, in the form that the substrate uses.
+    /// Address or key under which the rejected message arrived, in the form that the substrate uses.
     pub key: &'r str,
 }
 
-/// Kind of violation by something that arrived.
+/// Kind of violation for which something that arrived was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ViolationKind {
     /// The message is not signed.
@@ -152,11 +156,11 @@ pub enum ViolationKind {
     Forged,
     /// The message was received before.
     Replayed,
-    /// The certificate was revoked.
+    /// The certificate of the signer was revoked.
     Revoked,
-    /// The sender sends too much.
+    /// The sender exceeds its rate limit.
     Flooded,
-    /// The origin has no right to send this.
+    /// The origin has no right to send this message.
     Unauthorized,
     /// The message is longer than allowed.
     Oversized,
@@ -166,25 +170,25 @@ pub enum ViolationKind {
     RefusedLink,
 }
 
-/// An answer to a query, with its origin.
+/// An answer to a query, with its verified origin.
 #[derive(Clone, Copy, Debug)]
 pub struct Answer<'a> {
-    /// Origin of the answer.
+    /// Daemon that gave the answer.
     pub origin: &'a Origin,
     /// Resource that was queried.
     pub resource: Resource,
-    /// Agent that was asked, if the resource has one value per agent.
+    /// Agent that was asked, if each agent has a value of the resource; otherwise `None`.
     pub agent: Option<&'a AgentId>,
     /// Content of the answer.
     pub payload: &'a [u8],
 }
 
-/// Address of an agent.
+/// Address of an agent: its daemon and its name.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct AgentAddress {
-    /// The daemon that hosts it.
+    /// Daemon that hosts the agent.
     pub daemon: DaemonId,
-    /// The agent.
+    /// Name of the agent.
     pub agent: AgentId,
 }
 
@@ -193,39 +197,39 @@ pub struct AgentAddress {
 pub enum Subject {
     /// An ACL message.
     Message(Performative),
-    /// Receipts: the receiver's Communication Agent has received messages. This is no ACL message;
-    /// the payload is a JSON list of the ids of the messages.
+    /// Receipts: the sender confirms that its Communication Agent has received messages. Receipts are
+    /// no ACL message; the payload is a JSON list of the ids of the received messages.
     Receipt,
 }
 
 /// A message that has arrived.
 #[derive(Clone, Debug)]
 pub struct Delivery {
-    /// Address of the message.
+    /// Destination that the message was sent to.
     pub destination: Destination,
-    /// The bytes as they were sent.
+    /// Payload of the message, as it was sent.
     pub payload: Bytes,
-    /// Origin proved by the signature; `None` if messages are not signed.
+    /// Origin of the message, as its signature proves; `None` if messages are not signed.
     pub origin: Option<Origin>,
 }
 
-/// Address of a message.
+/// Destination of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Destination {
-    /// To one agent of this daemon.
+    /// The message is for this agent of the daemon that receives it.
     To(AgentId, Subject),
-    /// To all agents, from this sender.
+    /// The message is a broadcast to all agents, from this sender.
     All(AgentId, Performative),
-    /// An action model or a heartbeat, from this sender.
+    /// The message is a broadcast of the action model or a heartbeat of this agent, which sent it.
     AgentState(AgentId),
 }
 
-/// One incarnation of an agent at one daemon.
+/// One incarnation of an agent, with the daemon that hosts it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Resident {
-    /// The agent.
+    /// Name of the agent.
     pub agent: AgentId,
-    /// The daemon that hosts it.
+    /// Daemon that hosts the agent.
     pub daemon: DaemonId,
     /// Incarnation of the agent.
     pub incarnation: Incarnation,
@@ -234,9 +238,9 @@ pub struct Resident {
 /// Change of the membership, as this daemon sees it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Presence {
-    /// The process that hosts this agent runs and can be reached.
+    /// An agent has joined: the process that hosts it runs and can be reached.
     Joined(Resident),
-    /// The agent cannot be reached from here any more.
+    /// An agent has left: it cannot be reached from this daemon any more.
     Left(Resident),
 }
 
@@ -247,13 +251,13 @@ pub enum Resource {
     Directory,
     /// The composite domain.
     Domain,
-    /// The state of the world as believed, with provenance.
+    /// The facts of the world as the domain model believes them, with the sources of each.
     State,
     /// Goals and their progress.
     Goals,
-    /// The action model of one agent, or of all.
+    /// The action models of the agents, or that of one agent.
     Model,
-    /// Fill levels of the mailboxes of a daemon's agents.
+    /// Number of messages in each mailbox of a daemon's agents, and counters.
     Mailbox,
     /// Questions to people that have no answer yet.
     Questions,
@@ -270,28 +274,28 @@ pub enum Resource {
 /// A query to daemons.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ResourceQuery {
-    /// Daemon to ask; `None` asks all.
+    /// Daemon to ask; `None` asks all daemons.
     pub daemon: Option<DaemonId>,
     /// Resource to ask for.
     pub resource: Resource,
-    /// Agent to ask, if the resource has one value per agent.
+    /// Agent to ask, if each agent has a value of the resource; `None` asks all agents.
     pub agent: Option<AgentId>,
 }
 
-/// A query that has arrived.
+/// A query that has arrived at this daemon.
 pub struct ReceivedQuery {
-    /// Resource that is asked for.
+    /// Resource that the query asks for.
     pub resource: Resource,
-    /// Agent that is asked; `None` for all.
+    /// Agent that the query is about; `None` for all agents.
     pub agent: Option<AgentId>,
-    /// Gives one answer; may be called more than once, and not at all.
+    /// Function that sends one answer. It may be called more than once, or not at all.
     pub answer: Arc<dyn Fn(Bytes) + Send + Sync>,
 }
 
-/// Keeps an agent present until it is dropped.
+/// Keeps an agent present until the token is dropped.
 pub struct PresenceToken(Option<Box<dyn FnOnce() + Send + Sync>>);
 
-/// Reason why a message could not be handed over.
+/// Reason why a message could not be handed over to the substrate.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SendError {
@@ -306,13 +310,13 @@ pub enum SendError {
         /// Longest allowed length, in bytes.
         bytes_max: usize,
     },
-    /// The substrate refused the message.
+    /// The substrate refused the message, for the reason given.
     #[error("send: {0}")]
     Declined(String),
 }
 
 impl PresenceToken {
-    /// Creates a token that runs `withdraw` when it is dropped.
+    /// Creates a token that calls `withdraw` when it is dropped, to end the presence of an agent.
     pub fn new(withdraw: impl FnOnce() + Send + Sync + 'static) -> PresenceToken {
         PresenceToken(Some(Box::new(withdraw)))
     }
@@ -342,7 +346,7 @@ impl Presence {
 }
 
 impl ViolationKind {
-    /// Returns the name, for people and for programs that count.
+    /// Returns the name of the kind, for people and for programs that count violations.
     pub fn as_str(self) -> &'static str {
         match self {
             ViolationKind::Unsigned => "unsigned",
@@ -375,12 +379,12 @@ impl Resource {
         Resource::Files,
     ];
 
-    /// Whether only the leader answers, if an agent has several replicas.
+    /// Whether only the leader answers queries for this resource, if an agent has several replicas.
     pub fn is_answered_by_leader(self) -> bool {
         matches!(self, Resource::Domain | Resource::State | Resource::Goals)
     }
 
-    /// Returns the name, as one chunk of a key expression.
+    /// Returns the name of the resource, as one chunk of a key expression.
     pub fn as_str(self) -> &'static str {
         match self {
             Resource::Directory => "directory",

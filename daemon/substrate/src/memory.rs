@@ -1,7 +1,7 @@
-//! A substrate within one process: every daemon of the ecosystem is an [`Inbound`] in one map.
+//! A substrate within one process: all daemons of the ecosystem are [`Inbound`]s in one map.
 //!
-//! Messages arrive on the sender's thread before `send` returns, in the order they were sent.
-//! Under paused time a test is therefore deterministic.
+//! Messages arrive on the sender's thread before `send` returns, in the order in which they were sent.
+//! A test with paused time is therefore deterministic.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
@@ -16,10 +16,11 @@ use crate::{
     ReceivedQuery, Resident, ResourceQuery, SendError, Subject, Substrate,
 };
 
-/// Most answers to one query that wait to be read: one per agent of a large ecosystem.
+/// Most answers to one query that wait to be read. A large ecosystem has no more agents, and each gives
+/// one answer.
 pub const ANSWERS_MAX: usize = 4096;
 
-/// The network of one ecosystem. Clones are the same network.
+/// The network of one ecosystem. Clones refer to the same network.
 #[derive(Clone, Default)]
 pub struct Network(Arc<Mutex<MemoryNetwork>>);
 
@@ -27,13 +28,13 @@ pub struct Network(Arc<Mutex<MemoryNetwork>>);
 struct MemoryNetwork {
     daemons: BTreeMap<DaemonId, Arc<dyn Inbound>>,
     residents: BTreeMap<(AgentId, DaemonId), Incarnation>,
-    /// Observers of all messages.
+    /// Observers that are called with every message.
     taps: Vec<MessageObserver>,
 }
 
 type MessageObserver = Arc<dyn Fn(&Destination, &Bytes) + Send + Sync>;
 
-/// One daemon's end of the network.
+/// Connection of one daemon to the network.
 struct Port {
     daemon: DaemonId,
     wire: Weak<Mutex<MemoryNetwork>>,
@@ -45,7 +46,8 @@ impl Network {
         Network::default()
     }
 
-    /// Connects a daemon; `inbound` is notified at once of all present agents.
+    /// Connects a daemon; `inbound` is notified at once of all agents that are present. Returns the
+    /// sending side of the daemon.
     pub fn open(&self, daemon: DaemonId, inbound: Arc<dyn Inbound>) -> Arc<dyn Substrate> {
         let here = self.with(|wire| {
             wire.daemons.insert(daemon.clone(), Arc::clone(&inbound));
@@ -57,8 +59,8 @@ impl Network {
         Arc::new(Port { daemon, wire: Arc::downgrade(&self.0) })
     }
 
-    /// Disconnects a daemon as a SIGKILL of its process would: it receives nothing more, and the
-    /// others see that all its agents have left.
+    /// Disconnects a daemon as a SIGKILL of its process would: the daemon receives no more messages,
+    /// and the other daemons see that all its agents have left.
     pub fn kill(&self, daemon: &DaemonId) {
         let gone = self.with(|wire| {
             wire.daemons.remove(daemon);
@@ -70,8 +72,8 @@ impl Network {
         }
     }
 
-    /// Passes everything that is sent from now on to `tap` too, as to the tool of a stranger on the
-    /// network.
+    /// Calls `tap` with everything that is sent from now on, as a stranger's tool on the network would
+    /// see it. Messages are delivered as before.
     pub fn tap(&self, tap: impl Fn(&Destination, &Bytes) + Send + Sync + 'static) {
         self.with(|wire| wire.taps.push(Arc::new(tap)));
     }
@@ -81,7 +83,7 @@ impl Network {
     }
 }
 
-// === impl Wire ===
+// === impl MemoryNetwork ===
 
 impl MemoryNetwork {
     fn residents(&self) -> Vec<Resident> {
@@ -99,7 +101,7 @@ impl MemoryNetwork {
 // === impl Port ===
 
 impl Port {
-    /// Runs `act` on the network if this daemon is still connected.
+    /// Runs `act` on the network, if this daemon is still connected; otherwise returns an error.
     fn with<T>(&self, act: impl FnOnce(&mut MemoryNetwork) -> T) -> Result<T, SendError> {
         let wire = self.wire.upgrade().ok_or(SendError::Closed)?;
         let mut wire = wire.lock().unwrap_or_else(PoisonError::into_inner);
@@ -199,7 +201,8 @@ impl Substrate for Port {
     }
 }
 
-/// Collects answers until every receiver of the question has dropped it, or `timeout` has passed.
+/// Collects answers until every receiver of the question has dropped the question, or `timeout` has
+/// passed.
 pub async fn collect_answers(mut heard: mpsc::Receiver<Bytes>, timeout: Duration) -> Vec<Bytes> {
     let mut answers = Vec::new();
     let all = async {

@@ -1,4 +1,4 @@
-//! For tests: a daemon that only receives.
+//! The receiving side of a daemon, for tests: it records what the daemon receives.
 
 use std::sync::{Arc, Mutex};
 
@@ -7,7 +7,8 @@ use bytes::Bytes;
 
 use crate::{Delivery, Destination, Inbound, Presence, ReceivedQuery};
 
-/// Records everything that it receives, and answers every query with the name of the resource.
+/// Records everything that this daemon receives, and answers every query with the name of the queried
+/// resource.
 #[derive(Default)]
 pub(crate) struct RecordingInbound(Mutex<Vec<String>>);
 
@@ -20,7 +21,7 @@ impl RecordingInbound {
         self.0.lock().expect("no test panics while it listens").push(line);
     }
 
-    /// Returns the lines recorded since the last call.
+    /// Returns the lines that were recorded since the last call.
     pub(crate) fn take_lines(&self) -> Vec<String> {
         std::mem::take(&mut *self.0.lock().expect("as above"))
     }

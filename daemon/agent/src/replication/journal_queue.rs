@@ -1,8 +1,9 @@
-//! Delivery of records to the Journals: one request at a time to each of them, with the newest
-//! version of all waiting records, repeated until it is kept.
+//! Delivery of records to the Journals. Each Journal gets one request at a time, with the newest
+//! version of the records that wait for it. A request is repeated until the Journal has kept the
+//! records.
 //!
-//! However many changes there are and however slow a disk is, one message per Journal is under way,
-//! and the number of waiting records is bounded by the number of keys.
+//! However many changes there are and however slow a disk is, at most one message per Journal is under
+//! way, and the number of waiting records is bounded by the number of keys.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -15,59 +16,62 @@ use crate::base_agent::Agent;
 use crate::communication_agent::{ExchangeEvent, ExchangeOpening};
 use crate::context::{Context, TimerId};
 
-/// Number of machines that must have a record before it counts as kept: this one, and one other
-/// that can be reached.
+/// Number of machines that must have a record before the record counts as kept: the machine of this
+/// agent, and one other machine if one can be reached.
 const COPIES: usize = 2;
 
-/// Wait before a Journal that did not answer, or is busy, is asked again.
+/// Wait before a request is sent again to a Journal that did not answer or is busy.
 const AGAIN: Duration = Duration::from_millis(200);
 
-/// Wait before a Journal that cannot write to its disk is asked again: a full disk has to be
-/// emptied by a person.
+/// Wait before a request is sent again to a Journal that cannot write to its disk: a full disk has to
+/// be emptied by a person.
 const DISK_AGAIN: Duration = Duration::from_secs(5);
 
-/// Most records and bytes in one request: far below the longest message, and enough for a few
-/// requests to carry the changes of hundreds of goals.
+/// Most records in one request; `BYTES_AT_ONCE` is the most bytes. Both are far below the longest
+/// message, and a few such requests carry the changes of hundreds of goals.
 const RECORDS_AT_ONCE: usize = 64;
 const BYTES_AT_ONCE: usize = 128 << 10;
 
-/// Callback of the caller of `keep`.
+/// Callback that a caller of `replicate` gives, to be called with the outcome.
 type OutcomeCallback<A> = Box<dyn FnOnce(&mut A, ReplicationOutcome, &mut Context<A>) + Send>;
 
-/// Progress of one call of `keep`.
+/// Progress of one call of `replicate`.
 struct PendingWrite<A: Agent> {
     keys: BTreeSet<String>,
     kept: ReplicationOutcome,
-    /// Machines that have the records.
+    /// Machines that have all records of the call.
     machines: BTreeSet<DaemonId>,
     awaited: BTreeSet<AgentId>,
     then: OutcomeCallback<A>,
     deadline: TimerId,
 }
 
-/// Deliveries to all Journals, and the calls that wait for them.
+/// Queues of records for all Journals, and the calls of `replicate` that wait for an outcome.
 pub(super) struct JournalQueues<A: Agent> {
     to: BTreeMap<AgentId, JournalQueue>,
     tallies: BTreeMap<u64, PendingWrite<A>>,
     numbered: u64,
 }
 
-/// Delivery to one Journal.
+/// Queue of records for one Journal.
 #[derive(Debug, Default)]
 struct JournalQueue {
-    /// The newest version of each record that waits, by key.
+    /// The newest version of each record that waits to be sent, by key.
     waiting: BTreeMap<String, Record>,
-    /// Numbers of the calls that wait for this Journal; their records are in `waiting` or under way.
+    /// Numbers of the calls of `replicate` that wait for this Journal; their records are in `waiting`
+    /// or under way.
     tallies: BTreeSet<u64>,
     /// Records in the request that is under way.
     under_way: Option<Vec<Record>>,
     /// Timer of the next attempt.
     again: Option<TimerId>,
-    /// Whether records go one by one, because the Journal refused some of several.
+    /// Whether each record is sent in a request of its own, because the Journal refused a request with
+    /// several.
     one_by_one: bool,
-    /// Reason why the Journal keeps nothing at present; it has been logged.
+    /// Reason why the Journal keeps no records at present; the reason has been logged.
     trouble: Option<String>,
-    /// Whether the reason is its disk: then no call waits for this Journal.
+    /// Whether the disk of the Journal is the reason why it keeps no records. No call waits for this
+    /// Journal then.
     is_disk_in_trouble: bool,
 }
 
@@ -77,20 +81,21 @@ enum WriteOutcome {
     Kept,
     /// The Journal does not accept these records, and never will.
     Refused(String),
-    /// The Journal may accept them later: the reason, and the wait before the next attempt.
+    /// The Journal may accept these records later: the reason for the delay, and the wait before the
+    /// next attempt.
     Later(String, Duration),
-    /// The Journal has left: when it returns, all records are sent anew.
+    /// The Journal has left, for the given reason. When it returns, all records are sent anew.
     Gone(String),
 }
 
-// === impl Deliveries ===
+// === impl JournalQueues ===
 
 impl<A: Agent> JournalQueues<A> {
     pub(super) fn new() -> JournalQueues<A> {
         JournalQueues { to: BTreeMap::new(), tallies: BTreeMap::new(), numbered: 0 }
     }
 
-    /// Whether every Journal that is present and works has all records that it was asked to keep.
+    /// Whether every Journal that is present and works has kept all records that were sent to it.
     pub(super) fn is_empty(&self) -> bool {
         let is_idle = |to: &JournalQueue| to.under_way.is_none() && to.waiting.is_empty();
         self.to.values().all(|to| to.trouble.is_some() || is_idle(to))
@@ -98,8 +103,8 @@ impl<A: Agent> JournalQueues<A> {
 }
 
 impl JournalQueue {
-    /// Queues records for sending, or puts back those that were not kept. Newer versions that wait
-    /// are preserved.
+    /// Queues records for sending, or puts records back that were not kept. If a newer version of a
+    /// record waits already, that version stays.
     fn add(&mut self, records: &[Record]) {
         for record in records {
             let waiting = self.waiting.get(&record.key);
@@ -109,8 +114,8 @@ impl JournalQueue {
         }
     }
 
-    /// Takes the records of the next request. Returns `None` if a request is under way or
-    /// scheduled, or if no record waits.
+    /// Takes the records for the next request. Returns `None` if a request is under way or scheduled,
+    /// or if no record waits.
     fn next(&mut self) -> Option<Vec<Record>> {
         if self.under_way.is_some() || self.again.is_some() || self.waiting.is_empty() {
             return None;
@@ -133,8 +138,8 @@ impl JournalQueue {
 
 // === keeping ===
 
-/// Sends records to the Journals that are present. Calls `then`, if given, as soon as enough
-/// machines have them, all Journals have answered, or `answer_deadline` has passed.
+/// Sends records to the Journals that are present. Calls `then`, if given, as soon as enough machines
+/// have the records, all Journals have answered, or `answer_deadline` has passed.
 pub(super) fn deliver<A: ReplicatesRecords>(
     agent: &mut A,
     records: &[Record],
@@ -189,7 +194,7 @@ pub(super) fn deliver<A: ReplicatesRecords>(
     }
 }
 
-/// Sends the waiting records to a Journal, unless a request is under way.
+/// Sends the records that wait for a Journal to that Journal, unless a request is under way.
 fn send<A: ReplicatesRecords>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>) {
     let Some(delivery) = agent.journal_client().deliveries.to.get_mut(journal) else { return };
     let Some(records) = delivery.next() else { return };
@@ -276,7 +281,8 @@ fn answered<A: ReplicatesRecords>(
     send(agent, from, ctx);
 }
 
-/// Handles that a Journal refuses one record: reports it to the calls that wait for that record.
+/// Handles that a Journal refuses one record: notifies the calls of `replicate` that wait for that
+/// record.
 fn refused<A: ReplicatesRecords>(
     agent: &mut A,
     by: &AgentId,
@@ -292,7 +298,7 @@ fn refused<A: ReplicatesRecords>(
     }
 }
 
-/// Reports the outcome to all calls that wait for a Journal.
+/// Notes the outcome of a Journal for all calls of `replicate` that wait for that Journal.
 fn settle<A: ReplicatesRecords>(
     agent: &mut A,
     journal: &AgentId,
@@ -305,8 +311,8 @@ fn settle<A: ReplicatesRecords>(
     }
 }
 
-/// Reports success to the calls that have all their records on a Journal, though other records
-/// still wait.
+/// Notes success for those calls of `replicate` that have all their records on a Journal, even if
+/// records of other calls still wait.
 fn settle_kept<A: ReplicatesRecords>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>) {
     let deliveries = &mut agent.journal_client().deliveries;
     let tallies = &deliveries.tallies;
@@ -327,8 +333,8 @@ fn settle_kept<A: ReplicatesRecords>(agent: &mut A, journal: &AgentId, ctx: &mut
     }
 }
 
-/// Notes the outcome of a Journal for one call. Runs the callback of the call if enough machines
-/// have its records, or all Journals have answered.
+/// Notes the outcome of a Journal for one call of `replicate`. Runs the callback of the call if enough
+/// machines have its records, or if all Journals have answered.
 fn note<A: ReplicatesRecords>(
     agent: &mut A,
     number: u64,
@@ -356,7 +362,7 @@ fn note<A: ReplicatesRecords>(
     }
 }
 
-/// Returns the outcome that an answer of a Journal means.
+/// Converts the answer of a Journal to the outcome of the request.
 fn outcome(answer: ExchangeEvent) -> WriteOutcome {
     match answer {
         ExchangeEvent::Message(message) if message.performative == Performative::Confirm => {

@@ -1,5 +1,5 @@
-//! State of the faulty network: which links are broken, what is on its way, which daemon sees which
-//! agents.
+//! State of the faulty network: which links are broken, which items are on their way, and which daemon
+//! sees which agents.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -24,34 +24,35 @@ pub(super) struct NetworkState {
     pub(super) cuts: BTreeMap<CutId, IsolatedDaemons>,
     pub(super) cuts_count: u64,
     pub(super) slow: BTreeMap<DaemonId, Duration>,
-    /// Items on their way, in the order of arrival.
+    /// Items on their way, with their destinations, in the order of arrival.
     pub(super) due: BTreeMap<(Instant, u64), (ConnectionId, InFlight)>,
     pub(super) due_count: u64,
-    /// Arrival of the last message of each link: later messages arrive later.
+    /// Time at which the last message of each link arrives. Later messages of the link arrive later,
+    /// unless they overtake it.
     pub(super) last: BTreeMap<(DaemonId, DaemonId), Instant>,
     pub(super) tap: Option<SendObserver>,
     pub(super) counts: MessageCounts,
 }
 
-/// One connection of a daemon.
+/// One connection of a daemon to the network.
 pub(super) struct ConnectedDaemon {
     pub(super) inbound: Arc<dyn Inbound>,
     pub(super) number: u64,
-    /// Agents that the daemon believes to be present.
+    /// Agents that the daemon sees as present.
     pub(super) sees: BTreeSet<Resident>,
     pub(super) under_way: usize,
 }
 
-/// Daemons with broken links to all others.
+/// Daemons with broken links to all other daemons.
 pub(super) struct IsolatedDaemons {
     pub(super) daemons: BTreeSet<DaemonId>,
-    /// Time from which the ends of those links know that they are broken.
+    /// Time from which the daemons at the ends of the broken links know that these are broken.
     pub(super) lease: Instant,
-    /// Messages lost because of it.
+    /// Number of messages lost because of the broken links.
     pub(super) stopped: u64,
 }
 
-/// One connection of one daemon.
+/// Identifies one connection of one daemon. A daemon that connects again gets a new number.
 #[derive(Clone, PartialEq)]
 pub(super) struct ConnectionId {
     pub(super) daemon: DaemonId,
@@ -63,16 +64,16 @@ pub(super) enum InFlight {
     Message(Delivery),
     Presence(Presence),
     Question(ReceivedQuery),
-    /// An answer, on its way to the asker.
+    /// An answer, on its way to the daemon that asked.
     Answer(mpsc::Sender<Bytes>, Bytes),
-    /// A lost question or answer: holds the asker's channel open, so that the asker waits until
-    /// this is due.
+    /// Stands for a lost question or answer. It holds the channel of the daemon that asked open, so
+    /// that this daemon waits until the item is due.
     LostReply(#[expect(dead_code, reason = "held, so that the asker waits")] mpsc::Sender<Bytes>),
-    /// A lease has passed: the daemon checks which agents are present.
+    /// A lease has passed: the daemon must check which agents it still sees as present.
     RefreshPresence,
 }
 
-// === impl Wire ===
+// === impl NetworkState ===
 
 impl NetworkState {
     /// Creates a network without daemons, with good links.
@@ -94,7 +95,7 @@ impl NetworkState {
         }
     }
 
-    /// Schedules an item for a daemon at a time, after everything that is already due then.
+    /// Schedules an item for a daemon at the time `at`, after all items that are due at the same time.
     pub(super) fn schedule(&mut self, at: Instant, daemon: &DaemonId, coming: InFlight) {
         let Some(connected) = self.daemons.get_mut(daemon) else { return };
         if connected.under_way >= UNDER_WAY_MAX {
@@ -107,8 +108,8 @@ impl NetworkState {
         self.due.insert((at, self.due_count), (target, coming));
     }
 
-    /// Sends one item over a link, subject to the link quality. Returns the item as the error if it
-    /// is lost.
+    /// Sends one item over a link, subject to the quality of the link. If the item is lost, returns it
+    /// as the error.
     pub(super) fn send(
         &mut self,
         from: &DaemonId,
@@ -140,7 +141,7 @@ impl NetworkState {
         Ok(())
     }
 
-    /// Returns the arrival time of a message that is sent now.
+    /// Returns the time at which a message that is sent now arrives.
     fn arrival(&mut self, from: &DaemonId, to: &DaemonId) -> Instant {
         let (delay, slow) = self.sample_delay(to);
         if self.once_in(self.conditions.overtaken) {
@@ -150,7 +151,8 @@ impl NetworkState {
         self.in_order(from, to, Instant::now() + delay + slow)
     }
 
-    /// Returns how long the next item to a daemon is under way, and how much later it is read.
+    /// Returns how long the next item to a daemon is under way, and how much later a daemon that reads
+    /// slowly reads it.
     fn sample_delay(&mut self, to: &DaemonId) -> (Duration, Duration) {
         let micros = self.rng.u64(self.conditions.delay.clone());
         let (delay, slow) = (Duration::from_micros(micros), self.slow.get(to).copied());
@@ -159,14 +161,15 @@ impl NetworkState {
         (delay, slow.unwrap_or_default())
     }
 
-    /// Returns the arrival time, but none before that of an earlier message on the link.
+    /// Returns the time of arrival `at`, or that of the last message on the link if that is later: so
+    /// messages keep their order.
     fn in_order(&mut self, from: &DaemonId, to: &DaemonId, at: Instant) -> Instant {
         let last = self.last.entry((from.clone(), to.clone())).or_insert(at);
         *last = at.max(*last);
         *last
     }
 
-    /// Whether a link is broken; every cut that breaks it counts what it stops.
+    /// Whether a link is broken. Every cut that breaks the link counts one stopped message.
     fn is_cut(&mut self, a: &DaemonId, b: &DaemonId) -> bool {
         let breaks =
             |cut: &&mut IsolatedDaemons| cut.daemons.contains(a) != cut.daemons.contains(b);
@@ -174,7 +177,8 @@ impl NetworkState {
         stopping.map(|cut| cut.stopped += 1).count() > 0
     }
 
-    /// Returns the time from which the ends of a link know that it is broken; `None` if it is not.
+    /// Returns the time from which the daemons at the ends of a link know that it is broken; `None` if
+    /// the link is not broken.
     fn broken_since(&self, a: &DaemonId, b: &DaemonId) -> Option<Instant> {
         let between =
             self.cuts.values().filter(|cut| cut.daemons.contains(a) != cut.daemons.contains(b));
@@ -190,7 +194,8 @@ impl NetworkState {
         daemons.iter().for_each(|daemon| self.refresh_presence(daemon));
     }
 
-    /// Notifies a daemon of the agents that it sees now and did not see before, and of the reverse.
+    /// Notifies a daemon of the agents that it sees now and did not see before, and of the agents that
+    /// it saw before and does not see now.
     pub(super) fn refresh_presence(&mut self, daemon: &DaemonId) {
         let now = Instant::now();
         let is_seen =

@@ -1,4 +1,5 @@
-//! Tests of the faulty substrate: what it does to messages, and that one seed always does the same.
+//! Tests of the faulty substrate: what it does to messages, and that the same seed always has the same
+//! results.
 
 use super::*;
 use crate::Resource;
@@ -6,7 +7,7 @@ use crate::recording_inbound::{RecordingInbound, agent, daemon};
 
 type End = Arc<dyn Substrate>;
 
-/// Two daemons, `a` and `b`.
+/// Connects two daemons, `a` and `b`, each with a record of what it receives.
 fn pair(network: &Network) -> (End, Arc<RecordingInbound>, End, Arc<RecordingInbound>) {
     let (a, b) = (RecordingInbound::new(), RecordingInbound::new());
     let port_a = network.open(daemon("a"), Arc::<RecordingInbound>::clone(&a) as _);
@@ -14,7 +15,7 @@ fn pair(network: &Network) -> (End, Arc<RecordingInbound>, End, Arc<RecordingInb
     (port_a, a, port_b, b)
 }
 
-/// Sends a hundred messages from `a` to `b`; returns those that `b` receives.
+/// Sends a hundred messages from `a` to `b`; returns the messages that `b` receives.
 async fn hundred(seed: u64, weather: LinkConditions) -> Vec<String> {
     let network = Network::new(seed);
     let (port, _, _, ear) = pair(&network);
