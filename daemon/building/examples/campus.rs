@@ -30,8 +30,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Returns `path` relative to the folder of the file `from`. Both are relative to the same folder; an
-/// absolute path, or one seen from an absolute folder, is returned as it is.
+/// Returns `path` relative to the folder of the file `from`. `path` and `from` are relative to the same
+/// folder. If either of them is absolute, returns `path` as it is.
 fn seen_from(from: &Path, path: &Path) -> PathBuf {
     let folder = from.parent().unwrap_or(Path::new(""));
     if path.is_absolute() || folder.is_absolute() {

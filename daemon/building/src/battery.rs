@@ -1,6 +1,6 @@
-//! The batteries of robots: driving drains them by the meter, the dock recharges them.
+//! The batteries of robots: each meter that a robot drives drains its battery, and the dock recharges it.
 //!
-//! A robot without a battery in the layout can drive any distance, as if it drove on a cable. This file has
+//! A robot without a battery in the layout can drive any distance, as if a cable supplied it. This file has
 //! the changes of the truth; [`Building`] lets the time of recharging pass.
 
 use std::time::Duration;
@@ -14,7 +14,8 @@ use crate::layout::Layout;
 use crate::truth::{BuildingEvent, Truth};
 use crate::wire::{DriverAnswer, DriverRequest};
 
-/// Upper bounds: a range of 100 km, and a day to recharge.
+/// Largest range of a full battery (100 km, in meters), and largest time to recharge one (a day, in
+/// seconds).
 const RANGE_MAX: f64 = 100_000.0;
 const RECHARGE_MAX: f64 = 24.0 * 3_600.0;
 
@@ -22,11 +23,11 @@ const RECHARGE_MAX: f64 = 24.0 * 3_600.0;
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RobotBattery {
-    /// The location where the robot can recharge.
+    /// Name of the location where the robot can recharge.
     pub dock: String,
     /// Range of a full battery, in meters.
     pub range: f64,
-    /// Range left at the start, in meters.
+    /// Remaining range of the battery at the start, in meters.
     pub charge: f64,
     /// Time to recharge an empty battery, in seconds of the building's time.
     pub recharge_time: f64,
@@ -51,7 +52,7 @@ pub(crate) enum BatteryAnswer {
 // === impl Layout ===
 
 impl Layout {
-    /// Gives a robot a battery; replaces the one it has.
+    /// Gives `robot` a battery. If the robot has one already, the new battery replaces it.
     pub fn equip(
         &mut self,
         robot: &str,
@@ -103,7 +104,7 @@ impl Truth {
         }
     }
 
-    /// Begins to recharge a robot. Returns how long that takes.
+    /// Begins to recharge a robot. Returns how long the recharging takes.
     fn begin_recharging(&mut self, robot: &str) -> Result<Duration, DeviceError> {
         let slowness = self.begin_use(robot)?;
         let battery = self.require_dock(robot)?;
@@ -121,7 +122,7 @@ impl Truth {
         Ok(())
     }
 
-    /// Returns the battery of a robot. Returns an error unless the robot stands at its dock.
+    /// Returns the battery of a robot; an error if the robot does not stand at its dock or has no battery.
     fn require_dock(&self, robot: &str) -> Result<RobotBattery, DeviceError> {
         self.require_robot(robot)?;
         let Some(battery) = self.layout.battery(robot) else {

@@ -1,10 +1,11 @@
-//! The building at work: operations that take time, and the control that tests and scenarios have.
+//! A building in operation: operations that take time, and the control that tests and scenarios have.
 //!
 //! - An operation of a driver begins in one instant and ends in another. The truth may change in between,
-//!   and the operation takes that into account. Dropping its future cancels the operation.
-//! - An operation of a test or a scenario happens in one instant. If it changes something, it wakes all
-//!   callers of [`Building::wait_for`], so tests await events and never sleep.
-//! - The changes themselves are in `world`; the socket is in `server`.
+//!   and the operation takes the change into account. Dropping the future of an operation cancels it.
+//! - An operation of a test or a scenario happens in one instant. If the operation changes something, all
+//!   callers of [`Building::wait_for`] are woken, so tests await events and never sleep.
+//! - The changes of the truth are in `world`; the Unix socket for drivers in other processes is in
+//!   `server`.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,7 +18,8 @@ use crate::handle::BuildingHandle;
 use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{DeviceFault, TemperatureReading, Truth};
 
-/// The largest time scale (1.0 is real time). With the bounds of the layout, no trip's duration overflows.
+/// The largest time scale (1.0 is real time). With the bounds of the layout, no duration of a trip
+/// overflows.
 const TIME_SCALE_MAX: f64 = 1_000.0;
 
 /// A simulated building. Clones refer to the same building.
@@ -37,7 +39,7 @@ impl Building {
     /// Opens a building in which every duration is multiplied by `time_scale`:
     /// 1.0 is real time, 0.1 ten times as fast, 0.0 without any waiting.
     ///
-    /// Durations run on Tokio's clock, so they stand still when it is paused.
+    /// Durations are measured by Tokio's clock, so they stand still while that clock is paused.
     pub fn new(layout: Layout, time_scale: f64) -> Result<Building, LayoutError> {
         if !(0.0..=TIME_SCALE_MAX).contains(&time_scale) {
             return Err(LayoutError::BadTimeScale { time_scale });
@@ -48,7 +50,7 @@ impl Building {
         })
     }
 
-    /// Returns what a driver in this process gets: access to the devices, none to the truth.
+    /// Returns the access that a driver in this process gets: to the devices, not to the truth.
     pub fn handle(&self) -> BuildingHandle {
         BuildingHandle::in_process(self.clone())
     }
@@ -65,8 +67,8 @@ impl Building {
 
     /// Drives a robot to a neighbor of its true location.
     ///
-    /// Dropping the future cancels the trip: the robot then stands where it started, or has arrived, never
-    /// between. Two robots may pass each other.
+    /// Dropping the future cancels the trip: the robot then stands either where it started or at `to`,
+    /// never in between. Two robots may pass each other.
     pub async fn navigate(&self, robot: &str, to: &str) -> Result<(), DeviceError> {
         let Some(trip) = self.change(|truth| truth.begin_trip(robot, to))? else {
             return Ok(());
@@ -75,8 +77,8 @@ impl Building {
         self.work(robot, trip.takes, |truth| truth.finish_trip(robot, to, trip.errand)).await
     }
 
-    /// Returns the true location of a device. A robot localizes itself; the place of a sensor is written on
-    /// it.
+    /// Returns the true location of a device. A driver may ask for it, because a robot localizes itself,
+    /// and the location of a sensor is written on the sensor.
     pub fn place_of(&self, device: &str) -> Result<String, DeviceError> {
         self.shared.truth.borrow().require_place(device)
     }
@@ -90,18 +92,19 @@ impl Building {
         self.change(|truth| truth.set_temperature(location, celsius))
     }
 
-    /// Breaks a device now. Returns the sequence number of that occurrence.
+    /// Breaks a device now. Returns the sequence number of the break in the log.
     pub fn break_device(&self, device: &str, fault: DeviceFault) -> Result<u64, LayoutError> {
         self.change(|truth| truth.break_device(device, fault))
     }
 
-    /// Breaks a device in the instant of its next use: after an agent began to rely on it, and before the
-    /// device has done anything.
+    /// Breaks a device in the instant of its next use: after an agent has begun to rely on the device, and
+    /// before the device has done anything.
     pub fn break_at_next_use(&self, device: &str, fault: DeviceFault) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_trap(device, fault))
     }
 
-    /// Breaks a device and changes a temperature in one instant. Returns the sequence number of the break.
+    /// Breaks a device and changes a temperature in one instant. Returns the sequence number of the break
+    /// in the log.
     pub(crate) fn break_and_set_temperature(
         &self,
         device: &str,
@@ -116,7 +119,7 @@ impl Building {
         })
     }
 
-    /// Repairs a device. Operations that waited because it hung continue.
+    /// Repairs a device. Operations that waited because the device hung continue.
     pub fn repair(&self, device: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.repair(device))
     }
@@ -137,7 +140,8 @@ impl Building {
         self.change(|truth| truth.add_device(device))
     }
 
-    /// Removes a device from the building; with a robot, also the devices that it carries.
+    /// Removes a device from the building. If the device is a robot, the devices that it carries are
+    /// removed with it.
     pub fn remove_device(&self, device: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.remove_device(device))
     }
@@ -147,15 +151,15 @@ impl Building {
         self.shared.truth.borrow().clone()
     }
 
-    /// Returns a receiver of the truth. Borrow from it briefly only: a borrow blocks all changes of the
-    /// building.
+    /// Returns a receiver of the truth. Keep its `borrow` short: while the truth is borrowed, nothing in
+    /// the building can change.
     pub fn subscribe(&self) -> watch::Receiver<Truth> {
         self.shared.truth.subscribe()
     }
 
     /// Waits until the truth satisfies `predicate`, and returns the truth of that moment.
     ///
-    /// It may wait forever: the caller sets a deadline and drops the future.
+    /// The wait may last forever: the caller sets a deadline and drops the future.
     pub async fn wait_for(&self, predicate: impl FnMut(&Truth) -> bool) -> Truth {
         let mut truth = self.subscribe();
         let satisfied = truth.wait_for(predicate).await;
@@ -166,8 +170,8 @@ impl Building {
 // === impl Building: time ===
 
 impl Building {
-    /// Changes the truth in one instant. Wakes the waiting callers if `act` wrote an occurrence into the
-    /// log.
+    /// Changes the truth in one instant by `act`. Wakes the waiting callers if `act` wrote an occurrence
+    /// into the log.
     pub(crate) fn change<T>(&self, act: impl FnOnce(&mut Truth) -> T) -> T {
         let mut outcome = None;
         self.shared.truth.send_if_modified(|truth| {
@@ -179,7 +183,7 @@ impl Building {
         outcome.expect("invariant: `send_if_modified` calls its closure once")
     }
 
-    /// Keeps a device busy for `takes`, then runs `finish`. Returns an error early if the device fails or
+    /// Keeps a device busy for `takes`, then runs `finish`. Returns an error as soon as the device fails or
     /// is removed. While the device hangs, waits until it is repaired.
     pub(crate) async fn work<T>(
         &self,
@@ -216,7 +220,7 @@ impl Building {
     }
 }
 
-/// Guard of a robot's errand. Dropping it before the trip has ended leaves the robot where it stood.
+/// A robot's trip under way. Dropping it before the trip has ended leaves the robot where it set off.
 struct Errand<'a> {
     building: &'a Building,
     robot: &'a str,

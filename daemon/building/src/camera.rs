@@ -1,7 +1,7 @@
-//! Cameras that turn: the aim of each, and what it sees.
+//! Cameras that turn: the aim of each camera, and the places, people and robots that it sees.
 //!
-//! The layout gives the direction of each place from the camera. A camera sees a place if the middle of the
-//! place is within the field of view. Names of directions (presets) are left to the agents.
+//! The layout gives the direction in which each place lies from the camera. A camera sees a place if the
+//! middle of the place is within the field of view. Names of directions (presets) are left to the agents.
 
 use std::time::Duration;
 
@@ -14,20 +14,20 @@ use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{BuildingEvent, Truth};
 use crate::wire::{DriverAnswer, DriverRequest};
 
-/// Limits of turning and zooming, as small dome cameras have them.
+/// Limits of pan, tilt and zoom, as small dome cameras have them.
 const PAN_MAX: f64 = 170.0;
 const TILT_MAX: f64 = 90.0;
 const ZOOM_MAX: f64 = 10.0;
 
-/// Field of view without zoom, in degrees.
+/// Horizontal field of view without zoom, in degrees.
 const WIDTH: f64 = 60.0;
 const HEIGHT: f64 = 40.0;
 
 /// Turning speed, in degrees per second.
 const TURNING: f64 = 90.0;
 
-/// Most views of one camera, and most people and robots that it reports per place: so that an answer fits
-/// into one line on the socket.
+/// The most views of one camera, and the most people and the most robots that it reports per place. The
+/// bounds let an answer fit into one line on the socket.
 const VIEWS_MAX: usize = 16;
 const SEEN_MAX: usize = 8;
 
@@ -35,11 +35,11 @@ const SEEN_MAX: usize = 8;
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct PlaceDirection {
-    /// The place.
+    /// Name of the place that lies in this direction.
     pub location: String,
-    /// Degrees to the right; negative to the left.
+    /// Pan angle of the place, in degrees to the right; negative to the left.
     pub pan: f64,
-    /// Degrees up; negative down.
+    /// Tilt angle of the place, in degrees up; negative down.
     pub tilt: f64,
 }
 
@@ -47,11 +47,11 @@ pub struct PlaceDirection {
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct CameraAim {
-    /// Degrees to the right; negative to the left.
+    /// Pan angle of the camera, in degrees to the right; negative to the left.
     pub pan: f64,
-    /// Degrees up; negative down.
+    /// Tilt angle of the camera, in degrees up; negative down.
     pub tilt: f64,
-    /// Magnification: 1 is none.
+    /// Magnification of the camera; 1 is no magnification.
     pub zoom: f64,
 }
 
@@ -67,9 +67,9 @@ impl Default for CameraAim {
 pub struct CameraView {
     /// The direction and the zoom of the camera at that moment.
     pub aim: CameraAim,
-    /// The places in its field of view.
+    /// The places in the camera's field of view.
     pub places: Vec<SeenPlace>,
-    /// Time since the building was opened.
+    /// Time of the view, counted from the opening of the building.
     pub at: Duration,
 }
 
@@ -77,15 +77,16 @@ pub struct CameraView {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SeenPlace {
-    /// The place.
+    /// Name of the seen place.
     pub location: String,
-    /// Horizontal position of its middle in the picture: from -1 at the left to 1 at the right.
+    /// Horizontal position of the middle of the place in the picture: from -1 at the left to 1 at the
+    /// right.
     pub right: f64,
-    /// Vertical position: from -1 at the bottom to 1 at the top.
+    /// Vertical position of the middle of the place in the picture: from -1 at the bottom to 1 at the top.
     pub up: f64,
-    /// People in this place, at most eight.
+    /// Names of the people in this place, at most eight.
     pub people: Vec<String>,
-    /// Robots in this place, at most eight.
+    /// Names of the robots in this place, at most eight.
     pub robots: Vec<String>,
     /// Whether something keeps moving in this place.
     pub stirs: bool,
@@ -115,7 +116,8 @@ impl CameraAim {
             && (1.0..=ZOOM_MAX).contains(&self.zoom)
     }
 
-    /// Returns the position of `view` in the picture, right and up, from -1 to 1; `None` if it is outside.
+    /// Returns the position of `view` in the picture, as right and up from -1 to 1; `None` if the place of
+    /// `view` is outside the picture.
     fn sees(&self, view: &PlaceDirection) -> Option<(f64, f64)> {
         let right = (view.pan - self.pan) * self.zoom / (WIDTH / 2.0);
         let up = (view.tilt - self.tilt) * self.zoom / (HEIGHT / 2.0);
@@ -126,7 +128,7 @@ impl CameraAim {
 // === impl Layout ===
 
 impl Layout {
-    /// Adds a camera that hangs in `location` and can see `views`.
+    /// Adds a camera that hangs in `location` and can see the places of `views`.
     pub fn add_camera(
         &mut self,
         name: &str,
@@ -219,7 +221,7 @@ impl Truth {
         Ok(CameraView { aim, places, at: self.log.now })
     }
 
-    /// Returns the aim of the camera. Returns an error if the device is not a camera.
+    /// Returns the aim of the camera `device`; an error if the device is not a camera.
     fn require_camera(&self, device: &str) -> Result<CameraAim, DeviceError> {
         let found = self.require_device(device)?;
         self.aim_of(device).ok_or_else(|| crate::world::wrong_kind(found, "camera"))
@@ -229,13 +231,13 @@ impl Truth {
 // === impl Building ===
 
 impl Building {
-    /// Turns a camera. Takes as long as the turn takes at the camera's turning speed.
+    /// Turns a camera to `aim`. The duration follows from the camera's turning speed.
     pub async fn aim(&self, camera: &str, aim: CameraAim) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_aiming(camera, aim))?;
         self.work(camera, takes, |truth| truth.finish_aiming(camera, aim)).await
     }
 
-    /// Returns what a camera sees now.
+    /// Returns the places, people and robots that a camera sees now.
     pub async fn look(&self, camera: &str) -> Result<CameraView, DeviceError> {
         let takes = self.change(|truth| truth.begin_use(camera))?;
         self.work(camera, takes, |truth| truth.sight(camera)).await
@@ -262,7 +264,7 @@ impl BuildingHandle {
         }
     }
 
-    /// Returns what a camera sees now; see [`Building::look`].
+    /// Returns the places, people and robots that a camera sees now; see [`Building::look`].
     pub async fn look(&self, camera: &str) -> Result<CameraView, DeviceError> {
         match self.camera(CameraAsk::Look { camera: camera.to_owned() }).await? {
             CameraAnswer::Sight(sight) => Ok(sight),

@@ -1,8 +1,8 @@
 //! A campus: up to 26 houses with twenty simulated devices each, and the files of its ecosystem.
 //!
-//! It serves for sizes that are too large to write by hand. `examples/campus` prints the files in
-//! `domains/campus` and `ecosystems/campus.toml`; the benchmarks print larger and smaller campuses. The
-//! same seed gives the same campus on every machine.
+//! A campus serves for tests of sizes that are too large to write by hand. `examples/campus` prints the
+//! files in `domains/campus` and `ecosystems/campus.toml`; the benchmarks print larger and smaller
+//! campuses. The same seed gives the same campus on every machine.
 
 use std::fmt::Write as _;
 
@@ -10,10 +10,11 @@ use crate::error::LayoutError;
 use crate::layout::{BuildingDevice, Layout};
 use crate::seeded_random::Random;
 
-/// The largest number of houses: each is named by a letter.
+/// The largest number of houses: a letter names each house.
 pub const HOUSES_MAX: usize = 26;
 
-/// The devices of a house: a thermometer in each equipped room, two robots, a sensor on each.
+/// Number of devices of a house: a thermometer in each equipped room, two robots, and a sensor on each
+/// robot.
 pub const DEVICES_PER_HOUSE: usize = EQUIPPED + 2 * ROBOTS;
 
 const ROOMS: usize = 20;
@@ -24,12 +25,13 @@ const _: () = assert!(EQUIPPED < ROOMS && DEVICES_PER_HOUSE == 20);
 /// The location that connects the houses.
 const QUAD: &str = "quad";
 
-/// The agents that reason, and the agent of the user. Name and plugin are the same.
+/// Names of the agents that plan and keep the domain, and of the agent of the user. Each has the name of
+/// its plugin.
 const REASONING: [&str; 5] =
     ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor", "keyboard"];
 
-/// The `[timing]` section of the ecosystem file. A robot can measure every room of the campus, so it plans
-/// a way to each room of a call for proposals.
+/// The `[timing]` section of the ecosystem file. A robot can measure every room of the campus, so for each
+/// call for proposals it plans a way to each room.
 const TIMING: &str = "\
 [timing]
 # Robots bid for each of the rooms. Where one machine hosts all of them, that takes seconds.
@@ -54,7 +56,7 @@ impl Campus {
         Campus { seed, houses, layout }
     }
 
-    /// Returns the layout of its building.
+    /// Returns the layout of the campus's building.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
@@ -64,10 +66,11 @@ impl Campus {
         self.layout.map_pddl("campus")
     }
 
-    /// Returns the ecosystem file. `domain` and `map` are the paths of the domain and the map, as seen from
-    /// it.
+    /// Returns the ecosystem file. `domain` and `map` are the paths of the domain file and the map file,
+    /// relative to the folder of the ecosystem file.
     ///
-    /// Each house has a daemon that hosts its devices; one more daemon hosts the agents that reason.
+    /// Each house has a daemon that hosts the devices of the house. One more daemon hosts the agents that
+    /// plan.
     pub fn ecosystem(&self, domain: &str, map: &str) -> String {
         let Campus { seed, houses, layout } = self;
         let devices = layout.devices().len();
@@ -140,8 +143,8 @@ fn daemon_of(place: &str) -> String {
     format!("house-{}", house_of(place))
 }
 
-/// Returns the prefix of the names of all places of one house: its letter. A place without a prefix is
-/// returned as it is.
+/// Returns the prefix of the names of all places of one house, which is the house's letter. Returns the
+/// name of `place` itself if it has no prefix.
 fn house_of(place: &str) -> &str {
     place.split_once('-').map_or(place, |(house, _)| house)
 }
@@ -212,7 +215,7 @@ fn add_devices(
     Ok(())
 }
 
-/// Draws a temperature from 16 to 26 °C, in tenths.
+/// Draws a temperature from 16 to 26 °C, in tenths of a degree.
 fn celsius(random: &mut Random) -> f64 {
     random.between(160, 260) as f64 / 10.0
 }
@@ -236,7 +239,7 @@ mod tests {
         }
     }
 
-    /// The files in the repository are those that the README of the campus describes.
+    /// The files in the repository are those of the seed that the README of the campus states.
     #[test]
     fn the_campus_in_the_repository_is_that_of_its_seed() {
         let campus = Campus::seeded(1, 5);

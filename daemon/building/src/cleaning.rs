@@ -32,13 +32,13 @@ pub(crate) enum CleaningAnswer {
 // === impl Truth ===
 
 impl Truth {
-    /// Returns how often a place was swept, as far as the log reaches back.
+    /// Returns how often a place was swept, as far back as the log has occurrences.
     pub fn swept_count(&self, location: &str) -> usize {
         let is_it = |event: &BuildingEvent| matches!(event, BuildingEvent::Swept { location: place, .. } if place == location);
         self.occurrences().filter(|occurrence| is_it(&occurrence.event)).count()
     }
 
-    /// Begins to sweep where the robot stands. Returns the location and how long the sweep takes.
+    /// Begins to sweep the place where the robot stands. Returns the place and the duration of the sweep.
     fn begin_sweeping(&mut self, robot: &str) -> Result<(String, Duration), DeviceError> {
         self.require_robot(robot)?;
         let slowness = self.begin_use(robot)?;
@@ -60,8 +60,8 @@ impl Truth {
 // === impl Building ===
 
 impl Building {
-    /// Sweeps the place where a robot stands, and returns its name. Dropping the future cancels the sweep:
-    /// the place then does not count as swept.
+    /// Sweeps the place where a robot stands, and returns the name of the place. Dropping the future
+    /// cancels the sweep: the place then does not count as swept.
     pub async fn sweep(&self, robot: &str) -> Result<String, DeviceError> {
         let (location, takes) = self.change(|truth| truth.begin_sweeping(robot))?;
         self.work(robot, takes, |truth| truth.finish_sweeping(robot, &location)).await

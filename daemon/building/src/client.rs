@@ -1,8 +1,8 @@
-//! The client of the socket: asks a building in another process.
+//! The client of the building's socket: sends requests to a building in another process.
 //!
-//! One task per connection matches answers with requests. Every wait has a deadline. A dead server is
-//! noticed at once, a frozen one after [`SILENCE_MAX`]. Dropping the future of a request cancels it at the
-//! server. `server` and the building define what the requests do.
+//! One task per connection matches answers with requests. Every wait has a deadline. A server that has
+//! ended is noticed at once, a frozen one after [`SILENCE_MAX`]. Dropping the future of a request cancels
+//! the request at the server. The effects of the requests are defined by `server` and the building.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -26,21 +26,22 @@ use crate::wire::{
 /// Time limit for connecting, and for a request that takes no time in the building.
 const ANSWER_MAX: Duration = SILENCE_MAX;
 
-/// Time limit for a request that makes a device work: a kilometer at walking pace. It only keeps a device
-/// that hangs from blocking a caller forever; actuators have shorter time-outs of their own and drop the
-/// request long before.
+/// Time limit for a request that makes a device work: enough for a kilometer at walking pace. The limit
+/// only keeps a hanging device from blocking a caller forever; actuators have shorter time-outs of their
+/// own and drop the request long before.
 const WORK_MAX: Duration = Duration::from_secs(15 * 60);
 
-/// Time limit for awaiting a change: a room may stay empty for months. The alive lines of the server show
-/// that it still runs.
+/// Time limit for awaiting a change. It is a year, because a room may stay empty for months; the server's
+/// `Alive` lines show that the server still runs.
 const CHANGE_MAX: Duration = Duration::from_secs(365 * 24 * 3_600);
 
-/// Size of a connection's inbox: each request under way needs room for itself and for its cancellation.
+/// Size of a connection's queue of commands: each request under way needs room for the request and for its
+/// cancellation.
 const COMMANDS_MAX: usize = 2 * IN_FLIGHT_MAX;
 
 type RequestResult = Result<DriverAnswer, DeviceError>;
 
-/// A connection that is opened again after it has broken.
+/// A client of a building in another process. It opens a new connection when the old one has broken.
 #[derive(Clone, Debug)]
 pub(crate) struct RemoteBuilding {
     shared: Arc<SharedClient>,
@@ -50,7 +51,8 @@ pub(crate) struct RemoteBuilding {
 struct SharedClient {
     path: PathBuf,
     id_next: AtomicU64,
-    /// Inbox of the current connection; closed when that connection has ended.
+    /// Sender of the current connection's queue of commands; the queue is closed once the connection has
+    /// ended.
     commands: Mutex<Option<mpsc::Sender<ConnectionCommand>>>,
 }
 
@@ -61,7 +63,7 @@ enum ConnectionCommand {
 }
 
 impl RemoteBuilding {
-    /// Returns a client that connects at its first use.
+    /// Returns a client that connects when it is first used.
     pub(crate) fn at(path: &Path) -> RemoteBuilding {
         let (id_next, commands) = (AtomicU64::new(1), Mutex::new(None));
         RemoteBuilding {
@@ -69,7 +71,7 @@ impl RemoteBuilding {
         }
     }
 
-    /// Returns a client that is connected.
+    /// Returns a client that is already connected.
     pub(crate) async fn connect(path: &Path) -> Result<RemoteBuilding, DeviceError> {
         let remote = RemoteBuilding::at(path);
         remote.commands().await.map(|_| remote)
@@ -101,7 +103,8 @@ impl RemoteBuilding {
         outcome
     }
 
-    /// Returns the inbox of a live connection; opens a new connection if the last one broke.
+    /// Returns the sender of the current connection's command queue; opens a new connection if the last one
+    /// broke.
     async fn commands(&self) -> Result<mpsc::Sender<ConnectionCommand>, DeviceError> {
         let mut present = self.shared.commands.lock().await;
         if let Some(commands) = present.as_ref().filter(|commands| !commands.is_closed()) {
@@ -112,7 +115,7 @@ impl RemoteBuilding {
     }
 }
 
-/// Cancels the request with this id if it is dropped before the answer came.
+/// Cancels the request with this id if the guard is dropped before the answer has come.
 struct CancelOnDrop {
     id: u64,
     room: Option<mpsc::OwnedPermit<ConnectionCommand>>,
@@ -141,7 +144,7 @@ async fn open(path: &Path) -> Result<mpsc::Sender<ConnectionCommand>, DeviceErro
     Ok(commands)
 }
 
-/// The task of one connection. When it ends, its inbox closes and all open requests fail.
+/// The task of one connection. When the task ends, its command queue closes and all open requests fail.
 struct ClientConnection {
     lines: LineReader<OwnedReadHalf>,
     writer: OwnedWriteHalf,
@@ -165,7 +168,7 @@ impl ClientConnection {
         }) {}
     }
 
-    /// Handles one event. Returns the reason as the error if the connection has to end.
+    /// Handles one event. Returns an error with the reason if the connection has to end.
     async fn step(&mut self) -> Result<(), String> {
         match self.next_event().await {
             ClientEvent::Command(command) => {
@@ -229,7 +232,7 @@ mod tests {
     use crate::wire::LineReader;
 
     /// Connects to a server that answers the first request with `answer` and then closes the connection,
-    /// and compares what the driver gets.
+    /// and compares the result of the driver's request with `expected`.
     async fn check(answer: &str, expected: &str) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("odd.sock");

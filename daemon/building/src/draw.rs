@@ -1,4 +1,4 @@
-//! Draws the places of a building: rooms, corridors, doors, distances, temperatures.
+//! Random choice of the places of a building: rooms, corridors, doors, distances, temperatures.
 
 use crate::error::LayoutError;
 use crate::layout::Layout;
@@ -26,8 +26,8 @@ pub(crate) const CORRIDORS: [&str; 6] =
     ["arcade", "corridor", "gallery", "hall", "lobby", "passage"];
 pub(crate) const ROBOTS: [&str; 4] = ["turtlebot-1", "turtlebot-2", "rover", "trolley"];
 
-/// The places of the paper's test bed: two offices, a conference room, one corridor. The paper gives no
-/// distances and temperatures; these are chosen here.
+/// Returns the places of the paper's test bed: two offices, a conference room, one corridor. The paper
+/// gives no distances and no temperatures; the values here are Althing's own.
 pub(crate) fn paper_places() -> Result<Layout, LayoutError> {
     let mut layout = Layout::new();
     layout
@@ -41,7 +41,7 @@ pub(crate) fn paper_places() -> Result<Layout, LayoutError> {
     Ok(layout)
 }
 
-/// Returns the name of the sensor that is fixed in a room.
+/// Returns the name of the sensor that is fixed in `room`.
 pub(crate) fn sensor_of(room: &str) -> String {
     format!("thermometer-{room}")
 }
@@ -51,7 +51,8 @@ pub(crate) struct LayoutDraw {
     pub(crate) random: Random,
     pub(crate) rooms: Vec<&'static str>,
     pub(crate) corridors: Vec<&'static str>,
-    /// All different, so that a value reported for the wrong room is noticed.
+    /// True temperatures of the rooms, all different, so that a value reported for the wrong room is
+    /// noticed.
     pub(crate) temperatures: Vec<f64>,
 }
 
@@ -91,8 +92,8 @@ impl LayoutDraw {
         Ok(layout)
     }
 
-    /// Connects all locations as a tree: each corridor to an earlier corridor, each room to a corridor or,
-    /// one in four, to an earlier room. So every location can be reached from every other.
+    /// Connects all locations as a tree: each corridor to an earlier corridor, and each room to a corridor
+    /// or, in one case of four, to an earlier room. So every location can be reached from every other.
     fn connect_all(&mut self, layout: &mut Layout) -> Result<(), LayoutError> {
         for index in 1..self.corridors.len() {
             let to = self.random.below(index);
@@ -112,7 +113,7 @@ impl LayoutDraw {
         Ok(())
     }
 
-    /// Adds a few more doors, which make circles.
+    /// Adds a few more doors, so that there is more than one way between some locations.
     fn add_doors(&mut self, layout: &mut Layout) -> Result<(), LayoutError> {
         let places: Vec<&str> = self.rooms.iter().chain(&self.corridors).copied().collect();
         for _ in 0..self.random.below(self.rooms.len()) {

@@ -1,7 +1,7 @@
-//! The errors of laying out a building, using a device, and serving a building.
+//! The errors of changing a layout, using a device, and serving a building.
 //!
-//! Messages are lower-case fragments that complete "failed to …" and say what would be right. The search
-//! for the most similar name is here for all of them.
+//! Messages are lower-case fragments that complete “failed to …” and say what would be right. The search
+//! for the most similar name, which all of these errors use, is here.
 
 use std::io;
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use thiserror::Error;
 use crate::layout::{CELSIUS_MAX, CELSIUS_MIN, METERS_MAX, NAME_MAX, SPEED_MAX, SPEED_MIN};
 use crate::quantity::Quantity;
 
-/// Why a building cannot be laid out as asked.
+/// The reason why a layout or a building cannot be made or changed as requested.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum LayoutError {
@@ -22,47 +22,47 @@ pub enum LayoutError {
         NAME_MAX - 1
     )]
     BadName {
-        /// The name as written.
+        /// The invalid name, as written.
         name: String,
     },
-    /// The name is used already. Locations and devices share one set of names, as PDDL objects do.
+    /// The new name is used already. Locations and devices share one set of names, as PDDL objects do.
     #[error("name something `{name}`: a {taken_by} has that name; choose another")]
     NameTaken {
-        /// The name in question.
+        /// The name that is used already.
         name: String,
-        /// The kind of thing that has the name already, in words.
+        /// The kind of thing that has the name, in words.
         taken_by: String,
     },
     /// A door or device names a location that is not in the layout.
     #[error("find the location `{name}`{}", hint(.nearest))]
     UnknownLocation {
-        /// The name as written.
+        /// Name of the location that was not found, as written.
         name: String,
-        /// The most similar location, if one is similar.
+        /// Name of the most similar location; `None` if no location is similar.
         nearest: Option<String>,
     },
-    /// A sensor is mounted on something that is not in the building.
+    /// A sensor is to be mounted on a robot that is not in the building.
     #[error("find the robot `{name}`{}", hint(.nearest))]
     UnknownRobot {
-        /// The name as written.
+        /// Name of the robot that was not found, as written.
         name: String,
-        /// The most similar robot, if one is similar.
+        /// Name of the most similar robot; `None` if no robot is similar.
         nearest: Option<String>,
     },
     /// The named device is not in the building.
     #[error("find the device `{name}`{}", hint(.nearest))]
     UnknownDevice {
-        /// The name as written.
+        /// Name of the device that was not found, as written.
         name: String,
-        /// The most similar device, if one is similar.
+        /// Name of the most similar device; `None` if no device is similar.
         nearest: Option<String>,
     },
-    /// The carrier is not a robot; only robots carry devices.
+    /// The intended carrier is not a robot; only robots carry devices.
     #[error("mount a sensor on `{name}`: it is a {is}, and only a robot carries sensors")]
     NotARobot {
-        /// The intended carrier.
+        /// Name of the intended carrier.
         name: String,
-        /// The kind of the carrier, in words.
+        /// The kind of the intended carrier, in words.
         is: String,
     },
     /// The temperature is out of range.
@@ -70,83 +70,83 @@ pub enum LayoutError {
         "set {celsius} °C in `{location}`: between {CELSIUS_MIN} and {CELSIUS_MAX} is possible"
     )]
     BadTemperature {
-        /// The location.
+        /// Name of the location with the impossible temperature.
         location: String,
-        /// The value as written, in °C.
+        /// The impossible temperature as written, in °C.
         celsius: f64,
     },
-    /// The value is out of the quantity's range.
+    /// The value is out of the range of its quantity.
     #[error(
         "set the {} of `{location}` to {value}: between {} and {} is possible",
         quantity.name(), quantity.bounds().0, quantity.bounds().1
     )]
     BadValue {
-        /// The location.
+        /// Name of the location with the impossible value.
         location: String,
-        /// The quantity.
+        /// The quantity that was to be set.
         quantity: Quantity,
-        /// The value as written.
+        /// The impossible value as written, in the quantity's unit.
         value: f64,
     },
-    /// The distance is out of range.
+    /// The length of a connection is out of range.
     #[error(
         "connect `{from}` and `{to}` by {meters} m: more than 0 and at most {METERS_MAX} m is possible"
     )]
     BadDistance {
-        /// One end.
+        /// Name of the location at one end of the connection.
         from: String,
-        /// The other end.
+        /// Name of the location at the other end of the connection.
         to: String,
-        /// The distance as written.
+        /// The impossible length as written, in meters.
         meters: f64,
     },
-    /// A location cannot be connected with itself.
+    /// A connection has the same location at both ends.
     #[error("connect `{location}` with itself: name two different locations")]
     ConnectedToItself {
-        /// The location named twice.
+        /// Name of the location at both ends.
         location: String,
     },
     /// The two locations are connected already.
     #[error("connect `{from}` and `{to}` again: they are connected by {meters} m already")]
     ConnectedTwice {
-        /// One end.
+        /// Name of the location at one end of the connection.
         from: String,
-        /// The other end.
+        /// Name of the location at the other end of the connection.
         to: String,
-        /// The distance of the existing connection.
+        /// Length of the existing connection, in meters.
         meters: f64,
     },
     /// There is no door between the two locations.
     #[error("find a door between `{a}` and `{b}`: name two locations that are connected")]
     NoDoor {
-        /// One side.
+        /// Name of the location on one side of the missing door.
         a: String,
-        /// The other side.
+        /// Name of the location on the other side of the missing door.
         b: String,
     },
-    /// The speed is out of range: the robot would never arrive, or at once.
+    /// The speed is out of range: the robot would never arrive, or would arrive at once.
     #[error(
         "let `{robot}` drive at {meters_per_second} m/s: between {SPEED_MIN} and {SPEED_MAX} m/s is possible"
     )]
     BadSpeed {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
-        /// The speed as written.
+        /// The impossible speed as written, in meters per second.
         meters_per_second: f64,
     },
-    /// The values of the battery are out of range.
+    /// Range, charge or recharge time of the battery is out of range.
     #[error(
         "give `{robot}` such a battery: range, charge and recharge-time are not negative, and the \
          charge is at most the range"
     )]
     BadBattery {
-        /// The robot.
+        /// Name of the robot with the battery.
         robot: String,
     },
     /// The camera has too many views, or a view lies in a direction that no camera can take.
     #[error("point `{camera}` so: at most 16 places, pan -170 to 170, tilt -90 to 90 degrees")]
     BadView {
-        /// The camera.
+        /// Name of the camera.
         camera: String,
     },
     /// The time scale is out of range.
@@ -154,28 +154,28 @@ pub enum LayoutError {
         "scale time by {time_scale}: 1.0 is real time, 0.1 ten times faster; between 0 and 1000 is possible"
     )]
     BadTimeScale {
-        /// The factor as written.
+        /// The impossible time scale as written.
         time_scale: f64,
     },
 }
 
-/// Why a device did not do what its driver asked. This type is also sent over the socket.
+/// The reason why a device did not do what its driver requested. This type is also sent over the socket.
 #[derive(Clone, Debug, Deserialize, Eq, Error, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum DeviceError {
-    /// There is no such device in the building (any more).
+    /// There is no device of this name in the building, or no longer.
     #[error("find the device `{device}` in the building{}", hint(.nearest))]
     UnknownDevice {
-        /// The name as given in the request.
+        /// Name of the device, as given in the request.
         device: String,
-        /// The most similar device, if one is similar.
+        /// Name of the most similar device; `None` if no device is similar.
         nearest: Option<String>,
     },
     /// The device exists but is of another kind than the operation needs.
     #[error("use `{device}` as a {wanted}: it is a {is}")]
     WrongKind {
-        /// The device.
+        /// Name of the device.
         device: String,
         /// The kind of the device, in words.
         is: String,
@@ -185,113 +185,113 @@ pub enum DeviceError {
     /// There is no such place in the building.
     #[error("find the location `{location}` in the building{}", hint(.nearest))]
     UnknownLocation {
-        /// The name as given in the request.
+        /// Name of the location, as given in the request.
         location: String,
-        /// The most similar location, if one is similar.
+        /// Name of the most similar location; `None` if no location is similar.
         nearest: Option<String>,
     },
-    /// The destination is not a neighbor of the robot's location.
+    /// The destination is not a neighbor of the robot's location, so there is no direct way.
     #[error("go from `{from}` to `{to}`: from there a robot can go to {}", list(.ways))]
     NoWay {
-        /// The true location of the robot.
+        /// Name of the true location of the robot.
         from: String,
-        /// The destination.
+        /// Name of the destination.
         to: String,
-        /// The neighbors of the robot's location.
+        /// Names of the neighbors of the robot's location.
         ways: Vec<String>,
     },
-    /// The door on the way is locked.
+    /// The door between the robot's location and the destination is locked.
     #[error("go from `{from}` to `{to}`: the door is locked")]
     Locked {
-        /// The true location of the robot.
+        /// Name of the true location of the robot.
         from: String,
-        /// The destination.
+        /// Name of the destination.
         to: String,
     },
     /// The device has failed.
     #[error("use `{device}`: it is broken")]
     Broken {
-        /// The device.
+        /// Name of the failed device.
         device: String,
     },
-    /// The robot is on another errand.
+    /// The robot is used otherwise: it has another trip under way, or it was driven away during a sweep.
     #[error("send `{device}`: it is driving already; cancel that drive first")]
     Busy {
-        /// The robot.
+        /// Name of the robot.
         device: String,
     },
     /// The robot's battery does not last for the way.
     #[error("drive `{device}` to `{to}`: its battery does not last so far")]
     EmptyBattery {
-        /// The robot.
+        /// Name of the robot.
         device: String,
-        /// The destination.
+        /// Name of the destination.
         to: String,
     },
     /// The aim is beyond the limits of the camera.
     #[error("turn `{device}` so far: pan -170 to 170, tilt -90 to 90 degrees, zoom 1 to 10")]
     OutOfReach {
-        /// The camera.
+        /// Name of the camera.
         device: String,
     },
-    /// The screen has no channel yet; a screen on a wall shows nothing without one.
+    /// The screen has no channel yet. A screen on a wall shows nothing without a channel.
     #[error("show anything on `{device}`: it was given no channel yet")]
     NoChannel {
-        /// The screen.
+        /// Name of the screen.
         device: String,
     },
     /// The text is too long for a screen.
     #[error("show that on `{device}`: at most {bytes_max} bytes are possible")]
     TooLong {
-        /// The screen.
+        /// Name of the screen.
         device: String,
-        /// The longest possible text.
+        /// Length of the longest possible text, in bytes.
         bytes_max: usize,
     },
-    /// The robot does not stand at its dock, where alone it can recharge.
+    /// The robot does not stand at its dock, and it can recharge only there.
     #[error("recharge `{device}`: it {}", at_dock(.dock))]
     NotAtDock {
-        /// The robot.
+        /// Name of the robot.
         device: String,
-        /// The robot's dock; `None` if the robot has no battery.
+        /// Name of the location of the robot's dock; `None` if the robot has no battery.
         dock: Option<String>,
     },
     /// The building's socket does not answer, or the connection broke.
     #[error("reach the building: {reason}")]
     Unreachable {
-        /// The problem of the connection.
+        /// Description of the connection's problem, in words.
         reason: String,
     },
     /// The building's server refused the request.
     #[error("get an answer of the building: {reason}")]
     Refused {
-        /// The reason, and what would have been right.
+        /// The reason of the refusal in words, and what would have been right.
         reason: String,
     },
 }
 
-/// Why a building cannot be served at a socket.
+/// The reason why a building cannot be served at a socket.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum ServeError {
     /// Another server answers at this socket.
     #[error("serve the building at {}: another building is served there", .path.display())]
     InUse {
-        /// The path of the socket.
+        /// Path of the socket.
         path: PathBuf,
     },
-    /// The path is taken by a file that is not a socket; it is not removed.
+    /// The path of the socket is taken by a file that is not a socket. The file is not removed.
     #[error("serve the building at {}: a file is there that is no socket; choose another path", .path.display())]
     NotASocket {
-        /// The path of the file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The operating system refused.
+    /// The operating system returned an error.
     #[error("serve the building at {}", .path.display())]
     Io {
-        /// The path of the socket.
+        /// Path of the socket.
         path: PathBuf,
-        /// The error of the operating system.
+        /// Error of the operating system.
         #[source]
         source: io::Error,
     },

@@ -2,12 +2,12 @@
 
 use crate::{Building, BuildingEvent, Layout, Truth};
 
-/// The paper's office, in real time on Tokio's (paused) clock.
+/// Returns the building of the paper's office, in real time by Tokio's clock, which tests pause.
 pub(crate) fn office() -> Building {
     Building::new(Layout::seeded(0).layout, 1.0).expect("the time scale is possible")
 }
 
-/// Returns the log, one line per occurrence, in the form that tests expect.
+/// Returns the log of the building, one line per occurrence, in the form that tests expect.
 pub(crate) fn log_lines(truth: &Truth) -> Vec<String> {
     truth.occurrences().map(|occurrence| line(&occurrence.event)).collect()
 }

@@ -1,8 +1,8 @@
 //! Access of a simulated driver to the building's devices, in this process or another.
 //!
-//! In-process it calls the [`Building`]; over a Unix socket it asks the server of the process that has the
-//! building. The same driver works with both. With neither can it see or change the truth beyond what its
-//! device does.
+//! For a building in this process, the handle calls the [`Building`]; otherwise it sends requests over a
+//! Unix socket to the server in the building's process. The same driver works in both cases. In neither
+//! case can the driver see or change more of the truth than its device does.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::error::DeviceError;
 use crate::truth::TemperatureReading;
 use crate::wire::{DriverAnswer, DriverRequest};
 
-/// A driver's access to the devices of a building. Clones share the connection.
+/// A driver's access to the devices of a building. Clones share one connection.
 #[derive(Clone, Debug)]
 pub struct BuildingHandle {
     pub(crate) access: BuildingAccess,
@@ -29,7 +29,8 @@ impl BuildingHandle {
         BuildingHandle { access: BuildingAccess::InProcess(building) }
     }
 
-    /// Returns the building if it is in this process; otherwise, as the error, the client of its socket.
+    /// Returns the building if it is in this process; otherwise the client of the building's socket, as the
+    /// error.
     pub(crate) fn local(&self) -> Result<&Building, &RemoteBuilding> {
         match &self.access {
             BuildingAccess::InProcess(building) => Ok(building),
@@ -46,8 +47,8 @@ impl BuildingHandle {
         Ok(BuildingHandle { access: BuildingAccess::Socket(remote) })
     }
 
-    /// Like [`connect`](BuildingHandle::connect), but connects at the first use: for a driver that may
-    /// start before the building does.
+    /// Returns a handle like [`connect`](BuildingHandle::connect), but connects when it is first used: for
+    /// a driver that may start before the building does.
     pub fn at(socket_path: impl AsRef<Path>) -> BuildingHandle {
         BuildingHandle { access: BuildingAccess::Socket(RemoteBuilding::at(socket_path.as_ref())) }
     }

@@ -1,6 +1,6 @@
 //! The plan of a building: locations, the doors between them, the devices in it.
 //!
-//! It is plain data that can be read from and written to JSON or TOML. Every way to create a [`Layout`]
+//! A [`Layout`] is plain data that can be read from and written to JSON or TOML. Every way to create one
 //! makes the same checks, so every layout is valid: names are unique PDDL names, every reference is known,
 //! every number is possible. What happens in the building is left to [`Building`](crate::Building).
 
@@ -33,11 +33,11 @@ pub enum LocationKind {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Location {
-    /// Its name, unique among locations and devices.
+    /// Name of the location, unique among locations and devices.
     pub name: String,
-    /// Room or corridor.
+    /// Whether the location is a room or a corridor.
     pub kind: LocationKind,
-    /// Its true temperature at the start, in °C.
+    /// True temperature of the location at the start, in °C.
     pub celsius: f64,
 }
 
@@ -45,13 +45,13 @@ pub struct Location {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct LocationConnection {
-    /// One end; the start if the connection is one-way.
+    /// Name of the location at one end; the start if the connection is one-way.
     pub from: String,
-    /// The other end.
+    /// Name of the location at the other end.
     pub to: String,
-    /// Its length in meters.
+    /// Length of the connection, in meters.
     pub meters: f64,
-    /// Whether robots can go from `from` to `to` only.
+    /// Whether robots can go only from `from` to `to`, and not back.
     #[serde(default)]
     pub one_way: bool,
 }
@@ -64,64 +64,64 @@ pub struct LocationConnection {
 pub enum BuildingDevice {
     /// A temperature sensor on a wall.
     FixedSensor {
-        /// Its name.
+        /// Name of the sensor.
         name: String,
-        /// The location that it measures.
+        /// Name of the location that the sensor measures.
         location: String,
     },
-    /// A sensor in a location, of a quantity other than temperature.
+    /// A sensor that stays in one location and measures a quantity other than temperature.
     Sensor {
-        /// Its name.
+        /// Name of the sensor.
         name: String,
-        /// The location where it is.
+        /// Name of the location of the sensor.
         location: String,
-        /// The quantity that it measures.
+        /// The quantity that the sensor measures.
         quantity: Quantity,
     },
-    /// A robot: a mobile base.
+    /// A robot: a mobile base that can carry other devices.
     Robot {
-        /// Its name.
+        /// Name of the robot.
         name: String,
-        /// The location where it stands at the start.
+        /// Name of the location where the robot stands at the start.
         start: String,
-        /// Its speed, in meters per second.
+        /// Speed of the robot, in meters per second.
         meters_per_second: f64,
     },
     /// A temperature sensor that measures at the location of its carrier.
     MountedSensor {
-        /// Its name.
+        /// Name of the sensor.
         name: String,
-        /// The robot that carries it.
+        /// Name of the robot that carries the sensor.
         carrier: String,
     },
     /// A camera that turns.
     Camera {
-        /// Its name.
+        /// Name of the camera.
         name: String,
-        /// The location where it hangs.
+        /// Name of the location where the camera hangs.
         location: String,
-        /// The directions of the places that it can see.
+        /// Directions of the places that the camera can see.
         #[serde(default)]
         views: Vec<PlaceDirection>,
     },
     /// A screen on a wall.
     Screen {
-        /// Its name.
+        /// Name of the screen.
         name: String,
-        /// The location where it hangs.
+        /// Name of the location where the screen hangs.
         location: String,
     },
-    /// A screen on a robot; its location is that of its carrier.
+    /// A screen on a robot; the screen is always at the location of the robot.
     MountedScreen {
-        /// Its name.
+        /// Name of the screen.
         name: String,
-        /// The robot that carries it.
+        /// Name of the robot that carries the screen.
         carrier: String,
     },
 }
 
 impl BuildingDevice {
-    /// The device's name.
+    /// Returns the name of the device.
     pub fn name(&self) -> &str {
         match self {
             BuildingDevice::FixedSensor { name, .. }
@@ -134,7 +134,7 @@ impl BuildingDevice {
         }
     }
 
-    /// Returns the kind of the device, in words for a message.
+    /// Returns the kind of the device, in words for an error message.
     pub(crate) fn is(&self) -> &'static str {
         match self {
             BuildingDevice::FixedSensor { .. } => "fixed sensor",
@@ -157,18 +157,18 @@ impl BuildingDevice {
     }
 }
 
-/// The plan of a building; the module describes what is checked.
+/// The plan of a building. Every layout is valid: the description of this module lists the checks.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(try_from = "RawLayout", into = "RawLayout")]
 pub struct Layout {
     locations: Vec<Location>,
     connections: Vec<LocationConnection>,
     devices: Vec<BuildingDevice>,
-    /// By robot; a robot that is not listed needs no battery.
+    /// The battery of each robot, by the robot's name; a robot that is not listed needs no battery.
     pub(crate) batteries: BTreeMap<String, RobotBattery>,
 }
 
-/// A layout as read from a file, not checked yet.
+/// A layout as read from a file, before it is checked.
 #[derive(Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct RawLayout {
@@ -234,17 +234,18 @@ impl Layout {
         &self.connections
     }
 
-    /// All devices. A file's mounted devices come after all others.
+    /// All devices, in the order they were added. In a layout that was read from a file, mounted devices
+    /// come last.
     pub fn devices(&self) -> &[BuildingDevice] {
         &self.devices
     }
 
-    /// Returns the device of that name, or `None`.
+    /// Returns the device of this name, or `None`.
     pub fn device(&self, name: &str) -> Option<&BuildingDevice> {
         self.devices.iter().find(|device| device.name() == name)
     }
 
-    /// Returns the location where the robot of that name stands at the start; `None` if there is no such
+    /// Returns the location where the robot of this name stands at the start; `None` if there is no such
     /// robot.
     pub(crate) fn start_of(&self, robot: &str) -> Option<&str> {
         match self.device(robot)? {
@@ -253,7 +254,7 @@ impl Layout {
         }
     }
 
-    /// Returns the location of that name, or `None`.
+    /// Returns the location of this name, or `None`.
     pub fn location(&self, name: &str) -> Option<&Location> {
         self.locations.iter().find(|location| location.name == name)
     }
@@ -273,8 +274,8 @@ impl Layout {
         self.rooms().filter(|room| self.fixed_sensors_in(room).next().is_none())
     }
 
-    /// Returns the length of the connection from one location to the other, in meters; `None` if they are
-    /// not connected in this direction.
+    /// Returns the length of the connection from `from` to `to`, in meters; `None` if robots cannot go from
+    /// `from` to `to` directly.
     pub fn meters(&self, from: &str, to: &str) -> Option<f64> {
         self.connections
             .iter()
@@ -284,7 +285,7 @@ impl Layout {
             .map(|way| way.meters)
     }
 
-    /// The locations one step away from `from`, in the order of the connections.
+    /// The locations to which robots can go from `from` directly, in the order of the connections.
     pub fn neighbors<'a>(&'a self, from: &'a str) -> impl Iterator<Item = &'a str> {
         self.connections.iter().filter_map(move |way| {
             if way.from == from {

@@ -1,20 +1,21 @@
-//! The simulated building: a world with its own truth.
+//! The simulated building: a world that has its own truth, whatever agents believe.
 //!
-//! Simulated drivers act on it, the planner never sees it, and tests compare the claims of agents with it.
-//! Start reading at [`Layout`] (the plan), then [`Building`] (what happens), then [`Truth`] (what has
-//! really happened).
+//! Simulated drivers act on the building, the planner never sees it, and tests compare the claims of agents
+//! with its truth. Start reading at [`Layout`] (the plan), then [`Building`] (what happens), then [`Truth`]
+//! (what has really happened).
 //!
 //! - A **driver** has a [`BuildingHandle`], in-process or over a Unix socket, and can do only what its
 //!   device can do.
 //! - A **test or scenario** has the [`Building`] itself: it breaks and repairs devices, locks doors,
 //!   changes temperatures and reads the truth. None of that is offered over the socket, so no agent can
 //!   cheat.
-//! - [`Layout::seeded`] draws another building per seed, and [`check_scenario_1`] checks whether the
-//!   paper's scenario 1 truly took place in it. [`MaintenanceScenario`] is scenario 2, [`AccessScenario`] scenario 3,
-//!   [`MeetingScenario`] Figure 1 of the paper. [`Campus`] draws a campus of any number of houses up to
-//!   [`HOUSES_MAX`], with the files of its ecosystem.
+//! - [`Layout::seeded`] draws another building for each seed, and [`check_scenario_1`] checks whether
+//!   scenario 1 of the paper truly took place in it. [`MaintenanceScenario`] is scenario 2,
+//!   [`AccessScenario`] is scenario 3, and [`MeetingScenario`] is Figure 1 of the paper. [`Campus`] draws a
+//!   campus of any number of houses up to [`HOUSES_MAX`], with the files of its ecosystem.
 //!
-//! Left to others: the beliefs and messages of agents, PDDL beyond printing a map, and the substrate.
+//! This crate leaves to others: the beliefs and messages of agents, PDDL beyond printing a map, and the
+//! substrate.
 //! **Invariant:** no code here uses Zenoh.
 
 mod battery;

@@ -1,4 +1,4 @@
-//! Prints a layout as the map of a PDDL problem: the part that no agent announces.
+//! Prints a layout as the map of an ecosystem: the part of the PDDL problem that no agent announces.
 //!
 //! The map has rooms, corridors, doors and distances. Devices are not in it, because they announce
 //! themselves. Reading PDDL is left to the `pddl` crate.
@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use crate::layout::{Layout, LocationKind};
 
 impl Layout {
-    /// Returns the map as the text of a problem for the domain `domain_name`.
+    /// Returns the map as the text of a PDDL problem for the domain `domain_name`.
     ///
     /// Each connection is printed once per direction that a robot can take. The goal is the empty
     /// conjunction, which always holds: goals come from the users.
@@ -85,7 +85,7 @@ mod tests {
         .assert_eq(&layout.map_pddl("smart-office"));
     }
 
-    /// The map in the repository and the building of seed 0 are the same.
+    /// The map in the repository is the map of the building of seed 0.
     #[test]
     fn seed_0_is_the_map_of_the_smart_office() {
         let file = include_str!("../../../domains/smart-office/map.pddl");

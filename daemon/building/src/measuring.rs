@@ -1,8 +1,9 @@
-//! Quantities other than temperature: their truth, their control by tests, and measuring them.
+//! Quantities other than temperature: their true values, how tests set the values, and how sensors measure
+//! them.
 //!
 //! As with temperature, a driver sees only what its sensor measures at the sensor's true location. A driver
-//! awaits a change, such as motion, with [`Building::await_change`]. That takes no time of its own: the
-//! change is noticed in the instant in which it happens.
+//! awaits a change, such as motion, with [`Building::await_change`]. The change is noticed in the instant
+//! in which it happens: no time for a measurement is added.
 
 use std::time::Duration;
 
@@ -21,11 +22,11 @@ use crate::world::MEASURING;
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MeasuredValue {
-    /// The location of the sensor when it measured.
+    /// Name of the location of the sensor at the time of the measurement.
     pub location: String,
     /// The measured quantity.
     pub quantity: Quantity,
-    /// The value in the quantity's unit; for a yes-or-no quantity, 1 is yes and 0 is no.
+    /// The measured value in the quantity's unit; for a yes-or-no quantity, 1 is yes and 0 is no.
     pub value: f64,
 }
 
@@ -44,7 +45,7 @@ impl Building {
 
     /// Waits until the quantity at the true location of the sensor differs from `known`, and measures it.
     ///
-    /// It may wait forever: as long as nothing changes, or while the sensor hangs. The caller sets a
+    /// The wait may last forever: as long as nothing changes, or while the sensor hangs. The caller sets a
     /// deadline and drops the future.
     pub async fn await_change(
         &self,
@@ -68,7 +69,7 @@ impl Building {
         }
     }
 
-    /// Sets the true value of a quantity in a location, and wakes the callers that wait for it.
+    /// Sets the true value of a quantity in a location, and wakes the callers that wait for a change of it.
     pub fn set(&self, location: &str, quantity: Quantity, value: f64) -> Result<(), LayoutError> {
         self.change(|truth| truth.set(location, quantity, value))
     }
@@ -77,8 +78,8 @@ impl Building {
 // === impl Truth ===
 
 impl Truth {
-    /// Returns the true value of a quantity in a location: the value that was set, or else the usual one.
-    /// `None` if there is no such location.
+    /// Returns the true value of a quantity in a location. If no value was set there, returns the usual
+    /// value of the quantity. Returns `None` if there is no such location.
     pub fn value(&self, location: &str, quantity: Quantity) -> Option<f64> {
         self.layout.location(location)?;
         let said = self.conditions.get(&quantity).and_then(|places| places.get(location));
@@ -100,7 +101,7 @@ impl Truth {
         Ok(())
     }
 
-    /// Begins a measurement. Returns how long it takes.
+    /// Begins a measurement. Returns the duration of the measurement.
     fn begin_measuring(
         &mut self,
         sensor: &str,
@@ -130,7 +131,7 @@ impl Truth {
         Ok(measured)
     }
 
-    /// Returns what the sensor would measure now.
+    /// Returns the true value that the sensor would measure now.
     fn measurable(&self, sensor: &str, quantity: Quantity) -> Result<MeasuredValue, DeviceError> {
         let location = self.require_place(sensor)?;
         let value = self
@@ -139,7 +140,7 @@ impl Truth {
         Ok(MeasuredValue { location, quantity, value })
     }
 
-    /// Returns an error unless the device measures this quantity.
+    /// Returns an error unless the device `sensor` measures this quantity.
     fn require_measuring(&self, sensor: &str, quantity: Quantity) -> Result<(), DeviceError> {
         match self.require_device(sensor)? {
             BuildingDevice::Sensor { quantity: own, .. } if *own == quantity => Ok(()),

@@ -1,4 +1,4 @@
-//! People in the building, and other motion in it: cameras see both, no agent controls either.
+//! People and other motion in the building. Cameras see both; agents control neither.
 
 use crate::building::Building;
 use crate::error::LayoutError;
@@ -59,12 +59,12 @@ impl Truth {
 // === impl Building: control by tests and scenarios ===
 
 impl Building {
-    /// Lets a person come to a location, from outside or from another location.
+    /// Moves a person to a location, from outside or from another location.
     pub fn enter(&self, person: &str, location: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.enter(person, location))
     }
 
-    /// Lets a person leave the building.
+    /// Removes a person from the building, as if the person had left.
     pub fn leave(&self, person: &str) {
         self.change(|truth| truth.leave(person));
     }

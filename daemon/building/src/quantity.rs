@@ -1,5 +1,5 @@
-//! The quantities that sensors measure besides temperature. To add a quantity, add its variant and its line
-//! in the table.
+//! The quantities other than temperature that sensors measure. To add a quantity, add a variant to
+//! [`Quantity`] and a line to the table `QUANTITIES`.
 //!
 //! Yes-or-no quantities are numbers too: 1 is yes, 0 is no.
 
@@ -16,7 +16,7 @@ pub enum Quantity {
     Co2,
     /// Illuminance, in lx.
     Light,
-    /// Whether something warm moves: 1 or 0.
+    /// Whether something warm moves near the sensor: 1 or 0.
     Motion,
     /// Free distance in front of an IR distance sensor, in m.
     Distance,
@@ -29,14 +29,14 @@ pub enum Quantity {
 struct QuantityRow {
     quantity: Quantity,
     name: &'static str,
-    /// Value in a location where no other was set: that of an empty office by day.
+    /// Value in each location where no other value was set: the value of an empty office by day.
     usual: f64,
     min: f64,
     max: f64,
 }
 
-/// All quantities. The bounds are the extremes that exist, rounded up, such as sunlight or a storeroom of
-/// dry ice.
+/// Name, usual value and bounds of all quantities. The bounds are the extremes that exist, rounded up, such
+/// as those of sunlight or of a storeroom with dry ice.
 const QUANTITIES: &[QuantityRow] = &[
     line(Quantity::Humidity, "humidity", 45.0, 0.0, 100.0),
     line(Quantity::Co2, "co2", 420.0, 0.0, 1_000_000.0),
@@ -68,17 +68,17 @@ impl Quantity {
         QUANTITIES.iter().find(|line| line.name == name).map(|line| line.quantity)
     }
 
-    /// Returns its name, as in files and on the wire.
+    /// Returns the name of the quantity, as in files and on the socket.
     pub fn name(self) -> &'static str {
         self.line().name
     }
 
-    /// Returns its value in a location where no other was set.
+    /// Returns the value of the quantity in a location where no other value was set.
     pub(crate) fn usual(self) -> f64 {
         self.line().usual
     }
 
-    /// Returns its smallest and its largest possible value.
+    /// Returns the smallest and the largest possible value of the quantity.
     pub(crate) fn bounds(self) -> (f64, f64) {
         (self.line().min, self.line().max)
     }

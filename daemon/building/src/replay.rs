@@ -1,18 +1,20 @@
 //! Replays the log of a building to find out what truly happened.
 //!
-//! The checks of the scenarios trust neither the agents nor the truth's own record of places. They replay
-//! the log from the layout, and report whatever is impossible in the building.
+//! The checks of the scenarios trust neither the agents nor the locations that the truth states. They
+//! replay the log from the layout at the start, and report every occurrence that is impossible in the
+//! building.
 
 use std::collections::BTreeMap;
 
 use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{BuildingEvent, Occurrence, Truth};
 
-/// How far a value reported to the user may be off, in °C. Temperatures of the scenarios differ by at least
-/// a tenth of a degree, so this allows for rounding in print and nothing else.
+/// Largest difference between a value reported to the user and the true value, in °C. Temperatures of the
+/// scenarios differ by at least a tenth of a degree, so the tolerance allows for rounding in print and
+/// nothing else.
 const CELSIUS_TOLERANCE: f64 = 0.001;
 
-/// A reading that the replay has confirmed.
+/// A reading of a sensor that the replay has confirmed as possible.
 pub(crate) struct ConfirmedReading {
     pub(crate) sequence: u64,
     pub(crate) sensor: String,
@@ -32,7 +34,8 @@ pub(crate) struct Trip {
 pub(crate) struct ReplayedLog {
     pub(crate) readings: Vec<ConfirmedReading>,
     pub(crate) trips: Vec<Trip>,
-    /// Impossible occurrences: jumps of robots, and sensors that measured where they were not.
+    /// Descriptions of impossible occurrences: jumps of robots, and sensors that measured where they were
+    /// not.
     pub(crate) problems: Vec<String>,
 }
 
@@ -50,7 +53,7 @@ impl ReplayedLog {
     }
 }
 
-/// Replays the log of a building. `layout` is its layout at the start.
+/// Replays the log of a building. `layout` is the layout of the building at the start.
 pub(crate) fn replay(layout: &Layout, truth: &Truth) -> ReplayedLog {
     let mut replayed = ReplayedLog::default();
     if truth.forgotten_count() > 0 {
@@ -87,8 +90,8 @@ pub(crate) fn replay(layout: &Layout, truth: &Truth) -> ReplayedLog {
     replayed
 }
 
-/// Returns whether the sensor that measured in `location` is mounted. Returns an error with its real
-/// location if it was elsewhere.
+/// Returns whether the sensor that measured in `location` is mounted on a robot. If the sensor was
+/// elsewhere, returns an error with its real location.
 fn confirm_reading(
     layout: &Layout,
     sensor: &str,
@@ -107,7 +110,7 @@ fn confirm_reading(
     Err(format!("`{sensor}` measured `{location}`, but was in `{place}`"))
 }
 
-/// The location of each robot at the start.
+/// Returns the location of each robot at the start, by the robot's name.
 fn starts(layout: &Layout) -> BTreeMap<&String, &String> {
     let robots = layout.devices().iter().filter_map(|device| match device {
         BuildingDevice::Robot { name, start, .. } => Some((name, start)),
@@ -116,8 +119,8 @@ fn starts(layout: &Layout) -> BTreeMap<&String, &String> {
     robots.collect()
 }
 
-/// Compares the values that the user was told, in °C by room, with the truth; returns a text for each that
-/// is not true now.
+/// Compares the values that the user received, in °C by room, with the truth. Returns a text for each value
+/// that is not true now.
 pub(crate) fn false_reports(truth: &Truth, told: &BTreeMap<String, f64>) -> Vec<String> {
     let wrong = |(room, celsius): (&String, &f64)| match truth.temperature(room) {
         Some(true_celsius) if (celsius - true_celsius).abs() <= CELSIUS_TOLERANCE => None,

@@ -1,8 +1,9 @@
 //! Checks from the truth alone whether scenario 1 of the paper took place.
 //!
-//! “The goal here is to collect temperature measurements from all rooms …”: each room is measured, a room
-//! without a sensor by a robot that truly stands in it. Then a sensor dies, and a robot goes to its room
-//! too. The check replays the log, so it trusts neither the agents nor the truth's own record of places.
+//! “The goal here is to collect temperature measurements from all rooms …”: each room is measured, and a
+//! room without a sensor is measured by a robot that truly stands in it. Then a sensor dies, and a robot
+//! measures the room of that sensor as well. The check replays the log, so it trusts neither the agents nor
+//! the locations that the truth states.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,16 +15,16 @@ use crate::truth::{BuildingEvent, Truth};
 /// Checks scenario 1 against the truth; returns every way in which it failed.
 ///
 /// `death` is the sequence number of the occurrence in which the sensor broke, as [`SeededScenario::death`]
-/// returns it. `told` is the last value that the user was told for each room, in °C.
+/// returns it. `told` has the last value that the user received for each room, in °C.
 ///
 /// These must hold:
-/// 1. Every room that has a sensor, or that a robot with a sensor can reach, was measured; a room without a
-///    sensor by a mounted sensor in the room. If the sensor dies after its report, all this happened before
-///    it died.
-/// 2. The sensor died when it was meant to, and has not measured since.
-/// 3. After its death, its room was measured by a mounted sensor in the room. This fails if no agent plans
-///    again.
-/// 4. The last value that the user was told for each room is true.
+/// 1. Every room that has a sensor, or that a robot with a sensor can reach, was measured. A room without a
+///    sensor was measured by a mounted sensor in the room. If the scenario lets the sensor die after its
+///    report, all this happened before it died.
+/// 2. The sensor died before or after its report, as the scenario says, and has not measured since.
+/// 3. After the sensor's death, its room was measured by a mounted sensor in the room. This fails if no
+///    agent plans again.
+/// 4. The last value that the user received for each room is true.
 pub fn check_scenario_1(
     scenario: &SeededScenario,
     truth: &Truth,

@@ -1,5 +1,5 @@
-//! Scenario 2 of the paper: all temperatures are to be kept known while sensors die, two robots share the
-//! work, and a new sensor makes the work less.
+//! Scenario 2 of the paper: all temperatures are to be kept known while sensors die and two robots share
+//! the work. A new sensor then leaves less work to the robots.
 //!
 //! Seed 0 is the paper's office with a second robot in the conference room. Every other seed draws two
 //! wings, so far apart that driving to the other wing is never worth it.
@@ -16,22 +16,23 @@ use crate::replay::{ConfirmedReading, ReplayedLog, false_reports, replay};
 use crate::seeded_random::Random;
 use crate::truth::{BuildingEvent, DeviceFault, Truth};
 
-/// The robots, one in each wing.
+/// Names of the two robots, one in each wing.
 const ROBOTS: [&str; 2] = ["turtlebot-1", "turtlebot-2"];
 
 /// A sensor that dies, and the temperature of its room afterwards.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SensorDeath {
-    /// The fixed sensor.
+    /// Name of the fixed sensor that dies.
     pub sensor: String,
-    /// Its room.
+    /// Name of the room of the sensor.
     pub room: String,
-    /// The room's temperature from then on, in °C; the last value of the sensor is then no longer true.
+    /// Temperature of the room from the death on, in °C; the last value of the sensor is then no longer
+    /// true.
     pub celsius_after: f64,
 }
 
-/// A building, and the events of the scenario.
+/// A building, and the events of scenario 2 in it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MaintenanceScenario {
@@ -39,17 +40,17 @@ pub struct MaintenanceScenario {
     pub seed: u64,
     /// The building, with all devices that are in it at any time.
     pub layout: Layout,
-    /// The places of each robot's wing: the robot never has a reason to leave it.
+    /// Names of the places of each robot's wing. A robot never has a reason to leave its wing.
     pub wings: [BTreeSet<String>; 2],
-    /// The two sensors that die, in this order.
+    /// The two deaths of sensors, in the order in which they happen.
     pub deaths: [SensorDeath; 2],
-    /// The sensor that is added last, to a room that had none.
+    /// Name of the sensor that is added last, to a room that had none.
     pub latecomer: String,
 }
 
 impl SensorDeath {
-    /// Lets the sensor hang, and the temperature of its room change. Returns the sequence number of the
-    /// break.
+    /// Makes the sensor hang and changes the temperature of its room. Returns the sequence number of the
+    /// break in the log.
     ///
     /// # Errors
     ///
@@ -67,7 +68,7 @@ impl MaintenanceScenario {
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
     }
 
-    /// The layout at the start: without the sensor that is added last.
+    /// Returns the layout at the start: without the sensor that is added last.
     pub fn initial_layout(&self) -> Layout {
         let mut layout = self.layout.clone();
         layout.remove_device(&self.latecomer);
@@ -92,16 +93,18 @@ impl MaintenanceScenario {
         }
     }
 
-    /// Checks the scenario against the truth; returns every way in which it failed. `told` is the last
-    /// value that the user was told for each room, in °C.
+    /// Checks the scenario against the truth; returns every way in which it failed. `told` has the last
+    /// value that the user received for each room, in °C.
     ///
     /// These must hold:
     /// 1. Before the first death, and between the second death and the new sensor, every room was measured.
     ///    After each death, the room of the dead sensor was measured by a robot.
-    /// 2. Both robots measured, and neither ever left its wing: the distances make that expensive.
-    /// 3. From the new sensor's first reading on, no robot measured its room, and the rooms of the dead
-    ///    sensors were still measured. This fails if the plan does not become cheaper by itself.
-    /// 4. The dead sensors did not measure again, and the last value that the user was told for each room
+    /// 2. Both robots measured, and neither ever left its wing: the distance between the wings makes that
+    ///    expensive.
+    /// 3. From the new sensor's first reading on, no robot measured the room of the new sensor, and the
+    ///    rooms of the dead sensors were still measured. This fails if the agents do not replace the plan
+    ///    by the cheaper one that the new sensor allows.
+    /// 4. The dead sensors did not measure again, and the last value that the user received for each room
     ///    is true.
     pub fn check(&self, truth: &Truth, told: &BTreeMap<String, f64>) -> Result<(), Vec<String>> {
         let ReplayedLog { readings, trips, problems } = replay(&self.layout, truth);
@@ -142,7 +145,8 @@ fn paper_office() -> Result<MaintenanceScenario, LayoutError> {
     finish(0, layout, wings, deaths, "office1")
 }
 
-/// Draws 16 to 20 meters between the wings, and at most 6 from a corridor to each of its rooms.
+/// Draws a scenario with 16 to 20 meters between the wings, and at most 6 from a corridor to each of its
+/// rooms.
 fn draw(seed: u64) -> Result<MaintenanceScenario, LayoutError> {
     let mut random = Random::new(seed);
     let rooms_count = random.between(3, 6);

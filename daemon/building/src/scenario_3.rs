@@ -1,5 +1,5 @@
-//! Scenario 3 of the paper: people come to the entry, the camera sees them, a robot goes there, and they
-//! log in at its screen or fail to.
+//! Scenario 3 of the paper: people come to the entry, the camera sees them, a robot goes there, and the
+//! people log in at the robot's screen or fail to.
 //!
 //! Seed 0 is the paper's office; its entry is the corridor. Every other seed draws another building,
 //! another entry, and the order in which people come.
@@ -14,18 +14,18 @@ use crate::replay::{ReplayedLog, replay};
 use crate::seeded_random::Random;
 use crate::truth::{BuildingEvent, Truth};
 
-/// The robot with the screen at which people log in.
+/// Name of the robot with the screen at which people log in.
 const ROBOT: &str = "turtlebot-1";
-/// The camera that looks at the entry.
+/// Name of the camera that looks at the entry.
 const CAMERA: &str = "camera-1";
 
-/// How the people at the keyboards answer the question about a visitor.
+/// The answers that the people at the keyboards give to the question about a visitor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AnswerPattern {
-    /// Two keyboards give the right answer at once.
+    /// Two keyboards give the right answer at the same time.
     TwoAtOnce,
-    /// The first answer is wrong, the next is right.
+    /// The first answer is wrong, the next one is right.
     WrongThenRight,
     /// No keyboard answers.
     NobodyAnswers,
@@ -34,19 +34,19 @@ pub enum AnswerPattern {
 }
 
 impl AnswerPattern {
-    /// Whether the visitor is to be validated.
+    /// Whether the visitor is to be validated after these answers.
     pub fn is_valid(self) -> bool {
         matches!(self, AnswerPattern::TwoAtOnce | AnswerPattern::WrongThenRight)
     }
 }
 
-/// A person coming to the entry.
+/// A visit: a person comes to the entry.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Visit {
     /// The name of the person.
     pub person: String,
-    /// How the question about this person is answered.
+    /// The answers that the keyboards give to the question about this person.
     pub manner: AnswerPattern,
 }
 
@@ -56,14 +56,14 @@ pub struct Visit {
 pub struct VisitOutcome {
     /// The name of the person.
     pub person: String,
-    /// For each time the question came to a keyboard: the sequence number of the building's next
+    /// Times at which the question came to a keyboard, each as the sequence number of the building's next
     /// occurrence.
     pub asked: Vec<u64>,
     /// Whether the person was validated.
     pub validated: bool,
 }
 
-/// A building and its visitors.
+/// A building and the visits of scenario 3 in it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct AccessScenario {
@@ -71,9 +71,9 @@ pub struct AccessScenario {
     pub seed: u64,
     /// The building.
     pub layout: Layout,
-    /// The location where people come in.
+    /// Name of the location where people come in.
     pub entry: String,
-    /// The visits in their order. The people stay.
+    /// The visits in their order. The visitors stay in the building.
     pub visits: Vec<Visit>,
 }
 
@@ -97,8 +97,8 @@ impl AccessScenario {
     /// Checks the scenario against the truth; returns every way in which it failed.
     ///
     /// These must hold:
-    /// 1. All visitors came, in their order, and the question was asked for each of them.
-    /// 2. The robot set off only after the first visitor had come, and stood at the entry each time the
+    /// 1. All visitors came, in the order of the visits, and the question was asked for each of them.
+    /// 2. The robot set off only after the first visitor had come, and it stood at the entry each time the
     ///    question came to a keyboard.
     /// 3. Exactly the visitors with a right answer were validated.
     pub fn check(&self, truth: &Truth, admissions: &[VisitOutcome]) -> Result<(), Vec<String>> {
@@ -178,7 +178,7 @@ fn draw(seed: u64) -> Result<AccessScenario, LayoutError> {
     finish(seed, layout, entry, &manners)
 }
 
-/// Adds the camera and the visits. A visit with wrong answers only locks the screen, so it comes last.
+/// Adds the camera and the visits. The visit with only wrong answers locks the screen, so it comes last.
 fn finish(
     seed: u64,
     mut layout: Layout,
@@ -199,8 +199,9 @@ mod tests {
     use super::{AccessScenario, ROBOT, VisitOutcome};
     use crate::Building;
 
-    /// Plays the scenario. The flags say whether the robot comes to the entry, whether it waits for the
-    /// first visitor, and whether the outcome is reported as it should be.
+    /// Plays the scenario, and returns the problems that the check finds. The flags say whether the robot
+    /// comes to the entry, whether it waits for the first visitor, and whether the true outcome is
+    /// reported.
     async fn problems(seed: u64, comes: bool, waits: bool, honest: bool) -> Vec<String> {
         let access = AccessScenario::seeded(seed);
         let building = Building::new(access.layout.clone(), 1.0).unwrap();

@@ -1,5 +1,5 @@
-//! Figure 1 of the paper: a screen is plugged in in a meeting room for the first time, presents, and fails
-//! during a meeting; then the video-collaboration robot takes over.
+//! Figure 1 of the paper: a screen is plugged in for the first time in a meeting room, presents, and fails
+//! during a meeting. Then the video-collaboration robot takes over.
 //!
 //! Seed 0 is the paper's office with its conference room. Every other seed draws another building.
 
@@ -12,14 +12,14 @@ use crate::layout::{BuildingDevice, Layout};
 use crate::replay::replay;
 use crate::truth::{BuildingEvent, Truth};
 
-/// The video-collaboration robot.
+/// Name of the video-collaboration robot.
 const ROBOT: &str = "robot-1";
-/// The screen on it.
+/// Name of the screen on the robot.
 const ROBOTS_SCREEN: &str = "robot-1-screen";
-/// The screen on the wall.
+/// Name of the screen on the wall, which fails.
 const SCREEN: &str = "screen-1";
 
-/// A test for one act of the meeting.
+/// A predicate on events: whether an event is one particular act of the meeting.
 type EventTest<'a> = &'a dyn Fn(&BuildingEvent) -> bool;
 
 /// A building and a meeting in it.
@@ -30,9 +30,9 @@ pub struct MeetingScenario {
     pub seed: u64,
     /// The building, with all devices that are in it at any time.
     pub layout: Layout,
-    /// The room of the meeting.
+    /// Name of the room of the meeting.
     pub room: String,
-    /// The text that is to be presented.
+    /// The text that is to be presented in the meeting.
     pub text: String,
 }
 
@@ -43,7 +43,7 @@ impl MeetingScenario {
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
     }
 
-    /// The name of the screen that is plugged in.
+    /// The name of the screen that is plugged in, and fails later.
     pub fn screen(&self) -> &'static str {
         SCREEN
     }
@@ -53,7 +53,7 @@ impl MeetingScenario {
         ROBOT
     }
 
-    /// The layout at the start: without the screen.
+    /// Returns the layout at the start: without the screen that is plugged in later.
     pub fn initial_layout(&self) -> Layout {
         let mut layout = self.layout.clone();
         layout.remove_device(SCREEN);
@@ -75,7 +75,7 @@ impl MeetingScenario {
     /// These must hold, in this order:
     /// 1. The screen was added, was given a channel, and showed the text.
     /// 2. The screen failed. Until then the robot showed nothing, because the screen is cheaper.
-    /// 3. The robot came to the room, and shows the text there now.
+    /// 3. The robot came to the room, and now shows the text there.
     pub fn check(&self, truth: &Truth) -> Result<(), Vec<String>> {
         let mut problems = replay(&self.layout, truth).problems;
         let MeetingScenario { room, text, .. } = self;
@@ -154,7 +154,7 @@ mod tests {
     use super::{MeetingScenario, ROBOT, ROBOTS_SCREEN, SCREEN};
     use crate::{Building, DeviceFault};
 
-    /// Plays the acts of the meeting without the one with this number; 0 plays all.
+    /// Plays all acts of the meeting but the one with the number `left_out`; 0 plays all acts.
     async fn problems(left_out: usize) -> Vec<String> {
         let meeting = MeetingScenario::seeded(0);
         let building = Building::new(meeting.initial_layout(), 1.0).unwrap();

@@ -1,8 +1,8 @@
-//! Screens: the text and the channel of each, and what is therefore presented in a room.
+//! Screens: the text and the channel of each screen, and which texts are therefore presented in a room.
 //!
 //! The building gives a screen on a wall a channel when the screen is plugged in for the first time;
 //! without a channel the screen shows nothing. The screen keeps its channel until it is removed. A screen
-//! on a robot needs none.
+//! on a robot needs no channel.
 
 use std::time::Duration;
 
@@ -15,8 +15,8 @@ use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{BuildingEvent, DeviceFault, Truth};
 use crate::wire::{DriverAnswer, DriverRequest};
 
-/// The longest text of a screen, in bytes: enough for a slide. It fits into one line on the socket, however
-/// it is escaped.
+/// Length of the longest text of a screen, in bytes: enough for a slide. Such a text fits into one line on
+/// the socket, even if every character is escaped.
 const TEXT_MAX: usize = 1024;
 
 /// Time that a screen takes to light up.
@@ -44,9 +44,9 @@ pub(crate) enum ScreenAnswer {
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ScreenState {
-    /// Its channel; `None` if it was given none.
+    /// Channel of the screen; `None` if the screen was given no channel.
     pub channel: Option<u32>,
-    /// The text that it shows; `None` if it is dark.
+    /// Text that the screen shows; `None` if the screen is dark.
     pub text: Option<String>,
 }
 
@@ -69,12 +69,12 @@ impl Layout {
 // === impl Truth ===
 
 impl Truth {
-    /// Returns the channel of a screen; `None` if it was given none.
+    /// Returns the channel of a screen; `None` if the screen was given no channel.
     pub fn channel_of(&self, screen: &str) -> Option<u32> {
         self.channels.get(screen).copied()
     }
 
-    /// Returns the text that a screen shows; `None` if it is dark, as a failed screen is.
+    /// Returns the text that a screen shows; `None` if the screen is dark. A failed screen is dark.
     pub fn shown_on(&self, screen: &str) -> Option<&str> {
         let is_dark = self.fault_of(screen) == Some(DeviceFault::Fails);
         self.shown.get(screen).filter(|_| !is_dark).map(String::as_str)
@@ -141,7 +141,7 @@ impl Truth {
 // === impl Building ===
 
 impl Building {
-    /// Gives a screen a channel, and returns it; a screen that has a channel keeps it.
+    /// Gives a screen a channel, and returns the channel; a screen that has a channel keeps it.
     pub fn allocate(&self, screen: &str) -> Result<u32, DeviceError> {
         self.change(|truth| truth.allocate(screen))
     }
@@ -177,7 +177,7 @@ impl Building {
 // === impl BuildingHandle ===
 
 impl BuildingHandle {
-    /// Gives a screen a channel, and returns it; see [`Building::allocate`].
+    /// Gives a screen a channel, and returns the channel; see [`Building::allocate`].
     pub async fn allocate(&self, screen: &str) -> Result<u32, DeviceError> {
         match self.screen(ScreenAsk::Allocate { screen: screen.to_owned() }).await? {
             ScreenAnswer::Channel(channel) => Ok(channel),

@@ -1,8 +1,8 @@
 //! Draws a building per seed in which scenario 1 of the paper can be played.
 //!
-//! Seed 0 is the paper's own office. For every other seed, the rooms, corridors, doors, distances and
-//! temperatures are drawn, the rooms without a sensor, the sensor that dies, the moment of its death, and
-//! one or two robots. The choices always allow the scenario to succeed.
+//! Seed 0 is the paper's own office. For every other seed, these are drawn at random: the rooms, corridors,
+//! doors, distances and temperatures, the rooms without a sensor, the sensor that dies, the moment of its
+//! death, and one or two robots. The choices always allow the scenario to succeed.
 
 use serde::Serialize;
 
@@ -12,17 +12,17 @@ use crate::error::LayoutError;
 use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{BuildingEvent, DeviceFault, Truth};
 
-/// When the sensor dies.
+/// The moment at which the sensor dies.
 #[derive(Clone, Copy, Debug, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeathTime {
-    /// At its first request: an agent relies on the sensor, and it never answers.
+    /// The sensor dies at its first request: an agent relies on the sensor, and the sensor never answers.
     BeforeReport,
-    /// After every room has been measured, by its own sensor or by a robot.
+    /// The sensor dies after every room has been measured, by its own sensor or by a robot.
     AfterReport,
 }
 
-/// A building, and the events of the scenario.
+/// A building, and the events of scenario 1 in it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SeededScenario {
@@ -30,12 +30,12 @@ pub struct SeededScenario {
     pub seed: u64,
     /// The building.
     pub layout: Layout,
-    /// The fixed sensor that dies.
+    /// Name of the fixed sensor that dies.
     pub dying_sensor: String,
-    /// When it dies.
+    /// The moment at which the sensor dies.
     pub dies: DeathTime,
-    /// The temperature of its room from then on, in °C, if it dies after its report. The last value of the
-    /// sensor is then no longer true, so repeating it is noticed.
+    /// Temperature of the sensor's room from its death on, in °C, if the sensor dies after its report. The
+    /// last value of the sensor is then no longer true, so the check notices an agent that repeats it.
     pub celsius_after_death: f64,
 }
 
@@ -50,7 +50,7 @@ impl Layout {
 // === impl SeededScenario ===
 
 impl SeededScenario {
-    /// The room of the sensor that dies.
+    /// The name of the room of the sensor that dies.
     pub fn dying_room(&self) -> &str {
         match self.layout.device(&self.dying_sensor) {
             Some(BuildingDevice::FixedSensor { location, .. }) => location,
@@ -58,7 +58,7 @@ impl SeededScenario {
         }
     }
 
-    /// Prepares the death. Call it before any agent acts.
+    /// Prepares the death of the sensor. Call this before any agent acts.
     pub fn arm(&self, building: &Building, fault: DeviceFault) -> Result<(), LayoutError> {
         match self.dies {
             DeathTime::BeforeReport => building.break_at_next_use(&self.dying_sensor, fault),
@@ -66,8 +66,8 @@ impl SeededScenario {
         }
     }
 
-    /// Waits for the moment of death, lets the sensor die, and returns the sequence number of that
-    /// occurrence. It may wait forever: the caller sets a deadline.
+    /// Waits for the moment of death, lets the sensor die, and returns the sequence number of the death in
+    /// the log. The wait may last forever: the caller sets a deadline.
     pub async fn death(&self, building: &Building, fault: DeviceFault) -> Result<u64, LayoutError> {
         match self.dies {
             DeathTime::BeforeReport => {
@@ -134,8 +134,8 @@ impl LayoutDraw {
         })
     }
 
-    /// Adds the robots. They start where no sensor is, so that measuring by robot is never as cheap as
-    /// asking the sensor of the room.
+    /// Adds the robots. Each starts in a place without a sensor, so that measuring by robot is never as
+    /// cheap as asking the sensor of a room.
     fn add_robots(&mut self, layout: &mut Layout, equipped: &[&str]) -> Result<(), LayoutError> {
         let bare = self.rooms.iter().filter(|room| !equipped.contains(room));
         let starts: Vec<&str> = bare.chain(&self.corridors).copied().collect();

@@ -1,8 +1,8 @@
 //! A small random number generator with a stream that never changes: the same seed gives the same building
 //! on every machine and in every release.
 
-/// SplitMix64 (Steele, Lea, Flood: “Fast splittable pseudorandom number generators”, OOPSLA 2014): 64 bits
-/// of state, no weak seeds.
+/// A SplitMix64 generator (Steele, Lea, Flood: “Fast splittable pseudorandom number generators”, OOPSLA
+/// 2014): it has 64 bits of state, and no seed is weak.
 pub(crate) struct Random {
     state: u64,
 }

@@ -1,8 +1,8 @@
-//! The server of the socket: lets drivers in other processes use the devices.
+//! The server of the building's socket: lets drivers in other processes use the devices.
 //!
-//! It binds the socket so that no other user can connect, and accepts clients; `session` handles their
-//! requests. No client can make the server wait, grow without bound, or panic. The operations of tests and
-//! scenarios are not offered.
+//! The server binds the socket so that no other user can connect, and accepts clients; `session` handles
+//! their requests. No client can make the server wait, grow without bound, or panic. The operations of
+//! tests and scenarios are not offered over the socket.
 
 use std::fs::{self, File, Permissions, TryLockError};
 use std::io;
@@ -19,31 +19,32 @@ use crate::error::ServeError;
 use crate::handle::BuildingHandle;
 use crate::session::Session;
 
-/// The most clients that may be connected. A client is a daemon, one per machine; a building simulated on
-/// one machine has a handful.
+/// The most clients that may be connected at the same time. A client is a daemon, one per machine; a
+/// building simulated on one machine has a handful of clients.
 const CLIENTS_MAX: usize = 64;
 
 /// Pause after a failed `accept`: the process is out of file descriptors, and another attempt at once would
 /// only waste processor time.
 const ACCEPT_RETRY_WAIT: Duration = Duration::from_millis(100);
 
-/// Time limit for another process to put its socket in place, and the interval of the attempts to lock.
+/// Time limit for another process to put its socket in place.
 const LOCK_TIME_MAX: Duration = Duration::from_secs(2);
 const LOCK_RETRY_WAIT: Duration = Duration::from_millis(5);
 
-/// A building that is being served. Dropping it ends all connections, cancels the operations under way, and
-/// removes the socket.
+/// A building that is served at a socket. Dropping the server ends all connections, cancels the operations
+/// under way, and removes the socket.
 #[derive(Debug)]
 pub struct Server {
     accepting: AbortHandle,
     path: PathBuf,
-    /// Device and inode of our socket, so that the socket of a successor is not removed.
+    /// Device and inode of this server's socket file, so that the socket of a successor is not removed.
     inode: (u64, u64),
 }
 
 /// Serves the devices of a building at a Unix socket that only this user can use.
 ///
-/// A socket of a dead server is replaced. If a server still listens there, an error is returned.
+/// The socket of a server that has ended is replaced. If a server still listens at the path, an error is
+/// returned.
 pub async fn serve(
     building: BuildingHandle,
     socket_path: impl AsRef<Path>,
@@ -71,13 +72,13 @@ impl Drop for Server {
     }
 }
 
-/// Returns the folder of a socket.
+/// Returns the folder of the socket at `path`.
 fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Locks the folder until the result is dropped. Of two processes that find a dead server's socket at the
-/// same time, one has to wait, and then finds the socket of the other.
+/// Locks the folder until the returned file is dropped. If two processes find the socket of a dead server
+/// at the same time, one has to wait, and then finds the socket of the other.
 async fn lock_folder(folder: &Path) -> io::Result<File> {
     let folder = File::open(folder)?;
     let locked = async {
@@ -110,7 +111,7 @@ async fn refuse_occupied(path: &Path) -> Result<(), ServeError> {
     }
 }
 
-/// Binds in a folder that only this user can enter, and moves the socket to its place after its mode is
+/// Binds the socket in a folder that only this user can enter, and moves it to `path` after its mode is
 /// set: at no moment can another user connect.
 fn bind_private(path: &Path) -> io::Result<UnixListener> {
     let nest = create_private_folder(folder_of(path))?;
@@ -124,8 +125,8 @@ fn bind_private(path: &Path) -> io::Result<UnixListener> {
     bound.and_then(|listener| swept.map(|()| listener))
 }
 
-/// Creates a folder that no other process uses. Its name is short, because the path of a socket may have
-/// 107 bytes only.
+/// Creates a folder that no other process uses. The name of the folder is short, because the path of a
+/// socket is limited to 107 bytes.
 fn create_private_folder(parent: &Path) -> io::Result<PathBuf> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     loop {

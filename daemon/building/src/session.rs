@@ -1,8 +1,8 @@
-//! One client at the building's socket: receives its requests, runs them, answers.
+//! One client at the building's socket: this module receives its requests, runs them and answers.
 //!
-//! Requests of one client run concurrently. They end with the client: when its task returns, its operations
-//! are aborted, and the building cancels them. `server` decides which clients may connect; the building
-//! defines what a request does.
+//! Requests of one client run concurrently. When the client's task returns, its operations are aborted, and
+//! the building cancels them. `server` decides which clients may connect; the building defines what a
+//! request does.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -20,7 +20,7 @@ use crate::wire::{
     write_line,
 };
 
-/// The task of one client, with the operations that run for it.
+/// The task of one client, with the operations that run for the client.
 pub(crate) struct Session {
     building: BuildingHandle,
     lines: LineReader<OwnedReadHalf>,
@@ -169,7 +169,7 @@ async fn perform(
     }
 }
 
-/// Returns the id of a request that is otherwise not understood; 0 if it has none.
+/// Returns the id of a request that could not be understood otherwise; 0 if the line has no id.
 fn id_of(line: &[u8]) -> u64 {
     #[derive(serde::Deserialize)]
     struct Numbered {

@@ -1,7 +1,7 @@
 //! The truth of the building, and the log of what has happened in it.
 //!
-//! [`Truth`] is a value: a snapshot that tests compare with what agents claim. `world` defines how it
-//! changes, [`Building`](crate::Building) when.
+//! [`Truth`] is a value: a snapshot that tests compare with the claims of agents. `world` defines how the
+//! truth changes, and [`Building`](crate::Building) when.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -12,7 +12,7 @@ use crate::camera::CameraAim;
 use crate::layout::{BuildingDevice, Layout};
 use crate::quantity::Quantity;
 
-/// Size of the log, in occurrences; the oldest are dropped first.
+/// Size of the log, in occurrences; when the log is full, the oldest occurrence is dropped.
 ///
 /// A scenario writes fewer than two hundred, so twenty scenarios fit. At about 150 bytes each, a building
 /// that runs for a year still needs less than 1 MiB.
@@ -21,9 +21,9 @@ pub const LOG_MAX: usize = 4_096;
 /// The result of a temperature measurement, and the true location of the sensor.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct TemperatureReading {
-    /// The location of the sensor when it measured.
+    /// Name of the location of the sensor at the time of the measurement.
     pub location: String,
-    /// The temperature there, in °C.
+    /// Measured temperature, in °C.
     pub celsius: f64,
 }
 
@@ -35,7 +35,7 @@ pub enum DeviceFault {
     Fails,
     /// Every use of the device waits until the device is repaired.
     Hangs,
-    /// Every use takes this much longer if it begins after the break, in the building's time.
+    /// Every use that begins after the break takes this much longer, in the building's time.
     Slow(Duration),
 }
 
@@ -43,11 +43,11 @@ pub enum DeviceFault {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Occurrence {
-    /// Its number; numbers count from 0 without gaps.
+    /// Sequence number of the occurrence; the numbers count from 0 without gaps.
     pub sequence: u64,
-    /// Time since the building was opened, on Tokio's clock.
+    /// Time of the occurrence, counted from the opening of the building by Tokio's clock.
     pub since_start: Duration,
-    /// The event.
+    /// The event that happened.
     pub event: BuildingEvent,
 }
 
@@ -58,175 +58,175 @@ pub struct Occurrence {
 pub enum BuildingEvent {
     /// A sensor was asked, and begins to measure.
     Asked {
-        /// The sensor.
+        /// Name of the sensor.
         sensor: String,
     },
     /// A sensor has measured the temperature of the location where it truly is.
     Read {
-        /// The sensor.
+        /// Name of the sensor.
         sensor: String,
-        /// The location of the sensor.
+        /// Name of the location of the sensor.
         location: String,
         /// The measured temperature, in °C.
         celsius: f64,
     },
     /// A sensor has measured a quantity other than temperature where it truly is.
     Measured {
-        /// The sensor.
+        /// Name of the sensor.
         sensor: String,
-        /// The location of the sensor.
+        /// Name of the location of the sensor.
         location: String,
         /// The measured quantity.
         quantity: Quantity,
-        /// The value in the quantity's unit.
+        /// The measured value, in the quantity's unit.
         value: f64,
     },
-    /// A robot has set off; it counts as standing in `from` until it has moved.
+    /// A robot has set off. Until it has moved, it counts as standing in `from`.
     Departed {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
-        /// The location where it stands.
+        /// Name of the location where the robot stands.
         from: String,
-        /// The destination.
+        /// Name of the destination.
         to: String,
     },
-    /// A robot has arrived.
+    /// A robot has arrived at its destination.
     Moved {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
-        /// The location that it left.
+        /// Name of the location that the robot left.
         from: String,
-        /// The location where it stands now.
+        /// Name of the location where the robot stands now.
         to: String,
     },
-    /// A robot's errand was cancelled or failed; the robot stands where it set off.
+    /// A robot's trip was cancelled or failed; the robot stands where it set off.
     Stayed {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
-        /// The location where it stands.
+        /// Name of the location where the robot stands.
         at: String,
     },
     /// A robot has filled its battery.
     Recharged {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
-        /// The location of its dock.
+        /// Name of the location of the robot's dock.
         at: String,
     },
-    /// A test or scenario has set the charge of a robot's battery.
+    /// A test or a scenario has set the charge of a robot's battery.
     ChargeSet {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
-        /// The remaining range now, in meters.
+        /// Remaining range of the robot now, in meters.
         meters: f64,
     },
     /// A robot has swept the place where it stands.
     Swept {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
-        /// The place.
+        /// Name of the swept place.
         location: String,
     },
     /// A camera was turned.
     Aimed {
-        /// The camera.
+        /// Name of the camera.
         camera: String,
-        /// Its direction and zoom now.
+        /// Direction and zoom of the camera now.
         aim: CameraAim,
     },
     /// A screen was given a channel.
     Allocated {
-        /// The screen.
+        /// Name of the screen.
         screen: String,
-        /// Its channel.
+        /// The channel that the screen was given.
         channel: u32,
     },
-    /// A screen shows something else now.
+    /// A screen now shows another text.
     Shown {
-        /// The screen.
+        /// Name of the screen.
         screen: String,
-        /// The text that it shows.
+        /// The text that the screen shows.
         text: String,
     },
-    /// A screen was turned dark by its driver.
+    /// A driver has turned its screen dark.
     Darkened {
-        /// The screen.
+        /// Name of the screen.
         screen: String,
     },
-    /// A person came to a location.
+    /// A person came to a location, from outside or from another location.
     Entered {
-        /// The person.
+        /// Name of the person.
         person: String,
-        /// The location.
+        /// Name of the location that the person came to.
         location: String,
     },
     /// A person left the building.
     Left {
-        /// The person.
+        /// Name of the person.
         person: String,
-        /// The location that the person left.
+        /// Name of the location that the person left.
         location: String,
     },
     /// Something began to move in a location, and keeps moving.
     Stirs {
-        /// The location.
+        /// Name of the location with motion.
         location: String,
     },
     /// Nothing moves in a location any more.
     Rests {
-        /// The location.
+        /// Name of the location without motion.
         location: String,
     },
     /// A device broke.
     Broken {
-        /// The device.
+        /// Name of the broken device.
         device: String,
         /// The kind of the fault.
         fault: DeviceFault,
     },
     /// A device works again.
     Repaired {
-        /// The device.
+        /// Name of the repaired device.
         device: String,
     },
-    /// A location became warmer or colder.
+    /// A test or a scenario has set the temperature of a location.
     TemperatureSet {
-        /// The location.
+        /// Name of the location.
         location: String,
-        /// Its temperature now, in °C.
+        /// Temperature of the location now, in °C.
         celsius: f64,
     },
-    /// A quantity got another value in a location.
+    /// A quantity was given another value in a location.
     ValueSet {
-        /// The location.
+        /// Name of the location.
         location: String,
-        /// The quantity.
+        /// The quantity that has changed.
         quantity: Quantity,
-        /// Its value now, in its unit.
+        /// Value of the quantity now, in its unit.
         value: f64,
     },
     /// The door between two locations was locked, in both directions.
     Locked {
-        /// One side, the alphabetically first.
+        /// Name of the location on one side of the door, the alphabetically first.
         a: String,
-        /// The other side.
+        /// Name of the location on the other side of the door.
         b: String,
     },
     /// The door between two locations was unlocked.
     Unlocked {
-        /// One side, the alphabetically first.
+        /// Name of the location on one side of the door, the alphabetically first.
         a: String,
-        /// The other side.
+        /// Name of the location on the other side of the door.
         b: String,
     },
     /// A device was brought into the building.
     Added {
-        /// The device.
+        /// Name of the added device.
         device: String,
     },
     /// A device was taken out of the building.
     Removed {
-        /// The device.
+        /// Name of the removed device.
         device: String,
     },
 }
@@ -237,10 +237,11 @@ pub enum BuildingEvent {
 pub struct Truth {
     pub(crate) layout: Layout,
     pub(crate) temperatures: BTreeMap<String, f64>,
-    /// Values that were set, by quantity and location; all others have their usual value.
+    /// Values that were set, by quantity and location. In all other locations a quantity has its usual
+    /// value.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) conditions: BTreeMap<Quantity, BTreeMap<String, f64>>,
-    /// The location of each robot; the location of every other device follows from the layout.
+    /// The location of each robot, by name; the location of every other device follows from the layout.
     pub(crate) robots: BTreeMap<String, String>,
     /// The remaining range of each robot with a battery, in meters.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
@@ -249,25 +250,26 @@ pub struct Truth {
     /// The location of each person.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) people: BTreeMap<String, String>,
-    /// Locations where something keeps moving.
+    /// Names of the locations where something keeps moving.
     #[serde(skip_serializing_if = "BTreeSet::is_empty")]
     pub(crate) locations_with_motion: BTreeSet<String>,
-    /// The aim of each camera that was ever turned.
+    /// The aim of each camera that was turned at least once; any other camera has the default aim.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) aims: BTreeMap<String, CameraAim>,
-    /// The channel of each screen that has one.
+    /// The channel of each screen that has a channel.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) channels: BTreeMap<String, u32>,
-    /// The text of each screen, also if the screen has failed and is dark.
+    /// The text of each screen, also of a screen that has failed and is dark.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) shown: BTreeMap<String, String>,
-    /// Doors by their two sides, the alphabetically first one first.
+    /// Locked doors, each as the names of the locations on its two sides, the alphabetically first one
+    /// first.
     pub(crate) locked: BTreeSet<(String, String)>,
     pub(crate) log: OccurrenceLog,
-    /// Faults that occur at the next use of the device.
+    /// Faults that occur at the next use of a device, by the name of the device.
     #[serde(skip)]
     pub(crate) traps: BTreeMap<String, DeviceFault>,
-    /// The errand of each robot under way, as the sequence number of its departure.
+    /// The trip under way of each robot, as the sequence number of its departure, by the robot's name.
     #[serde(skip)]
     pub(crate) errands: BTreeMap<String, u64>,
 }
@@ -283,7 +285,8 @@ impl Truth {
         self.temperatures.get(location).copied()
     }
 
-    /// Returns the true location of a device: its own, or its carrier's. `None` if there is no such device.
+    /// Returns the true location of a device, which for a mounted device is that of its carrier. Returns
+    /// `None` if there is no such device.
     pub fn place_of(&self, device: &str) -> Option<&str> {
         match self.layout.device(device)? {
             BuildingDevice::FixedSensor { location, .. }
@@ -298,7 +301,7 @@ impl Truth {
         }
     }
 
-    /// Returns the fault of a device; `None` if it works.
+    /// Returns the fault of a device; `None` if the device works.
     pub fn fault_of(&self, device: &str) -> Option<DeviceFault> {
         self.faults.get(device).copied()
     }
@@ -333,7 +336,7 @@ impl Truth {
         self.any(|event| matches!(event, BuildingEvent::Read { location: place, .. } if place == location))
     }
 
-    /// Whether the log has an event that satisfies `sort`.
+    /// Whether the log has an event for which `sort` returns `true`.
     pub fn any(&self, sort: impl Fn(&BuildingEvent) -> bool) -> bool {
         self.occurrences().any(|occurrence| sort(&occurrence.event))
     }
@@ -346,7 +349,7 @@ pub(crate) struct OccurrenceLog {
     pub(crate) occurrences: VecDeque<Occurrence>,
     #[serde(skip)]
     pub(crate) next_sequence: u64,
-    /// Time since the building was opened, set before each change.
+    /// Time since the building was opened; it is updated before each change of the truth.
     #[serde(skip)]
     pub(crate) now: Duration,
 }
@@ -364,7 +367,7 @@ impl OccurrenceLog {
     }
 }
 
-/// Returns the key of a door: its two sides in alphabetical order.
+/// Returns the key of the door between two locations: their names in alphabetical order.
 pub(crate) fn sides(a: &str, b: &str) -> (String, String) {
     if a <= b { (a.to_owned(), b.to_owned()) } else { (b.to_owned(), a.to_owned()) }
 }

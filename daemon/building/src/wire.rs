@@ -1,8 +1,8 @@
-//! The protocol of the building's socket: JSON lines, bounded in both directions.
+//! The protocol of the building's socket: lines of JSON, of bounded length in both directions.
 //!
-//! A client writes [`WireRequest`]s, the server [`ServerLine`]s. Unknown fields are ignored, so that a newer program
-//! can talk to an older one; an unknown request is refused. Only the framing is here; `client` and `server`
-//! handle the meaning.
+//! A client writes [`WireRequest`]s, the server writes [`ServerLine`]s. Unknown fields are ignored, so that
+//! a newer program can communicate with an older one; an unknown request is refused. Only the framing is
+//! here; `client` and `server` handle the meaning of the lines.
 
 use std::io;
 use std::time::Duration;
@@ -19,28 +19,29 @@ use crate::quantity::Quantity;
 use crate::screen::{ScreenAnswer, ScreenAsk};
 use crate::truth::TemperatureReading;
 
-/// The longest line, in bytes. The longest that is written is a refusal that lists a corridor's neighbors:
-/// 100 names of 64 bytes.
+/// Length of the longest line, in bytes. The longest line in use is a refusal that lists a corridor's
+/// neighbors: 100 names of 64 bytes.
 pub(crate) const LINE_MAX: usize = 8 * 1024;
 
-/// Interval at which the server sends a sign of life.
+/// Interval at which the server sends an `Alive` line.
 pub(crate) const ALIVE_PERIOD: Duration = Duration::from_secs(1);
 
-/// Silence after which a client treats the server as dead: five signs of life missed, so that a machine
-/// that is busy or swaps for a moment does not look dead.
+/// Time without any line after which a client treats the server as dead. It is five times the interval of
+/// the `Alive` lines, so that a machine that is busy or swaps for a moment does not count as dead.
 pub(crate) const SILENCE_MAX: Duration = Duration::from_secs(5);
 const _: () = assert!(SILENCE_MAX.as_millis() >= 5 * ALIVE_PERIOD.as_millis());
 
-/// Time limit for writing one line. If it passes, the other side does not read, and is treated as dead.
+/// Time limit for writing one line. If the limit passes, the other side is taken not to read any more, and
+/// the connection ends.
 pub(crate) const WRITE_MAX: Duration = SILENCE_MAX;
 
-/// The most requests of one client that may be under way. An actuator has one or two.
+/// The most requests of one client that may be under way. An actuator has one or two requests under way.
 pub(crate) const IN_FLIGHT_MAX: usize = 64;
 
 /// A request of a client.
 #[derive(Debug, Deserialize, Serialize)]
 pub(crate) struct WireRequest {
-    /// Chosen by the client; unique among its requests under way.
+    /// Number of the request, chosen by the client; unique among the requests of the client under way.
     pub(crate) id: u64,
     pub(crate) ask: DriverRequest,
 }
@@ -62,7 +63,7 @@ pub(crate) enum DriverRequest {
         sensor: String,
         quantity: Quantity,
     },
-    /// Answered when the quantity differs from `known`.
+    /// Waits until the quantity differs from `known`; only then is the request answered.
     AwaitChange {
         sensor: String,
         quantity: Quantity,
@@ -72,7 +73,7 @@ pub(crate) enum DriverRequest {
     Camera(CameraAsk),
     Cleaning(CleaningAsk),
     Screen(ScreenAsk),
-    /// Cancels the request with the same id. Has no answer of its own.
+    /// Cancels the request with the same id. The cancellation itself has no answer.
     Cancel,
 }
 
@@ -80,11 +81,11 @@ pub(crate) enum DriverRequest {
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum ServerLine {
-    /// A sign of life, sent whether or not there are answers.
+    /// A sign that the server still runs, sent at intervals whether or not there are answers.
     Alive,
-    /// The request with this id was carried out.
+    /// The request with this id was carried out, with this answer.
     Done { id: u64, answer: DriverAnswer },
-    /// The request with this id was not carried out.
+    /// The request with this id was not carried out, because of this error.
     Failed { id: u64, error: DeviceError },
 }
 
@@ -108,7 +109,7 @@ impl DriverAnswer {
     }
 }
 
-/// Reads lines of at most [`LINE_MAX`] bytes. Dropping `next` loses nothing.
+/// A reader of lines of at most [`LINE_MAX`] bytes. Dropping the future of `next` loses no bytes.
 pub(crate) struct LineReader<R> {
     reader: BufReader<R>,
     partial: Vec<u8>,
@@ -165,7 +166,8 @@ mod tests {
 
     use super::{LINE_MAX, LineReader, write_line};
 
-    /// Writes the pieces one by one, and drops a waiting `next` between them.
+    /// Writes the pieces one by one, drops a waiting `next` between them, and compares the lines that are
+    /// read.
     async fn check(pieces: &[&[u8]], expected: &[&[u8]]) {
         let (mut writer, reader) = duplex(2 * LINE_MAX);
         let mut lines = LineReader::new(reader);

@@ -1,7 +1,8 @@
-//! The physics: how the truth changes, one instant at a time.
+//! The physics of the building: how the truth changes, one instant at a time.
 //!
-//! Every method here is one instant: synchronous, all or nothing, and logged exactly if it changes
-//! something. [`Building`](crate::Building) waits between the beginning and the end of an operation.
+//! Every method here is one instant: it is synchronous, does all or nothing, and writes to the log if and
+//! only if it changes something. [`Building`](crate::Building) waits between the beginning and the end of
+//! an operation.
 
 use std::time::Duration;
 
@@ -12,12 +13,13 @@ use crate::truth::{BuildingEvent, DeviceFault, OccurrenceLog, TemperatureReading
 /// Duration of a measurement: about the time in which a thermopile settles.
 pub(crate) const MEASURING: Duration = Duration::from_millis(100);
 
-/// The longest delay that a fault can add to one use; keeps durations addable.
+/// The longest delay that a fault can add to one use of a device. The bound lets durations be added without
+/// overflow.
 const SLOW_MAX: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// A trip that has begun.
+/// A trip of a robot that has begun and not yet ended.
 pub(crate) struct PendingTrip {
-    /// The sequence number of the departure, which identifies the errand.
+    /// The sequence number of the departure, which identifies the trip.
     pub(crate) errand: u64,
     /// Duration of the trip, in the building's time.
     pub(crate) takes: Duration,
@@ -56,7 +58,7 @@ impl Truth {
 // === impl Truth: operations of drivers ===
 
 impl Truth {
-    /// Begins a temperature reading. Returns how long it takes.
+    /// Begins a temperature measurement. Returns the duration of the measurement.
     pub(crate) fn begin_reading(&mut self, sensor: &str) -> Result<Duration, DeviceError> {
         self.require_sensor(sensor)?;
         self.log.record(BuildingEvent::Asked { sensor: sensor.to_owned() });
@@ -65,7 +67,7 @@ impl Truth {
         Ok(MEASURING + self.slowness(sensor))
     }
 
-    /// Ends a temperature reading. Returns its result.
+    /// Ends a temperature measurement. Returns the measured temperature and the sensor's location.
     pub(crate) fn finish_reading(
         &mut self,
         sensor: &str,
@@ -83,8 +85,8 @@ impl Truth {
         Ok(TemperatureReading { location, celsius })
     }
 
-    /// Begins a trip to a neighbor. Returns `None` if the robot stands there already: a request that is
-    /// repeated because its answer was lost must not fail.
+    /// Begins a trip to a neighbor of the robot's location. Returns `None` if the robot is at the
+    /// destination already: a request that is repeated because its answer was lost must not fail.
     pub(crate) fn begin_trip(
         &mut self,
         robot: &str,
@@ -131,7 +133,7 @@ impl Truth {
         Ok(())
     }
 
-    /// Ends an errand. A robot that has not arrived stays where it set off.
+    /// Ends the trip `errand` of a robot. A robot that has not arrived stays where it set off.
     pub(crate) fn end_errand(&mut self, robot: &str, errand: u64) {
         if self.errands.get(robot) != Some(&errand) {
             return;
@@ -234,7 +236,7 @@ impl Truth {
 // === impl Truth: preconditions ===
 
 impl Truth {
-    /// Begins to use a device. Returns the delay that its fault adds.
+    /// Begins to use a device. Returns the delay that a fault of the device adds to this use.
     pub(crate) fn begin_use(&mut self, device: &str) -> Result<Duration, DeviceError> {
         self.require_device(device)?;
         self.spring_trap(device);
@@ -302,8 +304,8 @@ impl Truth {
         Err(DeviceError::UnknownLocation { location: location.to_owned(), nearest })
     }
 
-    /// Returns the length of the way to a neighbor, in meters. Returns an error if it is no neighbor or the
-    /// door is locked.
+    /// Returns the length of the way from `from` to its neighbor `to`, in meters. Returns an error if `to`
+    /// is no neighbor or the door is locked.
     fn require_way(&self, from: &str, to: &str) -> Result<f64, DeviceError> {
         let (from_name, to_name) = (from.to_owned(), to.to_owned());
         let Some(meters) = self.layout.meters(from, to) else {

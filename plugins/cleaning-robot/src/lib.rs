@@ -1,8 +1,8 @@
-//! The cleaning robot: a mobile base that sweeps the rooms it drives to.
+//! The cleaning robot: a mobile base that drives to rooms and sweeps them.
 //!
-//! - Moving, the battery and the dock are those of every robot: `actuator::MobileBase`.
-//! - Its bin has space for a few rooms, and is emptied at the robot's home. How full the bin is, is
-//!   private, so that other ecosystems do not learn how much was cleaned.
+//! - Moving, the battery and the dock are the same as for every robot: see `actuator::MobileBase`.
+//! - The bin of the robot has space for a few rooms, and is emptied at the robot's home. The fill level of
+//!   the bin is private, so that other ecosystems do not learn how much was cleaned.
 
 mod simulated;
 
@@ -19,7 +19,7 @@ use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use pddl::InitElement;
 use serde::Deserialize;
 
-/// The line in the daemon's table of plugins.
+/// The entry of the cleaning robot in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "cleaning-robot",
     about: "a mobile base that sweeps rooms, and empties its bin at home",
@@ -39,20 +39,21 @@ const EMPTYING_MAX: Duration = Duration::from_secs(60);
 
 /// The driver of the broom.
 trait Broom: Send + Sync + 'static {
-    /// Sweeps where the robot stands, and returns the place. Error texts complete “failed to …”.
+    /// Sweeps the place where the robot stands, and returns the name of the place. Error texts complete
+    /// “failed to …”.
     fn sweep(&self) -> BoxFuture<Result<String, String>>;
 }
 
-/// The entry's `config`.
+/// The `config` of a cleaning robot's entry.
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case")]
 struct Config {
     #[serde(flatten)]
     base: BaseConfig,
-    /// How many rooms fit into its bin.
+    /// Number of rooms after which the bin is full.
     #[serde(default = "default_bin")]
     bin: u32,
-    /// All other keys: an entry that has any is refused.
+    /// All other keys of the entry's `config`: an entry that has any is refused.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
 }
@@ -66,16 +67,16 @@ struct CleaningRobot {
     ontology: String,
     base: MobileBase,
     broom: Arc<dyn Broom>,
-    /// The place where its bin is emptied: the robot's place at the start.
+    /// Place where the bin is emptied: the robot's place at the start.
     home: String,
-    /// How many rooms fit into the bin, and how many were swept since it was emptied.
+    /// Number of rooms that fit into the bin, and number of rooms swept since the bin was emptied.
     bin: u32,
     rooms_in_bin: u32,
-    /// The places that it has swept.
+    /// Places that the robot has swept.
     swept: Vec<String>,
 }
 
-/// The result of a method.
+/// The result of a method of the cleaning robot.
 enum CleaningResult {
     Moved(BaseOutcome),
     Swept(String),

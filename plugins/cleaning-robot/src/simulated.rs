@@ -1,4 +1,4 @@
-//! The simulated driver: moves and sweeps in the simulated building.
+//! The simulated driver: moves the robot and sweeps in the simulated building.
 
 use std::sync::Arc;
 
@@ -14,10 +14,10 @@ struct Simulated {
     robot: String,
 }
 
-/// The drivers of the base and of the broom.
+/// The drivers of the mobile base and of the broom.
 type CleaningDrivers = (Arc<dyn BaseDriver>, Arc<dyn Broom>);
 
-/// Returns the drivers of a robot.
+/// Returns the drivers of a simulated robot.
 pub(crate) fn robot(blueprint: &Blueprint) -> Result<CleaningDrivers, BuildError> {
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")

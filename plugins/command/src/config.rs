@@ -1,4 +1,4 @@
-//! The entry's `config`: an action model, and the program of each of its actions.
+//! The `config` of an entry that runs programs: an action model, and the program of each of its actions.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -14,11 +14,11 @@ use crate::effect;
 const TIME_OUT: Duration = Duration::from_secs(10);
 const TIME_OUT_MAX: Duration = Duration::from_secs(600);
 
-/// The `config` of an entry.
+/// The `config` of an entry that runs programs.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
-    /// The action model: `(define (agent NAME) (:domain …) …)`.
+    /// Action model of the agent: `(define (agent NAME) (:domain …) …)`.
     model: String,
     /// The program of each action, by the action's name.
     actions: BTreeMap<String, ActionEntry>,
@@ -27,24 +27,24 @@ pub(crate) struct Config {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct ActionEntry {
-    /// The program and its arguments; `{name}` is replaced by the object that is bound to the action's
-    /// `?name`.
+    /// The program and its arguments. In each of them, `{name}` is replaced by the object that is bound to
+    /// the action's variable `?name`.
     run: Vec<String>,
-    /// Time limit of the program, such as `"30s"`.
+    /// Time limit of the program, such as `"30s"`; a default applies without this key.
     time_out: Option<String>,
 }
 
-/// The program of an action, before its arguments are filled in.
+/// The program of an action, with placeholders for the action's arguments.
 #[derive(Debug)]
 pub(crate) struct ActionProgram {
     words: Vec<String>,
-    /// The variables of the action: that of the agent, and its parameters.
+    /// Variables of the action: the variable of the agent, and the action's parameters.
     pub(crate) variables: Vec<String>,
     pub(crate) time_out: Duration,
 }
 
 impl ActionProgram {
-    /// Returns the program with the arguments of a call; `None` if there is no program name.
+    /// Returns the program with the arguments of a call filled in; `None` if the program's name is missing.
     pub(crate) fn program(&self, arguments: &BTreeMap<String, String>) -> Option<Program> {
         let filled = |word: &String| {
             let place = |word: String, (name, value): (&String, &String)| {
@@ -57,8 +57,8 @@ impl ActionProgram {
 }
 
 impl Config {
-    /// Returns the model, and the program of each of its actions. Returns an error if the model is invalid,
-    /// or the programs do not match its actions.
+    /// Returns the action model, and the program of each of its actions. Returns an error if the model is
+    /// invalid, or the programs do not match the actions of the model.
     pub(crate) fn parse_actions(
         self,
         blueprint: &Blueprint,
@@ -135,7 +135,7 @@ impl ActionEntry {
     }
 }
 
-/// Returns the placeholders of a word: names in braces. Other texts in braces are left to the program.
+/// Returns the placeholders of a word: the names in braces. Other texts in braces are left to the program.
 fn placeholders(word: &str) -> impl Iterator<Item = &str> {
     let is_name = |text: &&str| {
         let is_plain = |symbol: char| symbol.is_ascii_alphanumeric() || "-_".contains(symbol);

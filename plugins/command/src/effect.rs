@@ -1,10 +1,11 @@
-//! Applies the effects of actions to the facts of the agent.
+//! Applies the effects of actions to the facts of an agent.
 
 use std::collections::BTreeMap;
 
 use pddl::{Atom, Effect, InitElement, Name, Term};
 
-/// The facts of the agent, by their texts; the value of a function by the function's text.
+/// Facts of the agent, by the text of the fact. The value of a function is listed by the text of the
+/// function.
 #[derive(Debug, Default)]
 pub(crate) struct AgentFacts(BTreeMap<String, InitElement>);
 
@@ -58,8 +59,8 @@ impl AgentFacts {
         added
     }
 
-    /// Applies only the deletions of an effect that may or may not have come about: facts that it would
-    /// have made untrue are no longer known.
+    /// Applies only the deletions of an effect that may or may not have come about: facts that the effect
+    /// would have made untrue are no longer known.
     pub(crate) fn apply_deletions(
         &mut self,
         effect: &Effect,

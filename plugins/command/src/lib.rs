@@ -2,11 +2,11 @@
 //!
 //! - `config` checks the model against the programs; `effect` applies the effects of actions to the agent's
 //!   facts.
-//! - The crate `programs` runs programs, and ends them with all that they started.
-//! - If a program succeeds, the effect of its action is true. Lines that it prints in parentheses are
-//!   additional facts, such as `(= (temperature office1) 21.5)`; the last other line is a message to
-//!   people.
-//! - After a failure it offers no actions for a while, so that plans are made without it.
+//! - The crate `programs` runs programs, and ends each one with all processes that it started.
+//! - If a program succeeds, the effect of its action becomes true. Lines that the program prints in
+//!   parentheses are additional facts, such as `(= (temperature office1) 21.5)`; the last other line is a
+//!   message to people.
+//! - After a failure the actuator offers no actions for a while, so that plans are made without it.
 
 mod config;
 mod effect;
@@ -28,16 +28,16 @@ use tokio::time::Instant;
 use crate::config::{ActionProgram, Config};
 use crate::effect::AgentFacts;
 
-/// How long an actuator offers no actions after a failure.
+/// Pause after a failure in which an actuator offers no actions.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// Time that a method has beyond its program's time limit, so that the program's error is reported.
+/// Time that a method has in addition to its program's time limit, so that the program's error is reported.
 const MARGIN: Duration = Duration::from_secs(1);
 
 /// The most characters of a program's output that are quoted.
 const QUOTED_CHARS: usize = 160;
 
-/// The line in the daemon's table of plugins.
+/// The entry of the actuator that runs programs in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "command",
     about: "an actuator that is any program, with an action model of its own",
@@ -59,7 +59,7 @@ fn commanded(blueprint: &Blueprint) -> Result<CommandActuator, BuildError> {
 
 struct CommandActuator {
     model: ActionModel,
-    /// The program of each action.
+    /// Program of each action, by the name of the action.
     runs: BTreeMap<String, ActionProgram>,
     known: AgentFacts,
     paused_until: Option<Instant>,
@@ -126,7 +126,7 @@ impl Device for CommandActuator {
         }
     }
 
-    /// Waits for the end of the pause after a failure; then the actions are offered and announced again.
+    /// Waits for the end of the pause after a failure. The actions are then offered and announced again.
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<CommandActuator>>> {
         let until = self.paused_until;
         Some(Box::pin(async move {
@@ -143,8 +143,8 @@ impl Device for CommandActuator {
     }
 }
 
-/// Returns the facts in an output, and its last other line as a message to people. A line in parentheses
-/// that is no valid fact counts as a message.
+/// Returns the facts in the output of a program, and the last other line of the output as a message to
+/// people. A line in parentheses that is no valid fact counts as a message.
 fn read(printed: &str) -> (Vec<InitElement>, Option<String>) {
     let (mut facts, mut told) = (Vec::new(), None);
     for line in printed.lines().map(str::trim).filter(|line| !line.is_empty()) {

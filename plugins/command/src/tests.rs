@@ -1,4 +1,4 @@
-//! Programs that succeed, fail and hang; and mistakes in an entry.
+//! Tests of programs that succeed, fail and hang, and of the errors for mistakes in an entry.
 
 use std::sync::Arc;
 

@@ -1,10 +1,10 @@
 //! The IR temperature sensor (the paper, “Temperature IR Sensor”): it is mounted on a mobile base, and
-//! reports the temperature where the base stands.
+//! reports the temperature of the place where the base stands.
 //!
 //! - [`InfraredThermometer`] is the trait of drivers; `simulated` measures in the simulated building.
-//! - The sensor keeps the last measurement of each room it has been to.
+//! - The sensor keeps the last measurement of each room in which it has measured.
 //! - A measurement in another room than the requested one is a failure, not an answer: the base is not
-//!   where the plan assumes.
+//!   where the plan assumes it to be.
 
 mod simulated;
 
@@ -22,13 +22,13 @@ use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use serde::Deserialize;
 use tokio::time::Instant;
 
-/// How long a sensor offers no actions after a failure.
+/// Pause after a failure in which a sensor offers no actions.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
 /// Time limit of a measurement.
 const MEASURING: Duration = Duration::from_secs(2);
 
-/// The line in the daemon's table of plugins.
+/// The entry of the IR temperature sensor in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "ir-temperature-sensor",
     about: "reports the temperature wherever its mobile base stands",
@@ -37,13 +37,13 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The entry's `config`.
+/// The `config` of an IR temperature sensor's entry.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Config {
-    /// The mobile base that carries it.
+    /// Name of the mobile base that carries the sensor.
     mounted_on: AgentId,
-    /// How long a measurement counts as known, such as `"10m"`; without it, as long as the sensor is
+    /// How long a measurement counts as known, such as `"10m"`; without this key, as long as the sensor is
     /// present.
     #[serde(default)]
     valid_for: Option<String>,
@@ -51,18 +51,18 @@ struct Config {
 
 /// The driver of an infrared thermometer.
 pub trait InfraredThermometer: Send + Sync + 'static {
-    /// Measures where the sensor is. Error texts complete “failed to …”.
+    /// Measures the temperature at the place of the sensor. Error texts complete “failed to …”.
     fn measure(&self) -> BoxFuture<Result<IrMeasurement, String>>;
 }
 
-/// A measured temperature.
+/// A temperature that an IR temperature sensor has measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IrMeasurement {
-    /// The place of the measurement.
+    /// Name of the place of the measurement.
     pub location: String,
-    /// The temperature, in °C.
+    /// Measured temperature, in °C.
     pub celsius: f64,
-    /// The time of the measurement.
+    /// Time of the measurement.
     pub at: Instant,
 }
 
@@ -93,7 +93,7 @@ struct IrTemperatureSensor {
     mounted_on: AgentId,
     valid_for: Option<Duration>,
     thermometer: Arc<dyn InfraredThermometer>,
-    /// The last measurement of each room.
+    /// Last measurement of each room, by the room's name.
     measured: BTreeMap<String, IrMeasurement>,
     paused_until: Option<Instant>,
 }

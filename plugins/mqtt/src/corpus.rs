@@ -1,5 +1,5 @@
-//! Runs the corpus: messages of devices of many makes, and the expected outcome of each. The files in
-//! `tests/corpus` are written by us, after the documentation of each firmware.
+//! Runs the test corpus: messages of devices of many makes, and the expected outcome of each. The files in
+//! `tests/corpus` were written for Althing, after the documentation of each firmware.
 
 use serde::Deserialize;
 
@@ -24,19 +24,19 @@ struct File {
     case: Vec<Case>,
 }
 
-/// One case: the messages and the expected outcome.
+/// One case of the corpus: the messages of a device, and their expected outcome.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Case {
     about: String,
-    /// Each is a topic and a text.
+    /// Messages of the device, each as a topic and a text.
     said: Vec<[String; 2]>,
-    /// All lines of `outcome`, in any order.
+    /// Expected lines of `outcome`, in any order.
     becomes: Vec<String>,
 }
 
-/// Returns the outcome of the messages: the agents with their areas, their values, how each is switched and
-/// asked, and the parts of devices that cannot be used.
+/// Returns the outcome of the messages: the agents with their areas, the values of the agents, how each
+/// agent is switched and asked, and the parts of devices that cannot be used.
 fn outcome(said: &[[String; 2]]) -> Vec<String> {
     let classes = DeviceClasses::with(&serde_json::Value::Null).expect("built in");
     let devices = devices(said);
@@ -149,7 +149,7 @@ fn each_device_becomes_what_it_is() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// The components that Home Assistant's documentation lists.
+/// The corpus has every component that Home Assistant's documentation lists.
 #[test]
 fn every_component_of_home_assistant_is_in_the_corpus() {
     let (_, text) = FILES[1];

@@ -4,64 +4,67 @@ use std::time::Duration;
 
 use crate::template::Template;
 
-/// A device.
+/// A device, as its own messages describe it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DescribedDevice {
-    /// The name that people gave it.
+    /// Name of the device, as people chose it.
     pub(crate) name: String,
-    /// An identifier that never changes, such as its address.
+    /// Identifier of the device that never changes, such as its address.
     pub(crate) id: String,
-    /// Its other identifiers.
+    /// Other identifiers of the device.
     pub(crate) other_ids: Vec<String>,
-    /// The area that the device states, if any.
+    /// Area that the device states; `None` if it states none.
     pub(crate) area: Option<String>,
-    /// The things that it measures and switches.
+    /// Features of the device that can be used: the things that it measures and switches.
     pub(crate) features: Vec<DeviceFeature>,
-    /// The things of it that cannot be used.
+    /// Features of the device that cannot be used.
     pub(crate) unused: Vec<UnusedFeature>,
 }
 
-/// A thing of a device that cannot be used, and the reason.
+/// A feature of a device that cannot be used, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct UnusedFeature {
     pub(crate) reason: String,
-    /// Whether this is normal. Normal reasons are reported only for devices of which nothing can be used.
+    /// Whether the reason is a normal one. Normal reasons are reported only for devices without any usable
+    /// feature.
     pub(crate) is_usual: bool,
 }
 
-/// The rank of a feature that is not about the room but about, for example, a chip or a boiler.
+/// Rank of a feature that is not about the air of the room but about, for example, a chip or a boiler.
 pub(crate) const NOT_OF_THE_ROOM: u8 = 3;
 
 /// One thing that a device measures or switches.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DeviceFeature {
-    /// Its device class, as the device calls it.
+    /// Device class of the feature, as the device calls the class.
     pub(crate) class: String,
-    /// A label that distinguishes it from others of its class.
+    /// Label that distinguishes the feature from others of its class.
     pub(crate) label: String,
-    /// The sources of its value. If there are none, the feature is assumed to be as it was last commanded.
+    /// Sources of the feature's value. Without a source, the value is assumed to be the one last commanded.
     pub(crate) states: Vec<ValueSource>,
-    /// The unit of its value; empty if none is stated.
+    /// Unit of the feature's value; empty if the device states no unit.
     pub(crate) unit: String,
-    /// The texts that mean yes, no, and neither.
+    /// Texts that mean yes, no, and neither.
     pub(crate) yes: Vec<String>,
     pub(crate) no: Vec<String>,
     pub(crate) neither: Vec<String>,
-    /// How it is switched; `None` if it cannot be.
+    /// Messages that switch the feature; `None` if it cannot be switched.
     pub(crate) command: Option<SwitchCommand>,
-    /// The topics that tell whether it is online.
+    /// Topics that report whether the feature is online.
     pub(crate) availability: Availability,
-    /// How long a value is valid after it was received; `None` if without limit.
+    /// How long a value is valid after it was received; `None` if for an unlimited time.
     pub(crate) expires: Option<Duration>,
-    /// How long a yes is valid after it was received; then the value is no.
+    /// How long a yes is valid after it was received, after which the value is no; `None` if for an
+    /// unlimited time.
     pub(crate) off_delay: Option<Duration>,
-    /// The request for its current value; `None` if it cannot be asked.
+    /// Message that requests the current value; `None` if the device cannot be asked.
     pub(crate) value_request: Option<OutgoingMessage>,
-    /// Preference among several measured numbers of one class: the lowest is used.
+    /// Rank of the feature among the measured numbers of one class in the device: the feature with the
+    /// lowest rank is used.
     pub(crate) rank: u8,
 }
 
-/// A topic, and how a value is read from its texts.
+/// A topic, and how a value is read from the texts of the topic.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ValueSource {
     pub(crate) topic: String,
@@ -71,11 +74,11 @@ pub(crate) struct ValueSource {
 /// How a value is read from a text.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum ReadingMethod {
-    /// The whole text.
+    /// The whole text is the value.
     Whole,
-    /// The value under these keys of a JSON object.
+    /// The value is under these keys of a JSON object, each key one level further down.
     At(Vec<String>),
-    /// The output of a Jinja template, as Home Assistant uses them.
+    /// The value is the output of a Jinja template, as Home Assistant uses them.
     Template(Template),
 }
 
@@ -84,7 +87,7 @@ pub(crate) enum ReadingMethod {
 pub(crate) struct OutgoingMessage {
     pub(crate) topic: String,
     pub(crate) text: String,
-    /// Whether the broker is to retain it.
+    /// Whether the broker is to retain the message.
     pub(crate) is_retained: bool,
 }
 
@@ -95,35 +98,35 @@ pub(crate) struct SwitchCommand {
     pub(crate) off: OutgoingMessage,
 }
 
-/// The topics that tell whether a feature is online, and how they are combined.
+/// The topics that report whether a feature is online, and how these topics are combined.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Availability {
     pub(crate) topics: Vec<AvailabilityTopic>,
     pub(crate) mode: AvailabilityMode,
 }
 
-/// One topic of availability, with the texts for online and offline.
+/// A topic that reports whether a feature is online, with its texts for online and offline.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct AvailabilityTopic {
     pub(crate) source: ValueSource,
     pub(crate) online: String,
     pub(crate) offline: String,
-    /// Whether the feature counts as online before the first text.
+    /// Whether the feature counts as online before the first text is received.
     pub(crate) is_online_at_first: bool,
 }
 
-/// How several topics of availability are combined.
+/// How several topics of availability are combined into one answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum AvailabilityMode {
     All,
     Any,
-    /// The last text on any of them counts.
+    /// The last text that was received on any of the topics decides.
     #[default]
     Latest,
 }
 
 impl DeviceFeature {
-    /// Returns a feature with this class and label; everything else is empty.
+    /// Returns a feature with this class and label. All its other fields are empty.
     pub(crate) fn named(class: &str, label: &str) -> DeviceFeature {
         DeviceFeature {
             class: class.to_owned(),

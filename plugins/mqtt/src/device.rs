@@ -1,5 +1,6 @@
-//! The agent of one part of a device. Its values are facts as soon as they are received. While a feature is
-//! away, the agent does not offer the actions of this feature. Commands switch the device.
+//! The agent of one part of a device. The agent announces the device's values as facts as soon as they are
+//! received. While a feature is away, the agent does not offer the actions of this feature. Its actions
+//! send commands that switch the device.
 //!
 //! `feature_tracker` keeps the last values, feature by feature.
 
@@ -22,7 +23,7 @@ use crate::feature_tracker::{FeatureStatus, FeatureTracker};
 use crate::part::{ClassifiedFeature, DevicePart, leads};
 use crate::text_reading::ReadOutcome;
 
-/// Time limit of a method.
+/// Time limit of a method of the agent.
 const METHOD: Duration = Duration::from_secs(5);
 
 /// Time limit for the device's answer to a request or a command.
@@ -32,7 +33,7 @@ const _: () = assert!(ANSWER_TIME_MAX.as_millis() < METHOD.as_millis());
 /// Time limit at the start for the values that the broker has retained.
 const FIRST_VALUES_TIME_MAX: Duration = Duration::from_millis(200);
 
-/// The device behind one agent.
+/// The device behind one agent, or the part of a device that the agent represents.
 pub(crate) struct MqttDevice {
     part: DevicePart,
     ontology: Arc<Domain>,
@@ -51,11 +52,11 @@ pub(crate) enum ObservedValue {
     Yes(bool),
 }
 
-/// The content of one text about a feature.
+/// The value of a feature that one text contains.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum TextContent {
     Is(ObservedValue),
-    /// The device does not know, or reports an impossible value. With the reason.
+    /// The device reports that the value is not known, or reports an impossible value; with the reason.
     NotKnown(String),
 }
 
@@ -69,7 +70,7 @@ impl MqttDevice {
         MqttDevice { part, ontology, tracker: hearing }
     }
 
-    /// The features that represent their class: of each class the first.
+    /// The features that represent their class: the first feature of each class.
     fn leading(&self) -> impl Iterator<Item = usize> {
         (0..self.part.features.len()).filter(|feature| leads(&self.part.features, *feature))
     }
@@ -104,8 +105,8 @@ impl MqttDevice {
 }
 
 impl ClassifiedFeature {
-    /// Returns the content of `text`, read by the source with this number; `None` if it has no value of the
-    /// feature.
+    /// Returns the content of `text`, read by the feature's source with the number `source`; `None` if the
+    /// text has no value of the feature.
     pub(crate) fn read(&self, source: usize, text: &str) -> Option<TextContent> {
         let source = self.feature.states.get(source)?;
         let is_number = matches!(self.class.kind()?, ClassKind::Number { .. });
@@ -128,7 +129,7 @@ impl ClassifiedFeature {
         if is_number { self.number(&said) } else { self.yes_or_no(&said) }
     }
 
-    /// Whether a whole text is one of the feature's texts for yes and no.
+    /// Whether `text` as a whole is one of the feature's texts for yes and no.
     fn is_word(&self, text: &str) -> bool {
         let (text, feature) = (text.trim(), &self.feature);
         [&feature.yes, &feature.no].into_iter().flatten().any(|word| word == text)

@@ -1,4 +1,4 @@
-//! From the descriptions of all devices to the agents that can represent them, each with its name and room.
+//! Makes the list of agents, each with its name and room, from the descriptions of all devices.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::PoisonError;
@@ -12,13 +12,13 @@ use crate::description::DescribedDevice;
 use crate::naming::{begins_with, core, name_of, slug};
 use crate::part::{ClassifiedFeature, DevicePart, DividedDevice};
 
-/// Length of the end of an identifier that is added to a name that several devices have. Six letters
-/// usually suffice.
+/// Number of characters of an identifier that are added to a name that several devices share. Six
+/// characters from the end of the identifier usually suffice.
 const IDENTIFIER_CHARS: usize = 6;
 
 impl Gateway {
-    /// Returns all agents that the described devices can become, without the devices that the config
-    /// ignores.
+    /// Returns all agents that the described devices can become. Devices that the config ignores are left
+    /// out.
     pub(crate) fn census(&self) -> Vec<FoundDevice<DevicePart>> {
         let mut devices = self.home_assistant.devices();
         // Zigbee2MQTT describes its devices to Home Assistant too, under an identifier that contains their
@@ -39,8 +39,8 @@ impl Gateway {
         found.flat_map(|(device, name)| self.agents_of(device, &name, is_alone(device))).collect()
     }
 
-    /// Whether a name is taken by a room, by another object of the map, or by an agent of the ecosystem
-    /// file.
+    /// Whether a name is already taken by a room, by another object of the map, or by an agent of the
+    /// ecosystem file.
     fn is_taken(&self, name: &str) -> bool {
         let Blueprint { id, host, .. } = &self.blueprint;
         let named = host.resources.get::<ConfiguredNames>();
@@ -50,8 +50,8 @@ impl Gateway {
             || named.is_some_and(|named| named.0.contains(name))
     }
 
-    /// Returns the agents of a device. If nothing of the device can be used, returns one finding without a
-    /// part, with the reason.
+    /// Returns the agents of a device. If nothing of the device can be used, returns one entry that has no
+    /// part, only the reason.
     fn agents_of(
         &self,
         device: &DescribedDevice,
@@ -107,7 +107,7 @@ impl Gateway {
         room.cloned().ok_or_else(|| ROOM_UNKNOWN.to_owned())
     }
 
-    /// Returns the lines of configuration that would let the device take part.
+    /// Returns the lines of configuration that would let the device take part in the ecosystem.
     fn config_lines(&self, device: &DescribedDevice, is_alone: bool) -> String {
         let (gateway, id) = (&self.blueprint.id, &device.id);
         // If several devices have this name, the line uses the identifier, because the name would match all
@@ -126,14 +126,14 @@ fn is_listed(list: &[String], device: &DescribedDevice) -> bool {
     list.iter().any(|pattern| matches_device(pattern, device))
 }
 
-/// Names that were given to devices, by identifier. A device keeps its name as long as it is described,
-/// also if it is renamed or another device gets the same name.
+/// Names that were given to devices, by identifier of the device. A device keeps its name as long as it is
+/// described, even if it is renamed or another device gets the same name.
 #[derive(Debug, Default)]
 pub(crate) struct AssignedNames(BTreeMap<String, String>);
 
 impl AssignedNames {
-    /// Returns the name of each device: its friendly name; with its identifier added if another device has
-    /// that name or if the name is taken.
+    /// Returns the name of each device, which is its friendly name. If another device has that name or the
+    /// name is taken, the device's identifier is added.
     pub(crate) fn names(
         &mut self,
         devices: &[DescribedDevice],
@@ -170,7 +170,7 @@ impl AssignedNames {
     }
 }
 
-/// Returns the names of devices that have none yet.
+/// Returns new names for devices that have no name yet.
 fn fresh(devices: &[&DescribedDevice], is_free: impl Fn(&str) -> bool) -> Vec<String> {
     let with = |device: &DescribedDevice, name: &String, chars: usize| {
         let id = slug(&device.id, "");
@@ -226,8 +226,8 @@ fn agent_name(name: &str, suffix: &str, is_taken: impl Fn(&str) -> bool) -> Stri
     format!("{}{between}{suffix}-{hash:08x}", short(name))
 }
 
-/// Whether a pattern matches a device: its name as written, its name as a slug, or one of its identifiers.
-/// A `*` at the end of the pattern matches any ending.
+/// Whether a pattern matches a device: the device's name as written, its name as a slug, or one of its
+/// identifiers. A `*` at the end of the pattern matches any ending.
 fn matches_device(pattern: &str, device: &DescribedDevice) -> bool {
     let own = name_of(&device.name);
     let names = [device.name.as_str(), device.id.as_str(), &own];

@@ -1,4 +1,5 @@
-//! Device classes: the names that devices use for what they measure or switch, and the PDDL names for each.
+//! Device classes: the names that devices use for the quantities that they measure and the things that they
+//! switch, with the PDDL names for each.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +9,7 @@ use serde::Deserialize;
 /// The built-in table of classes.
 const BUILT_IN: &str = include_str!("classes.toml");
 
-/// All classes, by name.
+/// All device classes, by the class's own name.
 #[derive(Clone, Debug)]
 pub(crate) struct DeviceClasses(BTreeMap<String, DeviceClass>);
 
@@ -20,49 +21,53 @@ pub(crate) struct DeviceClass {
     /// Other names of the class that devices use.
     #[serde(default)]
     also: Vec<String>,
-    /// The PDDL type of an agent that has it.
+    /// PDDL type of an agent with a feature of the class.
     pub(crate) agent: String,
-    /// The action that measures it.
+    /// Name of the action that measures the value.
     action: Option<String>,
-    /// The predicate that its value is known in a room.
+    /// Name of the predicate that the value is known in a room.
     known: Option<String>,
-    /// The function of a room that has its value.
+    /// Name of the function that is the value in a room.
     value: Option<String>,
-    /// The unit of that value.
+    /// Unit of the value in PDDL.
     unit: Option<String>,
-    /// The predicate of a room that is true if the answer is yes.
+    /// Name of the predicate that is true of a room if the device reports yes.
     yes: Option<String>,
     /// Whether the device reports the inverse of the predicate: for a contact, devices report yes for
     /// *open*, and the predicate is *closed*.
     #[serde(default)]
     pub(crate) inverted: bool,
-    /// The predicate of a room that is true if the device is switched on.
+    /// Name of the predicate that is true of a room if the device is switched on.
     state: Option<String>,
-    /// The predicate of the device itself that is true if it is on, or if the answer is yes.
+    /// Name of the predicate that is true of the device itself if it is on, or if it reports yes.
     own: Option<String>,
-    /// The predicate that the device is in a room; used if the ontology derives `yes` from it and `own`.
+    /// Name of the predicate that the device is in a room; used if the ontology derives `yes` from `own`
+    /// and this predicate.
     at: Option<String>,
-    /// Whether `state` is true of a room only if all such devices in it are on. If `false`, one is enough.
+    /// Whether `state` is true of a room only if all such devices in the room are on. If `false`, one
+    /// device suffices.
     #[serde(default)]
     all: bool,
-    /// The actions that switch it on and off.
+    /// Names of the actions that switch the device on and off.
     on: Option<String>,
     off: Option<String>,
 }
 
-/// The kind of a class, with the PDDL names that the kind needs.
+/// Kind of a device class, with the PDDL names that this kind needs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum ClassKind<'c> {
-    /// A measured number.
+    /// The class is a measured number.
     Number { action: &'c str, known: &'c str, value: &'c str, unit: &'c str },
-    /// A yes or no that is detected. `own` has the predicates `own` and `at` of the class, if it has both.
+    /// The class is a yes or no that the device detects. `own` has the predicates `own` and `at` of the
+    /// class; `None` unless the class has both.
     YesOrNo { action: &'c str, known: &'c str, yes: &'c str, own: Option<(&'c str, &'c str)> },
-    /// A switch.
+    /// The class is a switch, with its predicates and the actions that switch it on and off.
     Switch { words: OnOffPredicates<'c>, on: &'c str, off: &'c str },
 }
 
 impl DeviceClasses {
-    /// Returns the built-in classes, with the entries of `said` added; they override built-in ones.
+    /// Returns the built-in classes with the entries of `said` added. An entry overrides the built-in class
+    /// of the same name.
     ///
     /// # Errors
     ///
@@ -104,8 +109,8 @@ impl DeviceClasses {
         }
     }
 
-    /// Returns the own name of the class that devices call `called`; `None` if there is none. Upper and
-    /// lower case are the same.
+    /// Returns the class's own name if devices call the class `called`; `None` if there is no such class.
+    /// Upper and lower case are the same.
     pub(crate) fn find(&self, called: &str) -> Option<&str> {
         let called = called.to_ascii_lowercase();
         if let Some((name, _)) = self.0.get_key_value(&called) {
@@ -122,7 +127,7 @@ impl DeviceClasses {
 }
 
 impl DeviceClass {
-    /// Returns a name of the class that PDDL does not allow; `None` if all are allowed.
+    /// Returns a name in the class's entry that PDDL does not allow; `None` if PDDL allows all of them.
     fn invalid_name(&self) -> Option<&str> {
         let DeviceClass { agent, action, known, value, yes, state, own, at, on, off, .. } = self;
         let words = [action, known, value, yes, state, own, at, on, off].into_iter().flatten();
@@ -130,7 +135,7 @@ impl DeviceClass {
         words.find(|word| acl::AgentId::new(word).is_err())
     }
 
-    /// Returns the kind of the class; `None` if it has not all names that one of the kinds needs.
+    /// Returns the kind of the class; `None` if the class lacks names for every kind.
     pub(crate) fn kind(&self) -> Option<ClassKind<'_>> {
         if let (Some(state), Some(on), Some(off)) = (&self.state, &self.on, &self.off) {
             let (agent, own, all) = (&self.agent, self.own.as_ref()?, self.all);

@@ -1,10 +1,11 @@
-//! The last values of a device, feature by feature: whether it can be reached, its value, and since when.
+//! The last values of a device, feature by feature: whether the feature can be reached, its value, and
+//! since when it has this value.
 //!
-//! - A feature has a known value, has none, or is away: three different things.
+//! - A feature has a known value, has no known value, or is away. These are three different states.
 //! - Texts are processed in the order of their arrival. A text without a value of a feature changes nothing
 //!   of this feature.
-//! - A switch may have been switched by hand while there was no connection, so its earlier value is no
-//!   longer known. If the device can be asked, it is asked a few times.
+//! - A switch may have been switched by hand while there was no connection, so after a new connection its
+//!   earlier value is no longer known. If the device can be asked for the value, it is asked a few times.
 
 use std::future::poll_fn;
 use std::pin::Pin;
@@ -21,12 +22,13 @@ use crate::device::{ObservedValue, TextContent};
 use crate::device_class::ClassKind;
 use crate::part::{self, ClassifiedFeature};
 
-/// Pause after a device has appeared, before it is asked for missing values. A random time up to
+/// Pause after a connection before a device is asked for missing values. A random time up to
 /// `ASK_SPREAD_MS` is added, so that hundreds of devices are not asked at once.
 const ASK_AFTER: Duration = Duration::from_millis(300);
 const ASK_SPREAD_MS: u64 = 2_000;
 
-/// Pauses between further requests. After the last, no more are sent until the next connection.
+/// Pauses between repeated requests for a missing value. After the last one, no request is sent until the
+/// next connection.
 const ASK_AGAIN: [Duration; 4] = [
     Duration::from_secs(5),
     Duration::from_secs(30),
@@ -34,24 +36,24 @@ const ASK_AGAIN: [Duration; 4] = [
     Duration::from_secs(900),
 ];
 
-/// The state of a feature.
+/// The state of a feature: known, unknown or away.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum FeatureStatus {
-    /// The value is known: this value, since this time.
+    /// The value is known: this value, received at this time.
     Is(ObservedValue, Instant),
-    /// No value is known: none was received or, with the reason, none that is valid.
+    /// No value is known: no value was received, or, with the reason, no valid one.
     NotKnown(Option<String>),
-    /// The feature cannot be reached; with the reason.
+    /// The feature cannot be reached, for this reason.
     Away(String),
 }
 
-/// Receives and keeps the values of a device's features. Clones share the values, but each has its own mark
-/// of what it has seen.
+/// Receives and keeps the values of a device's features. Clones share the values, but each clone has its
+/// own mark of the texts that it has already seen.
 #[derive(Clone)]
 pub(crate) struct FeatureTracker {
     connection: Arc<BrokerConnection>,
     trouble: watch::Receiver<Option<String>>,
-    /// The topics of the features' sources, and those of their availability.
+    /// Subscriptions to the topics of the features' values and of their availability.
     topics: Vec<TopicSubscription>,
     features: Arc<Vec<ClassifiedFeature>>,
     processed: Arc<Mutex<ProcessedTexts>>,
@@ -68,26 +70,27 @@ struct TopicSubscription {
 enum TopicRole {
     State(usize),
     Voice(usize),
-    /// Not read. It gives the number of the connection for a feature without state topics.
+    /// Texts of the topic are not read. The subscription only gives the number of the connection, for a
+    /// feature without state topics.
     Connection,
 }
 
 /// The content of all texts processed so far.
 struct ProcessedTexts {
-    /// The number of processed texts, by topic.
+    /// Number of processed texts of each topic.
     counts: Vec<u64>,
     features: Vec<FeatureState>,
 }
 
-/// The state of one feature.
+/// The values of one feature, and the requests for them.
 #[derive(Clone)]
 struct FeatureState {
     content: Option<(TextContent, Instant, u64)>,
-    /// The last text of each topic of availability, as online or not.
+    /// The last text of each topic of availability, as online or not; `None` before the first text.
     topics_online: Vec<Option<bool>>,
     latest: Option<bool>,
-    /// The number of the connection, how often the feature was asked in it, and the time of the next
-    /// request.
+    /// Number of the connection, how often the feature was asked during this connection, and the time of
+    /// the next request.
     asked: (u64, usize, Instant),
 }
 
@@ -160,8 +163,8 @@ impl FeatureTracker {
         self.status_with_source(feature, now).0
     }
 
-    /// Returns the state of a feature, combined with the other features of its class, and which feature it
-    /// comes from.
+    /// Returns the state of a feature, combined with the other features of its class, and the number of the
+    /// feature that this state comes from.
     pub(crate) fn status_with_source(
         &self,
         feature: usize,
@@ -217,8 +220,8 @@ impl FeatureTracker {
         }
     }
 
-    /// Returns the reason why a feature and all others of its class cannot be used now; `None` if at least
-    /// one can.
+    /// Returns the reason why neither a feature nor any other of its class can be used now; `None` if at
+    /// least one of them can.
     pub(crate) fn unavailable_reason(&self, feature: usize, _now: Instant) -> Option<String> {
         let all = part::together(&self.features, feature);
         let all: Option<Vec<_>> = all.map(|feature| self.own_unavailable_reason(feature)).collect();
@@ -257,7 +260,7 @@ impl FeatureTracker {
         })
     }
 
-    /// Returns the number of the connection by which the topics of a feature's states are subscribed to.
+    /// Returns the number of the connection in which the topics of the feature's values were subscribed to.
     fn session(&self, feature: usize) -> u64 {
         let of_state = self.topics.iter().find(|listened| {
             listened.feature == feature
@@ -266,7 +269,7 @@ impl FeatureTracker {
         of_state.map_or(0, |listened| listened.texts.borrow().session)
     }
 
-    /// Whether every feature with a state topic has a value, and every topic of availability a text.
+    /// Whether every feature with a state topic has a value, and every topic of availability has a text.
     pub(crate) fn is_complete(&self) -> bool {
         let taken = self.process_texts();
         taken.features.iter().zip(self.features.iter()).all(|(heard, known)| {
@@ -291,7 +294,7 @@ impl FeatureTracker {
         }
     }
 
-    /// Asks for a feature and the others of its class, each only if its value is not known.
+    /// Requests the value of a feature and of the others of its class, each only if the value is not known.
     pub(crate) fn ask(&self, feature: usize) {
         for feature in part::together(&self.features, feature) {
             let ask =
@@ -387,7 +390,7 @@ impl FeatureTracker {
         }
     }
 
-    /// Returns the time when the next value expires; `None` if none does.
+    /// Returns the time when the next value expires; `None` if no value expires.
     fn next_over(&self, now: Instant) -> Option<Instant> {
         let taken = self.process_texts();
         let over = taken.features.iter().zip(self.features.iter()).flat_map(|(heard, known)| {
@@ -398,7 +401,7 @@ impl FeatureTracker {
         over.filter(|over| *over > now).min()
     }
 
-    /// Returns the time of the next request; `None` if none is due.
+    /// Returns the time of the next request for a missing value; `None` if no request is planned.
     fn next_ask(&self) -> Option<Instant> {
         let wanting = (0..self.features.len()).filter(|feature| self.wants_asking(*feature));
         wanting.map(|feature| self.asks(feature).2).min()
@@ -411,8 +414,8 @@ impl FeatureTracker {
             && matches!(self.own_status(feature, Instant::now()), FeatureStatus::NotKnown(_))
     }
 
-    /// Returns the number of the connection, how often the feature was asked in it, and the time of the
-    /// next request.
+    /// Returns the number of the connection, how often the feature was asked during this connection, and
+    /// the time of the next request.
     fn asks(&self, feature: usize) -> (u64, usize, Instant) {
         let session = self.session(feature);
         let mut taken = self.process_texts();
@@ -448,8 +451,9 @@ impl FeatureTracker {
     }
 }
 
-/// Combines the states of several features of one class in one device, and returns which feature decides:
-/// one feature with the value `loud` (motion, or open) is enough; the opposite value needs all of them.
+/// Combines the states of several features of one class in one device, and returns the state and the
+/// feature that decides. One feature with the value `loud` (motion, or open) is enough for this value; the
+/// opposite value needs all features.
 fn combined_status(
     all: Vec<(FeatureStatus, usize)>,
     loud: ObservedValue,

@@ -1,21 +1,22 @@
-//! A gateway to an MQTT broker: its devices appear as agents automatically, with an action model made from
-//! their own descriptions.
+//! A gateway to an MQTT broker: devices of the broker appear as agents automatically, with action models
+//! made from the devices' own descriptions.
 //!
 //! - `zigbee2mqtt`, `home_assistant` (ESPHome and many others), `tasmota` and `shelly` read the
 //!   descriptions of devices; `description` is their common form.
 //! - `device_class` is the table from device classes to PDDL names (`classes.toml`); `part` divides a device into
 //!   agents and makes their action models.
-//! - `census` lists the agents of all devices, with their rooms; `agent::bringing` starts and stops them.
-//! - `device` is such an agent: it announces values as facts, offers actions only while the device is
-//!   online, and switches lamps, relays and locks. A switch counts as switched only when the device reports
-//!   it.
-//! - `heard` keeps the last values of a device: a feature is known, not known, or away.
+//! - `device_agents` lists the agents of all devices, with their rooms; `agent::discovery` starts and stops
+//!   them.
+//! - `device` is the agent of one part of a device. It announces values as facts, offers actions only while
+//!   the device is online, and switches lamps, relays and locks. A switch counts as switched only when the
+//!   device reports so.
+//! - `feature_tracker` keeps the last values of a device: a feature is known, not known, or away.
 //! - `text_reading` finds values in JSON and through templates; `template` renders the templates of Home
 //!   Assistant.
 //! - `naming` makes names of agents and compares names of rooms.
 //!
-//! The gateway itself has no facts and offers no actions. When it stops, the agents of its devices stop
-//! too.
+//! The gateway itself has no facts and offers no actions. When the gateway stops, the agents of its devices
+//! stop as well.
 
 #[cfg(test)]
 mod corpus;
@@ -55,7 +56,7 @@ use device_class::DeviceClasses;
 use naming::core;
 use part::DevicePart;
 
-/// A gateway to an MQTT broker.
+/// The entry of the MQTT gateway in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "mqtt",
     about: "a gateway to an MQTT broker: its devices appear as agents by themselves",
@@ -64,48 +65,50 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The most messages that are handled at one time.
+/// The most messages of the broker that are handled in one batch.
 const MESSAGES_MAX: usize = 1_024;
 
 /// The most agents of one gateway.
 const AGENTS_MAX: usize = 2_048;
 
-/// Delay after a connection before devices are asked to describe themselves, in milliseconds. It is random,
-/// so that the gateways of several daemons do not all send at once.
+/// Range of the delay between a connection and the request to devices to describe themselves, in
+/// milliseconds. The delay is random, so that the gateways of several daemons do not all send at once.
 const BIRTH_MS: std::ops::Range<u64> = 200..2_000;
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Config {
-    /// The address of the broker, as `HOST:PORT` or `mqtts://HOST:PORT`.
+    /// Address of the broker, as `HOST:PORT` or `mqtts://HOST:PORT`.
     broker: Option<String>,
-    /// The user name for the broker, and the file with the password.
+    /// User name at the broker, and the path of the file with the password.
     user: Option<String>,
     password_file: Option<PathBuf>,
-    /// The file with the trusted certificate authorities, if the broker is `mqtts://…`.
+    /// Path of the file with the trusted certificate authorities, if the broker is `mqtts://…`.
     ca: Option<PathBuf>,
-    /// The room of each device, by the device's name or identifier; a `*` at the end matches any ending.
+    /// Room of each device, by the device's name or identifier; a `*` at the end of the name matches any
+    /// ending.
     #[serde(default)]
     rooms: BTreeMap<String, String>,
-    /// Devices that take part without an admission. All others need one; until then they are only listed.
+    /// Names or identifiers of the devices that take part without an admission. Each other device needs an
+    /// admission; until then it is only listed.
     #[serde(default)]
     devices: Vec<String>,
-    /// Devices that are ignored.
+    /// Names or identifiers of the devices that are ignored.
     #[serde(default)]
     ignore: Vec<String>,
-    /// How long a measurement counts as known, such as `"10m"`; without it, until the device is away.
+    /// How long a measurement counts as known, such as `"10m"`; without this key, until the device is away.
     valid_for: Option<String>,
-    /// The topics below which Zigbee2MQTT, Home Assistant and Tasmota describe devices.
+    /// Topics below which Zigbee2MQTT, Home Assistant and Tasmota describe devices.
     #[serde(default = "zigbee2mqtt")]
     zigbee2mqtt: String,
     #[serde(default = "home_assistant")]
     home_assistant: String,
     #[serde(default = "tasmota")]
     tasmota: String,
-    /// Whether devices are asked at each connection to describe themselves.
+    /// Whether devices are asked to describe themselves after each connection to the broker.
     #[serde(default = "yes")]
     birth: bool,
-    /// Additional device classes, and changes of built-in ones.
+    /// Additional device classes, and changes of built-in classes.
     #[serde(default)]
     classes: Value,
 }
@@ -165,7 +168,7 @@ struct Gateway {
     config: Config,
     broker: Broker,
     classes: DeviceClasses,
-    /// The places of the map, by their normalised names; see `naming::core`.
+    /// Rooms of the map, by their normalised names; see `naming::core`.
     rooms: BTreeMap<String, String>,
     valid_for: Option<Duration>,
     connection: Option<Arc<BrokerConnection>>,
@@ -174,11 +177,11 @@ struct Gateway {
     tasmota: tasmota::TasmotaDiscovery,
     shelly: shelly::ShellyDiscovery,
     bringing: DiscoveredAgents<DevicePart>,
-    /// The names of devices.
+    /// Names that were given to the devices.
     given: Mutex<device_agents::AssignedNames>,
-    /// The task of each subscription, by its number.
+    /// Task of each subscription, by the number of the subscription.
     subscriptions: BTreeMap<usize, WorkHandle>,
-    /// The task that asks devices at each connection to describe themselves.
+    /// Task that asks devices to describe themselves after each connection.
     birth: Option<WorkHandle>,
     /// The task that watches the connection to the broker.
     following: Option<WorkHandle>,
@@ -247,7 +250,7 @@ impl DiscoversAgents for Gateway {
 }
 
 impl Gateway {
-    /// Reports to users when the broker is lost, and when it is back.
+    /// Reports to users when the connection to the broker is lost, and when it is back.
     fn follow(&mut self, mut trouble: watch::Receiver<Option<String>>, ctx: &mut Context<Self>) {
         let next = async move { trouble.changed().await.is_ok().then_some(trouble) };
         let work = ctx.run(next, |gateway: &mut Self, trouble, ctx| {
@@ -273,7 +276,7 @@ impl Gateway {
         self.subscriptions.insert(number, work);
     }
 
-    /// Handles a message. Returns whether it may change which agents are present.
+    /// Handles a message of a device. Returns whether the message may change the set of agents.
     fn handle_message(&mut self, topic: &str, text: &str) -> bool {
         let Config { zigbee2mqtt, home_assistant, tasmota, .. } = &self.config;
         let understood = if topic.starts_with(&format!("{zigbee2mqtt}/")) {
@@ -294,8 +297,9 @@ impl Gateway {
     }
 }
 
-/// Asks devices at each connection to describe themselves and report their state: as Home Assistant does
-/// when it starts, and with the command that Shelly's first generation needs.
+/// Asks devices after each connection to describe themselves and report their state, in two ways: by the
+/// message that Home Assistant sends when it starts, and by the command that Shelly's first generation
+/// needs.
 async fn request_descriptions(connection: Arc<BrokerConnection>, home_assistant: String) {
     let mut trouble = connection.problem();
     while trouble.wait_for(Option::is_none).await.is_ok() {

@@ -1,12 +1,12 @@
-//! Names of agents, made from device names in any script, and the comparison of room names.
+//! Makes names of agents from device names in any script, and compares the names of rooms.
 
 use any_ascii::any_ascii;
 
-/// The longest name that is made, in bytes.
+/// Length of the longest name that is made, in bytes.
 const CHARS_MAX: usize = 48;
 
-/// Returns a valid name of an agent: `Living Room / Lamp 1` gives `living-room-lamp-1`, `Küche` gives
-/// `kueche`, `Спальня` gives `spalnya`.
+/// Returns a valid name of an agent for a device name: `Living Room / Lamp 1` gives `living-room-lamp-1`,
+/// `Küche` gives `kueche`, `Спальня` gives `spalnya`.
 pub(crate) fn name_of(text: &str) -> String {
     let mut name = slug(text, "-");
     name.truncate(CHARS_MAX);
@@ -18,7 +18,7 @@ pub(crate) fn name_of(text: &str) -> String {
     }
 }
 
-/// Returns a text in lower-case letters and digits of ASCII, with a separator between words.
+/// Returns a text in lower-case ASCII letters and digits, with `separator` between words.
 pub(crate) fn slug(text: &str, separator: &str) -> String {
     let mut words: Vec<String> = Vec::new();
     let mut is_open = false;
@@ -52,13 +52,13 @@ fn written(c: char) -> String {
     }
 }
 
-/// Returns the normalised name of a room, for comparing: `Office 1` and `office1` give the same.
+/// Returns the normalised name of a room, for comparisons: `Office 1` and `office1` give the same name.
 pub(crate) fn core(text: &str) -> String {
     slug(text, "")
 }
 
-/// Whether a name begins with the name of a room. The room's name must end where a word of the name ends,
-/// so that `Office 10 sensor` is not in `office1`, and `Hallway lamp` not in `hall`.
+/// Whether the device name `name` begins with the name of a room. The room's name must end where a word of
+/// `name` ends, so that `Office 10 sensor` is not in `office1`, and `Hallway lamp` not in `hall`.
 pub(crate) fn begins_with(name: &str, room: &str) -> bool {
     let room = core(room);
     if room.is_empty() {
@@ -77,8 +77,8 @@ pub(crate) fn begins_with(name: &str, room: &str) -> bool {
     false
 }
 
-/// Separates words in camel case: `KitchenLamp` becomes two words, and so does `Office1Lamp`; `office1`
-/// stays one.
+/// Separates words in camel case: `KitchenLamp` becomes two words, and so does `Office1Lamp`, while
+/// `office1` stays one word.
 fn apart(name: &str) -> String {
     let mut apart = String::new();
     let mut before = None::<char>;

@@ -1,4 +1,5 @@
-//! The part of a device that becomes one agent: all that it measures, or one thing that it switches.
+//! Parts of a device. One part becomes one agent: all that the device measures, or one thing that it
+//! switches.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -11,35 +12,35 @@ use crate::description::{DescribedDevice, DeviceFeature, NOT_OF_THE_ROOM, Unused
 use crate::device_class::{ClassKind, DeviceClass, DeviceClasses, conversion};
 use crate::naming::name_of;
 
-/// The most reasons that are reported of one device.
+/// The most reasons that are reported for one device.
 const REASONS_MAX: usize = 6;
 
-/// One agent of a device.
+/// The part of a device that one agent represents.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DevicePart {
-    /// The agent of this part.
+    /// Identifier of the agent of this part.
     pub(crate) agent: AgentId,
-    /// The room of the device.
+    /// Name of the room of the device.
     pub(crate) room: String,
     pub(crate) features: Vec<ClassifiedFeature>,
-    /// How long a measured value counts as known; `None` if without limit.
+    /// How long a measured value counts as known; `None` if for an unlimited time.
     pub(crate) valid_for: Option<Duration>,
 }
 
 /// A feature with a known class.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ClassifiedFeature {
-    /// The class's own name.
+    /// Own name of the feature's class.
     pub(crate) name: String,
     pub(crate) class: DeviceClass,
     pub(crate) feature: DeviceFeature,
-    /// Factor and offset that convert its number to the unit of the class.
+    /// Factor and offset that convert the feature's number to the unit of the class.
     pub(crate) factor: f64,
     pub(crate) offset: f64,
 }
 
-/// The result of dividing a device: its parts without their rooms, each with the suffix of its name, and
-/// the problem with what cannot be used.
+/// The result of dividing a device into parts: the features of each part with the suffix of the part's
+/// name, and the reasons why other features cannot be used.
 pub(crate) struct DividedDevice {
     pub(crate) parts: Vec<(String, Vec<ClassifiedFeature>)>,
     pub(crate) problem: Option<String>,
@@ -107,7 +108,8 @@ impl DividedDevice {
     }
 }
 
-/// Returns the parts of a device: one for all that it measures, one for each thing that it switches.
+/// Returns the parts of a device: one for all that the device measures, and one for each thing that it
+/// switches.
 fn assembled(
     measured: Vec<ClassifiedFeature>,
     switched: Vec<ClassifiedFeature>,
@@ -131,8 +133,8 @@ fn assembled(
     parts
 }
 
-/// Returns the problem of a feature that receives commands on its own state topic: a command would look
-/// like a report. `None` if there is no such problem.
+/// Returns the problem of a feature that receives commands on the topic on which it reports its state: a
+/// command would look like a report. `None` if the feature has separate topics.
 fn echoes_commands(feature: &DeviceFeature) -> Option<String> {
     let command = feature.command.as_ref()?;
     let told = [command.on.topic.as_str(), command.off.topic.as_str()];
@@ -147,12 +149,13 @@ fn echoes_commands(feature: &DeviceFeature) -> Option<String> {
     ))
 }
 
-/// Whether a feature is the first of its class in a part. The first represents all of its class.
+/// Whether a feature is the first of its class in a part. The first feature represents all of its class.
 pub(crate) fn leads(features: &[ClassifiedFeature], number: usize) -> bool {
     together(features, number).next() == Some(number)
 }
 
-/// The features of a part that have the class of the one with this number. Their states are combined.
+/// The numbers of all features of a part that have the class of feature `number`. Their states are
+/// combined.
 pub(crate) fn together(
     features: &[ClassifiedFeature],
     number: usize,
@@ -162,7 +165,7 @@ pub(crate) fn together(
     all.filter(move |(_, other)| Some(&other.name) == name).map(|(number, _)| number)
 }
 
-/// Returns a feature with its class; or the reason why it is not used.
+/// Returns a feature together with its class, or the reason why the feature is not used.
 fn known(
     feature: &DeviceFeature,
     classes: &DeviceClasses,
@@ -199,7 +202,7 @@ fn known(
     Ok(ClassifiedFeature { name: name.to_owned(), class, feature, factor, offset })
 }
 
-/// Returns the reasons to report, as one text; `None` if there are none.
+/// Returns the reasons to report about unused features, as one text; `None` if there are none to report.
 fn problem(unused: Vec<UnusedFeature>, is_useless: bool) -> Option<String> {
     // Normal reasons are reported only if nothing of the device can be used and there are no others.
     let tells_usual = is_useless && unused.iter().all(|one| one.is_usual);
@@ -220,8 +223,8 @@ fn problem(unused: Vec<UnusedFeature>, is_useless: bool) -> Option<String> {
 }
 
 impl DevicePart {
-    /// Returns the action model, with the types, predicates and functions that the shared ontology lacks.
-    /// `offers` tells of which features an action can be used now.
+    /// Returns the action model of the agent, with the types, predicates and functions that the shared
+    /// ontology lacks. `offers` returns for each feature whether its actions can be used now.
     pub(crate) fn model(&self, ontology: &Domain, offers: impl Fn(usize) -> bool) -> String {
         let DevicePart { agent, .. } = self;
         let kind = self.features.first().map_or("sensor", |known| known.class.agent.as_str());
@@ -320,7 +323,8 @@ impl ClassifiedFeature {
         }
     }
 
-    /// Returns the PDDL term of the feature: a function or a predicate of the device or its room.
+    /// Returns the PDDL term of the feature's value: a function or a predicate, of the device or of its
+    /// room.
     pub(crate) fn term(&self, device: &str, room: &str, ontology: &Domain) -> String {
         match self.class.kind() {
             Some(ClassKind::Number { value, .. }) => format!("({value} {room})"),
@@ -335,7 +339,7 @@ impl ClassifiedFeature {
         }
     }
 
-    /// Returns the actions of the feature, each with its method.
+    /// Returns the actions of the feature, each with the method that performs it.
     pub(crate) fn methods(&self) -> Vec<(String, String)> {
         match self.class.kind() {
             Some(ClassKind::Number { action, .. } | ClassKind::YesOrNo { action, .. }) => {
@@ -349,7 +353,7 @@ impl ClassifiedFeature {
     }
 }
 
-/// The declarations that an action model needs and the ontology lacks.
+/// The declarations that an action model needs and that the ontology lacks.
 struct MissingDeclarations<'o> {
     ontology: &'o Domain,
     types: String,

@@ -1,5 +1,6 @@
-//! Shelly's own topics. The first generation reports everything under `shellies/NAME/…`. Later generations
-//! report their state under `ID/status/…` and `ID/events/rpc`, and are commanded by calls under `ID/rpc`.
+//! Topics of Shelly devices. Devices of the first generation report everything under `shellies/NAME/…`.
+//! Later generations report their state under `ID/status/…` and `ID/events/rpc`, and receive commands as
+//! calls under `ID/rpc`.
 //!
 //! These devices do not describe themselves: their features follow from the topics on which they report.
 
@@ -15,23 +16,24 @@ use crate::description::{
 /// The prefix of the factory-set names of devices.
 const BEGINNING: &str = "shelly";
 
-/// The end of the topic for events. Each text there is about another part of the device.
+/// The end of the topic for events. The texts of this topic are about different parts of a device.
 pub(crate) const EVENTS: &str = "/events/rpc";
 
 /// The most devices that are kept.
 const DEVICES_MAX: usize = 4_096;
 
-/// The most parts that are kept of one device.
+/// The most parts of one device that are kept.
 const PARTS_MAX: usize = 64;
 
-/// The parts seen so far, by the name of the device, for the first generation and for later ones.
+/// The parts of devices seen so far, by the name of the device: for the first generation and for later
+/// ones.
 #[derive(Debug, Default)]
 pub(crate) struct ShellyDiscovery {
     first: BTreeMap<String, BTreeSet<String>>,
     second: BTreeMap<String, BTreeSet<String>>,
 }
 
-/// Returns the topic filters to subscribe to.
+/// Returns the topic filters that the gateway subscribes to for Shelly devices.
 pub(crate) fn filters() -> [String; 5] {
     [
         "shellies/+/online".to_owned(),
@@ -42,7 +44,7 @@ pub(crate) fn filters() -> [String; 5] {
     ]
 }
 
-/// Whether a topic is one of Shelly's.
+/// Whether a topic is a topic of Shelly devices.
 pub(crate) fn is_own(topic: &str) -> bool {
     topic.starts_with("shellies/") || topic.starts_with(BEGINNING)
 }
@@ -75,7 +77,7 @@ impl ShellyDiscovery {
         }
     }
 
-    /// Returns all devices that were seen.
+    /// Returns all devices that have sent a report.
     pub(crate) fn devices(&self) -> Vec<DescribedDevice> {
         let first = self.first.iter().map(|(name, parts)| of_first(name, parts));
         first.chain(self.second.iter().map(|(name, parts)| of_second(name, parts))).collect()

@@ -1,4 +1,4 @@
-//! Tasmota's own discovery: `tasmota/discovery/MAC/config` and `…/sensors`.
+//! The discovery messages of Tasmota devices: `tasmota/discovery/MAC/config` and `…/sensors`.
 
 use std::collections::BTreeMap;
 
@@ -9,28 +9,30 @@ use crate::description::{
     OutgoingMessage, SwitchCommand, UnusedFeature, ValueSource,
 };
 
-/// Indices of its topic prefixes: for commands, for answers, and for its own reports.
+/// Indices of the topic prefixes of a device: for commands, for answers, and for reports that the device
+/// sends by itself.
 const CMND: usize = 0;
 const STAT: usize = 1;
 const TELE: usize = 2;
 
-/// The beginnings of names of chips that measure the device itself.
+/// Beginnings of the names of chips that measure the device itself, not the room.
 const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09", "Shelly"];
 
 fn is_chip(name: &str) -> bool {
     CHIPS.iter().any(|chip| name.starts_with(chip))
 }
 
-/// The descriptions received so far, by the device's address: config and sensors.
+/// Descriptions received so far, by the address of the device: its config and its sensors.
 #[derive(Debug, Default)]
 pub(crate) struct TasmotaDiscovery {
     devices: BTreeMap<String, (Value, Value)>,
-    /// The reason why the last message of a device could not be read; then its description stays as it was.
+    /// Reason why the last message of a device could not be read, by address; the description of the device
+    /// then stays as it was.
     problems: BTreeMap<String, String>,
 }
 
 impl TasmotaDiscovery {
-    /// Handles a discovery message; an empty text withdraws the one before.
+    /// Handles a discovery message. An empty text withdraws the description that the topic had before.
     ///
     /// # Errors
     ///
@@ -58,7 +60,7 @@ impl TasmotaDiscovery {
         Ok(())
     }
 
-    /// Returns all devices that were described.
+    /// Returns all devices that the messages describe.
     pub(crate) fn devices(&self) -> Vec<DescribedDevice> {
         let described = |(address, (config, sensors)): (&String, &(Value, Value))| {
             let mut device = described(address, config, sensors)?;
@@ -72,12 +74,12 @@ impl TasmotaDiscovery {
     }
 }
 
-/// The description of a device's topics and texts.
+/// The config message of a device, which states the device's topics and texts.
 struct TasmotaConfig<'c> {
     said: &'c Value,
-    /// Its own topic.
+    /// Topic of the device itself, which is a part of its full topics.
     own: &'c str,
-    /// The address of its network card.
+    /// Address of the device's network card.
     address: &'c str,
 }
 
@@ -91,7 +93,8 @@ impl<'c> TasmotaConfig<'c> {
         self.said[key].as_str()
     }
 
-    /// Returns a topic of commands (`cmnd`, prefix 0), of answers (`stat`, 1) or of reports (`tele`, 2).
+    /// Returns the full topic of commands (`cmnd`, prefix 0), of answers (`stat`, 1) or of reports (`tele`,
+    /// 2).
     fn topic(&self, prefix: usize, what: &str) -> String {
         let usual = ["cmnd", "stat", "tele"][prefix];
         let prefix = self.said["tp"][prefix].as_str().unwrap_or(usual);
@@ -107,7 +110,7 @@ impl<'c> TasmotaConfig<'c> {
         self.said["state"][index].as_str().unwrap_or(otherwise).to_owned()
     }
 
-    /// Returns the kind of each relay: 0 none, 1 a relay, 2 a lamp, 3 part of a shutter.
+    /// Returns the kind of each relay of the device: 0 none, 1 a relay, 2 a lamp, 3 part of a shutter.
     fn relays(&self) -> Vec<u64> {
         let relays = self.said["rl"].as_array().into_iter().flatten();
         relays.map(|relay| relay.as_u64().unwrap_or(0)).collect()
@@ -212,7 +215,7 @@ fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described
     })
 }
 
-/// Returns the features of its sensors, from `{"SI7021": {"Temperature": 21.5}, "TempUnit": "C"}`.
+/// Returns the features of a device's sensors, from `{"SI7021": {"Temperature": 21.5}, "TempUnit": "C"}`.
 fn measured(sensors: &Value, topics: &[String; 3], ask: &OutgoingMessage) -> Vec<DeviceFeature> {
     let unit_of_temperature = sensors["TempUnit"].as_str().unwrap_or("C");
     let chips = sensors.as_object().into_iter().flatten();
@@ -256,7 +259,7 @@ fn measured(sensors: &Value, topics: &[String; 3], ask: &OutgoingMessage) -> Vec
 mod tests {
     use super::*;
 
-    /// As Tasmota 13 writes it, shortened to the keys that are read.
+    /// A config message as Tasmota 13 writes it, shortened to the keys that are read.
     const CONFIG: &str = r#"{"ip":"192.168.1.20","dn":"Desk","fn":["Lamp",null],"hn":"tasmota-d1e2f3",
         "mac":"A4CF12D1E2F3","md":"Sonoff TH","ofln":"Offline","onln":"Online","state":["OFF","ON","TOGGLE","HOLD"],
         "sw":"13.1.0","t":"tasmota_D1E2F3","ft":"%prefix%/%topic%/","tp":["cmnd","stat","tele"],

@@ -1,4 +1,4 @@
-//! Reads values from the texts of devices: the whole text, a value in JSON, or the output of a template.
+//! Reads values from the texts of devices: from the whole text, from JSON, or through a template.
 
 use serde_json::Value;
 
@@ -7,13 +7,13 @@ use crate::description::{ReadingMethod, ValueSource};
 /// The result of reading a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum ReadOutcome {
-    /// A value.
+    /// The text has this value.
     Text(String),
     /// The device states that the value is not known.
     Unknown,
-    /// The text has no value; the earlier one stays.
+    /// The text has no value; the earlier value of the feature stays.
     Nothing,
-    /// The text could not be read, with the reason; the earlier value stays.
+    /// The text could not be read, for this reason; the earlier value of the feature stays.
     Unread(String),
 }
 
@@ -33,7 +33,7 @@ impl ReadOutcome {
 }
 
 impl ValueSource {
-    /// Returns the value in a text, whatever it means; `None` if there is none.
+    /// Returns the value in a text without interpreting it; `None` if the text has no value.
     pub(crate) fn word(&self, text: &str) -> Option<String> {
         match &self.reading {
             ReadingMethod::Whole => Some(text.trim().to_owned()),
@@ -45,7 +45,7 @@ impl ValueSource {
         }
     }
 
-    /// Reads a text.
+    /// Reads the value in a text, and recognises texts for an unknown value.
     pub(crate) fn read(&self, text: &str) -> ReadOutcome {
         match &self.reading {
             ReadingMethod::Whole => ReadOutcome::of(text),

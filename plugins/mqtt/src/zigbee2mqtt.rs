@@ -1,5 +1,5 @@
 //! Reads Zigbee2MQTT's description of its devices (`zigbee2mqtt/bridge/devices`): the features that each
-//! exposes.
+//! device exposes.
 
 use std::collections::BTreeMap;
 
@@ -36,7 +36,7 @@ struct ExposedFeature {
     name: String,
     property: Option<String>,
     unit: Option<String>,
-    /// Bits: 1 the device reports it, 2 it can be set, 4 it can be asked for.
+    /// Access to the feature, in bits: 1 the device reports it, 2 it can be set, 4 it can be asked for.
     #[serde(default)]
     access: u8,
     value_on: Option<Value>,
@@ -56,11 +56,11 @@ const UNUSED: &[(&str, &str)] = &[
     ("climate", "there is no class for a set temperature"),
 ];
 
-/// The devices that the bridge has described, by address.
+/// The devices that the bridge has described, by the address of the device.
 #[derive(Debug, Default)]
 pub(crate) struct ZigbeeDiscovery {
     devices: BTreeMap<String, DescribedDevice>,
-    /// The reason why the last message could not be read; then the devices are those of the one before.
+    /// Reason why the last message could not be read; the devices are then those of the message before.
     pub(crate) problem: Option<String>,
 }
 
@@ -69,7 +69,7 @@ impl ZigbeeDiscovery {
     ///
     /// # Errors
     ///
-    /// Returns an error if the text cannot be read; then the devices stay as they were.
+    /// Returns an error if the text cannot be read; the known devices then stay as they were.
     pub(crate) fn receive_devices(&mut self, base: &str, text: &str) -> Result<(), String> {
         // An empty text means that the retained one was removed; the devices are removed too.
         let told: Result<Vec<Value>, _> = match text.trim().is_empty() {
@@ -124,7 +124,8 @@ impl ZigbeeDiscovery {
     }
 }
 
-/// Returns a device without features: nothing can be read but its address, and perhaps its name.
+/// Returns a device without features, for an entry of which only the address and perhaps the name can be
+/// read.
 fn unread(address: &str, name: Option<String>) -> DescribedDevice {
     DescribedDevice {
         name: name.unwrap_or_else(|| address.to_owned()),
@@ -190,7 +191,7 @@ fn plain(value: &Option<Value>, otherwise: &str) -> String {
     }
 }
 
-/// Adds the topic of a feature's reports, and the request for its value.
+/// Returns `feature` with the topic of its reports and the request for its value added.
 fn heard(expose: &ExposedFeature, topic: &str, feature: DeviceFeature) -> DeviceFeature {
     let Some(property) = expose.property.as_deref() else { return feature };
     let states = match expose.access & SAYS {
@@ -259,7 +260,8 @@ fn features_of(
     }
 }
 
-/// Whether a text for yes of a door, a window or a contact means closed. For these classes, yes is open.
+/// Whether a text for yes of a door, a window or a contact means closed. In the built-in device
+/// classes, yes means open for these devices.
 fn is_closed(name: &str, word: &str) -> bool {
     let word = word.to_ascii_lowercase();
     match name {
@@ -305,8 +307,8 @@ fn switched(class: &str, part: &ExposedFeature, topic: &str) -> Option<DeviceFea
 mod tests {
     use super::*;
 
-    /// As Zigbee2MQTT 1.40 writes it for an Aqara thermometer, an Innr plug and a motion detector,
-    /// shortened to the keys that are read.
+    /// A description as Zigbee2MQTT 1.40 writes it for an Aqara thermometer, an Innr plug and a motion
+    /// detector, shortened to the keys that are read.
     const DEVICES: &str = r#"[
       {"ieee_address":"0x00124b0000000001","type":"Coordinator","friendly_name":"Coordinator","definition":null},
       {"ieee_address":"0x00158d0001a2b3c4","type":"EndDevice","friendly_name":"office1/thermo","supported":true,

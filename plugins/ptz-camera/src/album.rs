@@ -1,17 +1,17 @@
-//! The folder with a camera's pictures and videos. File names have the camera, the time and the place. The
-//! number of files is bounded; the oldest are removed first.
+//! The folder with a camera's pictures and videos. The name of a file has the camera, the time and the
+//! place. The number of files is bounded; the oldest files are removed first.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// The files of one camera.
+/// The picture and video files of one camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Album {
     folder: PathBuf,
     camera: String,
-    /// The most files of each kind.
+    /// The most pictures, and the most videos, that are kept.
     keep: usize,
 }
 
@@ -20,7 +20,7 @@ impl Album {
         Album { folder, camera, keep }
     }
 
-    /// Writes a file, and removes the oldest files of its kind beyond the bound. Blocks the thread.
+    /// Writes a file, and removes the oldest files of its kind that exceed the bound. Blocks the thread.
     ///
     /// # Errors
     ///

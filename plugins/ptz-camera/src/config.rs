@@ -1,4 +1,4 @@
-//! The `config` of a camera's entry, and its meaning.
+//! The `config` of a camera's entry, and the settings that follow from it.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -12,18 +12,18 @@ use serde::Deserialize;
 use crate::album::Album;
 use crate::{PTZ, PtzPosition};
 
-/// The longest recording, in seconds: some 10 MB of plain video.
+/// The longest recording, in seconds; its file has some 10 MB of plain video.
 const RECORD_MAX: f64 = 60.0;
 
-/// The entry's `config`.
+/// The `config` of a camera's entry in the ecosystem file.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
-    /// The place where it hangs.
+    /// Place where the camera hangs.
     location: PlaceName,
-    /// Named directions.
+    /// Named directions of the camera, by name.
     presets: BTreeMap<String, RawPreset>,
-    /// The folder of pictures and videos; without it, a folder `pictures` in the daemon's state folder.
+    /// Folder of pictures and videos; without this key, the folder `pictures` in the daemon's state folder.
     #[serde(default)]
     folder: Option<PathBuf>,
     /// The most pictures, and the most videos, that are kept.
@@ -32,19 +32,20 @@ pub(crate) struct Config {
     /// Length of a recording, in seconds.
     #[serde(default = "default_record_seconds")]
     record_seconds: f64,
-    /// How long a picture counts as known, such as `"10m"`; without it, as long as the camera is present.
+    /// How long a picture counts as known, such as `"10m"`; without this key, as long as the camera is
+    /// present.
     #[serde(default)]
     valid_for: Option<String>,
-    /// Whether it watches for motion.
+    /// Whether the camera watches for motion.
     #[serde(default = "default_motion")]
     motion: bool,
-    /// How long `motion` stays true after motion was last seen, such as `"30s"`.
+    /// How long the fact `motion` stays true after motion was last seen, such as `"30s"`.
     #[serde(default = "default_motion_for")]
     motion_for: String,
-    /// The share of the picture that must change to count as motion, between 0 and 1.
+    /// Share of the picture that must change to count as motion, between 0 and 1.
     #[serde(default = "default_sensitivity")]
     sensitivity: f64,
-    /// The goal to request when something moves.
+    /// Goal that the camera requests when something moves; `None` if it requests none.
     #[serde(default)]
     on_motion: Option<RawMotionGoal>,
 }
@@ -52,7 +53,7 @@ pub(crate) struct Config {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct RawPreset {
-    /// The place of the map that is seen in this direction.
+    /// Place of the map that the camera sees in this direction.
     shows: PlaceName,
     #[serde(default)]
     pan: f64,
@@ -62,7 +63,7 @@ struct RawPreset {
     zoom: f64,
 }
 
-/// A goal; `?l` in it is replaced by the place of the motion.
+/// A goal that the camera requests; `?l` in the goal is replaced by the place of the motion.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct RawMotionGoal {
@@ -87,7 +88,8 @@ fn default_motion_for() -> String {
     "30s".to_owned()
 }
 
-/// A person in full view takes at least a hundredth of a picture.
+/// Returns the default of `sensitivity`. It is less than a hundredth of the picture, because a person in
+/// full view takes at least a hundredth.
 fn default_sensitivity() -> f64 {
     0.004
 }
@@ -96,14 +98,14 @@ fn default_zoom() -> f64 {
     1.0
 }
 
-/// A named direction.
+/// A named direction of a camera, and the place that is seen in this direction.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Preset {
     pub(crate) shows: String,
     pub(crate) aim: PtzPosition,
 }
 
-/// The settings of a camera.
+/// The settings of a camera, read from its config.
 pub(crate) struct CameraSettings {
     pub(crate) presets: BTreeMap<String, Preset>,
     pub(crate) album: Album,
@@ -112,7 +114,7 @@ pub(crate) struct CameraSettings {
     pub(crate) motion: Option<Motion>,
 }
 
-/// How a camera watches for motion.
+/// The settings by which a camera watches for motion.
 #[derive(Clone, Debug)]
 pub(crate) struct Motion {
     pub(crate) lasts: Duration,
@@ -130,7 +132,7 @@ impl Motion {
 }
 
 impl Config {
-    /// Returns the settings. Returns an error if the config is invalid.
+    /// Returns the settings that the config means. Returns an error if the config is invalid.
     pub(crate) fn understand(self, blueprint: &Blueprint) -> Result<CameraSettings, BuildError> {
         let Config { location: _, presets, folder, keep, record_seconds, .. } = &self;
         let problem = |text: String| blueprint.problem(text);

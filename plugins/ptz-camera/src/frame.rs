@@ -1,27 +1,28 @@
 //! Pictures: their pixels, their file formats, and how much two of them differ.
 //!
-//! Pictures are PPM files and videos YUV4MPEG2 files: both formats are simple to write, and common tools
-//! read them. This file has no clock and does no input or output.
+//! Pictures are PPM files and videos are YUV4MPEG2 files: both formats are simple to write, and common
+//! tools read them. This file uses no clock and does no input or output.
 
 use std::io::Write as _;
 
 use crate::PtzPosition;
 
-/// How much brighter or darker a pixel must be to count as changed; the noise of a sensor is less.
+/// Difference of brightness by which a pixel counts as changed; the noise of a camera's sensor is smaller.
 const CHANGED: i32 = 24;
 
-/// One picture.
+/// One picture of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// Pixels in a row.
+    /// Width of the picture, in pixels. It is even.
     pub width: usize,
-    /// Rows. Even, as the width is: in videos, four pixels share their colors.
+    /// Height of the picture, in pixels. It is even, as the width is: in videos, four pixels share their
+    /// colors.
     pub height: usize,
-    /// Red, green and blue of each pixel, row by row from the top.
+    /// Red, green and blue of each pixel of the picture, row by row from the top.
     pub rgb: Vec<u8>,
-    /// The direction of the camera.
+    /// Direction and zoom of the camera when the picture was taken.
     pub aim: PtzPosition,
-    /// The content of the picture, for a person; one line.
+    /// Description of the picture's content for a person, in one line.
     pub caption: String,
 }
 
@@ -48,7 +49,7 @@ impl Frame {
         self.rgb.chunks_exact(3).map(|pixel| yuv(pixel).0)
     }
 
-    /// Returns one color plane: for every square of four pixels the mean.
+    /// Returns one color plane of the picture: the mean of every square of four pixels.
     fn chroma(&self, of: impl Fn(&[u8]) -> i32) -> Vec<u8> {
         let at = |x: usize, y: usize| {
             let start = (y * self.width + x) * 3;

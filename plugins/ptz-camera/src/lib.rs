@@ -2,10 +2,10 @@
 //! motion”.
 //!
 //! - [`Camera`] is the trait of drivers; `simulated` looks into the simulated building.
-//! - The camera turns to presets, and by small steps in any direction. A picture or a video is a file in
-//!   its `album`; that a place has a picture or a video is a fact.
-//! - It watches for motion: motion is announced at once, and may make the camera request a goal.
-//! - If the camera does not look where the plan assumes, taking a picture is a failure, not an answer.
+//! - The camera turns to presets, and by small steps in any direction. Each picture or video is a file in
+//!   the camera's `album`. It is a fact that the camera has a picture or a video of a place.
+//! - The camera watches for motion. Motion is announced at once, and may make the camera request a goal.
+//! - If the camera does not look in the direction that the plan assumes, taking a picture fails.
 
 mod album;
 mod config;
@@ -32,13 +32,13 @@ use config::{CameraSettings, Config};
 pub use frame::Frame;
 use tasks::CameraResult;
 
-/// How long a camera offers no actions after a failure.
+/// Pause after a failure in which a camera offers no actions.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
 /// Time limit of turning, and of taking one picture.
 const ACTING_TIME_MAX: Duration = Duration::from_secs(15);
 
-/// The line in the daemon's table of plugins.
+/// The entry of the PTZ camera in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "ptz-camera",
     about: "turns, zooms, takes pictures, records, and says when something moves",
@@ -47,7 +47,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The limits of turning and zooming.
+/// Limits of turning and zooming a camera.
 struct PtzLimits {
     pan: f64,
     tilt: f64,
@@ -57,8 +57,8 @@ struct PtzLimits {
 /// Limits of common dome cameras.
 const PTZ: PtzLimits = PtzLimits { pan: 170.0, tilt: 90.0, zoom: 10.0 };
 
-/// The steps by which a person turns the camera: the action, the degrees of pan and of tilt, and the factor
-/// of zoom.
+/// The steps by which a person turns the camera: name of the action, degrees of pan, degrees of tilt, and
+/// the factor of zoom.
 const STEPS: [(&str, f64, f64, f64); 6] = [
     ("pan-left", -10.0, 0.0, 1.0),
     ("pan-right", 10.0, 0.0, 1.0),
@@ -71,17 +71,18 @@ const STEPS: [(&str, f64, f64, f64); 6] = [
 /// The direction and the zoom of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PtzPosition {
-    /// Degrees to the right; negative to the left.
+    /// Pan angle of the camera, in degrees to the right; negative to the left.
     pub pan: f64,
-    /// Degrees up; negative down.
+    /// Tilt angle of the camera, in degrees up; negative down.
     pub tilt: f64,
-    /// Magnification: 1 is none.
+    /// Magnification of the camera; 1 is no magnification.
     pub zoom: f64,
 }
 
 /// The driver of a camera.
 pub trait Camera: Send + Sync + 'static {
-    /// Turns and zooms. Error texts complete “failed to …”. Dropping the future stops the camera.
+    /// Turns and zooms the camera. Error texts complete “failed to …”. Dropping the future stops the
+    /// camera.
     fn aim(&self, aim: PtzPosition) -> BoxFuture<Result<(), String>>;
 
     /// Returns the picture that the camera sees now.
@@ -104,7 +105,7 @@ impl std::fmt::Display for PtzLimits {
 }
 
 impl PtzPosition {
-    /// Whether the other direction is the same, within the precision of the motors.
+    /// Whether `other` is the same direction and zoom, within the precision of the motors.
     fn is(&self, other: &PtzPosition) -> bool {
         (self.pan - other.pan).abs() < 0.5
             && (self.tilt - other.tilt).abs() < 0.5
@@ -134,14 +135,14 @@ struct PtzCamera {
     ontology: String,
     settings: CameraSettings,
     camera: Arc<dyn Camera>,
-    /// The direction of the camera; `None` if it is not known.
+    /// Direction and zoom of the camera; `None` if they are not known.
     aim: Option<PtzPosition>,
-    /// The last picture, to compare the next one with.
+    /// The last picture that the camera took, with which the next picture is compared.
     last_frame: Option<Frame>,
-    /// The time of the last picture of each place.
+    /// Time of the last picture of each place.
     pictures: BTreeMap<String, Instant>,
     recorded: BTreeSet<String>,
-    /// The time of the last motion in each place.
+    /// Time of the last motion in each place.
     motion: BTreeMap<String, Instant>,
     paused_until: Option<Instant>,
 }
@@ -151,8 +152,8 @@ impl PtzCamera {
         self.paused_until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// Returns the name of the preset that the camera looks at, and the preset's place; `None` if it looks
-    /// at none.
+    /// Returns the name of the preset that the camera looks at, and the place of the preset; `None` if the
+    /// camera looks at no preset.
     fn preset(&self) -> Option<(&str, &str)> {
         let aim = self.aim?;
         let mut presets = self.settings.presets.iter();
@@ -160,8 +161,8 @@ impl PtzCamera {
         Some((name, &preset.shows))
     }
 
-    /// Returns a fact that is known for the time `lasts` after `at`; without `lasts`, for an unlimited
-    /// time. Returns nothing if the time is over.
+    /// Returns a fact that counts as known for the time `lasts` after `at`; if `lasts` is `None`, for an
+    /// unlimited time. Returns an empty list if the time is over.
     fn passing(&self, fact: &str, at: Instant, lasts: Option<Duration>) -> Vec<OwnFact> {
         let known_for = lasts.map(|lasts| lasts.saturating_sub(at.elapsed()));
         if known_for.is_some_and(|left| left.is_zero()) {

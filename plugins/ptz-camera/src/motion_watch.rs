@@ -1,7 +1,9 @@
-//! The events of a camera: it looks in another direction than is known, or something moves in its picture.
+//! The events of a camera: the camera looks in another direction than the known one, or something moves in
+//! its picture.
 //!
-//! There is motion if a large enough share of the picture has changed between two frames of the same
-//! direction. The motion is in the place of the current preset; without a preset it is ignored.
+//! Motion is a change of a large enough share of the picture between two frames of the same direction. The
+//! motion counts as being in the place of the current preset; if the camera looks at no preset, it is
+//! ignored.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,10 +14,10 @@ use tokio::time::Instant;
 use crate::frame::Frame;
 use crate::{Camera, PtzCamera, PtzPosition};
 
-/// Pause between two looks: a person walking by is in the picture for at least a second.
+/// Pause between two frames: a person walking by is in the picture for at least a second.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Pause between two looks of a camera that does not watch for motion, or does not answer.
+/// Pause between two frames of a camera that does not watch for motion, or does not answer.
 const LOOK_INTERVAL_IDLE: Duration = Duration::from_secs(5);
 
 /// Waits for the next event of a camera.
@@ -30,8 +32,8 @@ pub(crate) fn watch(of: &PtzCamera) -> impl Future<Output = DeviceEvent<PtzCamer
     eye.next()
 }
 
-/// Returns the time until which motion in the current place is not announced again: continuing motion is
-/// announced after a third of its validity, not at every look.
+/// Returns the time until which motion in the current place is not announced again. Continuing motion is
+/// announced again after a third of the time for which the fact is valid, not at every frame.
 fn quiet_until(of: &PtzCamera) -> Instant {
     let lasts = of.settings.motion.as_ref().map_or(Duration::ZERO, |motion| motion.lasts);
     let (now, place) = (Instant::now(), of.preset().map(|(_, place)| place));
@@ -75,8 +77,8 @@ impl CameraWatch {
     }
 }
 
-/// Updates the direction, if the camera looks elsewhere than is known: at the start, after a failure, or
-/// when it was turned by other means.
+/// Returns the event that sets the known direction to that of `frame`. It is needed at the start, after a
+/// failure, and when the camera was turned by other means.
 fn aim_event(frame: Frame) -> DeviceEvent<PtzCamera> {
     Box::new(move |camera: &mut PtzCamera| {
         camera.aim = Some(frame.aim);

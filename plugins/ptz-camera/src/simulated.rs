@@ -1,7 +1,7 @@
-//! The simulated driver: turns in the simulated building, and draws the places in view.
+//! The simulated driver: turns a camera in the simulated building, and draws the places in its view.
 //!
-//! A place is a patch of floor in a color of its own, a person is a figure, a robot a box. Moving things
-//! move with the building's time.
+//! A place is drawn as a patch of floor in a color of its own, a person as a figure, a robot as a box.
+//! Moving things change their position with the building's time.
 
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::Arc;
@@ -13,7 +13,8 @@ use building::{BuildingHandle, CameraView, SeenPlace};
 use crate::frame::Frame;
 use crate::{Camera, PtzPosition};
 
-/// The size of a picture. It is small, so that drawing five a second costs little.
+/// Width and height of a picture, in pixels. The picture is small, so that drawing five a second costs
+/// little.
 const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
 
@@ -57,7 +58,7 @@ struct Canvas {
 }
 
 impl Canvas {
-    /// Fills a box around a point, as far as it is in the picture.
+    /// Fills a box around a point, as far as the box is in the picture.
     fn fill(&mut self, (x, y): (f64, f64), (width, height): (f64, f64), color: [u8; 3]) {
         let range = |middle: f64, size: f64, end: usize| {
             let start = (middle - size / 2.0).clamp(0.0, end as f64) as usize;
@@ -115,7 +116,8 @@ fn caption(place: &SeenPlace) -> String {
     format!("{}: {who}", place.location)
 }
 
-/// Returns the color of a name: always the same, and darker than the wall.
+/// Returns the color in which the thing of a name is drawn: always the same color for a name, and darker
+/// than the wall.
 fn color_of(name: &str) -> [u8; 3] {
     let mut hasher = DefaultHasher::new();
     name.hash(&mut hasher);

@@ -1,4 +1,4 @@
-//! The methods of a camera, and what each does with the driver and the album.
+//! The methods of a camera, and the work of each with the driver and the album.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,10 +13,10 @@ use crate::{Camera, PTZ, PtzCamera, PtzPosition};
 /// Pictures per second of a recording: enough to recognise a person.
 const PER_SECOND: u32 = 5;
 
-/// The result of a method.
+/// The result of a method of the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum CameraResult {
-    /// The camera looks in this direction now.
+    /// The camera was turned and now looks in this direction.
     Aimed(PtzPosition),
     /// A picture was taken.
     Picture { place: String, file: PathBuf, caption: String },
@@ -28,7 +28,7 @@ pub(crate) enum CameraResult {
 ///
 /// # Errors
 ///
-/// Returns an error if there is no such method, or it lacks an argument.
+/// Returns an error if there is no such method, or the call lacks an argument.
 pub(crate) fn task(
     call: &MethodCall,
     of: &PtzCamera,
@@ -62,7 +62,7 @@ pub(crate) fn task(
     }
 }
 
-/// Returns the direction of the preset that a call names.
+/// Returns the direction of the preset that the call names.
 fn preset(call: &MethodCall, of: &PtzCamera) -> Result<PtzPosition, MethodFailure> {
     let name = call.argument("preset")?;
     let preset = of.settings.presets.get(name).map(|preset| preset.aim);
@@ -74,7 +74,7 @@ async fn turn(camera: Arc<dyn Camera>, aim: PtzPosition) -> Result<CameraResult,
     Ok(CameraResult::Aimed(aim))
 }
 
-/// Turns by a step, at most to the limits of the camera.
+/// Turns the camera by a step, but not beyond its limits.
 async fn move_by(
     camera: Arc<dyn Camera>,
     pan: f64,
@@ -90,7 +90,8 @@ async fn move_by(
     turn(camera, aim).await
 }
 
-/// Returns a frame. Returns an error if the camera does not look in the direction that the plan assumes.
+/// Returns a frame of the camera. Returns an error if the camera does not look in the direction that the
+/// plan assumes.
 async fn frame_of(
     camera: &dyn Camera,
     aim: PtzPosition,

@@ -1,10 +1,10 @@
 //! The screen (the paper, Figure 1): shows media to the people in its room.
 //!
 //! - [`Display`] is the trait of drivers; `simulated` is a screen of the simulated building.
-//! - When a screen is plugged in for the first time, it has no channel yet, and requests the goal to get
-//!   one: “complete the setup (resource allocation and integration) automatically”. From then on its room
-//!   can present.
-//! - A screen checks itself every second. If it no longer works, it announces that: it offers no actions
+//! - When a screen is plugged in for the first time, it has no channel yet, and requests the goal to get a
+//!   channel: “complete the setup (resource allocation and integration) automatically”. Once it has one,
+//!   media can be presented in the room of the screen.
+//! - A screen checks itself every second. A screen that no longer works announces that it offers no actions
 //!   and presents nothing, so that other screens take over.
 
 mod simulated;
@@ -26,13 +26,13 @@ use serde::Deserialize;
 /// to a few seconds.
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Time limit of a check; a longer one counts as a failure.
+/// Time limit of a check of the screen; a check that takes longer counts as a failure.
 const CHECK_TIME_MAX: Duration = Duration::from_secs(3);
 
-/// Time limit of lighting up: as long as a projector's lamp needs.
+/// Time limit for the screen to light up: the time that a projector's lamp needs.
 const SHOWING_TIME_MAX: Duration = Duration::from_secs(30);
 
-/// The line in the daemon's table of plugins.
+/// The entry of the screen in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "screen",
     about: "shows media to the people in its room",
@@ -41,23 +41,23 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The entry's `config`.
+/// The `config` of a screen's entry.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Config {
-    /// The room of the screen.
+    /// Room of the screen.
     location: PlaceName,
-    /// The media that it can show: a name for plans, and the text of each.
+    /// Media that the screen can show: the text of each medium, by the medium's name in plans.
     media: BTreeMap<String, String>,
 }
 
 /// The driver of a screen. Error texts complete “failed to …”.
 pub trait Display: Send + Sync + 'static {
-    /// Gives the screen a channel, which it needs to show anything, and returns it. A screen that has a
-    /// channel keeps it.
+    /// Gives the screen a channel, without which it shows nothing, and returns the channel. A screen that
+    /// has a channel keeps it.
     fn allocate(&self) -> BoxFuture<Result<u32, String>>;
 
-    /// Shows a text; `None` turns the screen dark.
+    /// Shows a text on the screen; `None` turns the screen dark.
     fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>>;
 
     /// Returns the state of the screen.
@@ -67,9 +67,9 @@ pub trait Display: Send + Sync + 'static {
 /// The state of a screen that works.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DisplayState {
-    /// Its channel; `None` if it has none yet.
+    /// Channel of the screen; `None` if the screen has none yet.
     pub channel: Option<u32>,
-    /// The text that it shows; `None` if it is dark.
+    /// Text that the screen shows; `None` if the screen is dark.
     pub text: Option<String>,
 }
 
@@ -103,7 +103,7 @@ struct Screen {
     state: ScreenStatus,
 }
 
-/// The state of the screen, as far as it is known.
+/// The known state of a screen.
 #[derive(Clone, Debug, PartialEq)]
 enum ScreenStatus {
     /// The screen was not checked yet.
@@ -114,7 +114,7 @@ enum ScreenStatus {
     Works(DisplayState),
 }
 
-/// The result of a method.
+/// The result of a method of the screen.
 enum ScreenResult {
     Allocated(u32),
     Shows(Option<String>),
@@ -128,7 +128,7 @@ impl Screen {
         }
     }
 
-    /// Returns the name of the medium that is shown; `None` if the screen shows none of its media.
+    /// Returns the name of the medium that the screen shows; `None` if the screen shows none of its media.
     fn shown(&self) -> Option<&str> {
         let ScreenStatus::Works(DisplayState { text: Some(text), .. }) = &self.state else {
             return None;
@@ -164,8 +164,8 @@ impl Screen {
         }
     }
 
-    /// Handles the result of a check. If the screen works but has no channel, returns the request to be set
-    /// up.
+    /// Handles the result of a check. If the screen works but has no channel, returns the request for the
+    /// goal to give it a channel.
     fn handle_check(&mut self, state: ScreenStatus) -> Vec<Initiative> {
         self.state = state;
         if !matches!(self.state, ScreenStatus::Works(DisplayState { channel: None, .. })) {

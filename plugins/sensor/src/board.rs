@@ -1,7 +1,7 @@
-//! All sensors that this machine's kernel knows, as agents that come and go automatically: a sensor that is
-//! plugged into a board measures the room of the board.
+//! The board: makes agents of all sensors that this machine's kernel knows. The agents come and go
+//! automatically: a sensor that is plugged into a board measures the room of the board.
 //!
-//! Each is a sensor with the driver `linux`, as an entry in the ecosystem file would make it.
+//! Each of the agents is a sensor with the driver `linux`, as an entry in the ecosystem file would make it.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -22,7 +22,7 @@ use serde_json::{Value, json};
 use crate::quantity::SensorQuantity;
 use crate::{LINUX, sensor, temperature_sensor};
 
-/// The line in the daemon's table of plugins.
+/// The entry of the board in the daemon's table of plugins.
 pub const BOARD: PluginEntry = PluginEntry {
     name: "board",
     about: "all sensors that a machine's kernel knows, as agents that appear by themselves",
@@ -31,10 +31,11 @@ pub const BOARD: PluginEntry = PluginEntry {
     build,
 };
 
-/// Pause between two checks of what is plugged in: about the time in which a person lets go of the plug.
+/// Pause between two searches for plugged-in devices: about the time in which a person lets go of the plug.
 const SCAN_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The longest part of a device's name in the name of its agent, which may have 64 letters.
+/// Length of the longest part of a device's name that is used in the name of its agent, which may have 64
+/// letters.
 const NAME_MAX: usize = 56;
 
 /// The most agents of one board.
@@ -43,20 +44,22 @@ const AGENTS_MAX: usize = 256;
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct BoardConfig {
-    /// The room of the board.
+    /// Room of the board.
     location: Option<String>,
-    /// Rooms of single devices, by their names such as `"bme280@i2c-1/1-0076"`.
+    /// Rooms of single devices, by the device's name, such as `"bme280@i2c-1/1-0076"`.
     #[serde(default)]
     rooms: BTreeMap<String, String>,
-    /// Devices that take part without an admission. All others need one; until then they are only listed.
+    /// Devices that take part without an admission, by the name of the device or of its agent. Each other
+    /// device needs an admission; until then it is only listed.
     #[serde(default)]
     devices: Vec<String>,
-    /// Devices that are ignored, or that have an entry of their own.
+    /// Devices that are ignored, for example because they have an entry of their own, by the name of the
+    /// device or of its agent.
     #[serde(default)]
     ignore: Vec<String>,
     /// How long a measurement counts as known, such as `"10m"`.
     valid_for: Option<String>,
-    /// The folder in which the kernel shows its devices, if not `/sys`.
+    /// Folder in which the kernel shows its devices, if it is not `/sys`.
     sysfs: Option<PathBuf>,
 }
 
@@ -77,9 +80,9 @@ struct SensorBoard {
     blueprint: Blueprint,
     config: BoardConfig,
     sysfs: Sysfs,
-    /// Its agents, with their configs.
+    /// Agents of the board's sensors, with their configs.
     bringing: DiscoveredAgents<Value>,
-    /// The sensors found by the last check.
+    /// Sensors that the last search has found.
     bundles: Vec<SensorBundle>,
     scan_task: Option<WorkHandle>,
 }
@@ -139,7 +142,8 @@ impl SensorBoard {
         self.scan_task = Some(work);
     }
 
-    /// Returns the agent of a bundle; `None` if its quantity is unknown here, or the config ignores it.
+    /// Returns the agent of a sensor; `None` if the sensor's quantity has no entry in `quantity`, or the
+    /// config ignores the device.
     fn finding(&self, bundle: &SensorBundle) -> Option<FoundDevice<Value>> {
         SensorQuantity::named(bundle.quantity.name()).ok()?;
         if self.is_in(&self.config.ignore, bundle) {
@@ -168,7 +172,7 @@ impl SensorBoard {
         own.or(self.config.location.as_ref()).map(String::as_str)
     }
 
-    /// Returns the config that an entry in the ecosystem file would have.
+    /// Returns the config of a sensor's agent, as an entry in the ecosystem file would have it.
     fn config_of(&self, bundle: &SensorBundle, room: &str) -> Value {
         let mut config = json!({ "location": room, "device": bundle.device.to_string() });
         let says = [
@@ -184,7 +188,7 @@ impl SensorBoard {
         config
     }
 
-    /// Returns the lines of configuration that would let the sensor take part.
+    /// Returns the lines of configuration that would let the sensor take part in the ecosystem.
     fn lines(&self, bundle: &SensorBundle) -> String {
         let (board, device) = (&self.blueprint.id, &bundle.device);
         let room = self.room(bundle).unwrap_or_default();
@@ -199,8 +203,8 @@ fn is_thermometer(bundle: &SensorBundle) -> bool {
     bundle.quantity == linux_sensors::SysfsQuantity::Temperature
 }
 
-/// Returns the name of the agent: that of the device, with what distinguishes it from the device's other
-/// sensors.
+/// Returns the name of a sensor's agent: the name of the device, with the part that distinguishes the
+/// sensor from the device's other sensors.
 fn name_of(bundle: &SensorBundle) -> String {
     let mut name = bundle.device.to_string();
     if !is_thermometer(bundle) {

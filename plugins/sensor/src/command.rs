@@ -1,7 +1,8 @@
 //! The command driver: measures by running a program and reading its output.
 //!
 //! - The crate `programs` runs and ends programs.
-//! - For a quantity that is noticed (motion), the program is run again and again.
+//! - A quantity that is announced when it changes (motion) is checked by running its program again and
+//!   again.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,17 +17,17 @@ use crate::quantity::is_yes;
 use crate::text;
 use crate::{MEASURING, Measurement, Probe};
 
-/// Default pause between two runs for a quantity that is noticed.
+/// Default pause between two runs of the program for a quantity that is announced when it changes.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
-/// Time limit of a program: short enough that its error is reported before the method times out.
+/// Time limit of a program: short enough that the program's error is reported before the method times out.
 const RUNNING: Duration = Duration::from_millis(1_900);
 const _: () = assert!(RUNNING.as_millis() < MEASURING.as_millis());
 
 #[derive(Clone)]
 struct CommandProbe {
     program: Program,
-    /// The place of the value in a JSON text.
+    /// JSON pointer to the value in the output of the program; `None` if the whole output is the value.
     pointer: Option<String>,
     factor: f64,
     every: Duration,

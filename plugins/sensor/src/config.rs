@@ -1,4 +1,4 @@
-//! The `config` of an entry: the keys of all sensors, and those of each driver's hardware.
+//! The `config` of a sensor's entry: the keys of all sensors, and the keys for the hardware of each driver.
 
 use std::path::PathBuf;
 
@@ -9,71 +9,73 @@ use serde::Deserialize;
 
 use crate::{COMMAND, GPIO, LINUX, MQTT, PHIDGET};
 
-/// The `config` of an entry.
+/// The `config` of a sensor's entry in the ecosystem file.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
-    /// The room of the sensor.
+    /// Room of the sensor.
     pub(crate) location: PlaceName,
-    /// The quantity that a `sensor` measures, such as `"co2"`.
+    /// Name of the quantity that a `sensor` measures, such as `"co2"`.
     pub(crate) quantity: Option<String>,
     /// Whether a `temperature-sensor` also measures the humidity.
     pub(crate) humidity: Option<bool>,
-    /// How long a measurement counts as known, such as `"10m"`; without it, as long as the sensor is
+    /// How long a measurement counts as known, such as `"10m"`; without this key, as long as the sensor is
     /// present.
     pub(crate) valid_for: Option<String>,
-    /// Driver `linux`: the device, as `althing sensors` lists it.
+    /// Driver `linux`: name of the device, as `althing sensors` lists it.
     device: Option<String>,
-    /// Driver `linux`: the channel of the device, if several measure the same.
+    /// Driver `linux`: channel of the device, if several channels measure the same quantity.
     channel: Option<String>,
-    /// Driver `linux`: the folder in which the kernel shows its devices, if not `/sys`.
+    /// Driver `linux`: folder in which the kernel shows its devices, if it is not `/sys`.
     sysfs: Option<PathBuf>,
-    /// Driver `command`: a program and its arguments.
+    /// Driver `command`: the program that measures, and its arguments.
     command: Option<Vec<String>>,
-    /// Drivers `command` and `mqtt`: the place of the value in a JSON text, such as `"/main/temp"`.
+    /// Drivers `command` and `mqtt`: JSON pointer to the value in a JSON text, such as `"/main/temp"`.
     json: Option<String>,
-    /// Drivers `command` and `phidget`: the factor that converts the number to the quantity's unit; with
-    /// `phidget` only for a sensor without a unit.
+    /// Drivers `command` and `phidget`: factor that converts the number to the quantity's unit. The driver
+    /// `phidget` allows it only for a sensor without a unit.
     factor: Option<f64>,
-    /// Driver `command`: pause between two runs for a quantity that is noticed, such as `"5s"`.
+    /// Driver `command`: pause between two runs for a quantity that is announced when it changes, such as
+    /// `"5s"`.
     every: Option<String>,
-    /// Driver `phidget`: the path of `libphidget22`, if it is not where the system has libraries.
+    /// Driver `phidget`: path of `libphidget22`, if the library is not where the system has its libraries.
     library: Option<PathBuf>,
-    /// Driver `phidget`: the serial number that is printed on the interface kit, the hub or the Phidget.
+    /// Driver `phidget`: serial number that is printed on the interface kit, the hub or the Phidget.
     serial: Option<u32>,
-    /// Driver `phidget`: the port of a VINT hub.
+    /// Driver `phidget`: port of a VINT hub that the sensor is connected to.
     hub_port: Option<u8>,
-    /// Driver `phidget`: the input port of an interface kit.
+    /// Driver `phidget`: input port of an interface kit that the sensor is connected to.
     port: Option<u8>,
-    /// Driver `phidget`: the port of the humidity cable, for a sensor with two cables.
+    /// Driver `phidget`: port of the humidity cable, for a sensor with two cables.
     humidity_port: Option<u8>,
-    /// Driver `phidget`: the part number of the sensor on the port, such as `"1111"`.
+    /// Driver `phidget`: part number of the sensor on the port, such as `"1111"`.
     sensor: Option<String>,
-    /// Driver `mqtt`: the address of the broker, as `HOST:PORT` or `mqtts://HOST:PORT`.
+    /// Driver `mqtt`: address of the broker, as `HOST:PORT` or `mqtts://HOST:PORT`.
     broker: Option<String>,
-    /// Driver `mqtt`: the user name for the broker.
+    /// Driver `mqtt`: user name at the broker.
     user: Option<String>,
-    /// Driver `mqtt`: the file with the user's password.
+    /// Driver `mqtt`: path of the file with the user's password.
     password_file: Option<PathBuf>,
-    /// Driver `mqtt`: the file with the trusted certificate authorities, if the broker is `mqtts://…`.
+    /// Driver `mqtt`: path of the file with the trusted certificate authorities, if the broker is
+    /// `mqtts://…`.
     ca: Option<PathBuf>,
-    /// Driver `mqtt`: the topic of the device's values.
+    /// Driver `mqtt`: topic of the device's values.
     topic: Option<String>,
-    /// Driver `mqtt`: the topic that tells whether the device is online.
+    /// Driver `mqtt`: topic that reports whether the device is online.
     availability: Option<String>,
-    /// Driver `gpio`: the line, such as `"gpiochip0/17"` or `"GPIO17"`.
+    /// Driver `gpio`: name of the line, such as `"gpiochip0/17"` or `"GPIO17"`.
     line: Option<LineName>,
-    /// Driver `gpio`: whether a low level means yes.
+    /// Driver `gpio`: whether a low level of the line means yes.
     active_low: Option<bool>,
-    /// Driver `gpio`: the bias of the line, such as `"pull-up"`; without it, the bias is left as it is.
+    /// Driver `gpio`: bias of the line, such as `"pull-up"`; without this key, the bias is left as it is.
     bias: Option<Bias>,
-    /// Driver `gpio`: how long a level must be stable before it counts, such as `"10ms"`.
+    /// Driver `gpio`: how long a level of the line must be stable before it counts, such as `"10ms"`.
     debounce: Option<String>,
-    /// Driver `gpio`: the folder of the chips, if not `/dev`.
+    /// Driver `gpio`: folder of the GPIO chips' device files, if it is not `/dev`.
     chips: Option<PathBuf>,
 }
 
-/// The part of the config that is for the driver.
+/// The keys of a sensor's config that are for its driver.
 #[derive(Debug, Default)]
 pub(crate) struct HardwareConfig {
     pub(crate) device: Option<String>,
@@ -97,7 +99,7 @@ pub(crate) struct HardwareConfig {
     pub(crate) chips: Option<PathBuf>,
 }
 
-/// The connection of a Phidget, and its part number.
+/// The connection of a Phidget to its interface kit or hub, and the Phidget's part number.
 #[derive(Debug, Default)]
 pub(crate) struct PhidgetWiring {
     pub(crate) library: Option<PathBuf>,
@@ -109,11 +111,12 @@ pub(crate) struct PhidgetWiring {
 }
 
 impl Config {
-    /// Takes the part of the config that is for the driver.
+    /// Moves the keys that are for the driver out of the config, and returns them.
     ///
     /// # Errors
     ///
-    /// Returns an error if a key belongs to another driver than this entry's, or `json` is no JSON pointer.
+    /// Returns an error if a key belongs to another driver than that of the entry, or `json` is no JSON
+    /// pointer.
     pub(crate) fn hardware(&mut self, blueprint: &Blueprint) -> Result<HardwareConfig, BuildError> {
         let said = [
             ("device", &[LINUX][..], self.device.is_some()),

@@ -1,9 +1,9 @@
-//! The GPIO driver: watches a line of a board that has a motion detector or a door's contact.
+//! The GPIO driver: watches a line of a board that a motion detector or a door's contact is connected to.
 //!
-//! - The crate `gpio-lines` finds and watches lines, also if the chip is unplugged and plugged in again.
-//! - The first value of a line is announced at once, and then each edge.
-//! - A sensor is away if its line does not exist or is not accessible, and then it offers no actions. The
-//!   reason is logged, and is in the error of a measurement.
+//! - The crate `gpio-lines` finds and watches lines, even if the chip is unplugged and plugged in again.
+//! - The first value of a line is announced at once; after that, each change of the level is announced.
+//! - If the line does not exist or is not accessible, the sensor is away and offers no actions. The reason
+//!   is logged, and is in the error of a measurement.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -29,9 +29,9 @@ const DEBOUNCE_MAX: Duration = Duration::from_secs(10);
 struct GpioProbe {
     board: Arc<dyn GpioBoard>,
     input: InputSettings,
-    /// Created at the first use: nothing is opened before the agent is active.
+    /// Watch of the line, created at the first use, so that no line is opened before the agent is active.
     line_watch: Arc<Mutex<Option<LineWatch>>>,
-    /// The last state of the line that was reported.
+    /// State of the line that was reported last.
     last_reported: Arc<Mutex<LineState>>,
 }
 
@@ -78,7 +78,8 @@ impl GpioProbe {
         followed.get_or_insert_with(make).state()
     }
 
-    /// Waits for the first check of the line, and returns its state; `Unknown` after `FIRST_LOOK`.
+    /// Waits for the first check of the line, and returns the state of the line; `Unknown` after
+    /// `FIRST_STATE_TIME_MAX`.
     async fn first_state(&self) -> LineState {
         let mut state = self.state();
         let known = state.wait_for(|state| *state != LineState::Unknown);
@@ -87,7 +88,7 @@ impl GpioProbe {
     }
 }
 
-/// Returns the value of a state; `None` if the line is unknown or away.
+/// Returns the measurement that a state of the line means; `None` if the line is unknown or away.
 fn measured(state: &LineState) -> Option<Measurement> {
     match state {
         LineState::Present(is_active) => {
@@ -193,7 +194,7 @@ mod tests {
         sensor.describe().model.actions.len()
     }
 
-    /// Handles events of the sensor until its facts are as expected.
+    /// Handles events of the sensor until the facts of the sensor are as expected.
     async fn until(sensor: &mut Sensor, expected: &str) {
         let waiting = async {
             while facts(sensor) != expected {

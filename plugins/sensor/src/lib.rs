@@ -1,7 +1,7 @@
 //! Sensors that are fixed in a room (the paper, “Temperature / Humidity Sensor” and the sensors for CO2,
-//! motion, IR distance, light and IR reflection). Each reports what it measures there.
+//! motion, IR distance, light and IR reflection). Each sensor reports what it measures in its room.
 //!
-//! - `quantity` is the table of quantities; everything else is the same for all of them.
+//! - `quantity` is the table of quantities; all other code is the same for every quantity.
 //! - [`Probe`] is the trait of drivers. `simulated` measures in the simulated building, `linux` with
 //!   devices that this machine's kernel knows, `command` by running a program. `mqtt` receives values from
 //!   a broker, `phidget` measures with sensors on interface kits of Phidgets, and `gpio` watches a line of
@@ -46,7 +46,8 @@ use tokio::time::Instant;
 use crate::config::Config;
 use crate::quantity::{QUANTITIES, SensorQuantity};
 
-/// How long a sensor offers no actions after a failure. A loose wire has contact again within seconds.
+/// Pause after a failure in which a sensor offers no actions. A loose wire has contact again within
+/// seconds.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
 /// Time limit of a measurement: slow bus sensors need less than a second.
@@ -62,7 +63,7 @@ const DRIVERS: &[&str] = &[SIMULATED, LINUX, COMMAND, MQTT, PHIDGET, GPIO];
 
 pub use board::BOARD;
 
-/// The entry in the daemon's table of plugins: a sensor of any quantity.
+/// The entry of sensors of any quantity in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "sensor",
     about: "reports the CO2, humidity, light, motion … of the room it stands in",
@@ -71,7 +72,8 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The entry of the sensor that every building has: temperature, and humidity on the same board.
+/// The entry of the sensor that every building has: it measures temperature, and humidity on the same
+/// board.
 pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
     name: "temperature-sensor",
     about: "reports the temperature, and if asked to the humidity, of the room it stands in",
@@ -82,41 +84,41 @@ pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
 
 /// The driver of a sensor. Error texts complete “failed to …”.
 pub trait Probe: Send + Sync + 'static {
-    /// Measures a quantity of the table; `quantity` is its name.
+    /// Measures a quantity of the table `QUANTITIES`; `quantity` is the name of the quantity.
     fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>>;
 
-    /// Waits until a yes-or-no quantity differs from `known`, and measures it. It waits as long as nothing
-    /// changes.
+    /// Waits until a yes-or-no quantity differs from `known`, and measures it. The wait lasts as long as
+    /// nothing changes.
     fn notice(&self, quantity: &'static str, known: f64) -> BoxFuture<Result<Measurement, String>>;
 
-    /// Whether the sensor is plugged in, by the last check.
+    /// Whether the sensor was plugged in at the last check.
     fn is_present(&self) -> bool {
         true
     }
 
-    /// Checks whether the sensor is plugged in; `None` if it cannot be unplugged.
+    /// Checks whether the sensor is plugged in; `None` if a sensor of this driver cannot be unplugged.
     fn check_presence(&self) -> Option<BoxFuture<()>> {
         None
     }
 
     /// Waits until the sensor is unplugged, is plugged in, or reports a value by itself; `None` if none of
-    /// these can happen.
+    /// these events can happen.
     fn wait_for_news(&self) -> Option<BoxFuture<()>> {
         None
     }
 
-    /// Returns the last value of a quantity that the sensor reported by itself; `None` if there is none.
+    /// Returns the last value of a quantity that the sensor reported by itself; `None` if it reported none.
     fn last_report(&self, _quantity: &'static str) -> Option<Result<Measurement, String>> {
         None
     }
 }
 
-/// The result of a measurement.
+/// The result of one measurement of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
-    /// The value in the quantity's unit; for a yes-or-no quantity, 1 is yes and 0 is no.
+    /// Measured value in the quantity's unit; for a yes-or-no quantity, 1 is yes and 0 is no.
     pub value: f64,
-    /// The time of the measurement.
+    /// Time of the measurement.
     pub at: Instant,
 }
 
@@ -156,11 +158,11 @@ struct Sensor {
     id: String,
     ontology: Arc<Domain>,
     location: PlaceName,
-    /// The measured quantities. The first gives the type of the sensor.
+    /// Quantities that the sensor measures. The first one gives the sensor its PDDL type.
     quantities: Vec<&'static SensorQuantity>,
     valid_for: Option<Duration>,
     probe: Arc<dyn Probe>,
-    /// The last measurement of each quantity, by its name.
+    /// Last measurement of each quantity, by the quantity's name.
     measured: BTreeMap<&'static str, Measurement>,
     paused_until: Option<Instant>,
 }
@@ -204,13 +206,13 @@ impl Sensor {
         self.probe.is_present() && self.paused_until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// Returns the quantity that a method reads.
+    /// Returns the quantity that a method reads; `None` if there is none.
     fn read_by(&self, method: &str) -> Option<&'static SensorQuantity> {
         self.quantities.iter().copied().find(|quantity| quantity.method() == method)
     }
 
-    /// Returns the facts of the last measurement of a quantity while it counts as known; otherwise the
-    /// facts for an unknown value.
+    /// Returns the facts of the last measurement of a quantity while the measurement counts as known; after
+    /// that, the facts for an unknown value.
     fn known(&self, quantity: &SensorQuantity) -> Vec<OwnFact> {
         let room = self.location.as_str();
         let term = quantity.term(&self.id, room, &self.ontology);
@@ -226,9 +228,9 @@ impl Sensor {
         facts_of(&text).into_iter().map(|fact| OwnFact { known_for, ..fact }).collect()
     }
 
-    /// Starts the pause after a failure, in which no actions are offered. Quantities that are noticed
-    /// become unknown, because a change may have been missed. An unplugged sensor has not failed and needs
-    /// no pause once it is back.
+    /// Starts the pause after a failure, in which no actions are offered. Quantities that are announced
+    /// when they change become unknown, because a change may have been missed. An unplugged sensor gets no
+    /// pause: it has not failed, and can be used as soon as it is back.
     fn pause_actions(&mut self) {
         self.paused_until = self.probe.is_present().then(|| Instant::now() + REST_AFTER_FAILURE);
         for quantity in self.quantities.iter().filter(|quantity| quantity.is_noticed()) {
@@ -363,8 +365,9 @@ impl Device for Sensor {
 }
 
 impl Sensor {
-    /// Waits for news. A sensor that was plugged in again or reports a value ends its pause; the
-    /// measurements of an unplugged sensor are dropped.
+    /// Returns an event that occurs when the sensor is plugged in or unplugged, or reports a value. The
+    /// event ends the pause after a failure; if the sensor is unplugged, the event removes its
+    /// measurements.
     fn watch_for_news(&self) -> Option<BoxFuture<DeviceEvent<Sensor>>> {
         let until_news = self.probe.wait_for_news()?;
         Some(Box::pin(async move {

@@ -1,12 +1,12 @@
 //! The Linux driver: measures with a device that this machine's kernel knows (Industrial I/O, hardware
 //! monitoring, 1-wire).
 //!
-//! - The device is searched by its name and place for each measurement: it may have been unplugged
-//!   meanwhile, and be back under another number.
-//! - A failed reading is repeated for as long as a measurement may take: with a DHT22 one in five fails,
-//!   and the sensor is not dead. A device that never answers is.
-//! - The driver checks again and again whether the device is plugged in, because the kernel notifies only
-//!   processes with more rights than to read.
+//! - The driver searches the device by its name and place for each measurement: the device may have been
+//!   unplugged meanwhile, and be back under another number.
+//! - A failed reading is repeated for as long as a measurement may take: with a DHT22 one reading in five
+//!   fails although the sensor works. Only a device that never answers has failed.
+//! - The driver checks again and again whether the device is plugged in. The kernel would notify it, but
+//!   only if the process had more rights than those for reading.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,14 +21,14 @@ use crate::config::HardwareConfig;
 use crate::quantity::SensorQuantity;
 use crate::{MEASURING, Measurement, Probe};
 
-/// Time limit for beginning a reading: one that begins within it ends before the method times out.
+/// Time limit for beginning a reading: a reading that begins within it ends before the method times out.
 const TRYING: Duration = Duration::from_millis(1_200);
 const _: () = assert!(TRYING.as_millis() + SLOWEST.as_millis() < MEASURING.as_millis());
 
-/// The longest reading: that of a 1-wire thermometer.
+/// Duration of the slowest reading: that of a 1-wire thermometer.
 const SLOWEST: Duration = Duration::from_millis(750);
 
-/// Pause between two readings, for a disturbed bus to settle.
+/// Pause between two readings, in which a disturbed bus can settle.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Pause between two checks whether the device is plugged in: about the time in which a person lets go of
@@ -42,8 +42,8 @@ struct LinuxProbe {
     channel: Option<String>,
     measures: Vec<linux_sensors::SysfsQuantity>,
     is_present: Arc<AtomicBool>,
-    /// The channels that were found last. Checking that they still exist does not need a search of all
-    /// devices of the machine.
+    /// Channels that were found by the last search. Checking whether they still exist does not need a
+    /// search of all devices of the machine.
     found: Arc<Mutex<Vec<SensorChannel>>>,
 }
 
@@ -71,7 +71,7 @@ pub(crate) fn probe(
 }
 
 impl LinuxProbe {
-    /// Measures once. Blocks the thread.
+    /// Measures a quantity once, without repetition. Blocks the thread.
     fn measure_once(&self, quantity: linux_sensors::SysfsQuantity) -> Result<f64, String> {
         let channel = self.sysfs.find(&self.device, quantity, self.channel.as_deref());
         let channel = channel.map_err(|error| error.to_string())?;
@@ -116,7 +116,7 @@ impl Probe for LinuxProbe {
         })
     }
 
-    /// Returns an error: this driver measures no yes-or-no quantities.
+    /// Returns an error, because this driver measures no yes-or-no quantities.
     fn notice(
         &self,
         quantity: &'static str,
@@ -156,7 +156,7 @@ impl Probe for LinuxProbe {
     }
 }
 
-/// Runs blocking work on a thread for such work.
+/// Runs blocking work on a thread for blocking work.
 async fn run_blocking<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, String> {
@@ -177,8 +177,8 @@ mod tests {
 
     const DEVICE: &str = "bme280@i2c-1/1-0076";
 
-    /// The folder of a machine's devices, with a sensor of temperature and humidity, as the kernel shows
-    /// it.
+    /// The folder in which the kernel shows the devices of a machine, with a sensor of temperature and
+    /// humidity.
     struct Machine(TempDir);
 
     impl Machine {
@@ -193,7 +193,7 @@ mod tests {
             device.join(format!("iio:device{number}/{name}"))
         }
 
-        /// Adds the sensor, as the kernel's device with this number.
+        /// Adds the sensor to the folder as the kernel's device with the number `number`.
         fn plug(&self, number: u8) {
             let iio = self.file(number, "in_temp_input");
             let iio = iio.parent().expect("a folder");

@@ -1,9 +1,9 @@
 //! The MQTT driver: receives the values that a device sends to a broker, for example through Zigbee2MQTT,
 //! Tasmota or ESPHome.
 //!
-//! - There is one connection per broker and process, shared by all its users (`mqtt-link`).
+//! - There is one connection per broker and process, which all agents share (`mqtt-link`).
 //! - Values are announced as soon as they are received. A measurement returns the last value of its
-//!   quantity, with its age: a message may be about the battery, or have only some of the quantities.
+//!   quantity, with the age of the value: a message may be about the battery, or have only some quantities.
 //! - If the `availability` topic reports that the device is offline, or the broker cannot be reached, the
 //!   sensor is away and offers no actions.
 
@@ -31,15 +31,15 @@ struct MqttProbe {
     broker: Broker,
     topic: String,
     availability: Option<String>,
-    /// The place of the value in a JSON text.
+    /// JSON pointer to the value in a JSON text; without it, the quantity's name is searched in the text.
     pointer: Option<String>,
-    /// Created at the first use: nothing is opened before the agent is active.
+    /// Subscriptions, created at the first use, so that no connection is opened before the agent is active.
     subscriptions: Arc<Mutex<Option<TopicSubscriptions>>>,
-    /// The number of messages that were handled.
+    /// Number of messages of the device that were handled.
     handled_count: Arc<AtomicU64>,
 }
 
-/// The subscriptions of one device.
+/// The subscriptions to the topics of one device.
 #[derive(Clone)]
 struct TopicSubscriptions {
     trouble: watch::Receiver<Option<String>>,
@@ -93,8 +93,8 @@ impl MqttProbe {
         link.get_or_insert_with(make).clone()
     }
 
-    /// Returns the last value of a quantity, or the reason why there is none; `None` if no message was
-    /// received yet.
+    /// Returns the last value of a quantity, or the reason why the quantity has none; `None` if no message
+    /// was received yet.
     fn read(&self, quantity: &str, said: &TopicState) -> Option<Result<Measurement, String>> {
         let newest = said.texts.front()?;
         // A text without this quantity does not invalidate an earlier value; a text that reports no value
@@ -162,7 +162,8 @@ impl Probe for MqttProbe {
         link.trouble.borrow().is_none() && !is_offline
     }
 
-    /// Waits a moment for the broker, so that already the first announcement of the agent is true.
+    /// Waits a moment for the broker, so that already the first announcement of the agent has the true
+    /// state.
     fn check_presence(&self) -> Option<BoxFuture<()>> {
         let mut link = self.link();
         Some(Box::pin(async move {
@@ -225,7 +226,7 @@ mod tests {
 
     const PATIENCE: Duration = Duration::from_secs(20);
 
-    /// Returns the config of a sensor, with more keys.
+    /// Returns the config of a sensor, with the keys of `more` added.
     fn config(broker: &Broker, more: Value) -> Value {
         let mut config =
             json!({ "location": "lab", "broker": broker.name(), "topic": "zigbee2mqtt/thermo" });
@@ -247,7 +248,7 @@ mod tests {
         sensor.describe().model.actions.len()
     }
 
-    /// Handles events of the sensor until the condition holds.
+    /// Handles events of the sensor until `is_so` holds.
     async fn until(sensor: &mut Sensor, is_so: impl Fn(&Sensor) -> bool) {
         let waiting = async {
             while !is_so(sensor) {

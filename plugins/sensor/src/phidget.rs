@@ -1,11 +1,12 @@
 //! The Phidget driver: measures with sensors on a USB interface kit or hub of Phidgets Inc., through their
 //! library, which is loaded at the first use (`phidget-link`).
 //!
-//! - A channel stays open as long as its sensor is an agent; the library finds a device that was unplugged
-//!   and plugged in again.
+//! - A channel stays open as long as its sensor is an agent. If a device was unplugged and plugged in
+//!   again, the library finds it.
 //! - A failed reading is repeated for as long as a measurement may take: a device that was just plugged in
 //!   does not have values at once.
-//! - If the library hangs, only the channel in use is blocked, and all callers that wait for it time out.
+//! - If the library hangs, only the channel in use is blocked. All callers that wait for this channel time
+//!   out.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,20 +22,20 @@ use crate::config::{HardwareConfig, PhidgetWiring};
 use crate::quantity::{SensorQuantity, is_yes};
 use crate::{MEASURING, Measurement, Probe};
 
-/// Time limit of waiting for a device when a channel is opened: the library allows no less.
+/// Time limit of waiting for a device when a channel is opened; the library allows no shorter one.
 const OPENING: Duration = Duration::from_secs(1);
 
 /// Time limit for beginning a reading.
 const TRYING: Duration = Duration::from_millis(1_200);
 const _: () = assert!(OPENING.as_millis() < TRYING.as_millis());
 
-/// Time limit of an answer of the library: a little less than that of the method.
+/// Time limit of an answer of the library: a little shorter than the time limit of the method.
 const ANSWERING: Duration = Duration::from_millis(1_900);
 const _: () = assert!(TRYING.as_millis() < ANSWERING.as_millis());
 const _: () = assert!(ANSWERING.as_millis() < MEASURING.as_millis());
 
-/// Pause between two readings: an interface kit has a new value every quarter of a second, a digital input
-/// at once.
+/// Pause between two readings. An interface kit has a new value every quarter of a second, and a digital
+/// input has a new value at once.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Pause between two checks whether the device is plugged in: about the time in which a person lets go of
@@ -48,22 +49,23 @@ const MOVING: Duration = Duration::from_secs(3);
 #[derive(Clone)]
 struct PhidgetProbe {
     library: Option<PathBuf>,
-    /// One line per quantity.
+    /// Parts that measure, one per quantity of the sensor.
     lines: Vec<Arc<PhidgetLine>>,
     is_present: Arc<AtomicBool>,
-    /// The last reason for being away that was logged: each is logged once.
+    /// The last logged reason why the device is away. It is kept so that each reason is logged once.
     trouble: Arc<Mutex<Option<String>>>,
 }
 
-/// The part that measures one quantity.
+/// The part of a Phidget that measures one quantity.
 struct PhidgetLine {
     quantity: &'static str,
     part: &'static PhidgetPart,
     address: PartAddress,
     factor: f64,
-    /// Opened at the first use: nothing is opened before the agent is active.
+    /// Channel of the part, opened at the first use, so that no channel is opened before the agent is
+    /// active.
     channel: Arc<tokio::sync::Mutex<Option<PhidgetChannel>>>,
-    /// The time of the last swing, for a part that swings.
+    /// Time of the last swing of the value, for a part with a value that swings.
     swung: Mutex<Option<Instant>>,
 }
 
@@ -79,7 +81,7 @@ pub(crate) fn probe(
     Ok(Arc::new(PhidgetProbe { library: wiring.library, lines, is_present: is_here, trouble }))
 }
 
-/// Returns the part that measures each quantity, with its address.
+/// Returns the part that measures each of the quantities, with the part's address.
 fn lines(
     wiring: &PhidgetWiring,
     factor: Option<f64>,
@@ -154,8 +156,8 @@ fn scale(part: &PhidgetPart, factor: Option<f64>) -> Result<f64, String> {
 }
 
 impl PhidgetLine {
-    /// Runs `work` with the channel on a thread for blocking work, and waits for it until `until`. Opens
-    /// the channel first if it is not open.
+    /// Runs `work` with the channel on a thread for blocking work, and waits for the result until `until`.
+    /// Opens the channel first if it is not open.
     async fn with<T: Send + 'static>(
         &self,
         library: Option<PathBuf>,
@@ -182,7 +184,8 @@ impl PhidgetLine {
         })
     }
 
-    /// Returns a value in the quantity's unit. The value of a part that swings stays 1 until it rests.
+    /// Converts a value of the part to the quantity's unit. For a part with a value that swings, returns 1
+    /// until the value rests.
     fn settled(&self, value: f64) -> f64 {
         let mut swung = lock(&self.swung);
         if self.part.swings() && is_yes(value) {
@@ -210,7 +213,7 @@ impl PhidgetProbe {
         line.cloned().ok_or_else(|| format!("measure {quantity} with this driver"))
     }
 
-    /// Measures, with repetitions until the time limit.
+    /// Measures the quantity of `line`, and repeats failed readings until the time limit.
     async fn try_to_measure(&self, line: &PhidgetLine) -> Result<Measurement, String> {
         let (began, until) = (Instant::now(), Instant::now() + ANSWERING);
         loop {
@@ -330,7 +333,7 @@ mod tests {
     use crate::tests::{BLIND, STILL, blueprint_with, facts, measure};
     use crate::{REST_AFTER_FAILURE, Sensor, sensor, temperature_sensor};
 
-    /// Returns a thermometer, or a sensor of the quantity in `more`.
+    /// Returns a thermometer, or a sensor of the quantity that `more` names.
     fn sensor_of(more: Value) -> Result<Sensor, BuildError> {
         let is_any = more.get("quantity").is_some();
         let mut config = json!({ "location": "lab" });
@@ -341,7 +344,7 @@ mod tests {
         if is_any { sensor(&blueprint) } else { temperature_sensor(&blueprint) }
     }
 
-    /// Returns a sensor that is connected to the kit.
+    /// Returns a sensor that is connected to the simulated interface kit.
     async fn built(kit: &Fake, mut more: Value) -> Sensor {
         more["library"] = json!(kit.library());
         more["serial"] = json!(12345);
@@ -350,7 +353,7 @@ mod tests {
         sensor
     }
 
-    /// Returns an interface kit with the paper's sensors.
+    /// Returns a simulated interface kit with the paper's sensors.
     fn kit() -> Fake {
         let mut fake = Fake::new();
         fake.set("plugged", 1.0);

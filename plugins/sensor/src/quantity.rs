@@ -1,36 +1,37 @@
-//! The quantities that these sensors measure. To add one, add its line here, its names to the shared
-//! ontology, and, to simulate it, its line in the building.
+//! The quantities that these sensors measure. To add a quantity, add its line to the table here and its
+//! names to the shared ontology; to simulate it, also add its line to the crate `building`.
 
 use actuator::is_derived;
 use pddl::Domain;
 
 /// A quantity that a sensor measures in its room.
 ///
-/// The PDDL names follow from its name: `co2` is measured by a `co2-sensor`. The sensor's action
-/// `report-co2` runs the method `read_co2` and makes `(known-co2 ROOM)` true.
+/// The PDDL names follow from the name of the quantity: `co2` is measured by a `co2-sensor`. The sensor's
+/// action `report-co2` runs the method `read_co2` and makes `(known-co2 ROOM)` true.
 #[derive(Debug)]
 pub(crate) struct SensorQuantity {
     pub(crate) name: &'static str,
     pub(crate) value: ValueForm,
 }
 
-/// The form of a quantity's value, in the ontology and for people.
+/// The form of a quantity's value in the ontology, and as a text for people.
 #[derive(Debug)]
 pub(crate) enum ValueForm {
-    /// A number: `(= (FUNCTION ROOM) 21.5)`; for people with a unit.
+    /// A number: `(= (FUNCTION ROOM) 21.5)` in PDDL; with its unit for people.
     Number { function: &'static str, unit: &'static str, decimals: usize },
-    /// Yes or no: `(PREDICATE ROOM)` or its negation. The sensor reports changes by itself.
+    /// A yes or no: `(PREDICATE ROOM)` or its negation. The sensor reports changes by itself.
     YesOrNo {
         predicate: &'static str,
-        /// The predicates of the sensor itself for its value and its room, used if the ontology derives the
-        /// predicate of the room from them: a room is closed if all its doors and windows are.
+        /// Two predicates of the sensor itself: for its value and for its room. They are used if the
+        /// ontology derives the predicate of the room from them: a room is closed if all its doors and
+        /// windows are closed.
         own: Option<(&'static str, &'static str)>,
         yes: &'static str,
         no: &'static str,
     },
 }
 
-/// All quantities.
+/// The table of all quantities.
 pub(crate) const QUANTITIES: &[SensorQuantity] = &[
     number("temperature", "temperature", "°C", 1),
     number("humidity", "humidity", "% humidity", 0),
@@ -69,8 +70,8 @@ const fn yes_or_no(
 }
 
 impl SensorQuantity {
-    /// Returns the quantity of this name. Returns an error with the known or the most similar names if
-    /// there is none.
+    /// Returns the quantity of this name. If there is none, returns an error with the known names or the
+    /// most similar ones.
     pub(crate) fn named(name: &str) -> Result<&'static SensorQuantity, String> {
         let names = || QUANTITIES.iter().map(|quantity| quantity.name);
         QUANTITIES.iter().find(|quantity| quantity.name == name).ok_or_else(|| match pddl::nearest(
@@ -85,32 +86,32 @@ impl SensorQuantity {
         })
     }
 
-    /// Returns the type of a sensor with this as its first quantity.
+    /// Returns the PDDL type of a sensor that has this quantity as its first.
     pub(crate) fn sensor_type(&self) -> String {
         format!("{}-sensor", self.name)
     }
 
-    /// The action that reports it.
+    /// Returns the name of the action that reports the quantity.
     pub(crate) fn action(&self) -> String {
         format!("report-{}", self.name)
     }
 
-    /// The method that performs the action.
+    /// Returns the name of the method that performs the action.
     pub(crate) fn method(&self) -> String {
         format!("read_{}", self.name)
     }
 
-    /// The predicate that it is known.
+    /// Returns the name of the predicate that the quantity is known.
     pub(crate) fn known(&self) -> String {
         format!("known-{}", self.name)
     }
 
-    /// Whether a sensor reports changes by itself.
+    /// Whether a sensor reports changes of the quantity by itself.
     pub(crate) fn is_noticed(&self) -> bool {
         matches!(self.value, ValueForm::YesOrNo { .. })
     }
 
-    /// Returns the PDDL term of the quantity, for a sensor in a room: a function or a predicate.
+    /// Returns the PDDL term of the quantity's value, for a sensor in a room: a function or a predicate.
     pub(crate) fn term(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
         match self.value {
             ValueForm::Number { function, .. } => format!("({function} {room})"),
@@ -123,8 +124,8 @@ impl SensorQuantity {
         }
     }
 
-    /// Returns the PDDL fact for the sensor's room that it needs besides `located`; empty for most
-    /// quantities.
+    /// Returns the PDDL fact about the sensor's room that the quantity needs besides `located`; empty for
+    /// most quantities.
     pub(crate) fn place(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
         match self.value {
             ValueForm::YesOrNo { predicate, own: Some((_, at)), .. }

@@ -44,7 +44,7 @@ impl Probe for Simulated {
     }
 }
 
-/// Returns the building's quantity of this name.
+/// Returns the quantity of the simulated building that has this name.
 fn simulated(quantity: &str) -> Result<building::Quantity, String> {
     let known = building::Quantity::named(quantity);
     known.ok_or_else(|| format!("find `{quantity}` in the simulated building"))

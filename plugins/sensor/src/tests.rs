@@ -1,4 +1,5 @@
-//! Checks the table against the ontology and the building, and plays one sensor of each quantity.
+//! Checks the table of quantities against the ontology and the building, and plays one sensor of each
+//! quantity.
 
 use std::sync::Arc;
 
@@ -10,7 +11,8 @@ use crate::quantity::QUANTITIES;
 
 const ONTOLOGY: &str = include_str!("../../../domains/smart-office/domain.pddl");
 
-/// Returns a lab with one sensor of this quantity; the quantity's value there is `value`.
+/// Returns a building with a lab that has one sensor of this quantity. The quantity's true value there is
+/// `value`.
 fn lab(quantity: &str, value: f64) -> Building {
     let mut layout = Layout::new();
     layout.add_room("lab", 20.0).expect("a room");
@@ -51,7 +53,7 @@ fn blueprint_of(driver: &str, config: serde_json::Value, resources: Resources) -
     Blueprint { id, driver: driver.to_owned(), config: config.into(), host: Arc::new(host) }
 }
 
-/// Returns the sensor of this quantity in the lab.
+/// Returns the sensor of this quantity in the building `lab`.
 fn sensor_in(lab: &Building, quantity: &str) -> Sensor {
     let config = serde_json::json!({ "quantity": quantity, "location": "lab", "valid-for": "10m" });
     sensor(&blueprint(lab, config)).expect("a sensor")

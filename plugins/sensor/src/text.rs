@@ -1,13 +1,13 @@
 //! Finds values in the texts of programs and devices.
 
-/// The most characters of a text that are quoted if it is no measurement.
+/// The most characters that are quoted of a text that is no measurement.
 const QUOTED_CHARS: usize = 60;
 
-/// Texts for yes and no.
+/// Texts that mean yes, and texts that mean no.
 const YES: [&str; 5] = ["true", "yes", "on", "open", "detected"];
 const NO: [&str; 5] = ["false", "no", "off", "closed", "clear"];
 
-/// Other names of a quantity in the messages of devices: of Zigbee2MQTT, Tasmota and others.
+/// Other names of each quantity in the messages of devices: of Zigbee2MQTT, Tasmota and others.
 const ALIASES: &[(&str, &[&str])] = &[
     // If both are present, `illuminance` is a raw value (Zigbee2MQTT 1.x).
     ("light", &["illuminance_lux", "illuminance"]),
@@ -16,17 +16,17 @@ const ALIASES: &[(&str, &[&str])] = &[
     ("co2", &["carbon_dioxide"]),
 ];
 
-/// The beginnings of names of chips that measure a Tasmota device itself.
+/// Beginnings of the names of chips that measure a Tasmota device itself, not the room.
 const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09"];
 
-/// Returns the value at a place of a JSON text (RFC 6901), as a text.
+/// Returns the value that the JSON pointer `pointer` (RFC 6901) addresses in a JSON text, as a text.
 pub(crate) fn at(text: &str, pointer: &str) -> Option<String> {
     let json: serde_json::Value = serde_json::from_str(text).ok()?;
     json.pointer(pointer).map(plain)
 }
 
-/// Returns the value of a quantity in a text, or the reason why the quantity has none; `None` if the text
-/// is about other things, such as a battery.
+/// Returns the value of a quantity in a text, or the reason why the quantity has no value; `None` if the
+/// text is about other things, such as a battery.
 pub(crate) fn extract_value(
     text: &str,
     quantity: &str,
@@ -43,8 +43,8 @@ pub(crate) fn extract_value(
     Some(said.ok_or_else(|| excerpt(&word)))
 }
 
-/// Returns the value under one of the names of a quantity in a JSON object; also one level down, as in
-/// Tasmota's `{"SI7021": {"Temperature": 21.5}}`.
+/// Returns the value that a JSON object has under one of the names of a quantity. The value may also lie
+/// one level down, as in Tasmota's `{"SI7021": {"Temperature": 21.5}}`.
 pub(crate) fn named(text: &str, quantity: &str) -> Option<String> {
     let json: serde_json::Value = serde_json::from_str(text).ok()?;
     let object = json.as_object()?;
@@ -68,7 +68,7 @@ pub(crate) fn named(text: &str, quantity: &str) -> Option<String> {
     })
 }
 
-/// Whether a value of a quantity is possible. Chips report special numbers for “no value”.
+/// Whether a value is possible for a quantity. Chips report special numbers for “no value”.
 fn is_possible(value: f64, quantity: &str) -> bool {
     match quantity {
         "temperature" => value > -127.0,
@@ -85,7 +85,7 @@ fn plain(value: &serde_json::Value) -> String {
     }
 }
 
-/// Returns a number, or 1 or 0 for a text that means yes or no; `None` for any other text.
+/// Returns the number in a text, or 1 or 0 if the text means yes or no; `None` for any other text.
 pub(crate) fn value(said: &str, quantity: &str) -> Option<f64> {
     let word = said.trim().to_ascii_lowercase();
     match word.as_str() {
@@ -105,7 +105,7 @@ pub(crate) fn is_offline(text: &str) -> bool {
     word.eq_ignore_ascii_case("offline")
 }
 
-/// Returns the beginning of a text, for people.
+/// Returns the beginning of a text, for a message to people.
 pub(crate) fn excerpt(text: &str) -> String {
     let line = text.lines().next().unwrap_or_default();
     let mut told: String = line.chars().take(QUOTED_CHARS).collect();

@@ -1,8 +1,8 @@
-//! The command driver: switches by running a program.
+//! The command driver: switches a device by running a program.
 //!
-//! - The crate `programs` runs programs, and ends them with all that they started.
-//! - If the entry has a program that prints the state, only its output counts; otherwise a program that
-//!   succeeded has switched.
+//! - The crate `programs` runs programs, and ends each one with all processes that it started.
+//! - If the entry has a program that prints the state, only the output of this program counts. Without one,
+//!   the device counts as switched if the program that switches has succeeded.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,10 +14,10 @@ use tokio::time::Instant;
 use crate::config::CommandConfig;
 use crate::{Driver, words};
 
-/// Pause between two checks of the state after switching: motors take their time.
+/// Pause between two checks of the state after switching, because motors take some time.
 const CHECK_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Texts for on and off.
+/// Texts that mean on, and texts that mean off.
 const ON: [&str; 6] = ["on", "1", "true", "yes", "locked", "active"];
 const OFF: [&str; 6] = ["off", "0", "false", "no", "unlocked", "inactive"];
 
@@ -62,7 +62,7 @@ impl CommandDriver {
     }
 }
 
-/// Returns whether a text means on or off; `None` for any other text.
+/// Returns `true` if a text means on and `false` if it means off; `None` for any other text.
 fn is_on(word: &str) -> Option<bool> {
     let is_in = |words: [&str; 6]| words.iter().any(|known| known.eq_ignore_ascii_case(word));
     if is_in(ON) { Some(true) } else { is_in(OFF).then_some(false) }
@@ -122,7 +122,7 @@ mod tests {
         lamp
     }
 
-    /// Returns a lamp with its state in a file.
+    /// Returns a lamp with a state that is kept in a file.
     async fn filed(folder: &TempDir, on: &str) -> Switch {
         let file = folder.path().join("lamp");
         std::fs::write(&file, "off\n").expect("a file");

@@ -1,4 +1,4 @@
-//! The `config` of an entry: the keys of all switches, and those of each driver.
+//! The `config` of a switch's entry: the keys of all switches, and the keys of each driver.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -12,7 +12,8 @@ use serde::Deserialize;
 use crate::kind::SwitchKind;
 use crate::{COMMAND, GPIO};
 
-/// Default and largest time limit of a program: a garage door takes half a minute.
+/// Default and largest time limit of a program. The largest suffices for a garage door, which takes half a
+/// minute.
 const TIME_OUT: Duration = Duration::from_secs(5);
 const TIME_OUT_MAX: Duration = Duration::from_mins(2);
 
@@ -20,19 +21,19 @@ const TIME_OUT_MAX: Duration = Duration::from_mins(2);
 const EVERY: Duration = Duration::from_secs(10);
 const EVERY_MIN: Duration = Duration::from_millis(100);
 
-/// The `config` of an entry.
+/// The `config` of a switch's entry in the ecosystem file.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
-    /// The room of the switch.
+    /// Room of the switch.
     pub(crate) location: PlaceName,
-    /// The kind of device: `"lamp"`, `"relay"` or `"lock"`.
+    /// Kind of the switched device: `"lamp"`, `"relay"` or `"lock"`.
     pub(crate) kind: SwitchKind,
-    /// Driver `gpio`: the line, such as `"gpiochip0/17"` or `"GPIO17"`.
+    /// Driver `gpio`: name of the line, such as `"gpiochip0/17"` or `"GPIO17"`.
     line: Option<LineName>,
-    /// Driver `gpio`: whether a low level means on.
+    /// Driver `gpio`: whether a low level of the line means on.
     active_low: Option<bool>,
-    /// Driver `gpio`: the folder of the chips, if not `/dev`.
+    /// Driver `gpio`: folder of the GPIO chips' device files, if it is not `/dev`.
     chips: Option<PathBuf>,
     /// Driver `command`: the program that switches on, and its arguments.
     on: Option<Vec<String>>,
@@ -49,7 +50,7 @@ pub(crate) struct Config {
 /// The config of the driver `gpio`.
 pub(crate) struct GpioConfig {
     pub(crate) output: OutputSettings,
-    /// The folder of the chips, if not the default.
+    /// Folder of the GPIO chips' device files; `None` for the default.
     pub(crate) chips: Option<PathBuf>,
 }
 
@@ -64,7 +65,7 @@ pub(crate) struct CommandConfig {
 }
 
 impl Config {
-    /// Returns an error if a key belongs to another driver than this entry's.
+    /// Returns an error if a key belongs to another driver than that of the entry.
     pub(crate) fn is_of(&self, blueprint: &Blueprint) -> Result<(), BuildError> {
         let said = [
             ("line", GPIO, self.line.is_some()),

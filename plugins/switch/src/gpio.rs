@@ -1,4 +1,5 @@
-//! The GPIO driver: a relay on a line of a board. Its state is read back from the line.
+//! The GPIO driver: switches a relay on a line of a board. The state of the relay is read back from the
+//! line.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,11 +10,11 @@ use gpio_lines::{DrivenOutput, GpioBoard, GpioChips};
 use crate::config::GpioConfig;
 use crate::{Driver, words};
 
-/// Pause between two checks whether the chip is there: about the time in which a person lets go of the
-/// plug.
+/// Pause between two checks whether the GPIO chip is plugged in: about the time in which a person lets go
+/// of the plug.
 const PRESENCE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Time limit for a line on a slow bus.
+/// Time limit for switching a line on a slow bus.
 const SWITCHING_TIME_MAX: Duration = Duration::from_secs(2);
 
 struct GpioRelay {
@@ -26,7 +27,7 @@ pub(crate) fn driver(GpioConfig { output, chips }: GpioConfig) -> Arc<dyn Driver
     on(Arc::new(chips), output)
 }
 
-/// Returns the driver of a line of this board.
+/// Returns the driver for a line of the board `board`.
 fn on(board: Arc<dyn GpioBoard>, output: gpio_lines::OutputSettings) -> Arc<dyn Driver> {
     let name = output.line.to_string();
     Arc::new(GpioRelay { output: DrivenOutput::new(board, output), name })

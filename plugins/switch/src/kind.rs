@@ -5,7 +5,7 @@ use actuator::OnOffPredicates;
 use pddl::Domain;
 use serde::Deserialize;
 
-/// The kind of a switch.
+/// The kind of a switched device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum SwitchKind {
@@ -15,7 +15,8 @@ pub(crate) enum SwitchKind {
 }
 
 impl SwitchKind {
-    /// Returns the predicates of its state: of the device itself, and of its room.
+    /// Returns the predicates that say that the device is on: one of the device itself, and one of its
+    /// room.
     pub(crate) fn words(self) -> OnOffPredicates<'static> {
         let words = |agent, state, own, all| OnOffPredicates { agent, state, own, all };
         match self {
@@ -25,7 +26,7 @@ impl SwitchKind {
         }
     }
 
-    /// The actions that switch it on and off.
+    /// Returns the names of the actions that switch the device on and off.
     pub(crate) fn actions(self) -> (&'static str, &'static str) {
         match self {
             SwitchKind::Lamp => ("turn-on-lamp", "turn-off-lamp"),
@@ -34,7 +35,7 @@ impl SwitchKind {
         }
     }
 
-    /// Returns its state as a text for people.
+    /// Returns the state of the device as a text for people.
     pub(crate) fn state_text(self, is_on: bool) -> &'static str {
         match (self, is_on) {
             (SwitchKind::Lock, true) => "locked",
@@ -87,7 +88,7 @@ mod tests {
 
     use super::*;
 
-    /// The table of the MQTT gateway, with the names for devices that it discovers.
+    /// The MQTT gateway's table of device classes, to compare the names with.
     const CLASSES: &str = include_str!("../../mqtt/src/classes.toml");
 
     #[derive(Deserialize)]

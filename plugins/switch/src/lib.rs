@@ -2,8 +2,8 @@
 //!
 //! - `kind` has the PDDL names of each kind, and its action model.
 //! - `Driver` is the trait of drivers: `gpio` drives a line of a board, `command` runs programs.
-//! - A state that the driver reads back is known, also if the device was switched by hand. A device that
-//!   has no readable state is assumed to be as it was last switched.
+//! - A state that the driver reads back is known, even if the device was switched by hand. A device without
+//!   a readable state is assumed to be as it was last switched.
 //! - A state that cannot be read is unknown, neither on nor off, and the switch offers no actions. After a
 //!   failure a switch offers no actions for a while, so that plans are made without it.
 
@@ -32,23 +32,24 @@ use tokio::time::Instant;
 use config::Config;
 use kind::SwitchKind;
 
-/// How long a switch offers no actions after a failure. A loose wire has contact again within seconds.
+/// Pause after a failure in which a switch offers no actions. A loose wire has contact again within
+/// seconds.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// Time limit of waiting for the state before the first announcement.
+/// Time limit of waiting for the device's state before the first announcement.
 const FIRST_STATE_TIME_MAX: Duration = Duration::from_secs(2);
 
-/// Time that a method has beyond the driver's time limit, so that the driver's error is reported.
+/// Time that a method has in addition to the driver's time limit, so that the driver's error is reported.
 const MARGIN: Duration = Duration::from_secs(1);
 
 const GPIO: &str = "gpio";
 const COMMAND: &str = "command";
 
-/// The methods.
+/// Names of the methods that switch on and off.
 const ON: &str = "on";
 const OFF: &str = "off";
 
-/// A lamp, a relay or a lock.
+/// The entry of switches (a lamp, a relay or a lock) in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "switch",
     about: "switches a lamp, a relay or a lock in a room, by a line of a board or any program",
@@ -59,7 +60,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 
 /// The driver of a switch. Error texts complete “failed to …”.
 trait Driver: Send + Sync + 'static {
-    /// Switches the device on or off. Returns its state afterwards.
+    /// Switches the device on or off. Returns whether the device is on afterwards.
     fn switch(&self, is_on: bool) -> BoxFuture<Result<bool, String>>;
 
     /// Checks whether the device is on; `None` if it has no readable state.
@@ -68,7 +69,7 @@ trait Driver: Send + Sync + 'static {
     /// Returns the pause between two checks of the state; `None` if the device has no readable state.
     fn every(&self) -> Option<Duration>;
 
-    /// Returns the time limit of switching, and of a check.
+    /// Returns the time limit of switching, which is also that of a check of the state.
     fn time_out(&self) -> Duration;
 }
 
@@ -107,20 +108,20 @@ struct Switch {
     paused_until: Option<Instant>,
 }
 
-/// A driver, and the state known from it. Clones share both.
+/// A driver, and the state that it last reported. Clones share both.
 #[derive(Clone)]
 struct DriverHandle {
     driver: Arc<dyn Driver>,
     known: Arc<Mutex<KnownState>>,
 }
 
-/// Whether the device is on, `None` if that is not known; or the reason why it cannot be used.
+/// Whether the device is on, `None` if that is not known; or the reason why the device cannot be used.
 type SwitchState = Result<Option<bool>, String>;
 
 struct KnownState {
     state: SwitchState,
-    /// Counts the begin and the end of each switching, so that the result of a check that began earlier is
-    /// discarded.
+    /// Counter that each switching increases when it begins and when it ends, so that the result of a check
+    /// that began earlier is discarded.
     switch_count: u64,
 }
 
@@ -140,7 +141,7 @@ impl DriverHandle {
         self.known().state.clone()
     }
 
-    /// Checks the state. Discards the result if the device was switched meanwhile.
+    /// Checks the state of the device. Discards the result if the device was switched meanwhile.
     async fn refresh(self) {
         let turn = self.known().switch_count;
         let looked = self.driver.read_state().await;
@@ -156,7 +157,7 @@ impl DriverHandle {
         known.state = looked;
     }
 
-    /// Switches the device on or off. Returns its state afterwards.
+    /// Switches the device on or off. Returns whether the device is on afterwards.
     async fn switch(self, is_on: bool) -> Result<bool, String> {
         self.known().switch_count += 1;
         let found = self.driver.switch(is_on).await?;
@@ -166,7 +167,8 @@ impl DriverHandle {
         Ok(found)
     }
 
-    /// Sets the state to unknown after a switching that did not succeed; a reason for being away is kept.
+    /// Sets the state to unknown after an unsuccessful switching. A state with the reason why the device is
+    /// away is kept.
     fn set_unknown(&self) {
         let mut known = self.known();
         known.switch_count += 1;
@@ -182,7 +184,7 @@ impl Switch {
         !rests && self.driver_handle.state().is_ok()
     }
 
-    /// Returns the state as a fact: on, off, or unknown.
+    /// Returns the state of the device as a PDDL fact: on, off, or unknown.
     fn fact(&self) -> String {
         let term = self.kind.words().term(&self.id, self.location.as_str(), &self.ontology);
         match self.driver_handle.state() {
@@ -269,7 +271,7 @@ impl Device for Switch {
     }
 }
 
-/// Returns “on” or “off”, for people.
+/// Returns the text “on” or “off”, for people.
 fn words(is_on: bool) -> &'static str {
     if is_on { ON } else { OFF }
 }

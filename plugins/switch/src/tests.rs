@@ -1,4 +1,4 @@
-//! Facts and models of switches, and mistakes in an entry.
+//! Tests of the facts and models of switches, and of the errors for mistakes in an entry.
 
 use agent::Host;
 use serde_json::{Value, json};
@@ -25,7 +25,7 @@ pub(crate) fn call(method: &str) -> MethodCall {
     }
 }
 
-/// Switches the device as its agent does; returns the detail of the result.
+/// Calls a method of the switch as its agent does; returns the detail of the result.
 pub(crate) async fn switch(switch: &mut Switch, method: &str) -> Result<String, String> {
     let call = call(method);
     match switch.perform(&call).await {
@@ -56,7 +56,7 @@ pub(crate) fn offers(switch: &Switch) -> usize {
     switch.describe().model.actions.len()
 }
 
-/// Handles events of the switch until the condition holds.
+/// Handles events of the switch until `is_so` holds.
 pub(crate) async fn until(switch: &mut Switch, is_so: impl Fn(&Switch) -> bool) {
     let waiting = async {
         while !is_so(switch) {

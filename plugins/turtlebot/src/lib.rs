@@ -1,11 +1,14 @@
-//! The TurtleBot (the paper, “TurtleBot”): a mobile base that moves between the places of the map and its
-//! own poses, and carries sensors.
+//! The TurtleBot (the paper, “TurtleBot”): a mobile base that moves between the places of the map and
+//! between named poses of its own, and carries sensors.
 //!
-//! - Moving, the battery and the dock are those of every robot: `actuator::MobileBase`. Its driver is here;
-//!   `simulated` moves in the simulated building.
-//! - It carries the agents that state that they are `mounted-on` it, and so plans with their actions.
-//! - With a `login` in its config, a person can log in at its on-board screen where it stands.
-//! - With a `patrol`, it visits some places again and again, as long as no other goal needs it.
+//! - Moving, the battery and the dock are the same as for every robot: see `actuator::MobileBase`. The
+//!   driver of the base is here; `simulated` moves the robot in the simulated building.
+//! - The robot carries the agents that state that they are `mounted-on` it. It makes plans with their
+//!   actions.
+//! - With the key `login` in the config, a person can log in at the robot's on-board screen where the robot
+//!   stands.
+//! - With the key `patrol`, the robot visits some places again and again, as long as no other goal needs
+//!   it.
 
 mod login;
 mod patrol;
@@ -28,7 +31,7 @@ use tokio::time::Instant;
 use login::{LOGIN, Login, LoginConfig};
 use patrol::{Patrol, PatrolConfig};
 
-/// The line in the daemon's table of plugins.
+/// The entry of the TurtleBot in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "turtlebot",
     about: "a mobile base: moves between the places of the map, carries sensors, lets people log in",
@@ -37,19 +40,19 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The entry's `config`.
+/// The `config` of a TurtleBot's entry.
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case")]
 struct Config {
     #[serde(flatten)]
     base: BaseConfig,
-    /// Whether and how people log in at its screen.
+    /// How people log in at the robot's screen; `None` if they cannot.
     #[serde(default)]
     login: Option<LoginConfig>,
-    /// The places that it patrols.
+    /// Places that the robot patrols, and how often; `None` if it patrols none.
     #[serde(default)]
     patrol: Option<PatrolConfig>,
-    /// All other keys: an entry that has any is refused.
+    /// All other keys of the entry's `config`: an entry that has any is refused.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
 }
@@ -77,11 +80,11 @@ struct TurtleBot {
     base: MobileBase,
     login: Option<Login>,
     patrol: Option<Patrol>,
-    /// The time of the last login in each place.
+    /// Time of the last login in each place.
     validated: BTreeMap<String, Instant>,
 }
 
-/// The result of a method.
+/// The result of a method of the TurtleBot.
 enum TurtleBotResult {
     Moved(BaseOutcome),
     Validated(String),
@@ -89,8 +92,8 @@ enum TurtleBotResult {
 }
 
 impl TurtleBot {
-    /// Returns the place that a call is about. Returns an error if the base does not stand there: it may
-    /// have been carried away since the plan was made.
+    /// Returns the place that a call names. Returns an error if the base does not stand there: the robot
+    /// may have been carried away since the plan was made.
     fn called_place(&self, call: &MethodCall) -> Result<String, MethodFailure> {
         let (place, here) = (call.argument("place")?, self.base.place());
         if place == here {

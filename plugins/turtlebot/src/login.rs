@@ -1,14 +1,14 @@
 //! The robot's on-board screen, where a person logs in (the paper, “Scenario 3”).
 //!
 //! - The method that validates a person sends a `query-ref` to all keyboards, each time with a deadline,
-//!   and compares the answer with the PIN of the config.
-//! - The first answer counts. After a wrong answer the question is asked again, a few times. Then the
-//!   screen is locked for a while, for all people. If there is no answer, it is closed for as long as an
-//!   answer was waited for.
+//!   and compares the answer with the PIN from the config.
+//! - The first answer counts. After a wrong answer the question is asked again, a few times. After the last
+//!   wrong answer the screen is locked for a while, for all people. If no answer comes, the screen is
+//!   locked for as long as the robot has waited for an answer.
 //! - **Invariant:** neither the PIN nor an answer is in a log, a report or a `Debug` output of this file.
 //!
-//! The question is sent by the actuator: the method hands over the text, `Device::watch` makes the actuator
-//! ask it, and `Device::heard` returns the answer.
+//! The actuator sends the question: the method passes the text to `Device::next_event`, which makes the
+//! actuator ask the question, and `Device::receive_news` passes the answer back to the method.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -24,40 +24,40 @@ use serde::Deserialize;
 use tokio::sync::{Mutex, mpsc};
 use tokio::time::Instant;
 
-/// The name of the question among the robot's initiatives.
+/// Name of the login question among the robot's initiatives.
 pub(crate) const LOGIN: &str = "login";
 
-/// The method that lets a person log in.
+/// Name of the method that lets a person log in.
 pub(crate) const METHOD: &str = "log_in";
 
-/// How long the screen is locked after too many wrong answers: with three attempts each, trying all PINs of
-/// four digits takes eleven days.
+/// How long the screen is locked after too many wrong answers. With three attempts before each lock, trying
+/// all PINs of four digits takes eleven days.
 const LOCK_TIME: Duration = Duration::from_secs(5 * 60);
 
-/// A request to the actuator about the question.
+/// A request of the login to the actuator: to ask a question or to withdraw it.
 enum QuestionRequest {
     This(String),
-    /// Withdraw the question: its answer is no longer needed.
+    /// Withdraw the question, because its answer is no longer needed.
     Nothing,
 }
 
-/// Size of the queues of requests and of answers. One of each is the usual case.
+/// Capacity of the queue of requests and of the queue of answers. Usually each has one element.
 const WAITING_MAX: usize = 4;
 
 /// The key `login` in the `config` of an entry.
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct LoginConfig {
-    /// The PIN.
+    /// PIN that a person must enter to log in.
     #[serde(default)]
     pin: Option<String>,
-    /// The file with the PIN in its first line, so that the ecosystem file need not have it.
+    /// Path of a file with the PIN in its first line, so that the ecosystem file need not have the PIN.
     #[serde(default)]
     pin_file: Option<PathBuf>,
-    /// Time limit of one answer, such as `"60s"`.
+    /// How long the robot waits for one answer, such as `"60s"`.
     #[serde(default = "default_patience")]
     patience: String,
-    /// The most wrong answers before the screen is locked.
+    /// Number of wrong answers after which the screen is locked.
     #[serde(default = "default_attempts")]
     attempts: u32,
     /// How long a person counts as validated after the login, such as `"10m"`.
@@ -77,13 +77,13 @@ fn default_valid_for() -> String {
     "10m".to_owned()
 }
 
-/// A PIN. It has no `Debug` output.
+/// The PIN with which answers are compared. The type has no `Debug`, so that no log can have the PIN.
 #[derive(Clone)]
 struct Secret(Arc<str>);
 
 impl Secret {
-    /// Compares in a time that does not depend on where the first difference is, so that the time reveals
-    /// nothing about the PIN.
+    /// Whether `answer` is the PIN. The comparison takes the same time wherever the first difference is, so
+    /// that the duration reveals nothing about the PIN.
     fn is(&self, answer: &str) -> bool {
         let (expected, given) = (self.0.as_bytes(), answer.trim().as_bytes());
         let differs = |(expected, given): (&u8, &u8)| expected ^ given;
@@ -92,11 +92,11 @@ impl Secret {
     }
 }
 
-/// Reads a file with a PIN. Returns an error if all users of the machine have access to it, or its group
-/// can change it.
+/// Reads a PIN from a file. Returns an error if all users of the machine have access to the file, or its
+/// group can change it.
 ///
-/// The group may read it: that is how systemd hands a credential to a service, and how an administrator
-/// lets a daemon read a file of root.
+/// The group may read the file: in this way systemd passes a credential to a service, and an administrator
+/// lets a daemon read a file that belongs to root.
 fn read_pin(path: &Path) -> Result<String, String> {
     let mut file = File::open(path).map_err(|error| error.to_string())?;
     let mode = file.metadata().map_err(|error| error.to_string())?.mode() & 0o777;
@@ -111,10 +111,10 @@ fn read_pin(path: &Path) -> Result<String, String> {
     Ok(text)
 }
 
-/// The time until which the screen is locked, shared with the attempt that may lock it.
+/// Time until which the screen is locked, shared with the login attempt that may lock it.
 type LoginLock = Arc<std::sync::Mutex<Option<Instant>>>;
 
-/// The on-board screen.
+/// The login at the robot's on-board screen.
 pub(crate) struct Login {
     secret: Secret,
     patience: Duration,
@@ -123,7 +123,7 @@ pub(crate) struct Login {
     lock: LoginLock,
     requests: mpsc::Sender<QuestionRequest>,
     pending_requests: Arc<Mutex<mpsc::Receiver<QuestionRequest>>>,
-    /// The queue of answers of the current attempt; `None` if there is none.
+    /// Queue of answers to the current attempt; `None` if there is no attempt.
     answers: Option<mpsc::Sender<InitiativeUpdate>>,
 }
 
@@ -165,18 +165,18 @@ impl Login {
         })
     }
 
-    /// Whether the screen is not locked now.
+    /// Whether the screen can be used for a login now, because it is not locked.
     pub(crate) fn is_open(&self) -> bool {
         let until = *self.lock.lock().unwrap_or_else(PoisonError::into_inner);
         until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// Returns the time limit of a login, with all attempts.
+    /// Returns the time limit of a login, which covers all its attempts.
     pub(crate) fn timeout(&self) -> Duration {
         (self.patience + Duration::from_secs(2)) * self.attempts
     }
 
-    /// Lets a person log in at `place`.
+    /// Asks the person at `place` for the PIN, and waits for the outcome of the login.
     pub(crate) fn log_in(&mut self, place: String) -> BoxFuture<Result<String, MethodFailure>> {
         let (answer, answers) = mpsc::channel(WAITING_MAX);
         self.answers = Some(answer);
@@ -193,7 +193,7 @@ impl Login {
         Box::pin(attempt.run())
     }
 
-    /// Waits until a question is to be asked or withdrawn, and returns the robot's initiatives for that.
+    /// Waits until a question is to be asked or withdrawn, and returns the robot's initiatives for it.
     pub(crate) fn next_question(&self) -> BoxFuture<Vec<Initiative>> {
         let (asked, patience) = (Arc::clone(&self.pending_requests), self.patience);
         Box::pin(async move {
@@ -222,15 +222,15 @@ impl Login {
     }
 }
 
-/// The attempt of one person to log in.
+/// One login of a person, with all its questions.
 struct LoginAttempt {
     secret: Secret,
     lock: LoginLock,
-    /// How long the screen is closed if there was no answer.
+    /// How long the screen is locked if no answer comes or the question is refused.
     rest: Duration,
     requests: mpsc::Sender<QuestionRequest>,
     answers: mpsc::Receiver<InitiativeUpdate>,
-    /// Whether an answer is being waited for.
+    /// Whether the robot waits for an answer now.
     is_open: bool,
     attempts: u32,
     place: String,

@@ -1,8 +1,8 @@
-//! The patrol (the paper, “Demonstrations”: “The corridor is patrolled by a mobile base”): a kept goal of
-//! the robot itself, of low priority, so that it gives way to all others.
+//! The patrol (the paper, “Demonstrations”: “The corridor is patrolled by a mobile base”): a kept goal that
+//! the robot itself requests. The goal has a low priority, so that it gives way to all others.
 //!
 //! A place counts as patrolled for a while after the robot stood there. When that time is over, the goal is
-//! no longer true, and the ecosystem plans for it again. Nothing here drives the robot.
+//! no longer true, and the ecosystem plans for it again. The code in this file does not drive the robot.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -16,10 +16,10 @@ use tokio::time::Instant;
 
 use crate::TurtleBot;
 
-/// The method that looks around at the robot's place.
+/// Name of the method by which the robot looks around at its place.
 pub(crate) const METHOD: &str = "look_around";
 
-/// The action that the method performs.
+/// PDDL text of the action that the method `look_around` performs.
 pub(crate) const ACTION: &str = "(:action patrol
         :agent ?b - turtlebot
         :parameters (?l - location)
@@ -33,11 +33,11 @@ const LOOKING_TIME_MAX: Duration = Duration::from_secs(5);
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct PatrolConfig {
-    /// The places to visit.
+    /// Places that the robot visits on patrol.
     places: Vec<PlaceName>,
-    /// How long a place counts as patrolled, such as `"10m"`.
+    /// How long a place counts as patrolled after a visit, such as `"10m"`.
     every: String,
-    /// The priority of the goal. The default is below 0, the priority of the goals of users.
+    /// Priority of the patrol's goal. The default is below 0, which is the priority of the goals of users.
     #[serde(default = "default_priority")]
     priority: i32,
 }
@@ -46,12 +46,12 @@ fn default_priority() -> i32 {
     -10
 }
 
-/// One robot's patrol.
+/// The patrol of one robot.
 pub(crate) struct Patrol {
     places: Vec<PlaceName>,
     every: Duration,
     priority: i32,
-    /// The time of the last visit to each place.
+    /// Time of the last visit to each place.
     last: BTreeMap<String, Instant>,
     has_asked: bool,
 }

@@ -1,5 +1,5 @@
-//! The simulated driver: moves in the simulated building, at the robot's speed and as far as its battery
-//! lasts.
+//! The simulated driver: moves a robot in the simulated building, at the robot's speed and as far as its
+//! battery lasts.
 
 use std::sync::Arc;
 

@@ -1,9 +1,9 @@
 //! The video-collaboration robot (the paper, Figure 1): a mobile base with a screen, deployed “to resume
 //! the interrupted meeting” where a screen has failed.
 //!
-//! - Moving, the battery and the dock are those of every robot: `actuator::MobileBase`.
-//! - It presents wherever it stands, at a higher cost than a screen fixed there. While it presents, it does
-//!   not move.
+//! - Moving, the battery and the dock are the same as for every robot: see `actuator::MobileBase`.
+//! - The robot presents media wherever it stands, at a higher cost than a screen that is fixed there. While
+//!   it presents, the robot does not move.
 
 mod simulated;
 
@@ -20,10 +20,10 @@ use actuator::{
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use serde::Deserialize;
 
-/// Time limit of lighting up its screen.
+/// Time limit for the robot's screen to light up.
 const SHOWING_TIME_MAX: Duration = Duration::from_secs(30);
 
-/// The line in the daemon's table of plugins.
+/// The entry of the video-collaboration robot in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "video-robot",
     about: "a mobile base with a screen: presents wherever it drives",
@@ -32,22 +32,22 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The entry's `config`.
+/// The `config` of a video-collaboration robot's entry.
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case")]
 struct Config {
     #[serde(flatten)]
     base: BaseConfig,
-    /// The media that it can show: a name for plans, and the text of each.
+    /// Media that the robot can show: the text of each medium, by the medium's name in plans.
     media: BTreeMap<String, String>,
-    /// All other keys: an entry that has any is refused.
+    /// All other keys of the entry's `config`: an entry that has any is refused.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
 }
 
-/// The driver of its screen. Error texts complete “failed to …”.
+/// The driver of the robot's screen. Error texts complete “failed to …”.
 pub trait ScreenDriver: Send + Sync + 'static {
-    /// Shows a text; `None` turns the screen dark.
+    /// Shows a text on the screen; `None` turns the screen dark.
     fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>>;
 }
 
@@ -79,11 +79,11 @@ struct VideoRobot {
     base: MobileBase,
     media: BTreeMap<String, String>,
     screen: Arc<dyn ScreenDriver>,
-    /// The name of the medium that it shows; `None` if the screen is dark.
+    /// Name of the medium that the robot shows; `None` if the screen is dark.
     shown: Option<String>,
 }
 
-/// The result of a method.
+/// The result of a method of the video-collaboration robot.
 enum PresentationResult {
     Moved(BaseOutcome),
     Shows(Option<String>),
@@ -196,8 +196,8 @@ impl Device for VideoRobot {
 }
 
 impl VideoRobot {
-    /// Returns the medium that a call is to show, and its text. Returns an error if the robot is not in the
-    /// room, or has no such medium.
+    /// Returns the medium that a call names, and the text of the medium. Returns an error if the robot is
+    /// not in the room, or has no such medium.
     fn presentation(&self, call: &MethodCall) -> Result<(String, String), MethodFailure> {
         let (medium, room) = (call.argument("media")?, call.argument("room")?);
         let place = self.base.place();

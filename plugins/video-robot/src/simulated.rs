@@ -1,5 +1,5 @@
-//! The simulated driver: moves in the simulated building, and shows on the screen
-//! that the robot carries there.
+//! The simulated driver: moves the robot in the simulated building, and shows texts on the screen that the
+//! robot carries there.
 
 use std::sync::Arc;
 
@@ -15,10 +15,10 @@ struct Simulated {
     robot: String,
 }
 
-/// The drivers of the base and of its screen.
+/// The drivers of the mobile base and of the robot's screen.
 type VideoDrivers = (Arc<dyn BaseDriver>, Arc<dyn ScreenDriver>);
 
-/// Returns the drivers of a robot.
+/// Returns the drivers of a simulated robot.
 pub(crate) fn robot(blueprint: &Blueprint) -> Result<VideoDrivers, BuildError> {
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")

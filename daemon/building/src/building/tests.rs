@@ -1,4 +1,4 @@
-//! Operations of a building in paused time; each test compares the log with the expected one.
+//! Tests of a building's operations in paused time; each compares the log with the expected one.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::layout::BuildingDevice;
 use crate::truth::{BuildingEvent, DeviceFault, LOG_MAX};
 use crate::{Layout, LayoutError};
 
-/// Compares the log, one line per occurrence, with the expected text.
+/// Compares the log of the building, one line per occurrence, with the expected text.
 #[track_caller]
 fn check(building: &Building, expected: Expect) {
     expected.assert_eq(&log_lines(&building.truth()).join("\n"));
@@ -21,7 +21,8 @@ fn departed(event: &BuildingEvent) -> bool {
     matches!(event, BuildingEvent::Departed { .. })
 }
 
-/// Runs `fate` once the robot is under way. Returns the outcome of the trip and its duration.
+/// Lets a robot drive, and runs `fate` while the robot is under way. Returns the outcome and the duration
+/// of the trip.
 async fn trip_with(
     building: &Building,
     fate: impl AsyncFnOnce(&Building),

@@ -1,51 +1,53 @@
-//! Additions to a layout, and the checks of each.
+//! Additions to a layout, and the check of each addition.
 //!
-//! Every part of a layout is added here, one at a time. Each is checked against the parts that are there; a
-//! refused one leaves the layout unchanged.
+//! Every part of a layout is added here, one at a time. Each new part is checked against the parts that are
+//! there; a refused addition leaves the layout unchanged.
 
 use super::{BuildingDevice, Layout, Location, LocationConnection, LocationKind};
 use crate::error::{LayoutError, nearest};
 use crate::quantity::Quantity;
 
-/// The range of temperatures, in °C: from absolute zero to the heat of a furnace.
+/// The lowest and the highest temperature, in °C: absolute zero, and the heat of a furnace.
 pub(crate) const CELSIUS_MIN: f64 = -273.15;
 pub(crate) const CELSIUS_MAX: f64 = 1_000.0;
 /// The longest connection, in meters: a tunnel of a kilometer still counts as part of a building.
 pub(crate) const METERS_MAX: f64 = 1_000.0;
-/// The range of speeds, in meters per second, from a crawl to a train. It bounds every trip to a finite
-/// duration that can be added to others.
+/// The lowest and the highest speed, in meters per second: a crawl, and a train. The bounds give every trip
+/// a finite duration that can be added to others.
 pub(crate) const SPEED_MIN: f64 = 0.001;
 pub(crate) const SPEED_MAX: f64 = 100.0;
-/// The longest name, in bytes: a refusal that lists a hundred names fits into one line on the socket.
+/// Length of the longest name, in bytes: a refusal that lists a hundred such names fits into one line on
+/// the socket.
 pub(crate) const NAME_MAX: usize = 64;
 
 // === impl Layout: adding ===
 
 impl Layout {
-    /// Returns an empty layout.
+    /// Returns an empty layout, without locations and devices.
     pub fn new() -> Layout {
         Layout::default()
     }
 
-    /// Adds a room with its true temperature in °C.
+    /// Adds a room that has the true temperature `celsius`, in °C.
     pub fn add_room(&mut self, name: &str, celsius: f64) -> Result<&mut Layout, LayoutError> {
         let kind = LocationKind::Room;
         self.add_location(Location { name: name.to_owned(), kind, celsius })
     }
 
-    /// Adds a corridor with its true temperature in °C.
+    /// Adds a corridor that has the true temperature `celsius`, in °C.
     pub fn add_corridor(&mut self, name: &str, celsius: f64) -> Result<&mut Layout, LayoutError> {
         let kind = LocationKind::Corridor;
         self.add_location(Location { name: name.to_owned(), kind, celsius })
     }
 
-    /// Connects two locations in both directions; `meters` is the length.
+    /// Connects two locations in both directions. `meters` is the length of the connection.
     pub fn connect(&mut self, a: &str, b: &str, meters: f64) -> Result<&mut Layout, LayoutError> {
         let (from, to) = (a.to_owned(), b.to_owned());
         self.add_connection(LocationConnection { from, to, meters, one_way: false })
     }
 
-    /// Connects two locations in one direction, from the first to the second; `meters` is the length.
+    /// Connects two locations in one direction, from the first to the second. `meters` is the length of the
+    /// connection.
     pub fn connect_one_way(
         &mut self,
         from: &str,
@@ -66,7 +68,7 @@ impl Layout {
         self.add_device(BuildingDevice::FixedSensor { name, location })
     }
 
-    /// Adds a sensor of a quantity other than temperature.
+    /// Adds a sensor that stays in one location and measures a quantity other than temperature.
     pub fn add_sensor(
         &mut self,
         name: &str,
@@ -152,8 +154,8 @@ impl Layout {
         Ok(self)
     }
 
-    /// Removes a device; with a robot, also the devices that it carries. Returns the names of all that were
-    /// removed.
+    /// Removes a device, and the devices that it carries if it is a robot. Returns the names of all removed
+    /// devices.
     pub(crate) fn remove_device(&mut self, name: &str) -> Vec<String> {
         let leaves =
             |device: &BuildingDevice| device.name() == name || device.carrier() == Some(name);
@@ -208,7 +210,7 @@ impl Layout {
     }
 }
 
-/// Returns an error for a temperature outside the possible range, or NaN.
+/// Returns an error if the temperature is outside the possible range or NaN.
 pub(crate) fn check_temperature(location: &str, celsius: f64) -> Result<(), LayoutError> {
     if (CELSIUS_MIN..=CELSIUS_MAX).contains(&celsius) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! Layouts that are possible, and the answers to mistakes.
+//! Tests of layouts that are possible, and of the errors for mistakes in layouts.
 
 use expect_test::{Expect, expect};
 

@@ -1,4 +1,4 @@
-//! Sensors measure the true values, in this process and over the socket.
+//! Tests that sensors measure the true values, in this process and over the socket.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use tokio::time::{Instant, timeout};
 use crate::fixture::log_lines;
 use crate::{Building, BuildingHandle, DeviceFault, Layout, Quantity, serve};
 
-/// Returns a building with a thermometer, and a sensor of each quantity that is named after its quantity.
+/// Returns a building with a thermometer, and one sensor of each quantity that has the quantity's name.
 fn house() -> Building {
     let mut layout = Layout::new();
     layout.add_room("lab", 20.0).unwrap().add_room("den", 20.0).unwrap();
@@ -67,7 +67,7 @@ async fn a_sensor_measures_its_own_quantity_and_a_thermometer_the_humidity() {
     assert!(house.read_temperature("co2").await.is_err());
 }
 
-/// Waits until the motion in the lab is no longer 0, while `fate` runs; at most ten seconds.
+/// Waits until the motion in the lab is no longer 0, while `fate` runs. The wait ends after ten seconds.
 async fn awaited(
     house: &Building,
     handle: BuildingHandle,

@@ -1,4 +1,4 @@
-//! Plays scenario 1 in every seed, and with every way to fake it.
+//! Plays scenario 1 for every seed as it should be, and once with every way to fake it.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use crate::{
     Building, BuildingDevice, BuildingEvent, DeathTime, DeviceFault, Layout, SeededScenario, Truth,
 };
 
-/// A scenario after it was played: the arguments of the check.
+/// A scenario after it was played: the arguments of its check.
 struct Played {
     scenario: SeededScenario,
     truth: Truth,
@@ -24,8 +24,9 @@ impl Played {
     }
 }
 
-/// Plays the agents' part as simply as possible: every fixed sensor measures, and the robot goes to every
-/// room without a sensor; after the death also to the dead sensor's room, if `replans`.
+/// Does the agents' work as simply as possible: every fixed sensor measures, and the robot goes to every
+/// room without a sensor. After the death the robot also goes to the dead sensor's room, if `replans` is
+/// `true`.
 async fn play(seed: u64, replans: bool) -> Played {
     let scenario = Layout::seeded(seed);
     let building = Building::new(scenario.layout.clone(), 1.0).unwrap();
@@ -66,7 +67,8 @@ async fn measure_by_robot(building: &Building, room: &str) -> f64 {
     building.read_temperature(sensor).await.unwrap().celsius
 }
 
-/// Searches from the destination backwards; `next` has the next step towards `to` for each place.
+/// Returns the way from `from` to `to`. The search begins at the destination; `next` has the next step
+/// towards `to` for each place.
 fn route(layout: &Layout, from: &str, to: &str) -> Vec<String> {
     let mut next = BTreeMap::from([(to, to)]);
     let mut frontier = vec![to];
@@ -98,8 +100,8 @@ async fn holds_for_every_seed_when_somebody_replans_and_for_none_when_nobody_doe
     }
 }
 
-/// Plays the first seed with this kind of death, lets `tamper` change the log or what the user was told,
-/// and compares what the check then finds.
+/// Plays the first seed with this kind of death, lets `tamper` change the log or the values that the user
+/// received, and compares the result of the check with `expected`.
 async fn check(dies: DeathTime, tamper: impl FnOnce(&mut Played), expected: Expect) {
     let seed = (0..).find(|seed| Layout::seeded(*seed).dies == dies).unwrap();
     let mut played = play(seed, true).await;

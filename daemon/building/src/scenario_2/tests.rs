@@ -1,11 +1,11 @@
-//! Plays scenario 2 as it should be in every seed, and with every way to fake it.
+//! Plays scenario 2 for every seed as it should be, and once with every way to fake it.
 
 use std::collections::BTreeMap;
 
 use super::{MaintenanceScenario, ROBOTS};
 use crate::{Building, BuildingDevice};
 
-/// The part that is left out, or done wrong.
+/// The part of the scenario that is left out or done wrong.
 #[derive(Clone, Copy, PartialEq)]
 enum Flaw {
     None,
@@ -35,7 +35,7 @@ impl Stage {
         }
     }
 
-    /// Drives a robot to a room of any wing, by the corridors, and measures there.
+    /// Drives a robot to a room of either wing, through the corridors, and measures there.
     async fn robot(&mut self, index: usize, room: &str) {
         let robot = ROBOTS[index];
         loop {

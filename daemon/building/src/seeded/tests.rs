@@ -1,4 +1,4 @@
-//! What holds for every seed, and how seeds differ.
+//! Tests of what holds for every seed, and of how seeds differ.
 
 use std::collections::BTreeSet;
 
@@ -9,7 +9,7 @@ use crate::{BuildingDevice, Layout, LocationKind};
 
 const SEEDS: u64 = 200;
 
-/// Checks everything that holds for every seed.
+/// Checks everything that holds for the scenario of every seed.
 #[track_caller]
 fn check(seed: u64) {
     let scenario = Layout::seeded(seed);
@@ -45,7 +45,7 @@ fn every_seed_is_a_building_in_which_the_scenario_can_hold() {
     }
 }
 
-/// If seeds did not differ, a hundred seeds would test less than they seem to.
+/// If the buildings of seeds did not differ, a hundred seeds would test less than they seem to.
 #[test]
 fn seeds_differ_in_everything_that_they_draw() {
     let scenarios: Vec<_> = (1..SEEDS).map(Layout::seeded).collect();

@@ -1,4 +1,4 @@
-//! Client and server of the socket together, and unknown clients.
+//! Tests of the socket's client and server together, and of clients that send other lines.
 
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::PathBuf;
@@ -16,7 +16,7 @@ use crate::{
     Building, BuildingEvent, BuildingHandle, DeviceError, DeviceFault, Layout, ServeError, Truth,
 };
 
-/// Real time passes at a socket. No test should come near this limit.
+/// Time limit of each test. A socket works in real time; no test should come near this limit.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 struct Served {
@@ -45,7 +45,8 @@ async fn serve_building(building: Building) -> Served {
     Served { building, server, folder }
 }
 
-/// Trips take thirteen seconds: long enough to test what happens on the way.
+/// Returns a served building. Trips in it take thirteen seconds: long enough to test what happens during a
+/// trip.
 async fn served() -> Served {
     serve_building(office()).await
 }
@@ -161,7 +162,7 @@ async fn a_server_that_dies_fails_what_is_under_way_and_its_successor_is_found()
     assert_eq!(driver.place_of("turtlebot-1").await.unwrap(), "corridor");
 }
 
-/// Time is paused, so waiting for the silence limit costs nothing.
+/// Tokio's clock is paused, so waiting for the silence limit takes no real time.
 #[tokio::test(start_paused = true)]
 async fn a_server_that_is_frozen_is_noticed() {
     let folder = tempfile::tempdir().unwrap();

@@ -9,7 +9,7 @@ use crate::description::{
     ValueSource,
 };
 
-/// Components of which nothing can be used, with the reasons.
+/// Components of Home Assistant of which nothing can be used, with the reasons.
 const UNUSED: &[(&str, &str)] = &[
     ("alarm_control_panel", "arming and disarming an alarm is left to people"),
     ("button", "a press leaves no state that a goal could ask for"),
@@ -30,8 +30,8 @@ const UNUSED: &[(&str, &str)] = &[
     ("water_heater", "it measures its water, not the room"),
 ];
 
-/// Variables that a template of a light may use, but that are undefined when the light is only switched on
-/// or off.
+/// Variables that the template of a light may use, and that are undefined when the light is only switched
+/// on or off.
 const OF_LIGHTS: &[&str] = &[
     "blue",
     "brightness",
@@ -45,7 +45,7 @@ const OF_LIGHTS: &[&str] = &[
     "transition",
 ];
 
-/// Words in a feature's name which show that the feature is not about the air of the room.
+/// Words in a feature's name that show that the feature is not about the air of the room.
 const NOT_THE_ROOM: &[&str] = &[
     "battery",
     "board",
@@ -79,7 +79,7 @@ const NOT_THE_ROOM: &[&str] = &[
     "wifi",
 ];
 
-/// Returns the features of an entity, or the reason why it has none.
+/// Returns the features of an entity, or the reason why the entity has none.
 pub(crate) fn features(
     component: &str,
     config: &EntityConfig,
@@ -123,12 +123,12 @@ pub(crate) fn features(
     Ok(found)
 }
 
-/// Words of [`NOT_THE_ROOM`] that do not count if they are in an identifier only: an identifier may contain
-/// the name of a board or a chip.
+/// Words of [`NOT_THE_ROOM`] that do not count if they occur only in an identifier, because an identifier
+/// may contain the name of a board or a chip.
 const OF_IDENTIFIERS: &[&str] = &["board", "device", "esp", "esp32", "external", "internal"];
 
-/// Returns the rank of a sensor by its name, or by its identifier if it has no name: the higher, the less
-/// likely it is about the air of the room.
+/// Returns the rank of a sensor by its name, or by its identifier if it has no name. The higher the rank,
+/// the less likely the sensor is about the air of the room.
 fn rank(label: &str, name: Option<&str>) -> u8 {
     let words = |text: &str| -> Vec<String> {
         let text = crate::naming::slug(text, " ");
@@ -179,7 +179,7 @@ fn binary_sensor(config: &EntityConfig, label: &str) -> Result<DeviceFeature, St
     })
 }
 
-/// Returns the device class of a unit, for a sensor that states no class.
+/// Returns the device class that has this unit, for a sensor that states no class.
 fn class_of_unit(unit: &str) -> Option<&'static str> {
     match unit {
         "°C" | "°F" => Some("temperature"),
@@ -188,7 +188,8 @@ fn class_of_unit(unit: &str) -> Option<&'static str> {
     }
 }
 
-/// Returns a feature that is switched by two payloads, and reports its state by the same or by two others.
+/// Returns a feature that two payloads switch, and that reports its state by these payloads or by two
+/// others.
 fn switched(
     class: &str,
     config: &EntityConfig,
@@ -328,14 +329,14 @@ fn lock(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
     Ok(lock)
 }
 
-/// Whether a template needs a variable: it is invalid without it, and valid with it.
+/// Whether a template needs a variable: the template is invalid without the variable, and valid with it.
 fn wants(template: &str, variable: &str) -> bool {
     use crate::template::Template;
     Template::new(template, &["value"]).is_err()
         && Template::new(template, &["value", variable]).is_ok()
 }
 
-/// Returns the features for the values of the room that a heater or a humidifier measures.
+/// Returns the features for the values of the room's air that a heater or a humidifier measures.
 fn surroundings(
     config: &EntityConfig,
     label: &str,

@@ -12,10 +12,10 @@ use crate::description::{
 };
 use crate::template::Template;
 
-/// Short forms of keys: those of an entity, then those of its device.
+/// Table of the short forms of keys: first the keys of an entity, then the keys of an entity's device.
 const SHORT: &str = include_str!("../abbreviations.tsv");
 
-/// Keys that apply to all components of one message if they stand beside the components.
+/// Keys that apply to all components of a message if they stand beside the list of components.
 const SHARED: &[&str] = &[
     "availability",
     "availability_mode",
@@ -29,12 +29,12 @@ const SHARED: &[&str] = &[
     "~",
 ];
 
-/// The config of one entity, with long keys.
+/// The config of one entity, with the long forms of its keys.
 pub(crate) struct EntityConfig(pub(crate) Map<String, Value>);
 
 type KeyForms = HashMap<&'static str, &'static str>;
 
-/// Returns the long forms of keys: those of an entity, and those of a device.
+/// Returns the long form of each short key: first for keys of an entity, then for keys of a device.
 fn long_forms() -> &'static (KeyForms, KeyForms) {
     static FORMS: OnceLock<(KeyForms, KeyForms)> = OnceLock::new();
     FORMS.get_or_init(|| {
@@ -51,11 +51,11 @@ fn long(map: Map<String, Value>, forms: &KeyForms) -> Map<String, Value> {
 }
 
 impl EntityConfig {
-    /// Reads a text.
+    /// Reads the config of an entity from the text of a message.
     ///
     /// # Errors
     ///
-    /// Returns an error if it is not a JSON object.
+    /// Returns an error if the text is not a JSON object.
     pub(crate) fn read(text: &str) -> Result<EntityConfig, String> {
         match serde_json::from_str(text) {
             Ok(Value::Object(map)) => Ok(EntityConfig::of(map)),
@@ -87,8 +87,8 @@ impl EntityConfig {
         EntityConfig(map)
     }
 
-    /// Returns the components of a message that describes a whole device: the name of each, and its config
-    /// merged with the shared keys.
+    /// Returns the components of a message that describes a whole device: the name of each component, and
+    /// its config merged with the keys that apply to all.
     pub(crate) fn components(&self) -> Vec<(String, EntityConfig)> {
         let Some(Value::Object(components)) = self.0.get("components") else { return Vec::new() };
         let shared = |key: &&str| Some(((*key).to_owned(), self.0.get(*key)?.clone()));
@@ -143,7 +143,7 @@ impl EntityConfig {
         self
     }
 
-    /// Returns a text; `None` if it is missing or empty.
+    /// Returns the text under a key; `None` if the text is missing or empty.
     pub(crate) fn text(&self, key: &str) -> Option<&str> {
         text(&self.0, key)
     }
@@ -174,7 +174,8 @@ impl EntityConfig {
         Duration::try_from_secs_f64(seconds).ok().filter(|duration| !duration.is_zero())
     }
 
-    /// Returns a payload as it is sent. A JSON value that is not a string is sent as JSON.
+    /// Returns the payload under a key in the form in which it is sent, or `otherwise` if the key is
+    /// missing. A JSON value that is not a string is sent as JSON.
     pub(crate) fn payload(&self, key: &str, otherwise: &str) -> String {
         match self.0.get(key) {
             Some(Value::String(text)) => text.clone(),
@@ -183,7 +184,8 @@ impl EntityConfig {
         }
     }
 
-    /// Returns a payload as a template sees it: booleans as Python prints them.
+    /// Returns the payload under a key in the form in which a template sees it: booleans as Python prints
+    /// them.
     pub(crate) fn payload_in_python(&self, key: &str, otherwise: &str) -> String {
         match self.0.get(key) {
             Some(Value::Bool(true)) => "True".to_owned(),
@@ -192,14 +194,15 @@ impl EntityConfig {
         }
     }
 
-    /// Returns the texts that count as a payload when they are received: as JSON and as Python print it.
+    /// Returns the texts that count as the payload under a key when they are received: the payload as JSON,
+    /// and as Python prints it.
     pub(crate) fn words(&self, key: &str, otherwise: &str) -> Vec<String> {
         let mut words = vec![self.payload(key, otherwise), self.payload_in_python(key, otherwise)];
         words.dedup();
         words
     }
 
-    /// Returns a template; `None` if the config has none under this key.
+    /// Returns the template under a key; `None` if the config has no such key.
     ///
     /// # Errors
     ///
@@ -208,8 +211,9 @@ impl EntityConfig {
         template(&self.0, key, &["value", "value_json"])
     }
 
-    /// Returns the source of a value: the topic under one key, read by the template under another. `None`
-    /// if the config has no such topic. Without a template, the value is read by `otherwise`.
+    /// Returns the source of a value: the topic under one key, and the template under another key that
+    /// reads the value. `None` if the config has no such topic. Without a template, the value is read by
+    /// `otherwise`.
     ///
     /// # Errors
     ///
@@ -228,7 +232,7 @@ impl EntityConfig {
         Ok(Some(ValueSource { topic: topic.to_owned(), reading }))
     }
 
-    /// Returns the message of a command: a payload, rendered by a template if there is one.
+    /// Returns the message of a command: a payload, rendered by the command's template if there is one.
     ///
     /// # Errors
     ///
@@ -252,7 +256,7 @@ impl EntityConfig {
         Ok(OutgoingMessage::new(to, text))
     }
 
-    /// Returns the output of a command's template with these variables. The template may also use the
+    /// Returns the output of a command's template for the given variables. The template may also use the
     /// variables `missing`, which are undefined.
     ///
     /// # Errors
@@ -274,7 +278,7 @@ impl EntityConfig {
         if text.is_empty() { Err(format!("its `{key}` gives no text")) } else { Ok(text) }
     }
 
-    /// Returns the topics that tell whether the entity is online.
+    /// Returns the topics that report whether the entity is online.
     ///
     /// # Errors
     ///

@@ -1,11 +1,12 @@
-//! Home Assistant's MQTT discovery, by which ESPHome, OpenMQTTGateway and many others describe themselves:
-//! `homeassistant/COMPONENT/[NODE/]OBJECT/config`, and whole devices in one message.
+//! Home Assistant's MQTT discovery, by which ESPHome, OpenMQTTGateway and many others describe themselves.
+//! The topic is `homeassistant/COMPONENT/[NODE/]OBJECT/config`; one message may also describe a whole
+//! device.
 //!
 //! - `config` reads one message; `component` makes features of an entity.
-//! - A message usually describes one *entity*. Entities are grouped into devices here: those that share an
-//!   identifier or a connection belong to one device. Any of them may state the name of the device and its
-//!   area.
-//! - A message that cannot be read leaves its entities as they were; the problem is reported.
+//! - A message usually describes one *entity*. This module groups entities into devices: entities that
+//!   share an identifier or a connection belong to one device. Any of them may state the name and the area
+//!   of the device.
+//! - A message that cannot be read leaves the entities of its topic as they were; the problem is reported.
 
 mod component;
 mod config;
@@ -17,7 +18,7 @@ use serde_json::{Map, Value};
 use crate::description::{DescribedDevice, DeviceFeature, UnusedFeature};
 use config::EntityConfig;
 
-/// The most topics that are kept.
+/// The most topics of which a description is kept.
 const ENTITIES_MAX: usize = 1 << 16;
 
 /// The descriptions received so far, by topic.
@@ -26,17 +27,17 @@ pub(crate) struct HomeAssistantDiscovery {
     texts: BTreeMap<String, TopicEntities>,
 }
 
-/// The content of the last message under a topic.
+/// The entities that the messages under one topic describe.
 #[derive(Debug, Default)]
 struct TopicEntities {
     entities: Vec<DescribedEntity>,
-    /// The reason why the last message could not be read; then the entities are those of an earlier one.
+    /// Reason why the last message could not be read; the entities are then those of an earlier message.
     problem: Option<String>,
 }
 
 #[derive(Clone, Debug)]
 struct DescribedEntity {
-    /// Identifiers and connections of its device: at least one.
+    /// Identifiers and connections of the entity's device: at least one.
     keys: Vec<String>,
     device_name: Option<String>,
     /// The name of the entity itself.
@@ -47,11 +48,11 @@ struct DescribedEntity {
 }
 
 impl HomeAssistantDiscovery {
-    /// Handles a discovery message; an empty text withdraws the one before.
+    /// Handles a discovery message. An empty text withdraws the description that the topic had before.
     ///
     /// # Errors
     ///
-    /// Returns the problem in words if the message cannot be read or too many topics are known.
+    /// Returns the problem in words if the message cannot be read, or if too many topics are known.
     pub(crate) fn receive_description(
         &mut self,
         prefix: &str,
@@ -84,7 +85,7 @@ impl HomeAssistantDiscovery {
         Ok(())
     }
 
-    /// Returns all devices that were described.
+    /// Returns all devices that the messages describe.
     pub(crate) fn devices(&self) -> Vec<DescribedDevice> {
         let mut groups = DeviceGroups::default();
         for (topic, text) in &self.texts {
@@ -129,7 +130,7 @@ fn unread(object: &str) -> DescribedEntity {
 #[derive(Default)]
 struct DeviceGroups {
     devices: Vec<Option<DeviceGroup>>,
-    /// The index of the device that has an identifier.
+    /// Index in `devices` of the device that has an identifier, by identifier.
     by_key: HashMap<String, usize>,
 }
 
@@ -199,7 +200,7 @@ impl DeviceGroups {
     }
 }
 
-/// Returns the entities of a message that describes a whole device.
+/// Returns the entities that a message about a whole device describes.
 fn whole(config: &EntityConfig, object: &str) -> Vec<DescribedEntity> {
     let components = config.components();
     let is_said = config.0.get("components").and_then(Value::as_object);
@@ -231,7 +232,7 @@ fn entity(component: &str, config: EntityConfig, object: &str) -> DescribedEntit
     DescribedEntity { features, unused, ..about(&config, object) }
 }
 
-/// Returns an entity with what the config states of its device; without features.
+/// Returns an entity without features, with everything that the config states about its device.
 fn about(config: &EntityConfig, object: &str) -> DescribedEntity {
     let device = config.0.get("device").and_then(Value::as_object);
     // An `object_id` is not unique: entities of other nodes may have the same.
@@ -254,7 +255,7 @@ fn about(config: &EntityConfig, object: &str) -> DescribedEntity {
     }
 }
 
-/// Returns the identifiers of a device, then its connections. Numbers count as texts.
+/// Returns the identifiers of a device, followed by its connections. Numbers count as texts.
 fn identifiers(device: &Map<String, Value>) -> Vec<String> {
     let plain = |value: &Value| match value {
         Value::String(text) => Some(text.trim().to_owned()).filter(|text| !text.is_empty()),
@@ -277,7 +278,7 @@ fn identifiers(device: &Map<String, Value>) -> Vec<String> {
     keys
 }
 
-/// Returns the canonical spelling of a network card's address.
+/// Returns the canonical spelling of the address of a network card.
 fn mac(address: &str) -> String {
     let digits: String =
         address.chars().filter(char::is_ascii_hexdigit).collect::<String>().to_ascii_lowercase();

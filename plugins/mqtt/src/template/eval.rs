@@ -1,4 +1,4 @@
-//! Evaluates a template by Python's rules.
+//! Evaluates a Jinja template by Python's rules.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -15,10 +15,10 @@ use super::numbers::{
     self, ArithmeticOperator, TEXT_BYTES_MAX, WEIGHT_OF_STEP, calculated, missing, weight, wrong,
 };
 
-/// The most steps of one rendering, and the fuel that it gives to minijinja.
+/// The most steps of one rendering of a template; minijinja gets the same number as its fuel.
 pub(super) const STEPS_MAX: u64 = 50_000;
 
-/// Filters that iterate over the parts of their value.
+/// Filters that iterate over the parts of the value that they are applied to.
 const GO_THROUGH: &[&str] = &[
     "batch",
     "count",
@@ -44,13 +44,13 @@ const GO_THROUGH: &[&str] = &[
 /// One evaluation of a template.
 pub(super) struct Evaluation<'e> {
     state: State<'e, 'e>,
-    /// Variables by block, the innermost last.
+    /// Variables of each block of the template that is being evaluated, the innermost block last.
     scopes: Vec<BTreeMap<String, Value>>,
     steps: u64,
     text: String,
 }
 
-/// The result of Jinja's `namespace`: its attributes can be set.
+/// The result of Jinja's `namespace`: an object with attributes that the template can set.
 #[derive(Debug, Default)]
 struct JinjaNamespace(Mutex<BTreeMap<String, Value>>);
 
@@ -229,8 +229,8 @@ impl<'e> Evaluation<'e> {
         parts.iter().zip(values).try_for_each(|(part, value)| self.assign(part, value))
     }
 
-    /// Returns the value of an expression. The size of a computed value is charged, so that nothing nests
-    /// or grows without end.
+    /// Returns the value of an expression. The size of a computed value is charged to the budget, so that
+    /// no value nests or grows without end.
     fn value(&mut self, expression: &Expr<'_>) -> Result<Value, Error> {
         self.step()?;
         let value = self.evaluate(expression)?;
@@ -401,7 +401,7 @@ impl<'e> Evaluation<'e> {
         self.applied(filter.name, &arguments)
     }
 
-    /// Applies one of Home Assistant's filters, or of Jinja's.
+    /// Applies one of Home Assistant's filters or one of Jinja's filters.
     fn applied(&mut self, name: &str, arguments: &[Value]) -> Result<Value, Error> {
         match filters::applied(&self.state, name, arguments) {
             Some(own) => own,
@@ -536,7 +536,7 @@ impl<'e> Evaluation<'e> {
     }
 }
 
-/// Returns Python's `items[start:stop:step]`.
+/// Returns the slice `items[start:stop:step]` as Python computes it.
 fn python_slice(
     items: Vec<Value>,
     start: Option<i64>,
@@ -562,8 +562,8 @@ fn python_slice(
     Ok(taken)
 }
 
-/// Whether a value is a namespace or contains one: such a value could contain itself. The size of every
-/// variable was checked, so this recursion ends.
+/// Whether a value is a namespace or contains one: such a value could contain itself. This recursion ends,
+/// because the size of every variable was checked before.
 fn has_namespace(value: &Value) -> bool {
     if value.downcast_object_ref::<JinjaNamespace>().is_some() {
         return true;
@@ -578,7 +578,7 @@ fn has_namespace(value: &Value) -> bool {
     }
 }
 
-/// Whether a value has no parts.
+/// Whether a value has no parts, unlike a list or a dictionary.
 fn is_single(value: &Value) -> bool {
     matches!(value.kind(), ValueKind::None | ValueKind::Bool | ValueKind::Number)
 }
@@ -588,8 +588,8 @@ fn letters(text: &Value) -> impl Iterator<Item = String> {
     letters.into_iter()
 }
 
-/// Returns a part of a value; undefined if there is no such part. Returns an error if the value itself is
-/// undefined.
+/// Returns the part of `whole` under `key`; undefined if there is no such part. Returns an error if `whole`
+/// itself is undefined.
 fn part(whole: &Value, key: &Value) -> Result<Value, Error> {
     match whole.kind() {
         ValueKind::Undefined => Err(missing()),

@@ -1,4 +1,4 @@
-//! Home Assistant's own filters and tests, and those of Jinja that it defines otherwise.
+//! Home Assistant's own filters and tests, and those of Jinja's that Home Assistant defines in another way.
 
 use minijinja::value::{Kwargs, Rest, Tuple, ValueKind, from_args};
 use minijinja::{Environment, Error, State, Value};
@@ -10,7 +10,7 @@ use crate::naming::slug;
 /// The largest size of a compiled regular expression, in bytes.
 const PATTERN_BYTES_MAX: usize = 1 << 18;
 
-/// The arguments of a filter: its value first.
+/// The arguments of a filter. The value that the filter is applied to is the first.
 pub(super) struct FilterArguments<'g> {
     values: &'g [Value],
     named: Kwargs,
@@ -20,7 +20,7 @@ pub(super) type FilterFn = fn(&FilterArguments<'_>) -> Result<Value, Error>;
 
 pub(super) type TestFn = fn(&FilterArguments<'_>) -> Result<bool, Error>;
 
-/// The filters of this file; they can be called as functions, too.
+/// The filters of this file. A template can also call them as functions.
 pub(super) const FILTERS: &[(&str, FilterFn)] = &[
     ("float", float),
     ("int", int),
@@ -59,7 +59,7 @@ pub(super) const FILTERS: &[(&str, FilterFn)] = &[
     ("regex_findall_index", regex_findall_index),
 ];
 
-/// The tests of this file.
+/// The tests of this file: `odd` in `if count is odd` is a test.
 pub(super) const TESTS: &[(&str, TestFn)] = &[
     ("match", |given| matches_at(given, true)),
     ("search", |given| matches_at(given, false)),
@@ -94,8 +94,8 @@ pub(super) fn register(environment: &mut Environment<'_>) {
     }
 }
 
-/// Charges the cost of a filter or a test: for the length of its texts, and for compiling a regular
-/// expression, which is done each time.
+/// Charges the cost of a filter or a test to the budget: for the length of its texts, and for compiling a
+/// regular expression, which is done at each use.
 fn pay(state: &State<'_, '_>, name: &str, arguments: &[Value]) -> Result<(), Error> {
     const EXPRESSION: usize = 50;
     let bytes: usize = arguments.iter().filter_map(|one| one.as_str()).map(str::len).sum();
@@ -104,7 +104,7 @@ fn pay(state: &State<'_, '_>, name: &str, arguments: &[Value]) -> Result<(), Err
     state.consume_fuel(u64::try_from(steps).unwrap_or(u64::MAX))
 }
 
-/// Applies a filter of this file; `None` if there is no such filter.
+/// Applies a filter of this file; returns `None` if there is no such filter.
 pub(super) fn applied(
     state: &State<'_, '_>,
     name: &str,
@@ -117,7 +117,7 @@ pub(super) fn applied(
     Some(FilterArguments::of(arguments).and_then(|given| filter(&given)))
 }
 
-/// Applies a test of this file; `None` if there is no such test.
+/// Applies a test of this file; returns `None` if there is no such test.
 pub(super) fn tested(
     state: &State<'_, '_>,
     name: &str,
@@ -156,15 +156,16 @@ impl<'g> FilterArguments<'g> {
         self.values.first().unwrap_or(&Value::UNDEFINED)
     }
 
-    /// Returns an argument by its place (the value is at 0) or its name; `None` if it is missing.
+    /// Returns an argument by its position (the value is at 0) or its name; `None` if the argument is
+    /// missing.
     fn argument(&self, place: usize, name: &str) -> Option<Value> {
         let is_named = self.named.has(name);
         let named = || self.named.get::<Value>(name).ok().filter(|_| is_named);
         self.values.get(place).cloned().or_else(named).filter(|value| !value.is_undefined())
     }
 
-    /// Returns the result, or the `default` argument if there is no result. Returns an error if there is
-    /// neither, or the value is undefined.
+    /// Returns the result, or the argument `default` if there is no result. Returns an error if there is
+    /// neither of them, or if the value is undefined.
     fn or(&self, result: Option<Value>, place: usize, what: &str) -> Result<Value, Error> {
         if self.value().is_undefined() {
             return Err(missing());
@@ -177,7 +178,7 @@ impl<'g> FilterArguments<'g> {
     }
 }
 
-/// Converts as Python's `float(…)`.
+/// Converts a value to a real number as Python's `float(…)` does.
 fn real(value: &Value) -> Option<f64> {
     if let Some(number) = PythonNumber::of(value) {
         return Some(number.real());
@@ -187,7 +188,8 @@ fn real(value: &Value) -> Option<f64> {
     text.parse().ok()
 }
 
-/// Converts as Python's `int(…)`, and as Jinja's, which accepts `21.7` too.
+/// Converts a value to an integer as Python's `int(…)` does, and as Jinja's `int`, which also accepts
+/// `21.7`.
 fn whole(value: &Value, base: u32) -> Option<i128> {
     if let Some(text) = value.as_str() {
         let text = text.trim();
@@ -255,7 +257,8 @@ fn half_even(real: f64) -> f64 {
     to_places(real, 0)
 }
 
-/// Rounds as Python's `round`: half to even, by the exact value of the number.
+/// Rounds a number as Python's `round` does: a half goes to the even neighbor, judged by the exact value of
+/// the number.
 fn to_places(real: f64, places: i32) -> f64 {
     let Ok(digits) = usize::try_from(places) else {
         let scale = 10_f64.powi(-places);
@@ -299,7 +302,7 @@ fn iif(given: &FilterArguments<'_>) -> Result<Value, Error> {
     Ok(chosen.unwrap_or_else(|| Value::from(otherwise)))
 }
 
-/// Returns an error for an undefined value, so that the template gives no value.
+/// Returns an error for an undefined value, so that the whole template gives no value.
 fn is_defined(given: &FilterArguments<'_>) -> Result<Value, Error> {
     if given.value().is_undefined() { Err(missing()) } else { Ok(given.value().clone()) }
 }
@@ -319,7 +322,7 @@ fn abs(given: &FilterArguments<'_>) -> Result<Value, Error> {
     }
 }
 
-/// Returns the remainder of a division; -1 for a number with a fraction.
+/// Returns the remainder of the value divided by `by`; -1 if the value has a fraction.
 fn rest(given: &FilterArguments<'_>, by: i128) -> Result<i128, Error> {
     match PythonNumber::of(given.value()) {
         Some(PythonNumber::Whole(whole)) => Ok(whole.rem_euclid(by)),
@@ -374,7 +377,8 @@ fn log(given: &FilterArguments<'_>) -> Result<Value, Error> {
     given.or(result.map(Value::from), 2, "log")
 }
 
-/// Returns the numbers of a list or of the arguments.
+/// Returns the numbers of the list that is the first argument. If that argument is no list, returns all
+/// arguments as numbers.
 fn numbers(given: &FilterArguments<'_>) -> Result<Vec<f64>, Error> {
     let values: Vec<Value> = match given.value().kind() {
         ValueKind::Seq => given.value().try_iter()?.collect(),
@@ -449,7 +453,7 @@ fn is_in(given: &FilterArguments<'_>) -> Result<bool, Error> {
     }
 }
 
-/// Compiles a regular expression as Python writes it.
+/// Compiles a regular expression that is written in Python's syntax.
 pub(super) fn pattern(text: &str, ignores_case: bool) -> Result<Regex, Error> {
     let mut builder = RegexBuilder::new(text);
     builder.case_insensitive(ignores_case).size_limit(PATTERN_BYTES_MAX);
@@ -499,8 +503,8 @@ fn regex_replace(given: &FilterArguments<'_>) -> Result<Value, Error> {
     Ok(Value::from(made))
 }
 
-/// Returns an error if a formatted text could become too long. The check runs before formatting: each place
-/// for a value (after `%` or `{`) may take all values, and be as wide as it states.
+/// Returns an error if a formatted text could become too long. The check runs before formatting. It assumes
+/// that each placeholder (after `%` or `{`) takes all values and is as wide as it states.
 pub(super) fn formattable(values: &[Value], place: char) -> Result<(), Error> {
     let Some((Some(text), rest)) = values.split_first().map(|(text, rest)| (text.as_str(), rest))
     else {
@@ -516,7 +520,7 @@ pub(super) fn formattable(values: &[Value], place: char) -> Result<(), Error> {
     within(widths.fold(text.len().saturating_add(filled), usize::saturating_add))
 }
 
-/// Returns an error if a text of this length is too long. Called before the text is made.
+/// Returns an error if a text of this length is too long. The function is called before the text is made.
 fn within(bytes: usize) -> Result<(), Error> {
     if bytes > TEXT_BYTES_MAX { Err(wrong("the text becomes too long")) } else { Ok(()) }
 }
@@ -552,7 +556,8 @@ fn reference(text: &str) -> String {
     made
 }
 
-/// Returns all matches: with one group the group, with several a tuple of them.
+/// Returns all matches of an expression. If the expression has one group, a match is the text of the group;
+/// with several groups, a match is a tuple of their texts.
 fn found(text: &str, expression: &Regex) -> Result<Vec<Value>, Error> {
     let (mut all, mut bytes) = (Vec::new(), 0_usize);
     for captures in expression.captures_iter(text) {

@@ -5,9 +5,10 @@
 //!   where `minijinja` does not: comparing a number with an undefined value is an error, not false.
 //! - `names` finds every filter, test, function and method in a template before any message arrives, so
 //!   that an unknown one is refused by its name when a device is discovered.
-//! - `filters` are Home Assistant's own; `numbers` is Python's arithmetic.
+//! - `filters` has Home Assistant's own filters and tests; `numbers` has Python's arithmetic.
 //!
-//! Compared with Home Assistant 2024.3; `plugins/mqtt/tests/templates.tsv` has its answers.
+//! The results were compared with Home Assistant 2024.3; `plugins/mqtt/tests/templates.tsv` has the outputs
+//! of Home Assistant.
 
 mod eval;
 mod filters;
@@ -21,19 +22,19 @@ use minijinja::{Environment, Error, Value};
 
 use eval::Evaluation;
 
-/// The longest template, in bytes.
+/// Length of the longest template, in bytes.
 const BYTES_MAX: usize = 1 << 13;
 
 /// A valid template: it parses, and all names in it are known. Rendering may still fail.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Template(String);
 
-/// The reason why a template gives no text this time.
+/// The reason why a template gives no output for one particular text.
 #[derive(Debug)]
 pub(crate) struct Unrendered(pub(crate) String);
 
 impl Template {
-    /// Reads a template that may use these variables.
+    /// Reads a template that may use the variables `variables`.
     ///
     /// # Errors
     ///
@@ -54,12 +55,13 @@ impl Template {
         }
     }
 
-    /// Returns the output for a text of a device: the text is `value`, and `value_json` if it is JSON.
+    /// Returns the output of the template for a text of a device: the variable `value` is the text, and
+    /// `value_json` is its content if the text is JSON.
     ///
     /// # Errors
     ///
-    /// Returns an error if the template cannot be rendered. Home Assistant ignores such a text, and the
-    /// earlier value stays.
+    /// Returns an error if the template cannot be rendered. Home Assistant ignores such a text of a device,
+    /// and the earlier value of the feature stays.
     pub(crate) fn of_word(&self, word: &str) -> Result<String, Unrendered> {
         let mut variables = vec![("value", Value::from(word))];
         if let Ok(json) = serde_json::from_str::<serde_json::Value>(word) {
@@ -68,7 +70,7 @@ impl Template {
         self.render(&variables)
     }
 
-    /// Returns the output with these variables.
+    /// Returns the output of the template with these variables.
     ///
     /// # Errors
     ///
@@ -133,7 +135,8 @@ fn shortened(text: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Templates, texts, and the outputs of Home Assistant; `!` if it ignores the text.
+    /// Templates, texts of devices, and the outputs of Home Assistant; `!` means that Home Assistant
+    /// ignores the text.
     const CASES: &str = include_str!("../../tests/templates.tsv");
 
     #[test]

@@ -1,10 +1,10 @@
-//! Finds the names that a template uses: an unknown one is found when the template is read.
+//! Checks the names that a template uses, so that an unknown name is found when the template is read.
 
 use minijinja::machinery::ast::{CallArg, Expr, Stmt};
 
 use super::filters::{FILTERS, TESTS, pattern};
 
-/// Jinja's filters that `minijinja` has with the same meaning.
+/// Names of Jinja's filters that `minijinja` has with the same meaning.
 const JINJA_FILTERS: &[&str] = &[
     "abs",
     "batch",
@@ -77,10 +77,10 @@ const JINJA_TESTS: &[&str] = &[
     "upper",
 ];
 
-/// Functions that are not filters.
+/// Names of functions that are not filters.
 const FUNCTIONS: &[&str] = &["dict", "max", "min", "namespace", "range"];
 
-/// Python's methods of texts, lists and dictionaries.
+/// Names of Python's methods of texts, lists and dictionaries.
 const METHODS: &[&str] = &[
     "capitalize",
     "count",
@@ -113,12 +113,13 @@ const METHODS: &[&str] = &[
     "values",
 ];
 
-/// How deep a template may nest, because it is evaluated by recursion. A chain of operators nests too.
+/// Largest depth to which a template may nest, because templates are evaluated by recursion. A chain of
+/// operators counts as nested as well.
 const DEPTH_MAX: usize = 100;
 
 const CONSTANTS: &[&str] = &["e", "inf", "pi", "tau"];
 
-/// Returns the problem of the first name that is not known here; `None` if all are known.
+/// Returns the problem of the first unknown name in a template; `None` if all names are known.
 pub(super) fn unknown(tree: &Stmt<'_>, variables: &[&str]) -> Option<String> {
     let variables = variables.iter().map(|name| (*name).to_owned()).collect();
     let mut search = NameChecker { variables, depth: 0 };
@@ -126,12 +127,12 @@ pub(super) fn unknown(tree: &Stmt<'_>, variables: &[&str]) -> Option<String> {
 }
 
 struct NameChecker {
-    /// The variables defined so far, anywhere in the template.
+    /// Names of the variables defined so far, anywhere in the template.
     variables: Vec<String>,
     depth: usize,
 }
 
-/// Evaluates expressions in order, and returns the first that is `Some`.
+/// Evaluates expressions in order, and returns the first result that is `Some`.
 macro_rules! first {
     ($first:expr $(, $next:expr)* $(,)?) => {
         $first$(.or_else(|| $next))*
@@ -143,7 +144,7 @@ impl NameChecker {
         statements.iter().find_map(|statement| self.statement(statement))
     }
 
-    /// Goes one level down. Returns the problem if that is too deep.
+    /// Runs `look` one level deeper in the template. Returns a problem if the level is too deep.
     fn deeper(&mut self, look: impl FnOnce(&mut NameChecker) -> Option<String>) -> Option<String> {
         if self.depth >= DEPTH_MAX {
             return Some("it is nested too deeply".to_owned());
@@ -309,7 +310,7 @@ fn is_test(name: &str) -> bool {
     JINJA_TESTS.contains(&name) || TESTS.iter().any(|(known, _)| *known == name)
 }
 
-/// Returns an argument that is a literal text.
+/// Returns the argument at `place` if it is a literal text; otherwise `None`.
 fn text<'a>(arguments: &'a [CallArg<'_>], place: usize) -> Option<&'a str> {
     match arguments.get(place)? {
         CallArg::Pos(Expr::Const(constant)) => constant.value.as_str(),

@@ -1,29 +1,29 @@
-//! Python's arithmetic and comparisons, for templates.
+//! Arithmetic and comparisons by Python's rules, for templates.
 
 use std::cmp::Ordering;
 
 use minijinja::value::ValueKind;
 use minijinja::{Error, ErrorKind, Value};
 
-/// The longest text that repeating or joining may make, in bytes.
+/// Length of the longest text that repeating or joining may make, in bytes.
 pub(super) const TEXT_BYTES_MAX: usize = 1 << 20;
 
-/// How deep a value may nest, because it is printed, compared and dropped by recursion. JSON nests up to
-/// 128 deep.
+/// Largest depth to which a value may nest, because values are printed, compared and dropped by recursion.
+/// JSON nests up to 128 deep.
 const DEPTH_MAX: usize = 200;
 
-/// The weight of a part of a value, besides its text.
+/// Weight of a part of a value, in addition to the bytes of its text.
 const WEIGHT_OF_PART: usize = 8;
 
-/// The weight that costs as much as one step.
+/// Weight of a value for which one step is charged to the budget of a rendering.
 pub(super) const WEIGHT_OF_STEP: usize = 64;
 
-/// Returns the weight of a value: that of its parts, and the bytes of its texts. A part that occurs several
-/// times counts each time.
+/// Returns the weight of a value: the sum of the weights of its parts and the bytes of its texts. A part
+/// that occurs several times counts each time.
 ///
 /// # Errors
 ///
-/// Returns an error if the value nests too deeply or is too large. The check stops there.
+/// Returns an error if the value nests too deeply or is too large. The computation stops at this point.
 pub(super) fn weight(value: &Value) -> Result<usize, Error> {
     let mut left = TEXT_BYTES_MAX;
     weigh(value, 0, &mut left)?;
@@ -48,7 +48,7 @@ fn weigh(value: &Value, depth: usize, left: &mut usize) -> Result<(), Error> {
     }
 }
 
-/// A number as Python has them.
+/// A number in one of the forms that Python has.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum PythonNumber {
     Whole(i128),
@@ -64,7 +64,8 @@ pub(super) fn missing() -> Error {
 }
 
 impl PythonNumber {
-    /// Returns a value that Python calculates with as it is, a number or a boolean; `None` for any other.
+    /// Returns the number that Python calculates with for a number or a boolean; `None` for any other
+    /// value.
     pub(super) fn of(value: &Value) -> Option<PythonNumber> {
         match value.kind() {
             ValueKind::Bool => Some(PythonNumber::Whole(i128::from(value.is_true()))),
@@ -216,7 +217,7 @@ fn of_reals(operator: ArithmeticOperator, one: f64, other: f64) -> Result<Python
     Ok(PythonNumber::Real(real))
 }
 
-/// Whether two values are equal. Undefined equals only undefined, and `None` only `None`.
+/// Whether two values are equal by Python's rules. Undefined equals only undefined, and `None` only `None`.
 pub(super) fn is_equal(one: &Value, other: &Value) -> bool {
     if one.is_undefined() || other.is_undefined() {
         return one.is_undefined() && other.is_undefined();
@@ -233,11 +234,12 @@ pub(super) fn is_equal(one: &Value, other: &Value) -> bool {
     }
 }
 
-/// Compares two values; `None` if they have no order, as NaN has none.
+/// Compares two values by Python's rules. Returns `None` if they have no order, as with NaN.
 ///
 /// # Errors
 ///
-/// Returns an error if only one is a number, if their types cannot be compared, or if one is undefined.
+/// Returns an error if only one value is a number, if their types cannot be compared, or if one is
+/// undefined.
 pub(super) fn compared(one: &Value, other: &Value) -> Result<Option<Ordering>, Error> {
     if one.is_undefined() || other.is_undefined() {
         return Err(missing());
