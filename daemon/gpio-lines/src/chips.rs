@@ -13,23 +13,24 @@ use crate::{
     OutputSettings,
 };
 
-/// Name under which the kernel lists the lines that this crate uses.
+/// Name of the user under which the kernel lists the lines that this crate uses.
 const CONSUMER: &str = "althing";
 
-/// Edges that are read at one time. The kernel keeps 16 for a line.
+/// Largest number of edges that are read at one time. The kernel keeps 16 edges for a line.
 const EDGES_MAX: usize = 16;
 
-/// Chips below a folder: `/dev`, or a folder in which a container shows them.
+/// GPIO chips of this machine with their files below one folder: `/dev`, or a folder in which a container
+/// shows the chips.
 #[derive(Clone, Debug)]
 pub struct GpioChips {
     folder: PathBuf,
 }
 
-/// Position of a line that was found.
+/// Chip and number of a line that was found.
 struct LinePosition {
     chip: PathBuf,
     number: u32,
-    /// Name of the line in messages.
+    /// Name of the line for messages.
     name: String,
 }
 
@@ -40,12 +41,12 @@ impl Default for GpioChips {
 }
 
 impl GpioChips {
-    /// Uses the chips below this folder.
+    /// Returns the chips with their files below `folder`.
     pub fn new(folder: impl Into<PathBuf>) -> GpioChips {
         GpioChips { folder: folder.into() }
     }
 
-    /// Returns the files of all chips, sorted by name.
+    /// Returns the paths of the files of all chips, sorted by name.
     fn files(&self) -> Vec<PathBuf> {
         let entries = std::fs::read_dir(&self.folder).into_iter().flatten();
         let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
@@ -59,12 +60,12 @@ impl GpioChips {
         files
     }
 
-    /// Returns the chips that this user may open.
+    /// Returns the chips that the user of this process may open.
     fn open_all(&self) -> Vec<Chip> {
         self.files().into_iter().filter_map(|path| open(&path).ok()).collect()
     }
 
-    /// Returns the chips that can be opened, with their labels, for messages.
+    /// Returns the names of the chips that can be opened, with their labels, for messages.
     fn known(&self) -> Vec<String> {
         let told = |chip: Chip| {
             let label = label(&chip).unwrap_or_default();
@@ -154,7 +155,8 @@ fn label(chip: &Chip) -> Option<String> {
     Some(chip.info().ok()?.label)
 }
 
-/// Returns the most similar name, or `None` if it differs in more than a third of the characters.
+/// Returns the name in `names` that is most similar to `wanted`, or `None` if it differs in more than a
+/// third of the characters.
 fn near(wanted: &str, names: Vec<String>) -> Option<String> {
     let distance =
         |name: &String| strsim::damerau_levenshtein(&name.to_lowercase(), &wanted.to_lowercase());
@@ -162,7 +164,8 @@ fn near(wanted: &str, names: Vec<String>) -> Option<String> {
     (distance(&nearest) <= wanted.chars().count() / 3).then_some(nearest)
 }
 
-/// Returns the system's error, without the context that the crate adds.
+/// Returns the system's error inside an error of the crate `gpiocdev`, without the context that the crate
+/// adds.
 fn system(error: &gpiocdev::Error) -> io::Error {
     use gpiocdev_uapi::Error::Os;
     match error {
@@ -203,7 +206,7 @@ impl LinePosition {
         })
     }
 
-    /// Describes the user of the line.
+    /// Describes the user of the line, for the message that the line is in use.
     fn consumer(&self) -> String {
         let info = Chip::from_path(&self.chip).and_then(|chip| chip.line_info(self.number));
         match info {
@@ -260,7 +263,8 @@ impl GpioBoard for GpioChips {
     }
 }
 
-/// Registers a request with the runtime, so that edges can be awaited.
+/// Registers the kernel's request for a line with the Tokio runtime, so that edges of the line can be
+/// awaited.
 #[expect(deprecated, reason = "a request owns its descriptor; what replaces this is `unsafe`")]
 fn polled(request: Request) -> io::Result<AsyncFd<Request>> {
     AsyncFd::new(request)
@@ -273,7 +277,8 @@ struct WatchedLine {
 }
 
 impl WatchedLine {
-    /// Reads the edges that the kernel has kept. The crate's own `read_edge_event` drops all but one.
+    /// Reads the edges that the kernel has kept. The function `read_edge_event` of the crate `gpiocdev`
+    /// drops all edges but one.
     fn kept_edges(&self) -> gpiocdev::Result<Vec<bool>> {
         let request = self.request.get_ref();
         let size = request.edge_event_u64_size();

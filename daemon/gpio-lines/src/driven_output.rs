@@ -1,11 +1,12 @@
-//! Drives an output line; opens it again if its chip was gone.
+//! Drives an output line; opens the line again if its chip was gone.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::line_watch::run_blocking;
 use crate::{GpioBoard, LineError, OutputLine, OutputSettings};
 
-/// Output line. It is opened when it is first used, and closed when all clones of this value are dropped.
+/// Output line that is driven. The line is opened when it is first used, and closed when all clones of this
+/// value are dropped.
 #[derive(Clone)]
 pub struct DrivenOutput {
     board: Arc<dyn GpioBoard>,
@@ -14,12 +15,12 @@ pub struct DrivenOutput {
 }
 
 impl DrivenOutput {
-    /// Returns an output of this board. The line is not opened yet.
+    /// Returns an output for a line of this board. The line is not opened yet.
     pub fn new(board: Arc<dyn GpioBoard>, output: OutputSettings) -> DrivenOutput {
         DrivenOutput { board, output: Arc::new(output), open_line: Arc::default() }
     }
 
-    /// Returns whether the line is active, read back from its chip.
+    /// Returns whether the line is active, as read back from its chip.
     ///
     /// # Errors
     ///
@@ -28,7 +29,8 @@ impl DrivenOutput {
         self.with(|line| line.value()).await
     }
 
-    /// Makes the line active or inactive. Returns whether it is active afterwards, read back from its chip.
+    /// Makes the line active or inactive. Returns whether the line is active afterwards, as read back from
+    /// its chip.
     ///
     /// # Errors
     ///

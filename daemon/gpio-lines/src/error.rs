@@ -1,70 +1,70 @@
-//! Reasons why a line cannot be used, with advice.
+//! Reasons why a GPIO line cannot be used, with advice.
 
 use std::io;
 use std::path::PathBuf;
 
-/// Reason why a line cannot be used. Completes “failed to …”.
+/// Reason why a GPIO line cannot be used. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LineError {
-    /// There is no such chip (now).
+    /// No chip with the name that was asked for is present now.
     #[error("find the GPIO chip `{wanted}`; {}", known_chips_text(known))]
     NoChip {
-        /// The chip that was asked for.
+        /// Name of the chip that was asked for.
         wanted: String,
-        /// Chips that are present, with their labels.
+        /// Names of the chips that are present, with their labels.
         known: Vec<String>,
     },
-    /// The chip has no line of this number.
+    /// The chip has no line with the number that was asked for.
     #[error("find line {number} of `{chip}`: it has lines 0 to {}", count.saturating_sub(1))]
     NoNumber {
-        /// The chip.
+        /// Name of the chip.
         chip: String,
-        /// The line that was asked for.
+        /// Number of the line that was asked for.
         number: u32,
         /// Number of lines that the chip has.
         count: u32,
     },
-    /// No line has this name (now).
+    /// No line with the name that was asked for is present now.
     #[error("find a line named `{wanted}`; {}", nearest_line_text(near.as_deref(), known))]
     NoName {
-        /// The name that was asked for.
+        /// Name of the line that was asked for.
         wanted: String,
-        /// A similar name, if there is one.
+        /// Name of a line that is similar to the name that was asked for, if there is one.
         near: Option<String>,
-        /// Chips that are present, with their labels.
+        /// Names of the chips that are present, with their labels.
         known: Vec<String>,
     },
-    /// Several lines have this name.
+    /// Several lines have the name that was asked for.
     #[error("choose between the lines named `{name}`: write {}", lines.join(" or "))]
     Ambiguous {
-        /// The name.
+        /// Name of the line that was asked for.
         name: String,
-        /// The lines with this name.
+        /// Positions of the lines with this name, each as chip and number.
         lines: Vec<String>,
     },
-    /// The line is in use.
+    /// The line is already in use.
     #[error("use the line `{line}`: {consumer} uses it already")]
     Used {
-        /// The line.
+        /// Name of the line.
         line: String,
-        /// Description of its user.
+        /// Description of the line's user.
         consumer: String,
     },
     /// The user of this process may not open the chip.
     #[error("open `{}`: permission denied; add this user to the group `gpio`", path.display())]
     NotAllowed {
-        /// Path of the chip.
+        /// Path of the chip's file.
         path: PathBuf,
     },
     /// Another error of the kernel, for example because the chip is gone.
     #[error("{what} the line `{line}`: {source}")]
     Kernel {
-        /// The operation that failed.
+        /// The operation on the line that failed.
         what: &'static str,
-        /// The line.
+        /// Name of the line.
         line: String,
-        /// The error.
+        /// Error of the kernel.
         source: io::Error,
     },
 }

@@ -2,12 +2,13 @@
 //! such as a relay.
 //!
 //! - A line is identified by its chip and number, or by its own name ([`LineName`]). The number of a chip
-//!   changes with the order in which drivers were loaded; its label and the names of lines do not.
-//! - [`GpioBoard`] opens lines: it is this machine's [`GpioChips`], or a [`MemoryBoard`] in tests.
-//! - [`watch_line`] watches an input until the watch is dropped, also while its chip is unplugged and plugged
-//!   in.
-//! - [`DrivenOutput`] drives an output. It begins with the current value, so nothing switches when a daemon is
-//!   restarted.
+//!   changes with the order in which drivers were loaded; the label of a chip and the names of lines do
+//!   not.
+//! - [`GpioBoard`] opens lines: a board is this machine's [`GpioChips`], or a [`MemoryBoard`] in tests.
+//! - [`watch_line`] watches an input line until the watch is dropped, also while the chip of the line is
+//!   unplugged and plugged in.
+//! - [`DrivenOutput`] drives an output line. It begins with the current value of the line, so nothing
+//!   switches when a daemon is restarted.
 
 mod chips;
 mod driven_output;
@@ -28,44 +29,45 @@ pub use line_watch::{LineState, LineWatch, watch_line};
 pub use memory_board::MemoryBoard;
 pub use name::{InvalidLineName, LineName};
 
-/// A future that a line returns.
+/// A future that a method of a line returns.
 pub type BoxFuture<'l, T> = Pin<Box<dyn Future<Output = T> + Send + 'l>>;
 
-/// Bias of a line that nothing drives.
+/// Bias of a line: the level to which the chip pulls the line when nothing drives it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Bias {
-    /// Pulled up: a contact between line and ground is open if the line reads high.
+    /// Pulls the line up: a contact between line and ground is open if the line reads high.
     PullUp,
-    /// Pulled down.
+    /// Pulls the line down.
     PullDown,
-    /// No bias: the circuit pulls the line itself.
+    /// Does not pull the line: the circuit pulls the line itself.
     None,
 }
 
-/// Input line to be watched.
+/// Settings of an input line that is to be watched.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InputSettings {
-    /// The line.
+    /// Name of the input line.
     pub line: LineName,
-    /// Whether the line is active when it is low.
+    /// Whether the line counts as active when its level is low.
     pub is_active_low: bool,
-    /// Bias; `None` leaves it as it is.
+    /// Bias of the line; `None` leaves the bias as it is.
     pub bias: Option<Bias>,
-    /// Time that the line must be stable before an edge counts, because contacts bounce.
+    /// Time for which the line must be stable before an edge counts, because contacts bounce; `None` sets
+    /// no such time.
     pub debounce: Option<Duration>,
 }
 
-/// Output line to be driven.
+/// Settings of an output line that is to be driven.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutputSettings {
-    /// The line.
+    /// Name of the output line.
     pub line: LineName,
-    /// Whether the line is active when it is low.
+    /// Whether the line counts as active when its level is low.
     pub is_active_low: bool,
 }
 
-/// Opens lines. Its methods may block on a bus, so call them on a thread that may block.
+/// A board that opens lines. The methods may block on a bus, so call them on a thread that may block.
 pub trait GpioBoard: Send + Sync + 'static {
     /// Opens a line as an input, on a thread of a Tokio runtime.
     ///
@@ -74,7 +76,7 @@ pub trait GpioBoard: Send + Sync + 'static {
     /// Returns an error if the line does not exist, or this process may not use it.
     fn input(&self, wanted: &InputSettings) -> Result<Box<dyn InputLine>, LineError>;
 
-    /// Opens a line as an output, with its current value.
+    /// Opens a line as an output, and keeps its current value.
     ///
     /// # Errors
     ///
@@ -82,36 +84,36 @@ pub trait GpioBoard: Send + Sync + 'static {
     fn output(&self, wanted: &OutputSettings) -> Result<Box<dyn OutputLine>, LineError>;
 }
 
-/// Input line that is open.
+/// An open input line.
 pub trait InputLine: Send + Sync + 'static {
     /// Returns whether the line is active now.
     ///
     /// # Errors
     ///
-    /// Returns an error if its chip is gone.
+    /// Returns an error if the line's chip is gone.
     fn value(&self) -> Result<bool, LineError>;
 
-    /// Waits for the next edges, and returns whether the line was active after each. Waits as long as there
-    /// are none; without end if [`InputLine::reports_edges`] is `false`.
+    /// Waits for the next edges of the line, and returns whether the line was active after each edge. Waits
+    /// as long as there are no edges; waits forever if [`InputLine::reports_edges`] is `false`.
     fn edges(&self) -> BoxFuture<'_, Result<Vec<bool>, LineError>>;
 
-    /// Whether the chip reports edges. Some chips behind a bus do not.
+    /// Whether the line's chip reports edges. Some chips behind a bus do not.
     fn reports_edges(&self) -> bool;
 }
 
-/// Output line that is open.
+/// An open output line.
 pub trait OutputLine: Send + 'static {
     /// Returns whether the line is active now.
     ///
     /// # Errors
     ///
-    /// Returns an error if its chip is gone.
+    /// Returns an error if the line's chip is gone.
     fn value(&self) -> Result<bool, LineError>;
 
     /// Makes the line active or inactive.
     ///
     /// # Errors
     ///
-    /// Returns an error if its chip is gone.
+    /// Returns an error if the line's chip is gone.
     fn set(&self, is_active: bool) -> Result<(), LineError>;
 }

@@ -1,4 +1,4 @@
-//! Watches an input line, also while its chip is unplugged and plugged in.
+//! Watches an input line, also while the line's chip is unplugged and plugged in.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,32 +8,34 @@ use tokio::task::JoinHandle;
 
 use crate::{GpioBoard, InputLine, InputSettings, LineError};
 
-/// Interval of checks whether a chip is back, or still present. The latter is needed because kernels before
-/// 6.6 do not wake a process that waits for edges of a chip that is unplugged.
+/// Interval of checks whether a chip that was gone is back, or a chip that was present still is. The second
+/// kind of check is needed because kernels before 6.6 do not wake a process that waits for edges of a chip
+/// that is unplugged.
 const PRESENCE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Interval of reading a line if its chip reports no edges. A door takes longer to open and close.
+/// Interval of reading a line if its chip reports no edges. A door, for example, takes longer to open and
+/// close.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// State of a line that is watched.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LineState {
-    /// The line has not been read yet.
+    /// The line has not been read since the watch began.
     Unknown,
-    /// The line is present; whether it is active.
+    /// The line is present. The field tells whether the line is active.
     Present(bool),
-    /// The line cannot be read now, with the reason; it completes “failed to …”.
+    /// The line cannot be read now. The field is the reason; it completes “failed to …”.
     Unavailable(String),
 }
 
-/// Watch on a line; dropping it ends the watch.
+/// Watch on an input line; dropping this value ends the watch.
 pub struct LineWatch {
     state: watch::Receiver<LineState>,
     task: JoinHandle<()>,
 }
 
 impl LineWatch {
-    /// Returns a receiver for the state of the line and its changes.
+    /// Returns a receiver for the state of the watched line and for the changes of that state.
     pub fn state(&self) -> watch::Receiver<LineState> {
         self.state.clone()
     }
@@ -45,7 +47,7 @@ impl Drop for LineWatch {
     }
 }
 
-/// Starts to watch a line, on a Tokio runtime.
+/// Starts to watch an input line, on a Tokio runtime.
 pub fn watch_line(board: Arc<dyn GpioBoard>, input: InputSettings) -> LineWatch {
     let (said, state) = watch::channel(LineState::Unknown);
     let input = Arc::new(input);
@@ -70,7 +72,8 @@ async fn open(
     run_blocking(move || board.input(&input)).await
 }
 
-/// Publishes the state of a line while it is present. Returns the reason why it is not present any more.
+/// Publishes the state of a line while the line is present. Returns the reason why the line is not present
+/// any more.
 async fn publish_states(line: Arc<dyn InputLine>, said: &watch::Sender<LineState>) -> String {
     let pause = if line.reports_edges() { PRESENCE_CHECK_INTERVAL } else { POLL_INTERVAL };
     loop {
@@ -98,7 +101,7 @@ fn publish_state(said: &watch::Sender<LineState>, state: LineState) {
     });
 }
 
-/// Runs work that may block on a bus, on a thread that may block.
+/// Runs work that may block on a bus, on a thread for blocking work.
 pub(crate) async fn run_blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, LineError> + Send + 'static,
 ) -> Result<T, String> {

@@ -10,10 +10,10 @@ use crate::{
     BoxFuture, GpioBoard, InputLine, InputSettings, LineError, LineName, OutputLine, OutputSettings,
 };
 
-/// Error number of the kernel for a chip that is gone (`ENODEV`).
+/// Error number of the kernel for an operation on a chip that is gone (`ENODEV`).
 const NO_SUCH_DEVICE: i32 = 19;
 
-/// Board on which tests plug in, set and unplug lines. Clones are the same board.
+/// Board on which tests plug in, set and unplug lines. All clones are the same board.
 #[derive(Clone, Default)]
 pub struct MemoryBoard(Arc<Mutex<MemoryLines>>);
 
@@ -25,49 +25,49 @@ struct MemoryLines {
 
 #[derive(Clone)]
 struct MemoryLine {
-    /// Whether the line is high; `None` after it is unplugged.
+    /// Whether the level of the line is high; `None` after the line is unplugged.
     level: Arc<watch::Sender<Option<bool>>>,
-    /// Whether something stronger than the driver fixes the level.
+    /// Whether something stronger than the line's driver fixes the level of the line.
     is_held: bool,
-    /// The line is in use while an opened line holds a clone of this.
+    /// Marks the line as in use: an opened line holds a clone of this value until it is closed.
     used: Arc<()>,
 }
 
 impl MemoryBoard {
-    /// Plugs in a line, with this level.
+    /// Plugs in a line with the level high or low.
     pub fn plug(&self, name: &str, is_high: bool) {
         let level = Arc::new(watch::channel(Some(is_high)).0);
         let line = MemoryLine { level, is_held: false, used: Arc::default() };
         self.lock().lines.insert(name.to_owned(), line);
     }
 
-    /// Unplugs a line.
+    /// Unplugs the line with this name.
     pub fn unplug(&self, name: &str) {
         if let Some(line) = self.lock().lines.remove(name) {
             line.level.send_replace(None);
         }
     }
 
-    /// Sets the level of a line from outside.
+    /// Sets the level of a line to high or low from outside.
     pub fn set(&self, name: &str, is_high: bool) {
         if let Some(line) = self.lock().lines.get(name) {
             line.level.send_replace(Some(is_high));
         }
     }
 
-    /// Returns whether a line is high, or `None` if there is no such line.
+    /// Returns whether the level of a line is high, or `None` if there is no such line.
     pub fn level(&self, name: &str) -> Option<bool> {
         self.lock().lines.get(name).and_then(|line| *line.level.borrow())
     }
 
-    /// Fixes the level of a line, so that driving it has no effect.
+    /// Fixes the current level of a line, so that driving the line has no effect.
     pub fn fix_level(&self, name: &str) {
         if let Some(line) = self.lock().lines.get_mut(name) {
             line.is_held = true;
         }
     }
 
-    /// Turns off the reports of edges for lines that are opened from now on.
+    /// Turns off the reports of edges for all lines that are opened from now on.
     pub fn disable_edge_reports(&self) {
         self.lock().edge_reports_disabled = true;
     }

@@ -4,22 +4,22 @@ use std::fmt;
 
 use serde::Deserialize;
 
-/// Name of a line: `gpiochip0/17`, or its own name `GPIO17`.
+/// Name of a line: its chip and number, such as `gpiochip0/17`, or its own name, such as `GPIO17`.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub enum LineName {
-    /// A chip and a number.
+    /// The line is named by its chip and its number on the chip.
     Numbered {
         /// Name of the chip's file below `/dev`, or its label.
         chip: String,
         /// Number of the line on the chip.
         number: u32,
     },
-    /// The line's own name, from the description of the board.
+    /// The line is named by its own name, from the description of the board.
     Named(String),
 }
 
-/// The text is no name of a line.
+/// Error for a text that is no name of a line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` names no line: write its chip and number, such as \"gpiochip0/17\", or its own name, such as \"GPIO17\""

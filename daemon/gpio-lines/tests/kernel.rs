@@ -1,4 +1,5 @@
-//! Lines of a real chip under a real kernel: they are found, watched, driven, unplugged and plugged in.
+//! Tests of the lines of a real chip under a real kernel: the lines are found, watched, driven, unplugged
+//! and plugged in.
 
 mod machine;
 
@@ -14,11 +15,11 @@ use machine::{PRESS, SAID, said_by};
 use rustix::mount::{MountFlags, mount};
 use rustix::system::{RebootCommand, reboot};
 
-/// The same line, by its chip's number and by its label.
+/// Name of a line by its chip's number; [`LABELED`] names the same line by its chip's label.
 const NUMBERED: &str = "gpiochip0/5";
 const LABELED: &str = "9030000.pl061/5";
 
-/// Line of the power button.
+/// Name of the line that the power button is connected to.
 const BUTTON: &str = "9030000.pl061/3";
 
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -63,7 +64,7 @@ fn relay(name: &str, is_active_low: bool) -> DrivenOutput {
     DrivenOutput::new(Arc::new(GpioChips::default()), output)
 }
 
-/// Runs inside that machine, as its only process.
+/// Part of the test that runs inside the virtual machine, as its only process.
 #[test]
 #[ignore = "for the machine that the other test begins"]
 fn inside() {
@@ -116,7 +117,7 @@ async fn drive() {
     say(format!("seen from the other side {:?}", relay(NUMBERED, true).value().await));
 }
 
-/// Waits for edges only after the button was released.
+/// Opens the button's line, and waits for edges of the line only after the button was released.
 async fn come_late(input: &InputSettings) {
     let button = GpioChips::default().input(input).expect("it is there");
     say(PRESS);
@@ -125,7 +126,7 @@ async fn come_late(input: &InputSettings) {
     say(format!("kept for a late reader {:?}", edges.expect("in time")));
 }
 
-/// Unbinds the chip's driver, and binds it again.
+/// Unbinds the driver of the button's chip, and binds it again.
 async fn unplug(button: &LineWatch, mut next: impl AsyncFnMut()) {
     // After that, the chip may have another number, but not another label.
     let relay = relay(LABELED, false);

@@ -8,13 +8,13 @@ use crate::{DeviceIdentity, SensorChannel, SysfsQuantity};
 /// of the same device.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct SensorBundle {
-    /// The device.
+    /// Device that the channels belong to.
     pub device: DeviceIdentity,
     /// Main quantity that the sensor measures.
     pub quantity: SysfsQuantity,
-    /// Name of the channel, if the device has several for that quantity.
+    /// Name of the channel for the main quantity, if the device has several channels for that quantity.
     pub channel: Option<String>,
-    /// Whether the thermometer also measures the humidity.
+    /// Whether the sensor is a thermometer that also measures the humidity.
     pub has_humidity: bool,
 }
 

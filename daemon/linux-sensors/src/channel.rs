@@ -1,4 +1,4 @@
-//! A channel: one quantity that one device measures, and how it is read.
+//! A sensor channel: one quantity that one device measures, and the files from which it is read.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -11,88 +11,91 @@ use crate::quantity::SysfsQuantity;
 /// One quantity that a device measures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SensorChannel {
-    /// The device.
+    /// Device that the channel belongs to.
     pub device: DeviceIdentity,
     /// Name of the channel as in the kernel: `temp`, `temp_object`, `humidityrelative`.
     #[serde(rename = "channel")]
     pub name: String,
-    /// Quantity that it measures.
+    /// Quantity that the channel measures.
     pub quantity: SysfsQuantity,
-    /// Whether it measures the room, judged by the device's name. A processor's thermometer does not.
+    /// Whether the channel measures the room around the device, judged by the device's name. The
+    /// thermometer of a processor, for example, does not.
     pub is_ambient: bool,
     #[serde(skip)]
     pub(crate) reading: ValueFiles,
 }
 
-/// Files of a value, and its conversion to the quantity's unit: `(FILE + offset) * scale * factor`.
+/// Files from which a channel's value is read, and the conversion of the number in `file` to the unit of
+/// the quantity: `(FILE + offset) * scale * factor`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ValueFiles {
     pub(crate) file: PathBuf,
     pub(crate) offset: Option<PathBuf>,
     pub(crate) scale: Option<PathBuf>,
-    /// File with a number other than 0 if the value is invalid: the sensor is missing or its wire is
-    /// broken.
+    /// File that holds a number other than 0 if the value is invalid, because the sensor is missing or its
+    /// wire is broken; `None` if the device has no such file.
     pub(crate) fault: Option<PathBuf>,
-    /// Ranges of values in the file that mean “no value”, both ends included.
+    /// Ranges of numbers in the value's file that mean “no value”, both ends included.
     pub(crate) no_values: &'static [(f64, f64)],
-    /// Value in the file after power-up, before the first measurement.
+    /// Number in the value's file after power-up, before the first measurement; `None` if the device has no
+    /// such number.
     pub(crate) at_power_up: Option<f64>,
     pub(crate) factor: f64,
 }
 
-/// Reason why a channel was not read. Completes “failed to …”.
+/// Reason why a channel could not be read. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The file could not be read: the device is gone, or its bus failed this time.
+    /// The file with the value could not be read: the device is gone, or its bus failed this time.
     #[error("read `{}`: {source}", .file.display())]
     File {
-        /// Path of the file.
+        /// Path of the file with the value.
         file: PathBuf,
-        /// The error.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The file does not contain a number.
+    /// The file with the value does not contain a number.
     #[error("read `{}`: `{text}` is no number", .file.display())]
     NoNumber {
-        /// Path of the file.
+        /// Path of the file with the value.
         file: PathBuf,
-        /// Its text, or the beginning of it.
+        /// Text in the file, or the beginning of the text.
         text: String,
     },
-    /// The device reports that its value is invalid.
+    /// The device reports that its current value is invalid.
     #[error("read `{device}`: it reports a fault of its sensor")]
     Fault {
-        /// The device.
+        /// Device that reports the invalid value.
         device: DeviceIdentity,
     },
     /// The device reports a number that means “no value”, or that is impossible.
     #[error("use {value}, the value of `{device}`: no sensor measures that")]
     Impossible {
-        /// The device.
+        /// Device that reports the number.
         device: DeviceIdentity,
-        /// The value, in the quantity's unit.
+        /// Number that was reported, in the quantity's unit.
         value: f64,
     },
     /// The device was powered up, and has not measured yet.
     #[error("use the value of `{device}`: it has just been powered up")]
     PoweredUp {
-        /// The device.
+        /// Device that has not measured yet.
         device: DeviceIdentity,
     },
 }
 
-/// Characters of a text without a number that an error shows.
+/// Largest number of characters that an error quotes of a text that is no number.
 const QUOTED_CHARS: usize = 20;
 
 impl SensorChannel {
-    /// Returns the current value, in the quantity's unit. Waits for the device: on some buses nearly a
-    /// second.
+    /// Returns the current value of the channel, in the quantity's unit. Waits for the device, on some
+    /// buses nearly a second.
     ///
     /// # Errors
     ///
-    /// Returns an error if the device is gone or did not answer (some fail one time in five), or if it
-    /// reports an invalid or impossible value.
+    /// Returns an error if the device is gone or did not answer (some devices fail one time in five), or if
+    /// the device reports an invalid or impossible value.
     pub fn read(&self) -> Result<f64, ReadError> {
         let ValueFiles { file, offset, scale, fault, no_values, at_power_up, factor } =
             &self.reading;
@@ -116,7 +119,7 @@ impl SensorChannel {
         Ok(value)
     }
 
-    /// Whether its file exists, which it does as long as the device is present.
+    /// Whether the file with the channel's value exists; it exists as long as the device is present.
     pub fn is_present(&self) -> bool {
         self.reading.file.exists()
     }

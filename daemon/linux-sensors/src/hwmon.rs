@@ -1,5 +1,5 @@
-//! Hardware monitoring (the kernel's `Documentation/hwmon/sysfs-interface`): chips that measure temperature
-//! and humidity. Most of them monitor the machine itself.
+//! Hardware monitoring, the kernel's subsystem for chips that measure temperature and humidity
+//! (`Documentation/hwmon/sysfs-interface` of the kernel). Most of the chips monitor the machine itself.
 
 use std::path::Path;
 
@@ -8,20 +8,23 @@ use crate::identity::DeviceIdentity;
 use crate::quantity::SysfsQuantity;
 use crate::{Sysfs, file_name, line, list};
 
-/// Factor to the unit of the quantity: both quantities are in thousandths.
+/// Factor from the number in a file to the unit of the quantity: both quantities are reported in
+/// thousandths.
 const FACTOR: f64 = 1e-3;
 
-/// Values of temperature chips for a sensor that does not answer: all bits are ones, or only the first is.
+/// Ranges of numbers that temperature chips report for a sensor that does not answer: all bits of the
+/// number are ones, or only the first is.
 pub(crate) const NO_DEGREES: &[(f64, f64)] = &[(-1e9, -127_000.0), (127_000.0, 128_000.0)];
 
-/// Beginnings of the names of chips that measure rooms. All others measure processors, disks and boards.
+/// Beginnings of the names of chips that measure rooms. All other chips measure processors, disks and
+/// boards.
 const AMBIENT: &[&str] = &[
     "adt7410", "adt7420", "adt75", "ds1621", "ds1775", "ds620", "hih6130", "hs3001", "lm75",
     "lm92", "mcp980", "pct2075", "sht15", "sht21", "sht3", "sht4", "shtc", "shtw", "stds75",
     "sts3", "tc74", "tmp1", "tmp4", "tmp75",
 ];
 
-/// Returns the channels of hardware monitoring.
+/// Returns the sensor channels of hardware monitoring.
 pub(crate) fn channels(sysfs: &Sysfs) -> Vec<SensorChannel> {
     let mut channels = Vec::new();
     for folder in sysfs.list("class/hwmon") {

@@ -1,4 +1,4 @@
-//! Identity of a device, independent of the number that the kernel gave it.
+//! Identity of a device that does not depend on the number that the kernel gave the device.
 
 use std::fmt;
 use std::path::{Component, Path};
@@ -7,21 +7,23 @@ use serde::{Serialize, Serializer};
 
 use crate::{Sysfs, line};
 
-/// Buses at which a place begins: what a bus is attached to differs between kernels.
+/// Prefixes of the names of buses at which the place of a device begins. What a bus is attached to differs
+/// between kernels, so it is not part of the place.
 const BUSES: [&str; 2] = ["i2c-", "spi"];
 
-/// A device: its name and its place. Written `NAME@PLACE`, such as `bme280@i2c-1/1-0076`.
+/// Identity of a device: its name and its place. Written `NAME@PLACE`, such as `bme280@i2c-1/1-0076`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct DeviceIdentity {
-    /// Name that its driver gives it.
+    /// Name that the driver gives the device.
     pub name: String,
-    /// Place where it is attached: its folder among the kernel's devices, beginning with its bus.
+    /// Place where the device is attached: its folder among the kernel's devices, beginning with the bus.
     pub place: String,
 }
 
 impl DeviceIdentity {
-    /// Returns the device with this folder, or with the folder that this is a link to. `called` is its name
-    /// if the folder has none. Returns `None` if it has no name or is not below the devices of `sysfs`.
+    /// Returns the identity of the device with this folder, or with the folder that `folder` is a link to.
+    /// `called` is the name of the device if the folder holds none. Returns `None` if the device has no
+    /// name or is not below the devices of `sysfs`.
     pub(crate) fn of(
         sysfs: &Sysfs,
         folder: &Path,
@@ -35,7 +37,7 @@ impl DeviceIdentity {
     }
 }
 
-/// Returns the part of a path that tells where a device is attached.
+/// Returns the part of a device's path that tells where the device is attached.
 fn place(path: &Path) -> String {
     let normal = path.components().filter_map(|part| match part {
         Component::Normal(part) => part.to_str(),

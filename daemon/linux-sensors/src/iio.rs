@@ -1,4 +1,5 @@
-//! Industrial I/O: most sensors on boards (the kernel's `Documentation/ABI/testing/sysfs-bus-iio`).
+//! Industrial I/O, the kernel's subsystem for most sensors on boards
+//! (`Documentation/ABI/testing/sysfs-bus-iio` of the kernel).
 
 use std::path::Path;
 
@@ -7,7 +8,8 @@ use crate::identity::DeviceIdentity;
 use crate::quantity::SysfsQuantity;
 use crate::{Sysfs, file_name, line, list};
 
-/// Kernel's name of each quantity, and the factor from the kernel's unit to that of [`SysfsQuantity`].
+/// Name that the kernel gives each quantity, and the factor from the kernel's unit to that of
+/// [`SysfsQuantity`].
 const KINDS: &[(&str, SysfsQuantity, f64)] = &[
     // The kernel's units: milli-degrees, thousandths of per cent, per cent.
     ("temp", SysfsQuantity::Temperature, 1e-3),
@@ -17,10 +19,11 @@ const KINDS: &[(&str, SysfsQuantity, f64)] = &[
     ("distance", SysfsQuantity::Distance, 1.0),
 ];
 
-/// Endings of values that are no measurements: maximum and minimum since the start, and averages.
+/// Endings of the names of files that hold no current measurements: maximum and minimum since the start,
+/// and averages.
 const DERIVED: &[&str] = &["_peak", "_trough", "_mean"];
 
-/// Returns the channels of Industrial I/O.
+/// Returns the sensor channels of Industrial I/O.
 pub(crate) fn channels(sysfs: &Sysfs) -> Vec<SensorChannel> {
     let mut channels = Vec::new();
     for folder in sysfs.list("bus/iio/devices") {
@@ -32,15 +35,15 @@ pub(crate) fn channels(sysfs: &Sysfs) -> Vec<SensorChannel> {
     channels
 }
 
-/// Returns the device that an `iio:deviceN` belongs to: the one with its parent folder.
+/// Returns the device that a folder `iio:deviceN` belongs to: the device with the parent folder.
 fn device(sysfs: &Sysfs, folder: &Path) -> Option<DeviceIdentity> {
     file_name(folder).filter(|name| name.starts_with("iio:device"))?;
     let own = folder.canonicalize().ok()?;
     DeviceIdentity::of(sysfs, own.parent()?, line(&folder.join("name")))
 }
 
-/// Returns the channel with its value in this file, or `None` if the file is no such:
-/// `in_KIND[N][_MODIFIER]_raw` or `_input`.
+/// Returns the channel with its value in this file, or `None` if the file's name has none of the forms
+/// `in_KIND[N][_MODIFIER]_raw` and `in_KIND[N][_MODIFIER]_input`.
 fn channel(device: &DeviceIdentity, file: &Path) -> Option<SensorChannel> {
     let name = file_name(file)?.strip_prefix("in_")?;
     let (name, is_raw) = match name.strip_suffix("_input") {

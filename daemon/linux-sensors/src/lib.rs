@@ -1,8 +1,9 @@
 //! Sensors of a machine as its Linux kernel reports them, in canonical units.
 //!
-//! - Reads files below [`Sysfs`] and nothing else: no C library, no special rights, no clock.
-//! - A device is identified by its name and the place where it is attached ([`DeviceIdentity`]), never by the
-//!   number that the kernel gave it: that changes with the order in which drivers were loaded.
+//! - The crate reads files below [`Sysfs`] and nothing else: no C library, no special rights, no clock.
+//! - A device is identified by its name and the place where it is attached ([`DeviceIdentity`]), never by
+//!   the number that the kernel gave the device: the number changes with the order in which drivers were
+//!   loaded.
 //! - A channel that was found may be gone when it is read. The caller should try again.
 //! - [`SensorBundle`] groups the channels of a machine into sensors.
 //!
@@ -24,7 +25,7 @@ pub use channel::{ReadError, SensorChannel};
 pub use identity::DeviceIdentity;
 pub use quantity::SysfsQuantity;
 
-/// Folder in which a kernel shows its devices: `/sys`, or a copy of it.
+/// Folder in which a kernel shows its devices: `/sys`, or a copy of `/sys`.
 #[derive(Clone, Debug)]
 pub struct Sysfs {
     root: PathBuf,
@@ -34,22 +35,22 @@ pub struct Sysfs {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FindError {
-    /// No device has this identity, or it does not measure this quantity.
+    /// No device has the identity that was asked for, or the device does not measure the quantity.
     #[error("find `{wanted}`, which measures the {quantity}; {}", known_devices_text(known))]
     Unknown {
-        /// The device that was asked for.
+        /// Identity of the device that was asked for.
         wanted: String,
-        /// The quantity that was asked for.
+        /// Quantity that was asked for.
         quantity: SysfsQuantity,
-        /// Devices that measure it.
+        /// Identities of the devices that measure the quantity.
         known: Vec<String>,
     },
-    /// The device has several channels for this quantity.
+    /// The device has several channels for the quantity that was asked for.
     #[error("choose a `channel` of `{device}`: it has {}", channels.join(", "))]
     Ambiguous {
-        /// The device.
+        /// Identity of the device that was asked for.
         device: String,
-        /// Names of its channels.
+        /// Names of the device's channels for the quantity.
         channels: Vec<String>,
     },
 }
@@ -68,13 +69,13 @@ impl Default for Sysfs {
 }
 
 impl Sysfs {
-    /// Uses the devices below this folder.
+    /// Returns the devices that a kernel shows below the folder `root`.
     pub fn new(root: impl Into<PathBuf>) -> Sysfs {
         Sysfs { root: root.into() }
     }
 
-    /// Returns all channels that are present now, sorted by device. A device that cannot be read is left
-    /// out.
+    /// Returns all channels that are present now, sorted by device. Channels of a device that cannot be
+    /// read are left out.
     pub fn channels(&self) -> Vec<SensorChannel> {
         let mut channels = iio::channels(self);
         channels.extend(one_wire::channels(self));
@@ -83,11 +84,12 @@ impl Sysfs {
         channels
     }
 
-    /// Returns the channel of a device that measures `quantity`: the one named `channel`, or the only one.
+    /// Returns the channel by which a device measures `quantity`: the channel with the name `channel`, or
+    /// the only one if `channel` is `None`.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such channel (now), or if there are several and `channel` is `None`.
+    /// Returns an error if there is no such channel now, or if there are several and `channel` is `None`.
     pub fn find(
         &self,
         device: &str,
@@ -111,13 +113,14 @@ impl Sysfs {
         Err(FindError::Ambiguous { device: device.to_owned(), channels })
     }
 
-    /// Returns the entries of a folder below the root, as full paths sorted by name.
+    /// Returns the entries of a folder below the root of the kernel's devices, as full paths sorted by
+    /// name.
     fn list(&self, folder: &str) -> Vec<PathBuf> {
         list(&self.root.join(folder))
     }
 }
 
-/// Returns the entries of a folder, sorted by name; none if it cannot be read.
+/// Returns the entries of a folder, sorted by name; returns none if the folder cannot be read.
 fn list(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten();
     let mut paths: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
@@ -125,12 +128,13 @@ fn list(folder: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// Returns the name of a file, or `None` if it is not UTF-8.
+/// Returns the name of a file, or `None` if the name is not UTF-8.
 fn file_name(path: &Path) -> Option<&str> {
     path.file_name()?.to_str()
 }
 
-/// Returns the trimmed text of a file, or `None` if it is empty or cannot be read.
+/// Returns the text of a file without blanks at both ends, or `None` if the text is empty or cannot be
+/// read.
 fn line(path: &Path) -> Option<String> {
     let text = std::fs::read_to_string(path).ok()?;
     Some(text.trim().to_owned()).filter(|text| !text.is_empty())

@@ -1,4 +1,4 @@
-//! Thermometers on a 1-wire bus (the kernel's `Documentation/w1/slaves/w1_therm`).
+//! Thermometers on a 1-wire bus (`Documentation/w1/slaves/w1_therm` of the kernel).
 
 use std::path::Path;
 
@@ -8,17 +8,17 @@ use crate::identity::DeviceIdentity;
 use crate::quantity::SysfsQuantity;
 use crate::{Sysfs, file_name};
 
-/// Families of thermometers, by the number at the beginning of their serial numbers.
+/// Names of the families of 1-wire thermometers, by the number at the beginning of their serial numbers.
 const FAMILIES: &[(&str, &str)] =
     &[("10", "ds18s20"), ("22", "ds1822"), ("28", "ds18b20"), ("3b", "ds1825"), ("42", "ds28ea00")];
 
-/// The kernel reports thousandths of degrees.
+/// Factor from the number in a file to degrees Celsius, because the kernel reports thousandths of degrees.
 const FACTOR: f64 = 1e-3;
 
-/// Value after power-up, before the first measurement.
+/// Number in the file of a thermometer after power-up, before the first measurement.
 const AT_POWER_UP: f64 = 85_000.0;
 
-/// Returns the channels on 1-wire buses.
+/// Returns the sensor channels on 1-wire buses.
 pub(crate) fn channels(sysfs: &Sysfs) -> Vec<SensorChannel> {
     let devices = sysfs.list("bus/w1/devices");
     devices.iter().filter_map(|folder| channel(folder)).collect()

@@ -1,10 +1,10 @@
-//! Quantities and their units.
+//! Quantities that sensors measure, and their units.
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// Quantity that is measured, with one unit for all sources.
+/// Quantity that a sensor measures, with one unit for all sources.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -22,7 +22,7 @@ pub enum SysfsQuantity {
 }
 
 impl SysfsQuantity {
-    /// All quantities.
+    /// All quantities that sensors can measure.
     pub const ALL: [SysfsQuantity; 5] = [
         SysfsQuantity::Temperature,
         SysfsQuantity::Humidity,
@@ -31,7 +31,7 @@ impl SysfsQuantity {
         SysfsQuantity::Distance,
     ];
 
-    /// Returns the name as in ecosystem files.
+    /// Returns the name of the quantity as in ecosystem files.
     pub fn name(self) -> &'static str {
         match self {
             SysfsQuantity::Temperature => "temperature",
@@ -42,12 +42,12 @@ impl SysfsQuantity {
         }
     }
 
-    /// Returns the quantity of this name, or `None` if there is none.
+    /// Returns the quantity with this name, or `None` if there is none.
     pub fn named(name: &str) -> Option<SysfsQuantity> {
         SysfsQuantity::ALL.into_iter().find(|quantity| quantity.name() == name)
     }
 
-    /// Whether the value is physically possible, in its unit.
+    /// Whether `value`, in the unit of this quantity, is physically possible.
     pub(crate) fn can_be(self, value: f64) -> bool {
         match self {
             SysfsQuantity::Temperature => value >= -273.15,
@@ -57,7 +57,8 @@ impl SysfsQuantity {
         }
     }
 
-    /// Returns the symbol of its unit, from SenML (RFC 8428 and RFC 8798, and IANA's registry of them).
+    /// Returns the symbol of the quantity's unit, from SenML (RFC 8428 and RFC 8798, and IANA's registry of
+    /// units for SenML).
     pub fn unit(self) -> &'static str {
         match self {
             SysfsQuantity::Temperature => "Cel",

@@ -1,7 +1,7 @@
 //! Tests against a real kernel, in which real drivers of Industrial I/O read simulated chips.
 //!
-//! The kernel runs this same test program, and [`inside`] reads, changes, unplugs and plugs in. Its output
-//! is compared with the values in the chips' registers.
+//! The kernel runs this same test program, and [`inside`] reads values, changes them, and unplugs and plugs
+//! in devices. The output of the program is compared with the values in the chips' registers.
 
 #[path = "../../../tests/support/kernel.rs"]
 mod kernel;
@@ -36,7 +36,7 @@ fn a_real_kernels_sensors_are_read_unplugged_and_plugged_in() {
     assert_eq!(said, expected);
 }
 
-/// Runs inside that kernel.
+/// Part of the test that runs inside the tested kernel, in another process of this test program.
 #[test]
 #[ignore = "a part of the test above, which runs it where it belongs"]
 fn inside() {

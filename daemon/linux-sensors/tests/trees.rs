@@ -1,12 +1,13 @@
-//! Channels in trees of files like those of a kernel: a captured one, and small ones made after the
-//! kernel's documentation.
+//! Tests of channels in trees of files like those of a kernel: a captured tree, and small ones made after
+//! the kernel's documentation.
 
 use std::path::Path;
 
 use linux_sensors::{FindError, ReadError, Sysfs, SysfsQuantity};
 use tempfile::TempDir;
 
-/// Creates a tree: `PATH: TEXT` is a file, `PATH -> TARGET` a link, `PATH fails` cannot be read.
+/// Creates a tree of files from lines: `PATH: TEXT` is a file, `PATH -> TARGET` a link, `PATH fails` a file
+/// that cannot be read.
 fn lay(tree: &str) -> (TempDir, Sysfs) {
     let folder = tempfile::tempdir().expect("a folder");
     for line in tree.lines().map(str::trim).filter(|line| !line.starts_with('#')) {
@@ -28,7 +29,7 @@ fn lay(tree: &str) -> (TempDir, Sysfs) {
     (folder, sysfs)
 }
 
-/// Returns a line for each channel: device, name, quantity and value or error.
+/// Returns a line for each channel: device, name, quantity, and value or error.
 fn said(sysfs: &Sysfs) -> Vec<String> {
     let line = |channel: &linux_sensors::SensorChannel| {
         let value = channel.read().map_or_else(|error| error.to_string(), |it| format!("{it:.3}"));

@@ -1,4 +1,4 @@
-//! Address of a broker, and the credentials for it.
+//! Address of an MQTT broker, and the credentials for the broker.
 
 use std::fmt::{self, Display, Formatter};
 use std::net::IpAddr;
@@ -10,34 +10,36 @@ use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject as _;
 use rustls::{ClientConfig, RootCertStore};
 
-/// Default broker.
+/// Address of the broker that is used if the config names none.
 const BROKER: &str = "localhost:1883";
 
-/// Ports without TLS and with it (IANA registry).
+/// Port of a broker without TLS; [`TLS_PORT`] is the port with TLS (IANA registry).
 const PORT: u16 = 1883;
 const TLS_PORT: u16 = 8883;
 
-/// Longest file with a password or certificates, in bytes.
+/// Longest file with a password or certificates that is read, in bytes.
 const FILE_BYTES_MAX: usize = 1 << 20;
 
-/// A broker. The password is read from its file at each attempt to connect, and is not kept here.
+/// Address of an MQTT broker, and where its credentials are. The password is read from its file at each
+/// attempt to connect, and is not kept in this value.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Broker {
     host: String,
     port: u16,
     user: Option<(String, Option<PathBuf>)>,
-    /// File with the authorities that are trusted to sign the broker's certificate; `None` without TLS.
+    /// File with the certificates of the authorities that are trusted to sign the broker's certificate;
+    /// `None` without TLS.
     ca: Option<PathBuf>,
 }
 
 impl Broker {
-    /// Returns the broker of an entry in a config: `name` is `HOST`, `HOST:PORT`, `mqtt://…` or
-    /// `mqtts://…`, `user` and `password_file` are its login, and `ca` is the file of the authorities that
-    /// are trusted (PEM).
+    /// Returns the broker for an entry in a config: `name` is `HOST`, `HOST:PORT`, `mqtt://…` or
+    /// `mqtts://…`, `user` and `password_file` are the login at the broker, and `ca` is the file with the
+    /// certificates of the authorities that are trusted (PEM).
     ///
     /// # Errors
     ///
-    /// Returns an error with the mistake and its correction.
+    /// Returns an error with the mistake in the entry and its correction.
     pub fn new(
         name: Option<&str>,
         user: Option<String>,
@@ -104,8 +106,8 @@ impl Broker {
         self.port
     }
 
-    /// Returns a warning for a person if the connection is not protected; `None` if it is, or stays on this
-    /// machine.
+    /// Returns a warning for a person if the connection to the broker is not protected; `None` if it is
+    /// protected, or stays on this machine.
     pub(crate) fn risk(&self) -> Option<&'static str> {
         let is_here =
             self.host == "localhost" || self.host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback());
@@ -121,8 +123,8 @@ impl Broker {
         }
     }
 
-    /// Reads the files with the password and the authorities into `options`. The error completes “failed to
-    /// …”.
+    /// Reads the password and the trusted authorities from their files into `options`. The error completes
+    /// “failed to …”.
     pub(crate) fn prepare(&self, options: &mut MqttOptions) -> Result<(), String> {
         if let Some((user, file)) = &self.user {
             let password = file.as_deref().map(read).transpose()?.unwrap_or_default();
@@ -144,7 +146,7 @@ impl Display for Broker {
     }
 }
 
-/// Returns the TLS settings that trust the authorities in a file.
+/// Returns the TLS settings that trust the authorities with certificates in a file.
 fn trust(file: &Path) -> Result<ClientConfig, String> {
     let said = |problem: &dyn Display| format!("use {}: {problem}", file.display());
     let mut authorities = RootCertStore::empty();
@@ -169,7 +171,7 @@ fn read(file: &Path) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// Returns the name of a broker without a password that may be in it.
+/// Returns the name of a broker, without the password that the name may contain.
 fn without_secret(name: &str) -> String {
     match (name.split_once("://"), name.rsplit_once('@')) {
         (Some((scheme, _)), Some((_, host))) => format!("{scheme}://…@{host}"),

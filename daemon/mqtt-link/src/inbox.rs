@@ -1,8 +1,8 @@
-//! Queue of the texts received for the topics of one filter.
+//! Queue of the texts that were received for the topics that match one filter.
 //!
 //! For each topic, only the latest text waits: a device that repeats a text a thousand times takes one
-//! place, and the latest text of each topic is not lost while the reader is busy. For events, the latest
-//! few texts of each topic wait.
+//! place, and the latest text of each topic is not lost while the reader is busy. In a queue for events,
+//! the latest few texts of each topic wait.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,24 +11,24 @@ use tokio::sync::Notify;
 
 use crate::TopicText;
 
-/// Limit of topics that wait at the same time. The largest installations describe some ten thousand
-/// entities.
+/// Maximum number of topics with waiting texts at the same time. The largest installations describe some
+/// ten thousand entities.
 const TOPICS_MAX: usize = 1 << 16;
 
-/// Limit of bytes of waiting texts.
+/// Maximum size of all waiting texts of a queue together, in bytes.
 const BYTES_MAX: usize = 1 << 28;
 
-/// Receiving half of the queue. Texts that arrive after it is dropped are not kept.
+/// Receiving half of a queue of texts. Texts that arrive after this value is dropped are not kept.
 pub struct Inbox(pub(crate) Arc<InboxQueue>);
 
-/// Limit of waiting texts of one topic of events.
+/// Maximum number of waiting texts of one topic in a queue for events.
 const EVENTS_MAX: usize = 32;
 
 #[derive(Debug)]
 pub(crate) struct InboxQueue {
     texts: Mutex<QueuedTexts>,
     arrival: Notify,
-    /// Limit of waiting texts of one topic.
+    /// Maximum number of waiting texts of one topic.
     of_each: usize,
 }
 
@@ -43,13 +43,13 @@ struct QueuedTexts {
     order: VecDeque<String>,
     by_topic: HashMap<String, VecDeque<String>>,
     bytes: usize,
-    /// Whether a text was left out since the last one was taken.
+    /// Whether a text was left out for lack of room since a text was last taken from the queue.
     has_overflowed: bool,
 }
 
 impl Inbox {
-    /// Takes the texts of up to `at_most` topics, each with its topic; the topic that has waited longest
-    /// comes first. Waits until there is a text.
+    /// Takes the waiting texts of up to `at_most` topics, each text with its topic. The topic that has
+    /// waited longest comes first. Waits until there is a text.
     pub async fn take(&self, at_most: usize) -> Vec<TopicText> {
         loop {
             let news = self.0.arrival.notified();
@@ -63,13 +63,13 @@ impl Inbox {
 }
 
 impl InboxQueue {
-    /// Returns a queue in which the latest few texts of each topic wait.
+    /// Returns a queue for events, in which the latest few texts of each topic wait.
     pub(crate) fn of_events() -> InboxQueue {
         InboxQueue { of_each: EVENTS_MAX, ..InboxQueue::default() }
     }
 
-    /// Adds a text. Returns `true` if it is left out because there is no room, and is the first since a
-    /// text was taken.
+    /// Adds a text to the queue, unless there is no room. Returns `true` if the text is left out, and is
+    /// the first that is left out since a text was last taken from the queue.
     pub(crate) fn push(&self, topic: &str, text: &str) -> bool {
         let mut texts = self.texts();
         let before = texts.by_topic.get(topic);

@@ -1,12 +1,12 @@
-//! One connection per MQTT broker and process, shared by all agents that need it.
+//! Connections to MQTT brokers: one for each broker in a process, shared by all agents that need it.
 //!
 //! - After each loss the connection subscribes again, because brokers drop subscriptions and `rumqttc` does
-//!   not renew them by itself. It subscribes in small batches, and leaves out filters that brokers reject
-//!   ([`filter_problem`]).
-//! - The latest texts of each topic are kept for agents that ask later. An [`Inbox`] (`inbox`) queues the
-//!   texts of many topics.
-//! - [`Broker`] (`broker`) holds the address of a broker, TLS, user and password. Websockets are not
-//!   supported.
+//!   not renew them by itself. The connection subscribes in small batches, and leaves out filters that
+//!   brokers reject ([`filter_problem`]).
+//! - The latest texts of each topic are kept for agents that listen to the topic later. An [`Inbox`]
+//!   (`inbox`) queues the texts of many topics.
+//! - [`Broker`] (`broker`) holds the address of a broker, its TLS settings, the user and the file with the
+//!   password. Websockets are not supported.
 
 mod broker;
 mod inbox;
@@ -31,52 +31,56 @@ pub use topic_filter::{filter_problem, matches_filter, topic_problem};
 use inbox::InboxQueue;
 use topic_filter::is_pattern;
 
-/// Keep-alive interval at first, within which the broker has to answer. A long text can take longer than
-/// that to arrive. So each time the broker was too slow, the interval is doubled, up to the maximum.
+/// Keep-alive interval at first: the broker has to answer a ping within this time. A long text can take
+/// longer than that to arrive. So each time the broker was too slow, the interval is doubled, up to
+/// [`KEEP_ALIVE_MAX`].
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 const KEEP_ALIVE_MAX: Duration = Duration::from_secs(80);
 
-/// Wait before connecting again: a restart takes a second. It doubles if the broker accepts the connection
-/// and closes it soon after.
+/// Wait before connecting to the broker again; the restart of a broker takes a second. The wait doubles, up
+/// to [`RECONNECT_WAIT_MAX`], if the broker accepts the connection and closes it within [`STABLE_AFTER`].
 const RECONNECT_WAIT: Duration = Duration::from_millis(250);
 const RECONNECT_WAIT_MAX: Duration = Duration::from_secs(8);
 
-/// Duration from which a connection does not count as closed soon.
+/// Time after which a connection counts as stable: if it is closed later than that, the wait before
+/// connecting again is not doubled.
 const STABLE_AFTER: Duration = Duration::from_secs(10);
 
-/// Longest packet, in bytes: the maximum of MQTT. A packet longer than this limit would end the connection,
-/// and a retained one would end each later connection, too.
+/// Longest packet that is accepted, in bytes: the maximum of MQTT. A packet longer than this limit would
+/// end the connection, and if the broker retains the packet, it would also end each later connection.
 const PACKET_BYTES_MAX: usize = 1 << 28;
 
-/// Longest text that is accepted, in bytes: for example the list of thousands of devices from a bridge.
+/// Longest text that is accepted, in bytes. An example of a long text is the list of thousands of devices
+/// from a bridge.
 const TEXT_BYTES_MAX: usize = 1 << 26;
 
 /// Longest text that is kept for a topic, in bytes; most are shorter than a kilobyte.
 const KEPT_TEXT_BYTES_MAX: usize = 1 << 20;
 
-/// Requests to a broker that may wait. Each batch of subscriptions is one, and so is each message.
+/// Largest number of requests to a broker that may wait. Each batch of subscriptions is one request, and so
+/// is each message.
 const REQUESTS_MAX: usize = 4_096;
 
-/// Filters in one subscription; some brokers accept no more.
+/// Number of filters in one request to subscribe; some brokers accept no more.
 const BATCH: usize = 8;
 
-/// Texts kept for each topic: as many as may arrive before they are read.
+/// Number of texts that are kept for each topic: as many as may arrive before a listener reads them.
 const KEPT_TEXTS_MAX: usize = 64;
 
-/// All connections of this process, by broker.
+/// All connections of this process to brokers, by broker.
 static CONNECTIONS: Mutex<BTreeMap<Broker, Weak<BrokerConnection>>> = Mutex::new(BTreeMap::new());
 
-/// Connection to a broker; it is closed when all references to it are dropped.
+/// Connection to a broker; the connection is closed when all references to it are dropped.
 pub struct BrokerConnection {
     client: AsyncClient,
-    /// Texts received for each topic or pattern of topics that is listened to.
+    /// Texts that were received for each topic, or filter with wildcards, that is listened to.
     topics: Mutex<TopicStates>,
-    /// The inboxes, by filter.
+    /// Queues of the inboxes, each with the filter of the inbox.
     inboxes: Mutex<Vec<(String, Weak<InboxQueue>)>>,
     pending: Mutex<PendingSubscriptions>,
-    /// Reason why there is no connection; `None` while connected.
+    /// Reason why there is no connection to the broker; `None` while connected.
     problem: watch::Sender<Option<String>>,
-    /// Task that serves the connection; aborted on drop.
+    /// Task that serves the connection; aborted when the connection is dropped.
     serving: OnceLock<AbortOnDropHandle<()>>,
 }
 
@@ -84,53 +88,54 @@ pub struct BrokerConnection {
 struct TopicStates {
     single: HashMap<String, watch::Sender<TopicState>>,
     patterns: HashMap<String, watch::Sender<TopicState>>,
-    /// Number of connections so far.
+    /// Number of connections to the broker that were made so far.
     session: u64,
 }
 
-/// Subscriptions that are not answered yet.
+/// Subscriptions that were requested and that the broker has not answered yet.
 #[derive(Default)]
 struct PendingSubscriptions {
-    /// Filters that did not fit into the queue of requests.
+    /// Filters that did not fit into the queue of requests to the broker, and wait.
     left: VecDeque<String>,
-    /// Batches in the queue of requests, in that order.
+    /// Batches of filters in the queue of requests to the broker, in the order of the queue.
     queued: VecDeque<Vec<String>>,
-    /// Batches that were sent, by packet id, until they are answered.
+    /// Batches of filters that were sent to the broker, by packet id, until the broker answers them.
     sent: HashMap<u16, Vec<String>>,
 }
 
-/// Texts that were received for a topic.
+/// Texts that were received for one topic, and whether the topic can be listened to.
 #[derive(Clone, Debug, Default)]
 pub struct TopicState {
-    /// The latest texts, newest first.
+    /// The latest texts that were received for the topic, newest first.
     pub texts: VecDeque<ReceivedText>,
-    /// Number of texts so far.
+    /// Number of texts that were received for the topic so far.
     pub count: u64,
-    /// Reason why the topic cannot be listened to; `None` if it can.
+    /// Reason why the topic cannot be listened to; `None` if it can be.
     pub rejection: Option<String>,
-    /// Number of the latest connection that has listened to the topic.
+    /// Number of the latest connection to the broker that has listened to the topic.
     pub session: u64,
 }
 
-/// A topic and a text that was received for it.
+/// Pair of a topic and a text that was received for the topic.
 pub type TopicText = (String, String);
 
-/// Text that was received.
+/// Text that was received from the broker.
 #[derive(Clone, Debug)]
 pub struct ReceivedText {
-    /// The text.
+    /// The text itself.
     pub text: Arc<str>,
-    /// Time when it was received.
+    /// Time when the text was received.
     pub at: Instant,
-    /// Number of the connection over which it was received.
+    /// Number of the connection over which the text was received.
     pub session: u64,
-    /// Whether the broker had retained it. Then it may have been published at any earlier time.
+    /// Whether the broker had retained the text. A retained text may have been published at any earlier
+    /// time.
     pub is_retained: bool,
 }
 
 impl BrokerConnection {
-    /// Returns the connection of this process to a broker. If it has to be made, `called` becomes part of
-    /// the client's name, for readers of the broker's log.
+    /// Returns the connection of this process to a broker, and makes one if there is none. If a connection
+    /// is made, `called` becomes part of the client's name, for readers of the broker's log.
     pub fn shared(broker: &Broker, called: &str) -> Arc<BrokerConnection> {
         let mut connections = lock(&CONNECTIONS);
         if let Some(connection) = connections.get(broker).and_then(Weak::upgrade) {
@@ -161,13 +166,13 @@ impl BrokerConnection {
         connection
     }
 
-    /// Returns a receiver for the reason why there is no connection; `None` while connected.
+    /// Returns a receiver for the reason why there is no connection to the broker; `None` while connected.
     pub fn problem(&self) -> watch::Receiver<Option<String>> {
         self.problem.subscribe()
     }
 
-    /// Returns the texts of a topic, so far and in future. A filter with `+` or `#` stands for all topics
-    /// that match it together.
+    /// Returns a receiver for the texts of a topic: those received so far and those received in future. A
+    /// filter with `+` or `#` in place of the topic stands for all topics that match the filter together.
     pub fn listen(&self, topic: &str) -> watch::Receiver<TopicState> {
         let mut topics = lock(&self.topics);
         let session = topics.session;
@@ -193,14 +198,14 @@ impl BrokerConnection {
         hears
     }
 
-    /// Returns an inbox with the latest text of each topic that matches a filter, and with the topics.
-    /// Retained texts come first.
+    /// Returns an inbox that receives the latest text of each topic that matches a filter, together with
+    /// the topic. Retained texts come first.
     pub fn listen_to_all(&self, filter: &str) -> Inbox {
         self.listen_with(filter, InboxQueue::default())
     }
 
-    /// Returns an inbox with the latest texts of each topic that matches a filter, and with the topics. It
-    /// is for texts that report events: several may come at once, and each counts.
+    /// Returns an inbox that receives the latest texts of each topic that matches a filter, together with
+    /// the topic. The inbox is for texts that report events: several may come at once, and each counts.
     pub fn listen_to_events(&self, filter: &str) -> Inbox {
         self.listen_with(filter, InboxQueue::of_events())
     }
@@ -216,22 +221,22 @@ impl BrokerConnection {
         Inbox(waiting)
     }
 
-    /// Publishes a text.
+    /// Publishes a text to a topic.
     ///
     /// # Errors
     ///
     /// Returns an error if there is no connection, the topic is invalid, or the queue of requests is full.
-    /// Then the text is not sent later either.
+    /// In these cases the text is not sent later either.
     pub fn publish_text(&self, topic: &str, text: &str) -> Result<(), String> {
         self.publish(topic, text, false)
     }
 
-    /// Publishes a text that the broker retains for later subscribers.
+    /// Publishes a text to a topic; the broker retains the text for later subscribers.
     ///
     /// # Errors
     ///
     /// Returns an error if there is no connection, the topic is invalid, or the queue of requests is full.
-    /// Then the text is not sent later either.
+    /// In these cases the text is not sent later either.
     pub fn publish_retained(&self, topic: &str, text: &str) -> Result<(), String> {
         self.publish(topic, text, true)
     }
@@ -248,7 +253,7 @@ impl BrokerConnection {
         said.map_err(|_| "publish: too many messages wait to be sent to the broker".to_owned())
     }
 
-    /// Records the reason why there is no connection, and logs each new reason once.
+    /// Records the reason why there is no connection to the broker, and logs each new reason once.
     fn record_problem(&self, broker: &Broker, problem: String) {
         self.problem.send_if_modified(|trouble| {
             let (is_news, was_connected) = (trouble.as_ref() != Some(&problem), trouble.is_none());
@@ -267,7 +272,7 @@ impl BrokerConnection {
         self.queue_subscriptions();
     }
 
-    /// Queues the waiting subscriptions, as many as fit.
+    /// Moves waiting subscriptions into the queue of requests, as many as fit.
     fn queue_subscriptions(&self) {
         let mut asked = lock(&self.pending);
         while !asked.left.is_empty() {
@@ -307,7 +312,8 @@ impl BrokerConnection {
         self.subscribe(filters);
     }
 
-    /// Handles the loss of the connection. Requests that were under way are dropped, and not sent later.
+    /// Handles the loss of the connection. Requests that were not completed are dropped, and not sent
+    /// later.
     fn handle_disconnect(&self, pending: &mut VecDeque<Request>) {
         let mut asked = lock(&self.pending);
         let is_batch = |request: &&Request| matches!(request, Request::Subscribe(_));
@@ -325,7 +331,7 @@ impl BrokerConnection {
         }
     }
 
-    /// Records the filters that the broker rejects.
+    /// Records which filters the broker rejects in its answer to a batch of subscriptions.
     fn handle_suback(&self, answer: &SubAck) {
         let Some(batch) = lock(&self.pending).sent.remove(&answer.pkid) else { return };
         for (filter, code) in batch.iter().zip(&answer.return_codes) {
@@ -365,7 +371,7 @@ impl BrokerConnection {
         });
     }
 
-    /// Keeps a text for the listeners of its topic.
+    /// Keeps a received text for the listeners of its topic.
     fn store_text(&self, topic: &str, text: &str, is_retained: bool) {
         let topics = lock(&self.topics);
         let session = topics.session;
@@ -386,15 +392,15 @@ impl BrokerConnection {
     }
 }
 
-/// Returns a client name that is unique at the broker: of two clients with one name, each would disconnect
-/// the other. It stays the same until the process ends.
+/// Returns a client name that is unique at the broker. It has to be unique because two clients with one
+/// name would disconnect each other. The name stays the same until the process ends.
 fn client_name(called: &str) -> String {
     let called: String = called.chars().filter(char::is_ascii_alphanumeric).take(24).collect();
     let random: String = std::iter::repeat_with(fastrand::alphanumeric).take(16).collect();
     format!("althing-{called}-{random}")
 }
 
-/// Serves a connection until it is dropped.
+/// Serves a connection to a broker until the connection is dropped.
 async fn serve(connection: Weak<BrokerConnection>, mut events: EventLoop, broker: Broker) {
     let (mut pause, mut since) = (RECONNECT_WAIT, None::<Instant>);
     loop {
@@ -439,8 +445,8 @@ async fn serve(connection: Weak<BrokerConnection>, mut events: EventLoop, broker
     }
 }
 
-/// Doubles the keep-alive interval if the broker was too slow to answer a ping. Over a slow line, a long
-/// text delays the answer, and comes again with each new connection.
+/// Doubles the keep-alive interval if the broker was too slow to answer a ping. This is needed because,
+/// over a slow line, a long text delays the answer, and the text comes again with each new connection.
 fn lengthen_keep_alive(options: &mut MqttOptions, error: &ConnectionError) {
     if let ConnectionError::MqttState(StateError::AwaitPingResp) = error {
         let longer = (options.keep_alive() * 2).min(KEEP_ALIVE_MAX);

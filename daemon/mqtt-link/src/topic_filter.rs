@@ -1,11 +1,12 @@
-//! Topics and filters of topics: validity (MQTT 3.1.1, section 4.7) and matching.
+//! Topics and filters of MQTT: which are valid (MQTT 3.1.1, section 4.7), and which topics match a filter.
 
-/// Longest topic in bytes: its length is sent in two bytes.
+/// Longest topic in bytes: the length of a topic is sent in two bytes.
 const TOPIC_BYTES_MAX: usize = u16::MAX as usize;
 
-/// Returns the reason why a filter cannot be subscribed to; `None` if it can.
+/// Returns the reason why a filter cannot be subscribed to; `None` if it can be.
 ///
-/// One invalid filter would end the connection, or make the client library drop all others of its batch.
+/// The check is needed because one invalid filter would end the connection, or make the client library drop
+/// all other filters of the same batch.
 pub fn filter_problem(filter: &str) -> Option<String> {
     if let Some(problem) = text_problem(filter) {
         return Some(problem);
@@ -27,7 +28,7 @@ pub fn filter_problem(filter: &str) -> Option<String> {
     None
 }
 
-/// Returns the reason why nothing can be published to this topic; `None` if it can.
+/// Returns the reason why no text can be published to this topic; `None` if texts can be published to it.
 pub fn topic_problem(topic: &str) -> Option<String> {
     if let Some(problem) = text_problem(topic) {
         return Some(problem);
@@ -49,13 +50,13 @@ fn text_problem(topic: &str) -> Option<String> {
     has_control.then(|| format!("the topic `{}` has a control character", topic.escape_debug()))
 }
 
-/// Whether a filter stands for several topics.
+/// Whether a filter has wildcards and so stands for several topics.
 pub(crate) fn is_pattern(filter: &str) -> bool {
     filter.contains(['+', '#'])
 }
 
-/// Whether a topic matches a filter: `+` matches any one level, `#` at the end all that follow. The
-/// broker's own topics (`$SYS/…`) match only filters that do not begin with a wildcard.
+/// Whether a topic matches a filter: `+` matches any one level, `#` at the end matches all levels that
+/// follow. The broker's own topics (`$SYS/…`) match only filters that do not begin with a wildcard.
 pub fn matches_filter(filter: &str, topic: &str) -> bool {
     if topic.starts_with('$') && filter.starts_with(['+', '#']) {
         return false;

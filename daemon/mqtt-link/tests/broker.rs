@@ -37,7 +37,7 @@ fn is_last(said: &TopicState, text: &str) -> bool {
     said.texts.front().is_some_and(|word| &*word.text == text)
 }
 
-/// Publishes a retained text of so many bytes.
+/// Publishes a text of `bytes` bytes that the broker retains.
 fn retain_bytes(broker: &Broker, topic: &str, bytes: usize) {
     let mut file = tempfile::NamedTempFile::new().expect("a file");
     file.write_all(&vec![b'x'; bytes]).expect("written");

@@ -16,7 +16,7 @@ use tokio::sync::watch;
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Starts the broker; `None` if it is not installed.
+/// Starts a broker with TLS and a password; returns `None` if the broker is not installed.
 fn secured() -> Option<Broker> {
     let folder = tempfile::tempdir().expect("a folder");
     let file = |name: &str| folder.path().join(name).display().to_string();
@@ -38,8 +38,8 @@ fn secured() -> Option<Broker> {
     Some(broker)
 }
 
-/// Connects with this password and this trusted authority. Returns a receiver for the reason why there is
-/// no connection, and the connection.
+/// Connects to the broker with this password and this trusted authority. Returns a receiver for the reason
+/// why there is no connection, and the connection.
 fn trouble(
     broker: &Broker,
     password: &str,
@@ -52,7 +52,8 @@ fn trouble(
     (connection.problem(), connection)
 }
 
-/// Writes an authority, a certificate that it has signed for the broker, and another authority.
+/// Writes the certificates of an authority, of the broker as signed by that authority, and of another
+/// authority.
 fn certify(folder: &Path) {
     let write = |name: &str, text: String| fs::write(folder.join(name), text).expect("a file");
     let authority = |name: &str| {

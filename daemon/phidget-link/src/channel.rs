@@ -1,4 +1,4 @@
-//! Channel of the library for one part.
+//! Channel of `libphidget22` for one part, a product of Phidgets Inc.
 
 use std::fmt;
 use std::time::Duration;
@@ -7,14 +7,14 @@ use crate::ffi::{CallError, ChannelHandle};
 use crate::library::Library;
 use crate::part::PhidgetPart;
 
-/// Place where a part is attached. `None` matches anything.
+/// Place where a part is attached. A field that is `None` matches anything.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PartAddress {
-    /// Serial number printed on the Phidget, or on the hub that it is attached to.
+    /// Serial number printed on the Phidget, or on the hub that the Phidget is attached to.
     pub serial: Option<i32>,
-    /// Port of a VINT hub.
+    /// Number of the port of a VINT hub.
     pub hub_port: Option<u8>,
-    /// Input of an interface kit.
+    /// Number of the input of an interface kit.
     pub port: Option<u8>,
 }
 
@@ -34,22 +34,23 @@ impl fmt::Display for PartAddress {
     }
 }
 
-/// Channel of the library; closed on drop. Its device may be unplugged and plugged in.
+/// Channel of `libphidget22`; closed on drop. The device of the channel may be unplugged and plugged in.
 pub struct PhidgetChannel {
     handle: ChannelHandle,
     part: &'static PhidgetPart,
     address: PartAddress,
-    /// Error of the time when its device was awaited and did not attach; `None` once it has attached.
+    /// Error for the case that the channel's device did not attach while it was awaited; `None` once the
+    /// device has attached.
     missed: Option<CallError>,
 }
 
 impl PhidgetChannel {
-    /// Opens a channel, and waits up to `wait` for its device. It is no error if the device does not attach
-    /// in that time: it may do so later ([`PhidgetChannel::is_attached`]).
+    /// Opens a channel, and waits up to `wait` for the channel's device. It is no error if the device does
+    /// not attach in that time: the device may attach later ([`PhidgetChannel::is_attached`]).
     ///
     /// # Errors
     ///
-    /// Returns an error if the library refuses.
+    /// Returns an error if the library refuses to open the channel.
     pub fn open(
         library: Library,
         part: &'static PhidgetPart,
@@ -89,7 +90,7 @@ impl PhidgetChannel {
         }
     }
 
-    /// Returns whether its device is attached.
+    /// Returns whether the channel's device is attached.
     pub fn is_attached(&mut self) -> bool {
         let is_attached = self.handle.is_attached();
         if is_attached {
@@ -98,11 +99,11 @@ impl PhidgetChannel {
         is_attached
     }
 
-    /// Checks that its device is attached.
+    /// Checks that the channel's device is attached.
     ///
     /// # Errors
     ///
-    /// Returns an error with the known reason if it is not attached.
+    /// Returns an error with the known reason if the device is not attached.
     pub fn check_attached(&mut self) -> Result<(), CallError> {
         if self.is_attached() {
             return Ok(());
@@ -111,19 +112,19 @@ impl PhidgetChannel {
         Err(self.with_address(missed))
     }
 
-    /// Reads the value, in the quantity's unit.
+    /// Reads the value of the channel, in the quantity's unit.
     ///
     /// # Errors
     ///
-    /// Returns an error if its device is not attached, or has no value (now).
+    /// Returns an error if the channel's device is not attached, or has no value now.
     pub fn read(&mut self) -> Result<f64, CallError> {
         self.check_attached()?;
         let value = self.handle.read(self.part.sensor_type);
         value.map(|value| self.part.canonical(value)).map_err(|error| self.with_address(error))
     }
 
-    /// Adds to an error the part that it is about: “find it” becomes “find a 1111 at port 3 of Phidget
-    /// 12345”.
+    /// Adds to an error the part that the error is about and the part's address: “find it” becomes “find a
+    /// 1111 at port 3 of Phidget 12345”.
     fn with_address(&self, mut error: CallError) -> CallError {
         error.what = match error.what.as_str() {
             "find it" => format!("find {} at {}", self.part, self.address),

@@ -1,16 +1,16 @@
-//! Functions of `libphidget22` that are called: all `unsafe` code is here.
+//! The functions of `libphidget22` that this crate calls: all `unsafe` code is here.
 //!
-//! The reasons why the calls are sound are at [`LibraryFunctions`] and [`ChannelHandle`]; each call names those that it
-//! relies on. The types of the functions are those of Phidgets' `phidget22.h`.
+//! The reasons why the calls are sound are at [`LibraryFunctions`] and [`ChannelHandle`]; each call names
+//! the reasons that it relies on. The types of the functions are those of Phidgets' `phidget22.h`.
 #![expect(unsafe_code, reason = "a C library can be called in no other way")]
 
 use std::ffi::{CStr, OsStr, c_char, c_double, c_int, c_void};
 use std::ptr::{self, NonNull};
 use std::time::Duration;
 
-/// Pointer to a channel of the library.
+/// Pointer to a channel of `libphidget22`.
 type RawChannel = *mut c_void;
-/// `PhidgetReturnCode`: 0, or the number of an error.
+/// Result of a call of the library (`PhidgetReturnCode`): 0, or the number of an error.
 type ReturnCode = c_int;
 
 type CreateFn = unsafe extern "C" fn(*mut RawChannel) -> ReturnCode;
@@ -22,10 +22,10 @@ type GetDoubleFn = unsafe extern "C" fn(RawChannel, *mut c_double) -> ReturnCode
 const TIMEOUT: ReturnCode = 3;
 const NOT_ATTACHED: ReturnCode = 52;
 
-/// Longest detail of an error that is read, in bytes; the known ones have about 200.
+/// Longest detail of an error that is read from the library, in bytes; the known details have about 200.
 const DETAIL_BYTES: usize = 1024;
 
-/// Error of a call of the library. Completes “failed to …”.
+/// Error of a call of `libphidget22`. Completes “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}: {reason}")]
 pub struct CallError {
@@ -35,33 +35,33 @@ pub struct CallError {
 }
 
 impl CallError {
-    /// Returns the error for a device that was attached before.
+    /// Returns the error for a device that was attached before and is unplugged now.
     pub(crate) fn unplugged() -> CallError {
         let reason = "it was unplugged".to_owned();
         CallError { what: "find it".to_owned(), reason, code: NOT_ATTACHED }
     }
 
-    /// Whether no device attached in time; it may do so later.
+    /// Whether the error is that no device attached in time; a device may attach later.
     pub(crate) fn is_timeout(&self) -> bool {
         self.code == TIMEOUT
     }
 }
 
-/// Class of channels, which decides the functions for it.
+/// Class of a channel, which decides which functions of the library work on the channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ChannelClass {
-    /// Device that measures the temperature without an input.
+    /// Device that measures the temperature by itself, without an input of an interface kit.
     Temperature,
     Humidity,
     Light,
-    /// Analog input of an interface kit: the ratio of its voltage to the supply.
+    /// Analog input of an interface kit, read as the ratio of its voltage to the supply voltage.
     Ratio,
-    /// Analog input of an interface kit: its voltage in volts.
+    /// Analog input of an interface kit, read as its voltage in volts.
     Voltage,
     Digital,
 }
 
-/// Functions of a class.
+/// Functions of the library that create and read a channel of one class.
 struct ClassFunctions {
     create: CreateFn,
     read: ReadFunctions,
@@ -70,7 +70,8 @@ struct ClassFunctions {
 enum ReadFunctions {
     Double(GetDoubleFn),
     Int(GetIntFn),
-    /// An analog input: its type of sensor, and the value for that type.
+    /// Functions for an analog input: they read and set the type of the sensor at the input, and read the
+    /// value for that type.
     Sensor {
         sensor_type: GetIntFn,
         set_sensor_type: SetIntFn,
@@ -78,7 +79,7 @@ enum ReadFunctions {
     },
 }
 
-/// Functions of the library.
+/// Functions of `libphidget22` that this crate calls.
 ///
 /// The library is never unloaded, so the functions exist as long as they can be called.
 pub(crate) struct LibraryFunctions {
@@ -108,7 +109,7 @@ pub(crate) struct LibraryFunctions {
 }
 
 impl LibraryFunctions {
-    /// Loads a library, for good.
+    /// Loads the library from a file; the library is never unloaded.
     pub(crate) fn load(file: &OsStr) -> Result<&'static LibraryFunctions, String> {
         // SAFETY: no caller can prove what a library does when it is loaded. The owner of this machine has
         // installed this file or named it, as with a program that is run. `libphidget22` itself has only
@@ -218,7 +219,7 @@ impl LibraryFunctions {
         }
     }
 
-    /// Returns the meaning of an error code.
+    /// Returns the meaning of an error code of the library.
     fn reason(&self, code: ReturnCode) -> String {
         let mut description = ptr::null();
         // SAFETY: the function exists and accepts any number; it writes one pointer to a variable of that
@@ -231,7 +232,8 @@ impl LibraryFunctions {
         }
     }
 
-    /// Returns the detail of this thread's last error, or `None` if that error had another code.
+    /// Returns the detail of this thread's last error in the library, or `None` if that error had a code
+    /// other than `code`.
     fn detail(&self, code: ReturnCode) -> Option<String> {
         let (mut last, mut description) = (0, ptr::null());
         let mut detail = [0_u8; DETAIL_BYTES];
@@ -248,11 +250,11 @@ impl LibraryFunctions {
     }
 }
 
-/// Returns the function of this name.
+/// Returns the function of the library that has this name.
 ///
 /// # Safety
 ///
-/// `F` must be the type of the function.
+/// `F` must be the type of the function that has this name in the library.
 unsafe fn function<F: Copy>(
     library: &libloading::Library,
     name: &str,
@@ -261,7 +263,7 @@ unsafe fn function<F: Copy>(
     unsafe { library.get::<F>(name.as_bytes()) }.map(|symbol| *symbol)
 }
 
-/// Copies a text that the library owns; empty if the pointer is null.
+/// Copies a text that the library owns; returns an empty text if the pointer is null.
 ///
 /// # Safety
 ///
@@ -274,13 +276,13 @@ unsafe fn text(text: *const c_char) -> String {
     unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
 }
 
-/// Returns the message of the dynamic linker, which `libloading` keeps as the cause of its error.
+/// Returns the message of the dynamic linker, which the crate `libloading` keeps as the cause of its error.
 fn linker_message(error: &libloading::Error) -> String {
     let cause = std::error::Error::source(error);
     cause.map_or_else(|| error.to_string(), ToString::to_string)
 }
 
-/// Channel of the library; it is deleted on drop, and not before.
+/// Channel of `libphidget22`; the library's channel is deleted when this value is dropped, and not before.
 pub(crate) struct ChannelHandle {
     functions: &'static LibraryFunctions,
     class: ChannelClass,
@@ -338,7 +340,8 @@ impl ChannelHandle {
         self.set(self.functions.set_hub_port, port, "choose a port of a hub")
     }
 
-    /// Uses the hub's port itself as the input, because no Phidget is attached to it.
+    /// Makes the channel use the hub's port itself as the input, because no Phidget is attached to the
+    /// port.
     pub(crate) fn set_is_hub_port(&self) -> Result<(), CallError> {
         self.set(self.functions.set_is_hub_port, 1, "use a port of a hub as an input")
     }
@@ -347,8 +350,8 @@ impl ChannelHandle {
         self.set(self.functions.set_channel, channel, "choose a port")
     }
 
-    /// Opens the channel and waits for its device. If the device does not attach in time, the channel is
-    /// closed again.
+    /// Opens the channel and waits for the channel's device. If the device does not attach in time, the
+    /// channel is closed again.
     pub(crate) fn open_waiting(&self, wait: Duration) -> Result<(), CallError> {
         // 0 would mean to wait without end.
         let wait = u32::try_from(wait.as_millis()).unwrap_or(u32::MAX).max(1);
@@ -364,19 +367,20 @@ impl ChannelHandle {
         })
     }
 
-    /// Opens the channel. Its device may attach at any later time.
+    /// Opens the channel. The channel's device may attach at any later time.
     pub(crate) fn open(&self) -> Result<(), CallError> {
         // SAFETY: see above this `impl`.
         let code = unsafe { (self.functions.open)(self.raw.as_ptr()) };
         self.functions.check(code, "open it")
     }
 
-    /// Whether its device is attached.
+    /// Whether the channel's device is attached.
     pub(crate) fn is_attached(&self) -> bool {
         self.int(self.functions.attached, "look for it").is_ok_and(|attached| attached != 0)
     }
 
-    /// Returns the value; for an analog input, the value for this type of sensor.
+    /// Returns the value of the channel; for an analog input, the value for the type of sensor
+    /// `wanted_type`.
     pub(crate) fn read(&self, wanted_type: i32) -> Result<f64, CallError> {
         match self.functions.class(self.class).read {
             ReadFunctions::Double(get) => self.double(get, "read it"),

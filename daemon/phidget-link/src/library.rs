@@ -7,22 +7,24 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::ffi::{self, LibraryFunctions};
 
-/// File names of the library: the one of Phidgets' own packages, and the one of a build from source.
+/// File names of the library: that of Phidgets' own packages, and that of a build from source.
 const NAMES: [&str; 2] = ["libphidget22.so.0", "libphidget22.so"];
 
-/// Path of the library in PyPI's wheel, below a folder of Python packages.
+/// Path of the library in the wheel `phidget22` from PyPI, below a folder of Python packages.
 const IN_WHEEL: &str = "Phidget22/.libs/libphidget22.so";
 
-/// Loaded libraries, by the path that was asked for. A library is loaded once and never unloaded.
+/// Loaded libraries, by the path that `Library::load` was given. A library is loaded once and never
+/// unloaded.
 static LOADED: Mutex<BTreeMap<Option<PathBuf>, Library>> = Mutex::new(BTreeMap::new());
 
-/// The loaded library. It stays loaded until the process ends, because it has threads of its own.
+/// The loaded library `libphidget22`. It stays loaded until the process ends, because it has threads of its
+/// own.
 #[derive(Clone, Copy)]
 pub struct Library {
     pub(crate) functions: &'static LibraryFunctions,
 }
 
-/// Reason why the library could not be loaded. Completes “failed to …”.
+/// Reason why `libphidget22` could not be loaded. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "load libphidget22: {reason}; install it from www.phidgets.com, or `pip install phidget22` and \
@@ -33,13 +35,13 @@ pub struct LibraryError {
 }
 
 impl Library {
-    /// Loads the library from the system's folders if `from` is `None`; otherwise from that file, or from a
-    /// folder that contains it. The folder may be a virtual environment of Python, or its `site-packages`,
-    /// if `phidget22` was installed there with `pip`.
+    /// Loads the library from the system's folders if `from` is `None`; otherwise from the file `from`, or
+    /// from the folder `from` that contains the library. The folder may be a virtual environment of Python,
+    /// or its `site-packages`, if `phidget22` was installed there with `pip`.
     ///
     /// # Errors
     ///
-    /// Returns an error if the library is not there, or is another library.
+    /// Returns an error if the library is not there, or the file is another library.
     pub fn load(from: Option<&Path>) -> Result<Library, LibraryError> {
         let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
         let key = from.map(Path::to_owned);
@@ -55,7 +57,7 @@ impl Library {
     ///
     /// # Errors
     ///
-    /// Returns an error if the library reports none.
+    /// Returns an error if the library reports no version.
     pub fn version(&self) -> Result<String, ffi::CallError> {
         self.functions.version()
     }
@@ -87,7 +89,8 @@ fn load(from: Option<&Path>) -> Result<Library, String> {
     Err(reasons.into_iter().next().unwrap_or_default())
 }
 
-/// Returns the library in a folder, or in the Python packages below it; `None` if there is none.
+/// Returns the path of the library in a folder, or in the Python packages below the folder; `None` if it is
+/// in neither.
 fn in_folder(folder: &Path) -> Option<PathBuf> {
     let here = NAMES.map(|name| folder.join(name));
     let in_packages = [folder.join(IN_WHEEL), folder.join(".libs/libphidget22.so")];

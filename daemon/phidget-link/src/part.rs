@@ -1,13 +1,13 @@
-//! Table of the sensors that can be used, and of the quantities that they measure.
+//! Table of the sensors that this crate can read, and of the quantities that they measure.
 //!
 //! Types of analog sensors are the library's numbers (`SENSOR_TYPE_…` of `phidget22.h`). The library knows
-//! the formula of each type; the table has the conversion that remains to a canonical unit.
+//! the formula of each type; the table has the conversion from the library's value to a canonical unit.
 
 use std::fmt;
 
 use crate::ffi::ChannelClass;
 
-/// Quantity that is measured, with one unit for all parts.
+/// Quantity that a part measures, with one unit for all parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum PhidgetQuantity {
@@ -19,14 +19,14 @@ pub enum PhidgetQuantity {
     Light,
     /// Distance to the nearest object, in meters.
     Distance,
-    /// Motion: 1 for yes, 0 for no.
+    /// Motion: 1 if there is motion, 0 if there is none.
     Motion,
-    /// Whether a nearby object reflects: 1 for yes, 0 for no.
+    /// Reflection: 1 if a nearby object reflects, 0 if none does.
     Reflection,
 }
 
 impl PhidgetQuantity {
-    /// All quantities.
+    /// All quantities that parts can measure.
     pub const ALL: [PhidgetQuantity; 6] = [
         PhidgetQuantity::Temperature,
         PhidgetQuantity::Humidity,
@@ -36,7 +36,7 @@ impl PhidgetQuantity {
         PhidgetQuantity::Reflection,
     ];
 
-    /// Returns the name as in ecosystem files.
+    /// Returns the name of the quantity as in ecosystem files.
     pub fn name(self) -> &'static str {
         match self {
             PhidgetQuantity::Temperature => "temperature",
@@ -48,7 +48,7 @@ impl PhidgetQuantity {
         }
     }
 
-    /// Returns the quantity of this name, or `None` if there is none.
+    /// Returns the quantity with this name, or `None` if there is none.
     pub fn named(name: &str) -> Option<PhidgetQuantity> {
         PhidgetQuantity::ALL.into_iter().find(|quantity| quantity.name() == name)
     }
@@ -60,49 +60,52 @@ impl fmt::Display for PhidgetQuantity {
     }
 }
 
-/// Product of Phidgets Inc., with one quantity that it measures.
+/// Product of Phidgets Inc., with one quantity that the product measures.
 #[derive(Debug)]
 pub struct PhidgetPart {
-    /// Number printed on it; `None` for a Phidget that measures without an input.
+    /// Number printed on the product; `None` for a Phidget that measures without an input.
     name: Option<&'static str>,
     quantity: PhidgetQuantity,
     pub(crate) class: ChannelClass,
-    /// Type of sensor in the library, if it is analog.
+    /// Number of the sensor's type in the library, if the product is an analog sensor.
     pub(crate) sensor_type: i32,
     value: ValueConversion,
 }
 
-/// Conversion of the library's value to the quantity's unit.
+/// Conversion of the library's value to the unit of the quantity.
 #[derive(Clone, Copy, Debug)]
 enum ValueConversion {
     Same,
-    /// A length in centimeters.
+    /// The library's value is a length in centimeters.
     Centimeters,
-    /// Between 0 and 1, without a known unit.
+    /// The library's value is a number between 0 and 1, without a known unit.
     Unscaled,
-    /// Around 0 at rest, and swinging to both sides during motion; from this absolute value on it means
-    /// yes.
+    /// The library's value is around 0 at rest, and swings to both sides during motion. An absolute value
+    /// from this threshold on means that there is motion.
     Swing(f64),
-    /// Up to this value it means yes, above it no.
+    /// The library's value is small while an object is near. A value up to this threshold means that there
+    /// is an object, a greater value that there is none.
     Near(f64),
 }
 
-/// Threshold of a 1111, which swings up to −1 and 1 during motion, and by a few hundredths at rest. 0.16 is
-/// the 0.4 V that the library takes as medium sensitivity for the successor, the MOT2002.
+/// Threshold for the motion sensor 1111. Its value swings up to −1 and 1 during motion, and by a few
+/// hundredths at rest. 0.16 is the 0.4 V that the library takes as medium sensitivity for the successor,
+/// the MOT2002.
 const MOTION: f64 = 0.16;
 
-/// Value of a 1146, as a share of its supply, at 4 mm, which is its largest distance. Greater values are
-/// farther.
+/// Value of the reflection sensor 1146, as a share of its supply voltage, for an object at 4 mm, the
+/// largest distance at which the sensor can detect one. Greater values mean a greater distance.
 const FOUR_MILLIMETERS: f64 = 0.536;
 
-/// No type of sensor: the value is the share of the supply voltage at the analog input.
+/// Value of `sensor_type` for a part that has no type of sensor: its value is the share of the supply
+/// voltage at the analog input.
 const PLAIN: i32 = 0;
 
 const DIGITAL: &str = "digital";
 
 use PhidgetQuantity::{Distance, Humidity, Light, Motion, Reflection, Temperature};
 
-/// All parts.
+/// Table of all parts, one entry for each part and quantity.
 const PARTS: &[PhidgetPart] = &[
     itself(Temperature, ChannelClass::Temperature),
     itself(Humidity, ChannelClass::Humidity),
@@ -144,12 +147,12 @@ const fn analog(
 }
 
 impl PhidgetPart {
-    /// Returns the part of this name that measures the quantity; without a name, the Phidget that measures
-    /// it without an input.
+    /// Returns the part with this name that measures the quantity; without a name, the Phidget that
+    /// measures the quantity without an input.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is none, with names that are possible.
+    /// Returns an error if there is no such part, with the names that are possible.
     pub fn find(
         name: Option<&str>,
         quantity: PhidgetQuantity,
@@ -178,35 +181,35 @@ impl PhidgetPart {
         })
     }
 
-    /// Whether its name is `number` with an ending, which names what is attached to it.
+    /// Whether the part's name is `number` with an ending. The ending names what is attached to the part.
     fn is_kind_of(&self, number: &str) -> bool {
         let rest = self.name.and_then(|name| name.strip_prefix(number));
         rest.is_some_and(|rest| rest.starts_with('-'))
     }
 
-    /// Whether it is read through an input of an interface kit or a hub, and is no Phidget itself.
+    /// Whether the part is read through an input of an interface kit or a hub, and is no Phidget itself.
     pub fn needs_input(&self) -> bool {
         self.name.is_some()
     }
 
-    /// Whether each cable of it carries only one of the several quantities that it measures.
+    /// Whether the part measures several quantities, and each of its cables carries only one of them.
     pub fn has_cables(&self) -> bool {
         let same =
             |part: &&PhidgetPart| part.name == self.name && part.class == ChannelClass::Ratio;
         PARTS.iter().filter(same).count() > 1
     }
 
-    /// Whether the unit of its value is unknown: only the user can know what 1 means.
+    /// Whether the unit of the part's value is unknown: only the user can know what the value 1 means.
     pub fn is_unscaled(&self) -> bool {
         matches!(self.value, ValueConversion::Unscaled)
     }
 
-    /// Whether its value swings during motion, so that single readings may be below the threshold.
+    /// Whether the part's value swings during motion, so that single readings may be below the threshold.
     pub fn swings(&self) -> bool {
         matches!(self.value, ValueConversion::Swing(_))
     }
 
-    /// Converts the library's value to the quantity's unit.
+    /// Converts the library's value for the part to the unit of the quantity.
     pub(crate) fn canonical(&self, value: f64) -> f64 {
         match self.value {
             ValueConversion::Same | ValueConversion::Unscaled => value,
@@ -227,7 +230,8 @@ impl fmt::Display for PhidgetPart {
     }
 }
 
-/// Returns the settings that an entry could have, of the parts that fit.
+/// Returns the settings of a sensor that an entry in an ecosystem file could have, for the parts that
+/// `fits` accepts.
 fn fitting(fits: impl Fn(&PhidgetPart) -> bool) -> String {
     let parts: Vec<_> = PARTS
         .iter()

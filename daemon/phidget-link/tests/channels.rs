@@ -1,5 +1,5 @@
-//! Channels of devices that a test sets, unplugs and plugs in, through the real interface to C: the library
-//! is a fake.
+//! Tests of channels. Each test sets, unplugs and plugs in the devices of the channels, through the real
+//! interface to C: the library is a fake.
 
 mod fake;
 
@@ -9,7 +9,7 @@ use fake::Fake;
 use phidget_link::{Library, PartAddress, PhidgetChannel, PhidgetPart, PhidgetQuantity};
 
 const SERIAL: Option<i32> = Some(12345);
-/// Enough for a device that is attached, and short for one that is not.
+/// Time to wait for a device. It is enough for a device that is attached, and short for one that is not.
 const WAIT: Duration = Duration::from_millis(20);
 
 fn open(
@@ -23,7 +23,7 @@ fn open(
     PhidgetChannel::open(library, part, address, WAIT).expect("a channel")
 }
 
-/// Returns the address of an input of the interface kit.
+/// Returns the address of the input `port` of the interface kit.
 fn at(port: u8) -> PartAddress {
     PartAddress { serial: SERIAL, hub_port: None, port: Some(port) }
 }

@@ -1,5 +1,5 @@
-//! The real `libphidget22` from PyPI's wheel, without a Phidget: loading it, and its errors about devices
-//! that are not attached.
+//! Tests of the real `libphidget22` from PyPI's wheel, without a Phidget: loading the library, and its
+//! errors about devices that are not attached.
 
 #[path = "../../../tests/support/left_out.rs"]
 mod left_out;
@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 
 use phidget_link::{Library, PartAddress, PhidgetChannel, PhidgetPart, PhidgetQuantity};
 
-/// Environment variable with the folder or file of the library.
+/// Name of the environment variable with the folder or file of the library.
 const NAMED: &str = "ALTHING_TEST_LIBPHIDGET22";
 
-/// Returns the library, or `None` with a message if it is not installed.
+/// Returns the installed library, or `None` with a message if the library is not installed.
 fn library() -> Option<Library> {
     let found = match std::env::var_os(NAMED).map(PathBuf::from).or_else(packages) {
         Some(folder) => Library::load(Some(&folder)),
@@ -30,7 +30,7 @@ fn library() -> Option<Library> {
     }
 }
 
-/// Returns the folder of Python's packages if `phidget22` is among them.
+/// Returns the folder of Python's packages if `phidget22` is among the packages.
 fn packages() -> Option<PathBuf> {
     let script = "import Phidget22; print(list(Phidget22.__path__)[0])";
     let said = Command::new("python3").args(["-c", script]).output().ok()?;
@@ -46,7 +46,7 @@ fn it_loads_and_says_its_version() {
     assert!(version.starts_with("Phidget22 - Version "), "{version}");
 }
 
-/// The test also works if Phidgets are attached: none has this number.
+/// The test also works if Phidgets are attached: none of them has the serial number that the test asks for.
 #[test]
 fn what_is_not_plugged_in_is_not_here_and_it_says_why() {
     let Some(library) = library() else { return };

@@ -1,13 +1,14 @@
-//! Advice for a person about a plugin that does not start, derived from the way it ended and its last
-//! output.
+//! Advice for a person about a plugin that does not start, derived from the way the plugin's process ended
+//! and from its last output.
 
 use std::path::Path;
 
-/// Python modules that have another name as packages on PyPI.
+/// Names of Python modules, each with the different name that its package has on PyPI.
 const PYPI_NAMES: [(&str, &str); 4] =
     [("zenoh", "eclipse-zenoh"), ("yaml", "pyyaml"), ("serial", "pyserial"), ("smbus", "smbus2")];
 
-/// Returns advice on a failed start; `None` if there is none for this reason.
+/// Returns advice for a person on a start that failed for the reason `why`; `None` if there is no advice
+/// for this reason.
 pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String> {
     if let Some(module) = missing_module(why) {
         let known = PYPI_NAMES.iter().find(|(name, _)| *name == module);
@@ -48,7 +49,8 @@ pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String
     Some(advice.to_owned())
 }
 
-/// Returns the module in Python's message `ModuleNotFoundError: No module named 'zenoh'`.
+/// Returns the name of the module in a message of Python such as `ModuleNotFoundError: No module named
+/// 'zenoh'`.
 fn missing_module(why: &str) -> Option<&str> {
     let (_, rest) = why.split_once("No module named ")?;
     let name = rest.trim_start_matches(['\'', '"']).split(['\'', '"', '.']).next()?;

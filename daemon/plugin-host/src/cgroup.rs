@@ -1,6 +1,6 @@
-//! Control groups (cgroup v2). If a part of their tree was delegated to the daemon (systemd's
-//! `Delegate=yes`), each plugin gets a group of its own, in which the kernel counts and limits memory,
-//! processes and processor time.
+//! Control groups (cgroup v2). If a part of the machine's tree of control groups was delegated to the
+//! daemon (systemd's `Delegate=yes`), each plugin gets a group of its own, in which the kernel counts and
+//! limits memory, processes and processor time.
 //!
 //! The kernel does not let a group have both processes and subgroups, so the daemon moves itself into a
 //! subgroup.
@@ -10,34 +10,35 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Mount point of the tree.
+/// Path where the tree of control groups is mounted.
 const ROOT: &str = "/sys/fs/cgroup";
-/// Controllers that count resources for plugins.
+/// Controllers of the kernel that count the resources of plugins.
 const CONTROLLERS: [&str; 3] = ["cpu", "memory", "pids"];
-/// Name of the subgroup that the daemon is in.
+/// Name of the subgroup that the daemon moves itself into.
 const OWN: &str = "daemon";
-/// Period in microseconds over which a group's share of a processor is counted. The kernel's default.
+/// Period over which the kernel counts a group's share of a processor, in microseconds. This is the
+/// kernel's default.
 const PERIOD: u32 = 100_000;
 /// Extended attributes by which systemd marks a group as delegated.
 const DELEGATED: [&str; 2] = ["user.delegate", "trusted.delegate"];
 
-/// Part of the tree that was delegated to this daemon.
+/// Part of the machine's tree of control groups that was delegated to this daemon.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct CgroupTree(PathBuf);
 
-/// Control group of one incarnation of a plugin. On drop, all processes in it are killed and the group is
-/// removed.
+/// Control group of one incarnation of a plugin. When this value is dropped, all processes in the group are
+/// killed and the group is removed.
 #[derive(Debug)]
 pub(crate) struct PluginCgroup {
     folder: PathBuf,
-    /// Usage of earlier incarnations in the same group; it is subtracted.
+    /// Usage of earlier incarnations in the same group; it is subtracted from what the kernel counts.
     before: CgroupUsage,
 }
 
-/// Resources that a group has taken.
+/// Resources that the processes of a control group have taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct CgroupUsage {
-    /// Bytes of memory that the group holds, of any kind.
+    /// Bytes of memory of any kind that the group holds.
     pub(crate) memory: u64,
     /// Processor time of all processes that were ever in the group.
     pub(crate) cpu: Duration,
@@ -46,11 +47,13 @@ pub(crate) struct CgroupUsage {
 }
 
 impl CgroupTree {
-    /// Finds the group of this process, and divides it into subgroups if it is not divided yet.
+    /// Finds the control group of this process, and divides the group into subgroups if that is not done
+    /// yet.
     ///
     /// # Errors
     ///
-    /// Returns the reason, for a person, if this daemon has no tree of its own.
+    /// Returns the reason, for a person, if no part of the tree of control groups is delegated to this
+    /// daemon.
     pub(crate) fn find() -> Result<CgroupTree, String> {
         let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
         let own = groups.lines().find_map(|line| line.strip_prefix("0::"));
@@ -59,8 +62,8 @@ impl CgroupTree {
         CgroupTree::divided(&folder).map_or_else(|| CgroupTree::at(&folder), Ok)
     }
 
-    /// Returns the tree if `part` is the daemon's own subgroup of it, made before the daemon re-executed
-    /// itself.
+    /// Returns the delegated part of the tree, if `part` is the subgroup for the daemon itself, which the
+    /// daemon made before it re-executed itself.
     fn divided(part: &Path) -> Option<CgroupTree> {
         let folder = part.parent().filter(|_| part.file_name().is_some_and(|name| name == OWN))?;
         let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap_or_default();
@@ -110,11 +113,11 @@ impl CgroupTree {
         Ok(CgroupTree(folder.to_owned()))
     }
 
-    /// Creates the group of a plugin, with limits of `memory` bytes and `tasks` threads.
+    /// Creates the control group of a plugin, with limits of `memory` bytes and `tasks` threads.
     ///
     /// # Errors
     ///
-    /// Returns an error if the kernel refuses.
+    /// Returns an error if the kernel refuses to create or to limit the group.
     pub(crate) fn group(&self, name: &str, memory: u64, tasks: u64) -> io::Result<PluginCgroup> {
         let folder = self.0.join(format!("plugin-{name}"));
         make(&folder)?;
@@ -136,12 +139,13 @@ impl CgroupTree {
 }
 
 impl PluginCgroup {
-    /// Returns the folder of the group. A process joins the group by writing to its `cgroup.procs`.
+    /// Returns the folder of the control group. A process joins the group by writing to the file
+    /// `cgroup.procs` in that folder.
     pub(crate) fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Returns the usage so far. A value that cannot be read is zero.
+    /// Returns the usage of this incarnation so far. A value that cannot be read is zero.
     pub(crate) fn measure(&self) -> CgroupUsage {
         let number = |file: &str, key: &str| -> u64 {
             let text = fs::read_to_string(self.folder.join(file)).unwrap_or_default();
@@ -159,7 +163,7 @@ impl PluginCgroup {
         }
     }
 
-    /// Limits the group to `share` of a processor from now on.
+    /// Limits the control group to `share` of a processor from now on.
     pub(crate) fn slow_down(&self, share: f64) {
         let quota = (share * f64::from(PERIOD)).max(1_000.0).round();
         // If this fails, the lower priority of its processes slows it down.
@@ -181,7 +185,8 @@ impl Drop for PluginCgroup {
     }
 }
 
-/// Whether systemd has delegated a group. Write access is no evidence: root may write to every group.
+/// Whether systemd has delegated the control group with this folder. Write access is no evidence: root may
+/// write to every group.
 fn is_marked(folder: &Path) -> bool {
     DELEGATED.iter().any(|mark| {
         let mut value = [0; 8];

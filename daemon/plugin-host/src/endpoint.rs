@@ -1,9 +1,9 @@
 //! The endpoint that a plugin connects to: a Zenoh listener on a socket that the plugin shares with its
-//! host only.
+//! host only. The host is the part of the daemon that runs plugins.
 //!
 //! The host receives the plugin's messages, but the ecosystem does not, and the plugin does not receive
-//! those of the ecosystem. So it cannot take another agent's name, ask other agents for anything, or
-//! overhear them. The plugin's agents are in the ecosystem only as proxy agents, if the host admits them
+//! those of the ecosystem. So the plugin cannot take another agent's name, ask other agents for anything,
+//! or overhear them. The plugin's agents are in the ecosystem only as proxy agents, if the host admits them
 //! (`proxy`).
 
 use std::collections::BTreeMap;
@@ -26,37 +26,39 @@ use crate::package::Package;
 use crate::plugin_client::{PluginClient, PluginClientHandle};
 use crate::proxy::{AdmittedAgents, ProxyRunner};
 
-/// Name of the client agent that forwards actions to the plugin's agents.
+/// Name of the client agent on the endpoint, which forwards actions to the plugin's agents.
 const HOST: &str = "host";
-/// Name of the agent that observes them.
+/// Name of the agent on the endpoint that observes the plugin's agents.
 const WATCHER: &str = "host-watch";
 
-/// Capacity of the queue of agents that were not met before; an agent that does not fit is not admitted.
-/// A gateway of a large building has hundreds.
+/// Capacity of the queue of agents that have joined the endpoint for the first time; an agent that does not
+/// fit is not admitted. A gateway of a large building has hundreds of agents.
 const AGENTS_MAX: usize = 1_024;
 
-/// Messages per second that are accepted from a plugin, and those for each of its agents: heartbeats and
-/// events. Further messages are dropped.
+/// Messages per second, such as heartbeats and events, that are accepted from a plugin:
+/// [`MESSAGES_PER_SECOND`], and [`MESSAGES_PER_AGENT`] more for each of its agents. Further messages are
+/// dropped.
 const MESSAGES_PER_SECOND: u32 = 200;
 const MESSAGES_PER_AGENT: u32 = 20;
 
-/// Seconds in a row with too many messages after which a plugin is stopped.
+/// Number of successive seconds with too many messages after which a plugin is stopped.
 const FLOOD_SECONDS: u32 = 5;
 
-/// Connections per process of a plugin at the same time: its session, and one that has ended and is not
-/// detected as closed yet. And the minimum of connections for the whole plugin.
+/// Maximum number of connections to an endpoint at the same time, for each process of the plugin: its
+/// session, and sessions that have ended and are not detected as closed yet. [`SESSIONS_MIN`] is the least
+/// maximum for the whole plugin.
 const SESSIONS_PER_PROCESS: u32 = 4;
 const SESSIONS_MIN: u32 = 8;
-/// Connections that may be in the handshake at the same time.
+/// Number of connections to an endpoint that may be in the handshake at the same time.
 const OPENING_MAX: u32 = 8;
 
-/// Time that the agents of a plugin may take to leave.
+/// Time that the agents of a plugin may take to leave when the endpoint is closed.
 const LEAVING: Duration = Duration::from_secs(3);
 
-/// An open endpoint. It stays open when the plugin's process is restarted.
+/// An open endpoint of a plugin. It stays open when the plugin's process is restarted.
 pub(crate) struct Endpoint {
     pub(crate) locator: String,
-    /// Path of its socket.
+    /// Path of the socket of the endpoint.
     pub(crate) socket: PathBuf,
     pub(crate) host: HostName,
     substrate: Arc<dyn Substrate>,
@@ -66,14 +68,15 @@ pub(crate) struct Endpoint {
     tasks: TaskTracker,
 }
 
-/// Parameters of an endpoint.
+/// Parameters of the endpoint of a plugin.
 pub(crate) struct EndpointParameters<'p> {
     pub(crate) ecosystem: &'p EcosystemId,
     pub(crate) daemon: &'p DaemonId,
     pub(crate) settings: &'p AgentSettings,
     pub(crate) socket: &'p Path,
     pub(crate) package: &'p Arc<Package>,
-    /// Agents that the plugin has to bring, each with its action model if the package has one.
+    /// Agents that the plugin has to bring, each with the action model that the package has for the agent,
+    /// if any.
     pub(crate) agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
     pub(crate) landing: &'p Spawner,
 }
@@ -134,7 +137,7 @@ impl Endpoint {
     }
 }
 
-/// Returns Zenoh's settings for the endpoint of a plugin that may have so many processes. Sessions are
+/// Returns Zenoh's settings for the endpoint of a plugin that may have this many processes. Sessions are
 /// bounded because each takes memory of the daemon.
 fn wire(processes: u32) -> Value {
     let sessions = processes.saturating_mul(SESSIONS_PER_PROCESS).max(SESSIONS_MIN);
@@ -148,7 +151,7 @@ fn plain(name: &str) -> AgentId {
     AgentId::new(name).expect("invariant: the names of the host's own agents are valid")
 }
 
-/// Admits or rejects the agents that join the endpoint.
+/// Admits or rejects the agents of the plugin that join the endpoint.
 struct AgentReception {
     package: Arc<Package>,
     agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
@@ -201,19 +204,19 @@ impl AgentReception {
     }
 }
 
-/// Limits the rate of messages from a plugin: counts them and drops those that are too many.
+/// Limits the rate of messages from a plugin: counts the messages and drops those that are too many.
 pub(crate) struct RateLimit {
     inner: Arc<MessageRouter>,
     per_second: AtomicU32,
     second: Mutex<RateWindow>,
-    /// Notified when there were too many messages for [`FLOOD_SECONDS`] in a row.
+    /// Notification that the plugin has sent too many messages for [`FLOOD_SECONDS`] seconds in a row.
     pub(crate) flooded: Notify,
 }
 
 struct RateWindow {
     began: Instant,
     count: u32,
-    /// Number of seconds in a row with too many messages.
+    /// Number of seconds in a row in which the plugin has sent too many messages.
     over: u32,
     dropped: u64,
 }
@@ -233,12 +236,12 @@ impl RateLimit {
         self.per_second.fetch_add(MESSAGES_PER_AGENT, Ordering::Relaxed);
     }
 
-    /// Returns how many messages were dropped so far.
+    /// Returns how many messages of the plugin were dropped so far.
     pub(crate) fn dropped(&self) -> u64 {
         self.second.lock().unwrap_or_else(PoisonError::into_inner).dropped
     }
 
-    /// Counts one message, and returns whether it is accepted.
+    /// Counts one message of the plugin, and returns whether the message is accepted.
     fn accepts_message(&self) -> bool {
         let most = self.per_second.load(Ordering::Relaxed);
         let mut second = self.second.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,5 +1,5 @@
-//! Starts the process of a package: determines its confinement, its environment, and its first line of
-//! input. Used by the supervision in a daemon and by the trial of `althing plugin check`.
+//! Starts the process of a package: determines the confinement, the environment, and the first line of
+//! input of the process. Used by the supervision in a daemon and by the trial of `althing plugin check`.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -21,50 +21,52 @@ use crate::program::{self, ResolvedProgram};
 use crate::rights::{Permissions, device_objection, read_objection};
 use crate::supervision::WantedAgent;
 
-/// Bytes added to the memory limit of a plugin to get the kernel's limit for each process. The latter also
-/// counts libraries and unused stacks of threads.
+/// Bytes that are added to the memory limit of a plugin to get the limit that the kernel enforces for each
+/// process. The kernel's limit also counts libraries and unused stacks of threads.
 const ADDRESSES: u64 = 1 << 30;
 
-/// Folders with programs of the system, added to the `PATH` even if the daemon's `PATH` does not contain
-/// them.
+/// Folders with programs of the system. They are added to the `PATH` of a plugin even if the daemon's
+/// `PATH` does not contain them.
 const SYSTEM_PATH: [&str; 3] = ["/usr/local/bin", "/usr/bin", "/bin"];
 
-/// Threads added to the limit of a plugin for each process that it may have.
+/// Number of threads that are added to the thread limit of a plugin for each process that the plugin may
+/// have.
 const THREADS_PER_PROCESS: u64 = 4;
-/// Base of the limit of threads of a plugin. A process with an interpreter and Zenoh has a dozen.
+/// Base of the thread limit of a plugin. A process with an interpreter and Zenoh has a dozen threads.
 const THREADS: u64 = 64;
 
 /// Means of confinement on this machine.
 #[derive(Clone, Debug)]
 pub(crate) struct MachineConfinement {
     pub(crate) means: ConfinementMeans,
-    /// The part of the tree of control groups that is this daemon's, or the reason why it has none.
+    /// The part of the tree of control groups that was delegated to this daemon, or the reason why there is
+    /// none.
     pub(crate) tree: Result<CgroupTree, String>,
     /// Folders that no plugin may read.
     pub(crate) private: Vec<PathBuf>,
 }
 
-/// Parameters of a process that is to be started.
+/// Parameters of a plugin's process that is to be started.
 pub(crate) struct ProcessStart<'s> {
     pub(crate) launcher: &'s Launcher,
     pub(crate) machine_confinement: &'s MachineConfinement,
     pub(crate) package: &'s Package,
     pub(crate) program: &'s ResolvedProgram,
-    /// Sockets that it may connect to.
+    /// Sockets that the process may connect to.
     pub(crate) sockets: Vec<PathBuf>,
-    /// Its data folder; created if it does not exist.
+    /// Data folder of the plugin; created if it does not exist.
     pub(crate) data: &'s Path,
     pub(crate) log: &'s PluginLog,
 }
 
-/// A running process, with its control group if it has one.
+/// Running process of a plugin, together with the plugin's control group if there is one.
 pub(crate) struct StartedProcess {
     pub(crate) process: PluginProcess,
     pub(crate) counted: Option<PluginCgroup>,
 }
 
 impl MachineConfinement {
-    /// Finds the means of confinement. `folder` is any folder that exists.
+    /// Finds the means of confinement of this machine. `folder` is any folder that exists.
     pub(crate) async fn find(
         launcher: &Launcher,
         folder: &Path,
@@ -76,7 +78,7 @@ impl MachineConfinement {
         MachineConfinement { means: launcher.means(folder).await, tree, private: private.to_vec() }
     }
 
-    /// Returns the placeholder that is used before the means are known. It has none.
+    /// Returns the placeholder that is used before the means of confinement are known. It offers no means.
     pub(crate) fn unknown() -> MachineConfinement {
         let why = "this machine has not been checked yet";
         MachineConfinement {
@@ -94,7 +96,7 @@ impl MachineConfinement {
         }
     }
 
-    /// Checks the real targets of the paths in a plugin's rights.
+    /// Checks the real targets of the paths in a plugin's permissions.
     ///
     /// # Errors
     ///
@@ -131,19 +133,20 @@ impl MachineConfinement {
         Ok(())
     }
 
-    /// Returns the use of the means for a plugin.
+    /// Returns the means of confinement that are used for a plugin with these permissions.
     pub(crate) fn plan(&self, permissions: &Permissions) -> ConfinementPlan {
         self.means.plan(permissions, self.tree.is_ok())
     }
 }
 
-/// Returns the limit of threads for all processes of a plugin together.
+/// Returns the limit of threads for all processes of a plugin together; `processes` is the limit of
+/// processes.
 pub(crate) fn threads_max(processes: u32) -> u64 {
     THREADS + THREADS_PER_PROCESS * u64::from(processes)
 }
 
 impl ProcessStart<'_> {
-    /// Starts the process, in its confinement.
+    /// Starts the process of the plugin, in its confinement.
     ///
     /// # Errors
     ///
@@ -218,8 +221,9 @@ fn make_home(data: &Path) -> Result<(), String> {
     made.map_err(|error| format!("failed to make {}: {error}", data.display()))
 }
 
-/// Returns the `PATH` of a plugin. The folder of its interpreter comes first, so that the plugin starts the
-/// same interpreter by its name. The folders of the daemon's `PATH` follow that the plugin can read.
+/// Returns the `PATH` of a plugin. The folder of the plugin's interpreter comes first, so that the name of
+/// the interpreter starts the same one. After it come those folders of the daemon's `PATH` that the plugin
+/// can read.
 fn path(program: &ResolvedProgram, read: &BTreeSet<PathBuf>) -> OsString {
     let own = program.file.parent().map(Path::to_owned);
     let is_readable = |folder: &PathBuf| {
@@ -236,7 +240,8 @@ fn path(program: &ResolvedProgram, read: &BTreeSet<PathBuf>) -> OsString {
     std::env::join_paths(folders).unwrap_or_else(|_| SYSTEM_PATH.join(":").into())
 }
 
-/// Returns the first line of input of the program: the agents to bring, and the endpoint to connect to.
+/// Returns the first line of input of the plugin's program: the agents to bring, and the endpoint to
+/// connect to.
 pub(crate) fn hello(
     package: &Package,
     landing: &Spawner,

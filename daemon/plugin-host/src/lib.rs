@@ -2,17 +2,18 @@
 //! folder in the plugin folder. Adding a package adds its agents to the ecosystem, and removing it removes
 //! them; the daemon is not restarted.
 //!
-//! - `manifest` and `package`: reading and checking a package. `shelf`: the plugin folder.
-//! - `supervision`: starts, restarts and stops one plugin. `restart_policy` decides when it is restarted, `process_health`
-//!   when its process has to be ended.
-//! - `program` finds the program that a package really runs, `launching` starts it, and `process` is its
-//!   process. `trial` starts a package once, for `althing plugin check`.
-//! - `rights`: what a plugin may use. `confinement`: its restrictions. `mediator`: answers to the system
-//!   calls that the kernel alone cannot decide. `usage`: the resources that it takes. `log`: its output.
-//! - `endpoint`: the socket that a plugin connects to, on a substrate that it shares with its host only.
-//!   There an `agent::Observer` watches the plugin's agents, and the `plugin_client` forwards requests to them.
-//!   `proxy`: the proxy agent for each of them in the ecosystem. It is an actuator; its planner and its
-//!   domain run in this daemon.
+//! - `manifest` and `package`: reading and checking a package. `package_store`: the plugin folder.
+//! - `supervision`: starts, restarts and stops one plugin. `restart_policy` decides when the plugin's
+//!   process is restarted, `process_health` when the process has to be ended.
+//! - `program` finds the program that a package really runs, `launching` starts the program, and `process`
+//!   is the running process. `trial` starts a package once, for `althing plugin check`.
+//! - `rights`: what a plugin may use of its machine. `confinement`: the restrictions of a plugin's process.
+//!   `mediator`: answers to the system calls that the kernel alone cannot decide. `usage`: the resources
+//!   that a plugin takes. `log`: the output of a plugin.
+//! - `endpoint`: the socket that a plugin connects to, on a substrate that the plugin shares with its host
+//!   only. There an `agent::Observer` watches the plugin's agents, and the `plugin_client` forwards
+//!   requests to them. `proxy`: the proxy agent that represents each agent of a plugin in the ecosystem. A
+//!   proxy agent is an actuator; its planner and its domain run in this daemon.
 //! - `status`: the state of all plugins, for users.
 //!
 //! A plugin speaks the protocol of actuators (docs/protocol.md), but only with its host. Its messages reach
@@ -72,25 +73,29 @@ use log::PluginLog;
 use package::{Stamp, stamp};
 use supervision::{DesiredPlugin, DesiredState, PluginSupervisor, Statuses};
 
-/// First argument of this daemon's own program when it is to become the program of a plugin. The next
-/// arguments are a [`Confinement`] in JSON, the program and the program's arguments.
+/// First argument for this daemon's own program when the process is to become the program of a plugin. The
+/// next arguments are a [`Confinement`] in JSON, the plugin's program and the arguments of that program.
 pub const LAUNCH: &str = "become-plugin";
 
 /// Argument after [`LAUNCH`] that asks the process to find out what the kernel offers to confine plugins.
-/// The next argument is a folder.
+/// The argument after this one is the path of any folder that exists.
 pub const PROBE: &str = "probe";
 
-/// Name under which this crate reports discovered agents, among all sources of discovered agents.
+/// Name of this crate as a source of discovered agents. It tells the agents that packages bring from those
+/// of other sources.
 const PLUGINS: &str = "plugins";
 
-/// Time without changes after which the plugin folder is checked: a package is copied file by file.
+/// Time without further changes after which the plugin folder is checked. The wait is needed because a
+/// package is copied file by file.
 const QUIET_TIME: Duration = Duration::from_millis(60);
 
-/// Interval between checks of the plugin folder for [`LOOK_AGAIN`] after a change. The kernel reports
-/// changes in a new subfolder only once that is watched; files that were written before are not reported.
+/// Interval between checks of the plugin folder in the first [`CHECK_INTERVAL_LONG`] after a change. The
+/// short interval is needed because the kernel reports changes in a new subfolder only once that subfolder
+/// is watched; files that were written before are not reported.
 const CHECK_INTERVAL_SHORT: Duration = Duration::from_millis(250);
 
-/// Interval between checks of the plugin folder while the kernel reports no changes.
+/// Interval between checks of the plugin folder when the last change that the kernel has reported is long
+/// ago.
 const CHECK_INTERVAL_LONG: Duration = Duration::from_secs(5);
 
 /// Settings and surroundings that plugins are hosted with.
@@ -99,23 +104,25 @@ pub struct HostSettings {
     pub packages: PackageStore,
     /// The ecosystem that the proxy agents join.
     pub landing: Spawner,
-    /// Agents that the ecosystem file assigns to this daemon, by package.
+    /// Agents that the ecosystem file assigns to this daemon, by the name of the package that has to bring
+    /// them.
     pub agents: BTreeMap<String, Vec<WantedAgent>>,
-    /// All agents that the ecosystem file names, on any daemon.
+    /// Names of all agents in the ecosystem file, on any daemon.
     pub named: BTreeSet<AgentId>,
-    /// Decisions on which agents may join that the ecosystem file does not name.
+    /// Decisions on which agents may join although the ecosystem file does not name them.
     pub admissions: Arc<Admissions>,
-    /// This daemon's own program, which is started to become a plugin's.
+    /// Path of this daemon's own program, which is started to become a plugin's.
     pub launcher: Launcher,
-    /// Folder for the sockets of the endpoints.
+    /// Folder for the sockets of the endpoints that plugins connect to.
     pub sockets: PathBuf,
     /// Folder with the data folder and the log of each plugin.
     pub state: PathBuf,
-    /// Socket of the simulated building, if there is one.
+    /// Path of the socket of the simulated building, if there is one.
     pub building: Option<PathBuf>,
     /// Whether a plugin runs only if all of its confinement can be enforced.
     pub requires_confinement: bool,
-    /// Folders that no plugin may read, whatever rights it has: keys, sockets, data of daemons.
+    /// Folders that no plugin may read, whatever rights it has: those with keys, sockets and the data of
+    /// daemons.
     pub private: Vec<PathBuf>,
 }
 
@@ -136,17 +143,18 @@ pub(crate) struct HostContext {
     rolled_back: Mutex<BTreeMap<String, String>>,
 }
 
-/// Stands in for the means of confinement until they are known.
+/// Placeholder for the means of confinement until they are known.
 static UNKNOWN: LazyLock<MachineConfinement> = LazyLock::new(MachineConfinement::unknown);
 
 impl HostContext {
-    /// Returns the means of confinement on this machine, or [`MachineConfinement::unknown`] until they are known.
+    /// Returns the means of confinement on this machine, or [`MachineConfinement::unknown`] until they are
+    /// known.
     pub(crate) fn machine_confinement(&self) -> &MachineConfinement {
         self.machine_confinement.get().unwrap_or(&UNKNOWN)
     }
 
-    /// Returns how far plugins can be confined here, for users. Until that is known, only `is_required` is
-    /// set.
+    /// Returns how far plugins can be confined on this machine, for users. Until that is known, only
+    /// `is_required` is set.
     fn confined(&self) -> ConfinementStatus {
         let is_required = self.requires_confinement;
         let Some(ward) = self.machine_confinement.get() else {
@@ -160,13 +168,14 @@ impl HostContext {
         }
     }
 
-    /// Returns the plugins that were rolled back to their previous version, each with the reason.
+    /// Returns the plugins that were rolled back to their previous version, each with the reason for the
+    /// rollback.
     pub(crate) fn rolled_back(&self) -> MutexGuard<'_, BTreeMap<String, String>> {
         self.rolled_back.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Starts hosting plugins, until the daemon drains.
+/// Starts to host plugins. Hosting ends when the daemon drains.
 ///
 /// # Errors
 ///
@@ -250,20 +259,20 @@ struct PluginReconciler {
     managed: BTreeMap<String, ManagedPlugin>,
 }
 
-/// One plugin, as of the last check.
+/// One plugin as it was at the last check of the plugin folder, and its desired state.
 struct ManagedPlugin {
     snapshot: PackageSnapshot,
     desired_state: watch::Sender<DesiredState>,
 }
 
-/// Everything that decides whether a plugin runs.
+/// Everything about a package that decides whether its plugin runs.
 #[derive(PartialEq)]
 struct PackageSnapshot {
     stamp: Stamp,
     is_disabled: bool,
     allowed: Vec<Right>,
     admission: AdmissionStatus,
-    /// Reason if another user could have changed the package.
+    /// Reason why another user could have changed the package; `None` if no other user could.
     writable: Option<String>,
 }
 
@@ -289,7 +298,7 @@ impl PluginReconciler {
         }
     }
 
-    /// Finds out how plugins can be confined on this machine, and logs it.
+    /// Finds out how plugins can be confined on this machine, and logs the result.
     async fn find_means(&self) {
         let HostContext {
             launcher, data, machine_confinement: ward, packages: shelf, private, ..
@@ -314,8 +323,8 @@ impl PluginReconciler {
         let _ = ward.set(found);
     }
 
-    /// Watches the plugin folder for changes. Returns `None` if the kernel cannot watch it; then the folder
-    /// is only checked periodically.
+    /// Watches the plugin folder for changes. Returns `None` if the kernel cannot watch the folder, which
+    /// is then only checked periodically.
     fn watch(&self, touched: &Arc<FolderChanges>) -> Option<notify::RecommendedWatcher> {
         let folder = self.context.packages.folder.clone();
         let touched = Arc::clone(touched);
@@ -345,8 +354,8 @@ impl PluginReconciler {
         }
     }
 
-    /// Checks the plugin folder and updates the wish for each plugin. `touched` are plugins with a changed
-    /// marker file: their supervisions are notified even if nothing else changed.
+    /// Checks the plugin folder and updates the desired state of each plugin. `touched` are plugins with a
+    /// changed marker file: their supervisions are notified even if nothing else has changed.
     fn reconcile(&mut self, touched: &BTreeSet<String>) {
         let mut names: BTreeSet<_> = self.context.packages.names().into_iter().collect();
         names.extend(self.agents.keys().cloned());
@@ -395,8 +404,8 @@ impl PluginReconciler {
         }
     }
 
-    /// Returns the text in which a person is asked to admit a package, or `None` if no admission is asked
-    /// for or the package brings no agents.
+    /// Returns the text in which a person is asked to admit the agents of a package, or `None` if no
+    /// admission is needed or the package brings no agents.
     fn application(
         &self,
         name: &str,
@@ -489,8 +498,8 @@ impl PluginReconciler {
         }
     }
 
-    /// Returns the reason why a package must not run although its agents are wanted, or `None` if it may
-    /// run.
+    /// Returns the reason why a package must not run although its agents are wanted, and the state that
+    /// follows; `None` if the package may run.
     fn refusal(
         &self,
         package: &Package,
@@ -529,7 +538,7 @@ impl PluginReconciler {
     }
 }
 
-/// Returns the lines for the ecosystem file that would configure this agent of a package.
+/// Returns the lines for the ecosystem file that would configure the agent `own` of a package.
 fn entry(package: &str, own: &OwnAgent) -> String {
     let mut text = format!("[[agent]]\nname = \"{}\"\npackage = \"{package}\"\n", own.name);
     if let Some(driver) = &own.driver {
@@ -543,8 +552,8 @@ fn entry(package: &str, own: &OwnAgent) -> String {
     text
 }
 
-/// Plugins with a changed marker file since the last check, and a notification of any change in the plugin
-/// folder.
+/// Plugins with a changed marker file since the last check of the plugin folder, and a notification of any
+/// change in that folder.
 #[derive(Default)]
 struct FolderChanges {
     names: Mutex<BTreeSet<String>>,
@@ -579,7 +588,7 @@ impl FolderChanges {
         std::mem::take(&mut *self.lock())
     }
 
-    /// Waits until there was a change, and then none for [`AT_REST`].
+    /// Waits until the plugin folder changes, and then until there was no change for [`QUIET_TIME`].
     async fn wait_until_quiet(&self) {
         self.something.notified().await;
         while tokio::time::timeout(QUIET_TIME, self.something.notified()).await.is_ok() {}

@@ -1,4 +1,4 @@
-//! Output of a plugin: it goes to a file of bounded size and to the daemon's log.
+//! Output of a plugin: goes to a log file of bounded size and to the daemon's log.
 
 use std::collections::VecDeque;
 use std::fs::{File, OpenOptions};
@@ -10,13 +10,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncReadExt as _, BufReader};
 use tokio::task::JoinHandle;
 
-/// Size in bytes at which a file is put aside as the previous one. Enough for a day of a talkative plugin.
+/// Size in bytes at which a log file is put aside as the previous one. It is enough for a day of a
+/// talkative plugin.
 const FILE_BYTES_MAX: u64 = 1 << 20;
-/// Length in bytes at which a line is cut.
+/// Length in bytes at which a line of output is cut.
 const LINE_BYTES_MAX: u64 = 4 << 10;
-/// Lines kept per second; further lines are counted and dropped.
+/// Number of lines of output kept per second; further lines are counted and dropped.
 const LINES_PER_SECOND_MAX: u32 = 200;
-/// Number of last lines that are kept in memory, to be added to the reason why a process ended.
+/// Number of last lines of output that are kept in memory, to be added to the reason why a process ended.
 const LAST_LINES: usize = 4;
 
 /// Log of a plugin; clones write to the same file.
@@ -52,17 +53,17 @@ impl PluginLog {
         self.lock().path.clone()
     }
 
-    /// Returns the last line that is not blank, for a person.
+    /// Returns the last line of output that is not blank, for a person.
     pub(crate) fn last_line(&self) -> Option<String> {
         self.lock().last.iter().rev().find(|line| !line.trim().is_empty()).cloned()
     }
 
-    /// Drops the last lines, which are of the previous process.
+    /// Drops the last lines of output from memory, because they are those of the previous process.
     pub(crate) fn begin(&self) {
         self.lock().last.clear();
     }
 
-    /// Writes down everything that comes through a process's pipe, until its end.
+    /// Writes everything that comes through a process's pipe into the log, until the pipe ends.
     pub(crate) fn follow(
         &self,
         pipe: Option<impl AsyncRead + Unpin + Send + 'static>,
@@ -82,7 +83,7 @@ impl PluginLog {
         }
     }
 
-    /// Writes a remark of the host into the log.
+    /// Writes a remark of the host, the daemon that runs the plugin, into the log.
     pub(crate) fn remark(&self, remark: &str) {
         self.lock().note(&format!("[althing] {remark}"));
     }
@@ -141,12 +142,12 @@ impl LogFile {
     }
 }
 
-/// Opens a log. A new file can be read by this user alone.
+/// Opens a log file. A new file can be read by this user alone.
 fn open(path: &Path) -> io::Result<File> {
     OpenOptions::new().create(true).append(true).mode(0o600).open(path)
 }
 
-/// Returns the path of the file with the lines before those in `path`.
+/// Returns the path of the previous log file, which holds the lines before those in `path`.
 pub(crate) fn before(path: &Path) -> PathBuf {
     path.with_extension("log.1")
 }

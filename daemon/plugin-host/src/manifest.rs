@@ -1,4 +1,4 @@
-//! `plugin.toml`, the manifest of a package: it is parsed and checked for consistency. No files, no clock.
+//! `plugin.toml`, the manifest of a package: parses it and checks it for consistency. No files, no clock.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -15,84 +15,85 @@ use toml::Spanned;
 use crate::rights::{Permissions, bytes_of, device_objection, read_objection};
 use crate::wording::worded;
 
-/// Longest manifest that is read, in bytes.
+/// Longest manifest that is accepted, in bytes.
 pub(crate) const MANIFEST_BYTES_MAX: u64 = 256 << 10;
 
-/// Smallest limit of memory or disk, in bytes: nothing works with less.
+/// Smallest limit of memory or disk that a manifest may ask for, in bytes: nothing works with less.
 const BYTES_LEAST: u64 = 1 << 20;
-/// Default of `ready-within`: enough for an interpreter on a small board to start with its devices.
+/// Default of the key `ready-within` of a manifest. It is enough for an interpreter on a small board to
+/// start with its devices.
 const READY_WITHIN_DEFAULT: Duration = Duration::from_secs(20);
-/// Longest timeout of an action.
+/// Longest timeout of an action that a manifest may give.
 const TIMEOUT_MAX: Duration = Duration::from_secs(24 * 3_600);
 
-/// Contents of a manifest.
+/// Parsed contents of a package's manifest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackageManifest {
-    /// Name of the package, which is also that of its folder.
+    /// Name of the package, which is also the name of its folder.
     pub name: String,
-    /// Version, for people.
+    /// Version of the package, for people.
     pub version: String,
-    /// Description, one line.
+    /// Description of the package, one line.
     pub about: String,
-    /// Program and its arguments. A program with a `/` is a file of the package.
+    /// Program of the package and the program's arguments. A program with a `/` is a file of the package.
     pub run: Vec<String>,
-    /// Place of `run` in the text; empty if `[executable]` names the program.
+    /// Place of `run` in the text of the manifest; empty if `[executable]` names the program.
     pub run_place: Span,
     /// File with the template of the action model; `None` if the package has none.
     pub model: Option<PathBuf>,
-    /// Time until all its agents must have joined.
+    /// Time after the start within which all agents of the package must have joined.
     pub ready_within: Duration,
-    /// Methods by action: the only actions that its agents may offer.
+    /// Methods of the package by action: its agents may offer only these actions.
     pub methods: Methods,
-    /// Agents that the package brings if the ecosystem file names none.
+    /// Agents that the package brings if the ecosystem file names none for it.
     pub agents: Vec<OwnAgent>,
-    /// Other agents that it may bring while it runs: names, or beginnings of names with a `*`.
+    /// Other agents that the package may bring while it runs: names, or beginnings of names with a `*`.
     pub brings: Vec<String>,
-    /// Keys that the `config` of its agents may have.
+    /// Keys that the `config` of the package's agents may have.
     pub config: BTreeMap<String, ConfigKey>,
-    /// Resources of the machine that it may use.
+    /// Resources of the machine that the package asks to use.
     pub permissions: Permissions,
 }
 
-/// Agent that a package brings.
+/// An agent that a package brings if the ecosystem file names none for the package.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnAgent {
     /// Name of the agent.
     pub name: AgentId,
-    /// Driver that it uses; `None` if the manifest names none.
+    /// Driver that the agent uses; `None` if the manifest names none.
     pub driver: Option<String>,
-    /// Its `config`.
+    /// The `config` of the agent.
     pub config: Value,
 }
 
-/// A key of an agent's `config`.
+/// One key that the `config` of a package's agents may have.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ConfigKey {
-    /// Kind of value.
+    /// Kind of value that the key takes.
     #[serde(rename = "type")]
     pub shape: ConfigShape,
-    /// Description of the key.
+    /// Description of the key, for people.
     #[serde(default)]
     pub about: String,
-    /// Whether the key may be left out.
+    /// Whether the key may be left out of a `config`.
     #[serde(default)]
     pub optional: bool,
 }
 
-/// Kind of value of a key in an agent's `config`.
+/// Kind of value that a key in an agent's `config` takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ConfigShape {
-    /// `"office2"`
+    /// A text, such as `"office2"`.
     Text,
-    /// `12.5`
+    /// A number, such as `12.5`.
     Number,
-    /// `true`
+    /// A truth value, such as `true`.
     Flag,
-    /// `[ … ]`
+    /// A list: `[ … ]`.
     List,
-    /// `{ … }`
+    /// A table: `{ … }`.
     Table,
 }
 
@@ -156,11 +157,11 @@ struct RawPermissions {
 }
 
 impl PackageManifest {
-    /// Reads a manifest.
+    /// Parses the text of a manifest and checks it.
     ///
     /// # Errors
     ///
-    /// Returns all mistakes, each with its place.
+    /// Returns all mistakes of the manifest, each with its place.
     pub fn read(text: &str) -> Result<PackageManifest, Vec<Diagnostic>> {
         let raw: RawManifest = toml::from_str(text).map_err(|error| {
             vec![worded(text, error.message(), error.span().unwrap_or_default())]
@@ -170,7 +171,7 @@ impl PackageManifest {
         if reading.found.is_empty() { Ok(manifest) } else { Err(reading.found) }
     }
 
-    /// Returns what is wrong with the `config` of an agent of this package; `None` if nothing is.
+    /// Returns the mistake in the `config` of an agent of this package; `None` if there is none.
     pub fn problem_with(&self, config: &Value) -> Option<String> {
         let empty = serde_json::Map::new();
         let said = match config {
@@ -201,7 +202,7 @@ impl PackageManifest {
         Some(format!("config.{key} is missing{about}{}", known.about))
     }
 
-    /// Whether the plugin may bring an agent that it was not asked for.
+    /// Whether the package may bring `agent` although it was not asked for that agent.
     pub fn may_bring(&self, agent: &AgentId) -> bool {
         self.brings.iter().any(|pattern| match pattern.strip_suffix('*') {
             Some(beginning) => agent.as_str().starts_with(beginning),
@@ -232,7 +233,7 @@ impl ConfigShape {
     }
 }
 
-/// Collects mistakes while a manifest is read.
+/// Collects the mistakes of a manifest while it is read.
 struct ManifestReader {
     found: Vec<Diagnostic>,
 }
@@ -277,7 +278,7 @@ impl ManifestReader {
         }
     }
 
-    /// Checks the versions of the protocol that the plugin speaks: `"1"` or `"1-3"`.
+    /// Checks the versions of the protocol that the plugin speaks, such as `"1"` or `"1-3"`.
     fn protocol(&mut self, said: &Spanned<String>) {
         let (first, last) = said.get_ref().split_once('-').unwrap_or((said.get_ref(), ""));
         let first = first.trim().parse::<u32>();
@@ -394,7 +395,7 @@ impl ManifestReader {
         })
     }
 
-    /// Checks that each path can be allowed to a plugin.
+    /// Checks that each path in a list of the manifest can be allowed to a plugin.
     fn paths(
         &mut self,
         paths: Vec<Spanned<PathBuf>>,
@@ -418,7 +419,7 @@ fn span(place: Range<usize>) -> Span {
     Span { start: at(place.start), end: at(place.end) }
 }
 
-/// Whether a path cannot lead out of its package.
+/// Whether a path cannot lead out of the package that it belongs to.
 pub(crate) fn stays_within(path: &Path) -> bool {
     let is_plain =
         |part| matches!(part, std::path::Component::Normal(_) | std::path::Component::CurDir);

@@ -2,12 +2,13 @@
 //! (`confinement::calls`).
 //!
 //! - `connect`: the daemon itself connects to the plugin's endpoint and puts the connected socket in place
-//!   of the plugin's. So it does not matter if the plugin changes the address in its memory meanwhile.
-//!   Other Unix sockets are refused. With `network`, the daemon also connects sockets of the Internet.
+//!   of the plugin's socket. So a plugin that changes the address in its memory meanwhile gains nothing.
+//!   Other Unix sockets are refused. With the right `network`, the daemon also connects sockets of the
+//!   Internet.
 //! - Signals are allowed only within the plugin's own process group.
 //! - `fork` is allowed up to the plugin's limit of processes.
 //!
-//! Each plugin has one thread for this, which ends with the last process that has the filter.
+//! Each plugin has one thread for these answers, which ends with the last process that has the filter.
 
 use std::fs::{self, File};
 use std::io;
@@ -28,21 +29,21 @@ use syscalls::Sysno;
 
 use crate::usage;
 
-/// Limit of connections to the Internet that a plugin may be waiting for at the same time.
+/// Maximum number of connections to the Internet that a plugin may be waiting for at the same time.
 const WAITING_MAX: usize = 64;
 
-/// Longest address that is read, in bytes: `sizeof(struct sockaddr_un)`.
+/// Longest address in a call of `connect` that is read, in bytes: `sizeof(struct sockaddr_un)`.
 const ADDRESS_MAX: u64 = 110;
 
-/// Decides the calls of one plugin.
+/// Decides the system calls of one plugin that the kernel alone cannot decide.
 pub(crate) struct CallMediator {
     /// Process group of the plugin.
     pub(crate) group: Pid,
-    /// Sockets that it may connect to.
+    /// Sockets that the plugin may connect to.
     pub(crate) sockets: Vec<PathBuf>,
-    /// Whether it may use the Internet.
+    /// Whether the plugin may use the Internet.
     pub(crate) network: bool,
-    /// Limit of processes.
+    /// Limit of the number of processes of the plugin.
     pub(crate) processes: u32,
 }
 
@@ -51,12 +52,12 @@ pub(crate) struct CallMediator {
 enum ConnectAddress {
     Path(PathBuf),
     Internet(SocketAddr),
-    /// `AF_UNSPEC`, which dissolves the connection of a socket.
+    /// An address of the family `AF_UNSPEC`, which dissolves the connection of a socket.
     Nothing,
 }
 
 impl CallMediator {
-    /// Answers calls on a thread of its own.
+    /// Answers the plugin's system calls, on a thread of its own.
     ///
     /// # Errors
     ///
@@ -109,7 +110,7 @@ impl CallMediator {
         respond(listener, call.id, response);
     }
 
-    /// Reads the address that a call names, once.
+    /// Reads the address that a call of `connect` names from the plugin's memory, once.
     fn address(
         &self,
         listener: &NotifyListener,
@@ -155,7 +156,7 @@ impl CallMediator {
         Ok(Response::Value(0))
     }
 
-    /// Connects a socket of the Internet on behalf of the plugin, on a thread that may block.
+    /// Connects a socket of the Internet on behalf of the plugin, on another thread, which may block.
     fn connect_beyond(
         self: &Arc<Self>,
         listener: &Arc<NotifyListener>,
@@ -182,8 +183,8 @@ impl CallMediator {
         }
     }
 
-    /// Allows a signal to processes of the plugin's own group only. The process id cannot pass to another
-    /// process between this check and the kernel's unless the process ends in between.
+    /// Allows a signal only to processes of the plugin's own group. The process id cannot pass to another
+    /// process between this check and the kernel's use of it, unless the process ends in between.
     fn signal(&self, process: u64) -> Result<Response, Errno> {
         // A `pid_t` is the lower half of the register.
         let process = i32::from_ne_bytes(((process & 0xffff_ffff) as u32).to_ne_bytes());
@@ -209,7 +210,8 @@ fn respond(listener: &NotifyListener, id: u64, response: Result<Response, Errno>
     }
 }
 
-/// Parses an address of `connect`; `None` if it is invalid or of a family that no plugin may connect to.
+/// Parses an address of `connect`; returns `None` if it is invalid or of a family that no plugin may
+/// connect to.
 fn read(bytes: &[u8]) -> Option<ConnectAddress> {
     let family = u16::from_ne_bytes(bytes.get(..2)?.try_into().ok()?);
     match i32::from(family) {
@@ -238,7 +240,7 @@ fn read(bytes: &[u8]) -> Option<ConnectAddress> {
     }
 }
 
-/// Returns a non-blocking socket that is connected to a path.
+/// Returns a new non-blocking socket that is connected to the Unix socket at `path`.
 fn connected(path: &Path) -> Result<OwnedFd, Errno> {
     let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
     let socket = rustix::net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
@@ -246,7 +248,7 @@ fn connected(path: &Path) -> Result<OwnedFd, Errno> {
     Ok(socket)
 }
 
-/// Returns the flags of a descriptor of another process.
+/// Returns the flags of a file descriptor of another process.
 fn flags(thread: u32, descriptor: u32) -> Option<u32> {
     // For some files, a process can make this text as long as it likes.
     let about = usage::read_text(Path::new(&format!("/proc/{thread}/fdinfo/{descriptor}"))).ok()?;
@@ -254,8 +256,8 @@ fn flags(thread: u32, descriptor: u32) -> Option<u32> {
     u32::from_str_radix(flags.trim(), 8).ok()
 }
 
-/// Connects a socket of another process to an address that was read before. The descriptor is duplicated,
-/// so the process cannot exchange the socket.
+/// Connects a socket of another process to an address that was read before. The socket's file descriptor is
+/// duplicated first, so the process cannot exchange the socket.
 fn connect_socket(
     listener: &NotifyListener,
     call: &Notification,
@@ -281,7 +283,7 @@ fn connect_socket(
     Ok(Response::Value(0))
 }
 
-/// Returns the process of a thread.
+/// Returns the id of the process that a thread belongs to.
 fn process_of(thread: u32) -> Option<Pid> {
     let about = fs::read_to_string(format!("/proc/{thread}/status")).ok()?;
     let process = about.lines().find_map(|line| line.strip_prefix("Tgid:"))?;

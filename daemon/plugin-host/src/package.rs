@@ -17,40 +17,42 @@ use crate::manifest::{MANIFEST_BYTES_MAX, PackageManifest, stays_within};
 use crate::program::{self, ResolvedProgram};
 use crate::template;
 
-/// Name of the manifest, the file that makes a folder a package.
+/// Name of the manifest file; a folder with this file is a package.
 pub const MANIFEST: &str = "plugin.toml";
 
-/// Longest template of an action model, in bytes.
+/// Longest template of an action model that is accepted, in bytes.
 const MODEL_BYTES_MAX: u64 = 1 << 20;
 
-/// Largest number of files that are checked for changes. A package with its libraries has hundreds.
+/// Largest number of files of a package that are checked for changes. A package with its libraries has
+/// hundreds.
 const FILES_MAX: usize = 10_000;
 
 /// A package without mistakes.
 #[derive(Clone, Debug)]
 pub struct Package {
-    /// Path of its folder.
+    /// Path of the package's folder.
     pub folder: PathBuf,
-    /// Its manifest.
+    /// Parsed manifest of the package.
     pub manifest: PackageManifest,
-    /// Text of the manifest.
+    /// Text of the package's manifest.
     text: String,
-    /// Text of the template of its action model.
+    /// Text of the template of the package's action model; `None` if the package has none.
     template: Option<String>,
 }
 
-/// Mistakes of a package: in one of its files, or about the whole package.
+/// Mistakes of a package, either in one of its files or about the package as a whole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackageFaults {
-    /// The file with the mistakes; the package's folder if they are about the whole package.
+    /// File with the mistakes; the package's folder if the mistakes are about the package as a whole.
     pub file: PathBuf,
-    /// Text of the file; empty if it could not be read.
+    /// Text of the file with the mistakes; empty if the file could not be read.
     pub text: String,
-    /// The mistakes, with places in that text.
+    /// The mistakes, with their places in the text of the file.
     pub found: Vec<Diagnostic>,
 }
 
-/// Size, inode and time of each file of a package; changes if a file changes.
+/// For each file of a package, the size mixed with the inode number, and the time of the last change. The
+/// stamp differs if a file has changed.
 pub(crate) type Stamp = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
 
 impl Package {
@@ -109,17 +111,17 @@ impl Package {
         Ok(package)
     }
 
-    /// Checks that the program exists and can be executed.
+    /// Checks that the program of the package exists and can be executed.
     ///
     /// # Errors
     ///
-    /// Returns an error for a person if it does not exist or cannot be executed.
+    /// Returns an error for a person if the program does not exist or cannot be executed.
     fn has_program(&self) -> Result<(), String> {
         program::candidates(&self.folder, self.called(), &program::own_path()).map(drop)
     }
 
-    /// Returns a mistake that shows only when the program is started, at the place of `run` in the
-    /// manifest.
+    /// Returns a mistake that shows only when the program is started, with the place of `run` in the
+    /// manifest as its place.
     pub fn fault_of_program(&self, message: String, help: Option<String>) -> PackageFaults {
         let mistake = Diagnostic::error(self.manifest.run_place, message);
         let mistake = help.into_iter().fold(mistake, Diagnostic::with_help);
@@ -138,12 +140,13 @@ impl Package {
         program::resolve(scope, self.called()).await
     }
 
-    /// Returns the name of the program in the manifest.
+    /// Returns the name of the program as written in the manifest.
     fn called(&self) -> &str {
         self.manifest.run.first().map(String::as_str).unwrap_or_default()
     }
 
-    /// Returns the action model of an agent, as text and parsed; `None` if the package has no model.
+    /// Returns the action model of an agent of this package, as text and parsed; `None` if the package has
+    /// no model.
     ///
     /// # Errors
     ///
@@ -174,8 +177,8 @@ impl Package {
     }
 
     /// Returns the reason why an agent with the action model `said` and these methods is not admitted;
-    /// `None` if it is. All its actions and methods must be in the manifest, and equal those of `own`, the
-    /// model of the package, if there is one.
+    /// `None` if the agent is admitted. All actions and methods of the agent must be in the manifest. They
+    /// must equal those of `own`, the action model that the package has for the agent, if there is one.
     pub fn objection(
         &self,
         said: &ActionModel,
@@ -209,7 +212,7 @@ impl Package {
 }
 
 impl PackageFaults {
-    /// Returns the first mistake in one line, with its place.
+    /// Returns the first of these mistakes in one line, with its place.
     pub fn first(&self) -> String {
         let file = self.file.file_name().unwrap_or(self.file.as_os_str()).to_string_lossy();
         match self.found.first() {
@@ -241,7 +244,7 @@ fn read(path: &Path, bytes_max: u64) -> io::Result<String> {
     Ok(text)
 }
 
-/// Returns the stamp of the files of a package.
+/// Returns the stamp of the files of a package, by which changes of the files are noticed.
 pub(crate) fn stamp(folder: &Path) -> Stamp {
     let mut stamp = Stamp::new();
     let mut folders = vec![folder.to_owned()];

@@ -1,12 +1,12 @@
-//! The plugin folder of a machine: one folder per package, and marker files with decisions of people.
+//! The plugin folder of a machine: one folder per package, and marker files with the decisions of people.
 //!
-//! Every change is one rename in that folder, so a daemon that reads it at any moment sees the old or the
-//! new state. Names that begin with a dot are no packages:
+//! Every change is one rename in that folder, so a daemon that reads the folder at any moment sees the old
+//! or the new state. Files and folders with a name that begins with a dot are no packages:
 //!
 //! - `.NAME.disabled`: the package is disabled.
-//! - `.NAME.rights`: the rights that a person has allowed it, one in a line.
-//! - `.NAME.before`: the version before the last upgrade.
-//! - `.NAME.failed`: an upgrade that was rolled back.
+//! - `.NAME.rights`: the rights that a person has allowed the package, one in a line.
+//! - `.NAME.before`: the version of the package before the last upgrade.
+//! - `.NAME.failed`: the version of the package that was rolled back.
 //!
 //! A user that can write to the folder controls which programs run here. So the folder and everything in it
 //! is created for this user alone, whatever the umask is, and a folder that others can write to is refused.
@@ -22,24 +22,25 @@ use crate::manifest::PackageManifest;
 use crate::package::{Package, PackageFaults};
 use crate::rights::{Right, listed};
 
-/// Largest number of packages on one machine; further ones are ignored.
+/// Largest number of packages on one machine; further packages are ignored.
 const PACKAGES_MAX: usize = 256;
 
-/// Mode of a folder that only this user can enter.
+/// File mode of a folder that only this user can enter.
 const FOLDER_MODE: u32 = 0o700;
-/// Bits of a mode with which the group or other users can write.
+/// Bits of a file mode that let the group or other users write.
 const OTHERS_WRITE: u32 = 0o022;
-/// All bits of a mode.
+/// Mask of all bits of a file mode.
 const MODE: u32 = 0o7777;
 
-/// Marker file: rights have to be allowed in this plugin folder. It is written when a daemon first checks
-/// the folder; packages that ran there before keep the rights that they used.
+/// Name of the marker file which states that rights have to be allowed in this plugin folder. A daemon
+/// writes the file when it first checks the folder; packages that ran there before keep the rights that
+/// they used.
 const ASKED: &str = ".rights-are-asked";
 
-/// The plugin folder.
+/// The plugin folder of this machine, with its packages and marker files.
 #[derive(Clone, Debug)]
 pub struct PackageStore {
-    /// Path of the folder.
+    /// Path of the plugin folder.
     pub folder: PathBuf,
 }
 
@@ -50,47 +51,47 @@ pub enum PackageStoreError {
     /// The package to be added has mistakes.
     #[error("add the package, which has a mistake: {}", .0.first())]
     Faulty(Box<PackageFaults>),
-    /// There is no package of this name.
+    /// The plugin folder has no package of this name.
     #[error("find a plugin `{name}` in {}", folder.display())]
     Unknown {
-        /// Name of the package.
+        /// Name of the package that was asked for.
         name: String,
-        /// The plugin folder.
+        /// The plugin folder in which the package was looked for.
         folder: PathBuf,
     },
     /// The package asks for rights that were not allowed.
     #[error("let `{name}` use {}: that is not allowed yet", listed(asks))]
     NotAllowed {
-        /// Name of the package.
+        /// Name of the package that was asked for.
         name: String,
-        /// Rights that it asks for and that were not allowed.
+        /// Rights that the package asks for and that were not allowed.
         asks: Vec<Right>,
     },
     /// Other users can change files of the plugin folder.
     #[error("use {}: {who} can write to it, and could run anything here: {cure}", path.display())]
     Writable {
-        /// The folder, or a file or folder in it.
+        /// The plugin folder, or a file or folder in it, that other users can change.
         path: PathBuf,
-        /// Description of the users that can write, for the message.
+        /// Description of the users that can write to the path, for the message.
         who: &'static str,
-        /// Command that corrects it.
+        /// Command that corrects the access rights of the path.
         cure: String,
     },
-    /// A file operation failed.
+    /// An operation on a file or folder failed.
     #[error("{doing} {}: {source}", path.display())]
     Io {
-        /// The operation.
+        /// The file operation that failed.
         doing: &'static str,
-        /// Its path.
+        /// Path of the file or folder on which the operation failed.
         path: PathBuf,
-        /// The error.
+        /// Error of the system.
         #[source]
         source: io::Error,
     },
 }
 
 impl PackageStore {
-    /// Returns the names of the packages, sorted.
+    /// Returns the names of the packages in the plugin folder, sorted.
     pub fn names(&self) -> Vec<String> {
         let Ok(entries) = fs::read_dir(&self.folder) else { return Vec::new() };
         let folders = entries.flatten().filter(|entry| entry.path().is_dir());
@@ -101,7 +102,7 @@ impl PackageStore {
         names
     }
 
-    /// Returns the folder of a package of this name.
+    /// Returns the path of the folder of the package with this name.
     pub fn package_folder(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
@@ -110,16 +111,16 @@ impl PackageStore {
         self.folder.join(format!(".{name}.{what}"))
     }
 
-    /// Whether a person has disabled the package.
+    /// Whether a person has disabled the package with this name.
     pub fn is_disabled(&self, name: &str) -> bool {
         self.aside(name, "disabled").exists()
     }
 
-    /// Disables or enables a package. Enabling it also starts it again if it was given up.
+    /// Disables or enables a package. If the package was given up, enabling it also starts it again.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no package of this name, or the folder cannot be written.
+    /// Returns an error if there is no package of this name, or the plugin folder cannot be written.
     pub fn set_disabled(&self, name: &str, is_disabled: bool) -> Result<(), PackageStoreError> {
         self.known(name)?;
         let mark = self.aside(name, "disabled");
@@ -131,11 +132,11 @@ impl PackageStore {
         Ok(())
     }
 
-    /// Creates the folder if it does not exist.
+    /// Creates the plugin folder if it does not exist.
     ///
     /// # Errors
     ///
-    /// Returns an error if it cannot be created, or other users can write to it.
+    /// Returns an error if the plugin folder cannot be created, or other users can write to it.
     pub fn make(&self) -> Result<(), PackageStoreError> {
         let mut folder = DirBuilder::new();
         let made = folder.recursive(true).mode(FOLDER_MODE).create(&self.folder);
@@ -143,12 +144,12 @@ impl PackageStore {
         self.check_writers()
     }
 
-    /// Checks that only this user and root can change the folder.
+    /// Checks that only this user and root can change the plugin folder.
     ///
     /// # Errors
     ///
-    /// Returns an error if another user owns the folder or can write to it. A folder that does not exist is
-    /// no error.
+    /// Returns an error if another user owns the plugin folder or can write to it. A folder that does not
+    /// exist is no error.
     pub fn check_writers(&self) -> Result<(), PackageStoreError> {
         others_cannot_write(&self.folder)
     }
@@ -183,7 +184,7 @@ impl PackageStore {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no package of this name, or the folder cannot be written.
+    /// Returns an error if there is no package of this name, or the plugin folder cannot be written.
     pub fn allow(&self, name: &str, rights: &[Right]) -> Result<(), PackageStoreError> {
         self.known(name)?;
         self.note_rights(name, rights)
@@ -205,8 +206,8 @@ impl PackageStore {
         fs::rename(&new, &place).map_err(|source| failed("write", &place, source))
     }
 
-    /// Allows packages the rights that they already use. This happens once per plugin folder, for folders
-    /// from the time before rights had to be allowed. `has_run` tells which packages have run here.
+    /// Allows each package the rights that it already uses. This happens once per plugin folder, for
+    /// folders from the time before rights had to be allowed. `has_run` tells which packages have run here.
     pub(crate) fn allow_rights_in_use(
         &self,
         has_run: impl Fn(&str) -> bool,
@@ -226,9 +227,9 @@ impl PackageStore {
         write(&mark, "Packages that ask for more than the least wait until a person allows it.\n")
     }
 
-    /// Returns the rights that a new version of an installed package may use without consent: those that
-    /// were allowed, or, in a folder from the time before rights had to be allowed, those that the
-    /// installed version asks for.
+    /// Returns the rights that a new version of an installed package may use without consent. These are the
+    /// rights that were allowed; in a folder from the time before rights had to be allowed, they are the
+    /// rights that the installed version asks for.
     pub fn kept_rights(&self, name: &str) -> Vec<Right> {
         let mut kept = self.allowed(name);
         if !self.folder.join(ASKED).exists()
@@ -240,7 +241,7 @@ impl PackageStore {
     }
 
     /// Installs a package; an installed package of the same name is replaced and kept as `.NAME.before`,
-    /// for a rollback. `allowed` are the rights that a person allows now.
+    /// for a rollback. `allowed` are the rights that a person allows with this call.
     ///
     /// # Errors
     ///
@@ -294,7 +295,8 @@ impl PackageStore {
         Ok(())
     }
 
-    /// Restores the version before the last upgrade. Returns `false` if there is none.
+    /// Restores the version of a package before the last upgrade. Returns `false` if there is no such
+    /// version.
     pub(crate) fn roll_back(&self, name: &str) -> Result<bool, PackageStoreError> {
         let (place, before) = (self.package_folder(name), self.aside(name, "before"));
         if !before.exists() {
@@ -307,8 +309,8 @@ impl PackageStore {
         Ok(true)
     }
 
-    /// Removes the version before the last upgrade, because the new one works. There is no rollback any
-    /// more.
+    /// Removes the version of a package before the last upgrade, because the new version works. Afterwards
+    /// no rollback is possible.
     pub(crate) fn discard_previous(&self, name: &str) {
         // A version that cannot be removed does no harm.
         let _ = self.clear(&self.aside(name, "before"));
@@ -359,7 +361,7 @@ fn others_cannot_write(path: &Path) -> Result<(), PackageStoreError> {
     Err(PackageStoreError::Writable { path: path.to_owned(), who, cure })
 }
 
-/// Copies a folder with everything in it, links as links. Only this user can write to the copy.
+/// Copies a folder with everything in it; links are copied as links. Only this user can write to the copy.
 fn copy(from: &Path, to: &Path) -> Result<(), PackageStoreError> {
     let made = DirBuilder::new().mode(FOLDER_MODE).create(to);
     made.map_err(|source| failed("make", to, source))?;
@@ -469,7 +471,8 @@ mod tests {
         assert_eq!(shelf.allowed("lamp"), [Right::Network]);
     }
 
-    /// The test sets modes explicitly: the umask would be that of the whole test process.
+    /// The test sets the modes of files explicitly, because setting the umask would change that of the
+    /// whole test process.
     #[test]
     fn nobody_else_can_write_what_is_made_here_and_where_somebody_can_it_is_refused() {
         let source = tempfile::tempdir().expect("a folder");

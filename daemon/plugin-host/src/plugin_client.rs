@@ -1,5 +1,5 @@
-//! Client agent on a plugin's own endpoint: forwards actions to the plugin's agents, receives the results,
-//! and cancels actions that are not waited for any more.
+//! The client agent that the host runs on the endpoint of a plugin: it forwards actions to the plugin's
+//! agents, receives the results, and cancels actions that no caller waits for any more.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,15 +10,18 @@ use actuator::{MethodCall, MethodFailure};
 use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, WorkHandle};
 use tokio::sync::{mpsc, oneshot};
 
-/// Capacity of the queue of orders. An agent carries out one action at a time, so more are not expected.
+/// Capacity of the queue of actions that wait to be forwarded. An agent carries out one action at a time,
+/// so more are not expected.
 const ORDERS_MAX: usize = 1_024;
 
-/// Time that an agent may take in addition to its method, for `agree` and `confirm`.
+/// Time that an agent of the plugin may take for the messages `agree` and `confirm`, in addition to the
+/// timeout of the method that it carries out.
 const BESIDE_METHOD: Duration = Duration::from_secs(5);
 
 type ResultSender = oneshot::Sender<Result<Report, MethodFailure>>;
 
-/// Handle of the attendant; clones belong to the same attendant.
+/// Handle of the client agent of a plugin, through which actions are forwarded; all clones belong to the
+/// same client agent.
 #[derive(Clone)]
 pub(crate) struct PluginClientHandle(mpsc::Sender<ClientOrder>);
 
@@ -30,15 +33,15 @@ enum ClientOrder {
         number: u64,
         tell: ResultSender,
     },
-    /// Cancels the action of this number: its caller has given up.
+    /// Cancels the action with this number, because the caller does not wait for the result any more.
     Cancel(u64),
 }
 
-/// The client agent.
+/// The client agent of one plugin: forwards actions to the plugin's agents and receives their results.
 pub(crate) struct PluginClient {
     orders: Option<mpsc::Receiver<ClientOrder>>,
     under_way: BTreeMap<u64, PendingAction>,
-    /// The task that waits for the next order.
+    /// Task that waits for the next order to the client agent.
     listening: Option<WorkHandle>,
 }
 
@@ -48,7 +51,8 @@ struct PendingAction {
     tell: ResultSender,
 }
 
-/// Cancels an order if it is dropped before the result has arrived.
+/// Cancels a forwarded action if it is dropped before the result of the action has
+/// arrived.
 struct CancelActionOnDrop {
     client: Option<PluginClientHandle>,
     number: u64,

@@ -1,13 +1,14 @@
-//! The process of a plugin: how it is started and ended, with all processes that it has started.
+//! The process of a plugin: how it is started, and how it is ended together with all processes that it has
+//! started.
 //!
-//! Its standard input is a socket. Before the process becomes the plugin's program, it reports its
-//! confinement over that socket, and hands over the seccomp listener for the system calls that this daemon
-//! answers (`mediator`). Afterwards the daemon only writes to the socket.
+//! The standard input of the process is a socket. Before the process becomes the plugin's program, it
+//! reports its confinement over that socket, and hands over the seccomp listener for the system calls that
+//! this daemon answers (`mediator`). Afterwards the daemon only writes to the socket.
 //!
 //! The process runs in a process group of its own, which it cannot leave. A *watch* kills the group when
-//! the daemon ends, for whatever reason: it is a shell that reads from a pipe, and only the daemon holds
-//! the other end. The program itself is also killed when the thread of the daemon that started it ends; so
-//! no plugin starts without a watch.
+//! the daemon ends, for whatever reason: the watch is a shell that reads from a pipe, and only the daemon
+//! holds the other end of the pipe. The program itself is also killed when the thread of the daemon that
+//! started it ends; so no plugin starts without a watch.
 
 use std::ffi::OsString;
 use std::io;
@@ -29,62 +30,63 @@ use crate::confinement::{Confinement, ConfinementMeans, ConfinementReport};
 use crate::log::PluginLog;
 use crate::mediator::CallMediator;
 
-/// Time that a plugin has to end by itself after it is asked to.
+/// Time that a plugin has to end by itself after the daemon asks it to end.
 const STOPPING: Duration = Duration::from_secs(2);
 
-/// Time for reading the last output of a process after it has ended.
+/// Time for reading the last output of a process after the process has ended.
 const LAST_WORDS: Duration = Duration::from_millis(50);
 
 /// Time that a process may take to confine itself, on a small and busy board.
 const ENTERING: Duration = Duration::from_secs(20);
 
-/// Attempts to start a process that finds out how plugins can be confined.
+/// Maximum number of attempts to start the process that finds out how plugins can be confined.
 const PROBES_MAX: u32 = 3;
 
-/// Longest report of a process about its confinement, in bytes.
+/// Longest report about the confinement that is accepted from a process, in bytes.
 const ENTERED_BYTES_MAX: usize = 4 << 10;
 
-/// Script of the watch. It ends if a line arrives on its standard input, and kills the group if the input
-/// is closed before.
+/// Shell script of the *watch*, the process that kills a plugin's process group when the daemon ends. The
+/// script ends without killing if a line arrives on its standard input, and kills the group if the input is
+/// closed before.
 const CLEANUP_SCRIPT: &str = "trap '' HUP INT TERM\nread -r word && exit\nkill -KILL \"-$1\"";
 
 /// Path of this daemon's own program, which is started to become a plugin's: see [`crate::LAUNCH`].
 #[derive(Clone, Debug)]
 pub struct Launcher(pub PathBuf);
 
-/// Program to start, and its surroundings.
+/// Program to start, and the surroundings that its process gets.
 pub(crate) struct ProcessLaunch<'l> {
     pub(crate) launcher: &'l Launcher,
     pub(crate) program: &'l Path,
     pub(crate) arguments: &'l [String],
-    /// Environment variables in addition to those that every plugin has.
+    /// Environment variables of the process, in addition to those that every plugin has.
     pub(crate) environment: &'l [(&'static str, OsString)],
     pub(crate) folder: &'l Path,
     /// Data folder of the plugin.
     pub(crate) data: &'l Path,
     pub(crate) confinement: &'l Confinement,
-    /// Limit of processes.
+    /// Limit of the number of processes of the plugin.
     pub(crate) processes: u32,
     pub(crate) log: &'l PluginLog,
 }
 
-/// Process of a plugin. On drop, it is killed with all processes that it has started.
+/// Running process of a plugin. On drop, it is killed with all processes that it has started.
 pub(crate) struct PluginProcess {
     child: Child,
     group: KilledGroup,
     stdin: Option<UnixStream>,
-    /// Tasks that read its standard output and standard error into the log.
+    /// Tasks that read the standard output and standard error of the process into the plugin's log.
     words: Vec<JoinHandle<()>>,
     watch: Option<(Child, ChildStdin)>,
 }
 
-/// Process group, which is killed on drop. `None` after it is gone.
+/// Process group of a plugin, which is killed on drop. `None` after the group is gone.
 struct KilledGroup(Option<Pid>);
 
 impl Launcher {
-    /// Starts a process of this program that finds out what the kernel offers to confine plugins. If the
-    /// machine is too busy to answer, this is repeated up to [`PROBES_MAX`] times, because without an
-    /// answer nothing is enforced.
+    /// Starts a process of the daemon's own program that finds out what the kernel offers to confine
+    /// plugins. If the machine is too busy to answer, the attempt is repeated up to [`PROBES_MAX`] times,
+    /// because without an answer nothing is enforced.
     pub(crate) async fn means(&self, folder: &Path) -> ConfinementMeans {
         let mut why = String::new();
         for _ in 0..PROBES_MAX {
@@ -112,7 +114,7 @@ impl Launcher {
 }
 
 impl PluginProcess {
-    /// Starts the process, and waits until it has confined itself or has ended.
+    /// Starts the process of a plugin, and waits until the process has confined itself or has ended.
     pub(crate) async fn begin(launch: &ProcessLaunch<'_>) -> io::Result<PluginProcess> {
         let confinement = serde_json::to_string(launch.confinement)?;
         let (ours, theirs) = Blocking::pair()?;
@@ -141,9 +143,9 @@ impl PluginProcess {
         Ok(process)
     }
 
-    /// Receives the report about the confinement, and starts to answer the process's system calls. A
-    /// process that cannot confine itself writes the reason to its standard error and ends; this is no
-    /// error here.
+    /// Receives the report of the process about its confinement, and starts to answer the system calls of
+    /// the process. A process that cannot confine itself writes the reason to its standard error and ends;
+    /// this is no error here.
     async fn entered(&self, launch: &ProcessLaunch<'_>) -> io::Result<()> {
         let (Some(stdin), Some(group)) = (&self.stdin, self.group.0) else { return Ok(()) };
         let heard = tokio::time::timeout(ENTERING, receive_report(stdin)).await;
@@ -184,12 +186,12 @@ impl PluginProcess {
         Ok((watch, word))
     }
 
-    /// Returns the process group, which is also the process id.
+    /// Returns the number of the process group, which is also the id of the plugin's first process.
     pub(crate) fn id(&self) -> i32 {
         self.group.0.map_or(0, |pid| pid.as_raw_nonzero().get())
     }
 
-    /// Writes a line to its standard input, which stays open.
+    /// Writes a line to the standard input of the process, and leaves the input open.
     pub(crate) async fn say(&mut self, line: &str) -> io::Result<()> {
         match &mut self.stdin {
             Some(stdin) => {
@@ -226,7 +228,7 @@ impl PluginProcess {
         self.end().await;
     }
 
-    /// Kills the process with all processes that it has started, at once.
+    /// Kills the process at once, with all processes that it has started.
     pub(crate) async fn end(mut self) {
         self.group.kill();
         let _ = self.child.wait().await;
@@ -255,8 +257,8 @@ impl Drop for KilledGroup {
     }
 }
 
-/// Reads the report that a process sends before it becomes the program. The report is `None` if the process
-/// has ended.
+/// Reads the report about the confinement that a process sends before it becomes the plugin's program. The
+/// report is `None` if the process has ended.
 async fn receive_report(
     stdin: &UnixStream,
 ) -> io::Result<(Option<Vec<u8>>, Option<NotifyListener>)> {

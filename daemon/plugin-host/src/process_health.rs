@@ -15,20 +15,22 @@ use crate::rights::Permissions;
 use crate::supervision::{DesiredPlugin, WantedAgent};
 use crate::usage::FILES_MAX;
 
-/// Time over its share of the processor after which a plugin is slowed down, and after which it is ended.
+/// Time for which a plugin may exceed its share of the processor before it is slowed down; after
+/// [`CPU_STOPPED`] it is ended.
 const CPU_SLOWED: Duration = Duration::from_secs(5);
 const CPU_STOPPED: Duration = Duration::from_secs(20);
-/// Time without any of its agents after which a plugin is ended although its process runs.
+/// Time without any of the plugin's agents after which a plugin is ended although its process runs.
 pub(crate) const SILENT: Duration = Duration::from_secs(10);
 
-/// State of a running process.
+/// State of a plugin's running process.
 pub(crate) struct ProcessHealth {
     pub(crate) began: Instant,
     pub(crate) ready: Option<Instant>,
-    /// Time when at least one of its agents was last present.
+    /// Time when at least one of the plugin's agents was last present.
     pub(crate) last_present: Instant,
     last_sample: (Instant, ResourceSample),
-    /// Time for which it has exceeded its share of the processor; time below the share is subtracted.
+    /// Time for which the plugin has exceeded its share of the processor; time below the share is
+    /// subtracted.
     over_cpu: Duration,
     is_slowed: bool,
 }
@@ -46,7 +48,7 @@ impl ProcessHealth {
         }
     }
 
-    /// Returns the reason why the process has to be ended, or `None` if it may go on.
+    /// Returns the reason why the plugin's process has to be ended, or `None` if it may go on.
     pub(crate) fn limit_exceeded(
         &mut self,
         wanted: &DesiredPlugin,
@@ -159,12 +161,13 @@ impl ProcessHealth {
     }
 }
 
-/// Returns the message for a plugin that the kernel killed because it exceeded its memory limit.
+/// Returns the message for a person about a plugin that the kernel killed because it exceeded its memory
+/// limit.
 pub(crate) fn out_of_memory_message(permissions: &Permissions) -> String {
     format!("it held more memory than it may: {} MiB", permissions.memory.div_ceil(1 << 20))
 }
 
-/// Gives the lowest priority to all processes of a group.
+/// Gives the lowest priority to all processes of a process group.
 fn slow_down(group: i32) {
     if let Some(group) = rustix::process::Pid::from_raw(group) {
         // If that fails, the plugin is ended soon for its use of the processor.

@@ -4,14 +4,15 @@
 //! asdf, mise), which asks the manager and then runs the real interpreter; an interpreter of a virtual
 //! environment; or a script with an interpreter in its first line. Managers and interpreters may be in any
 //! folder, so inside the confinement a shim fails with “Permission denied”. Therefore the daemon resolves
-//! the program first, and the confinement lets it read the real interpreter and what that interpreter
-//! needs.
+//! the program first, and the confinement lets the program read the real interpreter and what that
+//! interpreter needs.
 //!
 //! The daemon runs interpreters and managers outside of the confinement to ask for their paths. So it asks
-//! only programs that its user has installed: those found by a name on the daemon's `PATH`, or below
-//! `/usr`, `/bin` or `/nix/store`. A path in a manifest or a script could be a file of the package, or one
-//! that the plugin has written; of that file only links and folders are examined. The interpreter in a
-//! virtual environment of a package is not asked either, because that would run code of the environment.
+//! only programs that the daemon's user has installed: those found by a name on the daemon's `PATH`, or
+//! below `/usr`, `/bin` or `/nix/store`. A path in a manifest or a script could lead to a file of the
+//! package, or to one that the plugin has written; of such a file only links and folders are examined. The
+//! interpreter in a virtual environment of a package is not asked either, because that would run code of
+//! the environment.
 //!
 //! The same distinction decides which files may be read: a program of the daemon's user brings along what
 //! it needs. A program that a manifest or a script names by its path must be in the package, among the
@@ -28,25 +29,27 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-/// Time that an interpreter or a version manager may take to answer.
+/// Time that an interpreter or a version manager may take to answer the question for its paths.
 const ANSWER_WITHIN: Duration = Duration::from_secs(20);
 
-/// Longest part of a script that is read, in bytes; a shim has a dozen lines.
+/// Longest part of a script that is read, in bytes; the shim of a version manager has only a dozen lines.
 const SCRIPT_BYTES_MAX: u64 = 64 << 10;
 
-/// Limit of scripts and shims that refer to each other.
+/// Maximum number of scripts and shims that refer to each other until the program is found.
 const STEPS_MAX: u32 = 6;
 
-/// Programs that act as other programs, depending on the name that they are called by.
+/// Names of programs of version managers that act as other programs, depending on the name that they are
+/// called by.
 const MULTIPLEXERS: &[&str] = &["mise", "rtx", "asdf", "volta-shim"];
 
 /// Folders in which only the system's administrator installs programs.
 const SYSTEM_FOLDERS: &[&str] = &["/usr", "/bin", "/nix/store"];
 
-/// Names of virtual environments that a package may bring along.
+/// Names of the folders of virtual environments that a package may bring along.
 const OWN_ENVIRONMENTS: &[&str] = &[".venv", "venv"];
 
-/// Python script that prints the paths of its interpreter. It imports nothing from the current folder.
+/// Python script that prints the paths of the interpreter that runs it. The script imports nothing from the
+/// current folder.
 const ASK_PYTHON: &str = "\
 import sys
 sys.path[:] = [entry for entry in sys.path if entry]
@@ -60,15 +63,16 @@ print(json.dumps({'executable': sys.executable or '',
 /// A program that can be run inside the confinement.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct ResolvedProgram {
-    /// The file that is executed.
+    /// File of the program that is executed.
     pub(crate) file: PathBuf,
-    /// Arguments before those of the manifest: a script, and the arguments from its first line.
+    /// Arguments before those of the manifest: the path of a script, and the arguments from the first line
+    /// of the script.
     pub(crate) leading: Vec<String>,
-    /// Files and folders that it needs to read in addition to the system's.
+    /// Files and folders that the program needs to read in addition to those of the system.
     pub(crate) readable: BTreeSet<PathBuf>,
-    /// Environment variables that it needs.
+    /// Environment variables that the program needs.
     pub(crate) environment: Vec<(&'static str, OsString)>,
-    /// Sentence that names the real program, if the name means a shim or the like.
+    /// Sentence that names the real program, if the name in the manifest means a shim or the like.
     pub(crate) remark: Option<String>,
 }
 
@@ -78,42 +82,44 @@ struct Python {
     executable: PathBuf,
     prefixes: Vec<PathBuf>,
     path: Vec<PathBuf>,
-    /// Folder of the packages that its user has installed; empty if Python does not use them.
+    /// Folder of the packages that the interpreter's user has installed; empty if the interpreter does not
+    /// use them.
     user: PathBuf,
     base: PathBuf,
 }
 
-/// Shim: the version manager that it calls, and the environment for it.
+/// Parsed shim: the version manager that the shim calls, and the environment variables for the manager.
 #[derive(Debug, PartialEq)]
 struct Shim {
     manager: String,
-    /// Assignments `NAME=VALUE` in the shim.
+    /// Assignments `NAME=VALUE` of environment variables in the shim.
     environment: Vec<String>,
 }
 
-/// Places where programs are looked for, and those where a package may name them by path.
+/// Folders where the programs of a package are looked for, and files that the package may name by path.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ProgramScope<'s> {
-    /// Folder of the package.
+    /// Folder of the package that names the program.
     pub(crate) folder: &'s Path,
-    /// Files and folders that the package asks to read. A plugin is not started before a person has allowed
-    /// them.
+    /// Files and folders that the package asks to read. A person has to allow them before the plugin is
+    /// started.
     pub(crate) read: &'s [PathBuf],
-    /// Folders in which a name is looked for.
+    /// Folders in which a program is looked for by its name.
     pub(crate) path: &'s [PathBuf],
 }
 
-/// File that may be the program.
+/// File that may be the program of a package.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ProgramCandidate {
     file: PathBuf,
-    /// File that may be run outside of the confinement to ask for its paths: one that the daemon's user or
-    /// the system has installed.
+    /// File that may be run outside of the confinement to ask for its paths, because the daemon's user or
+    /// the system has installed it; `None` if there is none.
     asked: Option<PathBuf>,
 }
 
 /// Resolves the program of a package. A name without `/` is looked for in the package's own virtual
-/// environment and then on the path; anything else is a file of the package, or absolute.
+/// environment and then in the folders of the path; anything else is a file of the package, or an absolute
+/// path.
 ///
 /// # Errors
 ///
@@ -140,11 +146,11 @@ pub(crate) async fn resolve(
     Err(first.unwrap_or_else(|| format!("there is no `{name}`")))
 }
 
-/// Returns the files that a name may mean, the preferred one first.
+/// Returns the files that the name of a program may mean, the preferred one first.
 ///
 /// # Errors
 ///
-/// Returns the reason, for a person, if there is none.
+/// Returns the reason, for a person, if the name means no file.
 pub(crate) fn candidates(
     folder: &Path,
     name: &str,
@@ -167,26 +173,26 @@ pub(crate) fn candidates(
     Ok(found)
 }
 
-/// Returns the programs of a name on a path.
+/// Returns the programs with this name in the folders of a path.
 fn on_path(name: &str, path: &[PathBuf]) -> impl Iterator<Item = ProgramCandidate> {
     let files = path.iter().map(move |folder| folder.join(name)).filter(|file| is_executable(file));
     files.map(ProgramCandidate::trusted)
 }
 
 impl ProgramCandidate {
-    /// Returns a candidate that the daemon's user has installed.
+    /// Returns a candidate for a file that the daemon's user has installed.
     fn trusted(file: PathBuf) -> ProgramCandidate {
         ProgramCandidate { asked: Some(file.clone()), file }
     }
 
-    /// Returns a candidate that a manifest or a script names by its path. It may be asked only if it is a
-    /// program of the system, or a link to one.
+    /// Returns a candidate for a file that a manifest or a script names by its path. The file may be asked
+    /// for its paths only if it is a program of the system, or a link to one.
     fn named(file: PathBuf) -> ProgramCandidate {
         let asked = file.canonicalize().ok().filter(|file| is_system(file));
         ProgramCandidate { file, asked }
     }
 
-    /// Whether the file was installed by the daemon's user.
+    /// Whether the daemon's user has installed the file.
     fn is_trusted(&self) -> bool {
         self.asked.as_ref() == Some(&self.file)
     }
@@ -206,7 +212,7 @@ fn is_system(file: &Path) -> bool {
     SYSTEM_FOLDERS.iter().any(|folder| file.starts_with(folder))
 }
 
-/// Returns the folders of this process's `PATH`.
+/// Returns the folders of the `PATH` of this process.
 pub(crate) fn own_path() -> Vec<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&path).filter(|folder| folder.is_absolute()).collect()
@@ -218,7 +224,7 @@ fn is_executable(file: &Path) -> bool {
     fs::metadata(file).is_ok_and(is_it)
 }
 
-/// Returns the program that a file really runs.
+/// Returns the program that a file really runs, through shims, links and first lines of scripts.
 async fn resolve_file(
     candidate: &ProgramCandidate,
     scope: ProgramScope<'_>,
@@ -271,7 +277,7 @@ async fn resolve_file(
     Ok(program)
 }
 
-/// Returns a program that a package names by its path, with what the package may read around it.
+/// Returns the program at a path that a package names, with the files around it that the package may read.
 ///
 /// # Errors
 ///
@@ -311,7 +317,7 @@ async fn named(
     }
 }
 
-/// Asks the version manager of a shim for the real program.
+/// Asks the version manager of a shim for the real program, and resolves that program.
 async fn resolve_shim(
     shim: &Shim,
     file: &Path,
@@ -344,8 +350,7 @@ async fn resolve_shim(
     resolve_file(&ProgramCandidate::trusted(real), scope, steps - 1).await
 }
 
-/// Returns the multiplexer that a file is a link to, such as `mise` for `python3`; `None` if it is no such
-/// link.
+/// Returns the multiplexer, such as `mise`, if a file such as `python3` is a link to one; `None` otherwise.
 fn multiplexer(file: &Path) -> Option<PathBuf> {
     let real = file.canonicalize().ok()?;
     let name = real.file_name()?.to_str()?;
@@ -357,7 +362,7 @@ fn multiplexer(file: &Path) -> Option<PathBuf> {
     }
 }
 
-/// Returns the text of a script; `None` if the file is something else.
+/// Returns the text of a file that is a script; `None` if the file is something else.
 fn script(file: &Path) -> Option<String> {
     let mut bytes = Vec::new();
     let opened = File::open(file).ok()?;
@@ -365,8 +370,8 @@ fn script(file: &Path) -> Option<String> {
     bytes.starts_with(b"#!").then(|| String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Returns the interpreter and its arguments from the first line of a script. `env` is resolved here,
-/// because inside the confinement it might find another interpreter.
+/// Returns the interpreter that the first line of a script names, and the arguments in that line. `env` is
+/// resolved by this function, because inside the confinement it might find another interpreter.
 fn interpreter(script: &str, path: &[PathBuf]) -> Option<(ProgramCandidate, Vec<String>)> {
     let line = script.lines().next()?.strip_prefix("#!")?.trim();
     let (interpreter, argument) = match line.split_once(char::is_whitespace) {
@@ -414,7 +419,8 @@ fn is_python(file: &Path) -> bool {
         .is_some_and(|version| version.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.'))
 }
 
-/// Asks a Python, also behind a shim of any kind, for the paths of its interpreter and libraries.
+/// Asks a Python interpreter, also one behind a shim of any kind, for the paths of the interpreter and its
+/// libraries.
 async fn ask_python(file: &Path) -> Result<ResolvedProgram, String> {
     // A plugin does not get these variables, so they must not influence the answer.
     let words = ["env", "-u", "PYTHONPATH", "-u", "PYTHONHOME"].map(str::to_owned);
@@ -440,7 +446,8 @@ async fn ask_python(file: &Path) -> Result<ResolvedProgram, String> {
     Ok(program)
 }
 
-/// Returns a program that is no script, with the folder that it was installed into.
+/// Returns the resolved program for a file that is no script, with the folder that the program was
+/// installed into.
 fn binary(file: &Path) -> ResolvedProgram {
     let mut readable = BTreeSet::from([file.to_owned()]);
     for file in [Some(file.to_owned()), file.canonicalize().ok()].into_iter().flatten() {
@@ -454,7 +461,8 @@ fn binary(file: &Path) -> ResolvedProgram {
     ResolvedProgram { file: file.to_owned(), readable, ..ResolvedProgram::default() }
 }
 
-/// Returns the shared libraries of a program outside of the system's folders, as the loader reports them.
+/// Returns the shared libraries that a program uses outside of the system's folders, as the loader reports
+/// them.
 async fn libraries(file: &Path) -> Vec<PathBuf> {
     let command = ["ldd".to_owned(), file.display().to_string()];
     let Some(asked) = programs::Program::of(command) else { return Vec::new() };
@@ -469,8 +477,8 @@ async fn libraries(file: &Path) -> Vec<PathBuf> {
     files.flat_map(|file| [file.canonicalize().ok(), Some(file)]).flatten().collect()
 }
 
-/// Lets a folder be read. If the folder contains the user's home or is near the root, only the parts with
-/// programs and libraries can be read.
+/// Adds a folder to the files that may be read. If the folder contains the user's home or is near the root,
+/// only its parts with programs and libraries are added.
 fn keep(folder: &Path, readable: &mut BTreeSet<PathBuf>) {
     if !folder.is_absolute() || !folder.exists() {
         return;
@@ -489,7 +497,7 @@ fn keep(folder: &Path, readable: &mut BTreeSet<PathBuf>) {
 mod tests {
     use super::*;
 
-    /// Resolves a name for a package that asks to read nothing.
+    /// Resolves the name of a program for a package that asks to read nothing.
     async fn resolve(
         folder: &Path,
         name: &str,
@@ -504,8 +512,8 @@ mod tests {
         fs::set_permissions(file, fs::Permissions::from_mode(0o755)).expect("our own");
     }
 
-    /// Creates a version manager like pyenv, rbenv and asdf: shims that ask it, and versions in another
-    /// folder.
+    /// Creates a version manager like pyenv, rbenv and asdf: shims that ask the manager, and versions of
+    /// the program in another folder.
     fn manager(folder: &Path, manager: &str, name: &str, real: &str) -> PathBuf {
         let root = folder.join("root");
         write(
@@ -606,7 +614,7 @@ mod tests {
         assert_eq!(program.environment, [("PYTHONUSERBASE", base)]);
     }
 
-    /// Outside of the confinement, nothing of a package runs, whatever it looks like.
+    /// Tests that outside of the confinement no file of a package runs, whatever the file looks like.
     #[tokio::test]
     async fn a_package_is_looked_at_and_never_run() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -632,7 +640,7 @@ mod tests {
         assert_eq!(program.file, package.join(".venv/bin/python3"));
     }
 
-    /// A package names a program of the user; the files around the program are not the package's.
+    /// Tests that a package that names a program of the user does not get the files around that program.
     #[tokio::test]
     async fn a_package_grants_itself_no_folder_by_the_path_of_a_program() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -1,5 +1,5 @@
-//! Proxy agent for an agent of a plugin. In the ecosystem it is an actuator like any other, with its own
-//! planner and domain, its ledger and heartbeats. It forwards its actions to the plugin.
+//! Proxy agent for an agent of a plugin. In the ecosystem the proxy agent is an actuator like any other,
+//! with its own planner and domain, its own ledger and heartbeats. It forwards its actions to the plugin.
 //!
 //! While the plugin's process is away, the proxy agent offers no actions, and an action that was running
 //! fails at once.
@@ -24,22 +24,23 @@ use tokio_util::sync::CancellationToken;
 use crate::package::Package;
 use crate::plugin_client::PluginClientHandle;
 
-/// Time for which the proxy agent stays in the ecosystem, without actions, while its process is away: a
-/// plugin is restarted at once.
+/// Time for which a proxy agent stays in the ecosystem, without actions, while the plugin's process is
+/// away. The proxy agent stays because a plugin is restarted at once.
 const ABSENCE_MAX: Duration = Duration::from_secs(5);
 
-/// Wait before an agent that could not run in the ecosystem tries again, for example because another agent
-/// has its name.
+/// Wait before a proxy agent that could not run in the ecosystem tries again. It cannot run, for example,
+/// if another agent has its name.
 const RETRY_WAIT: Duration = Duration::from_secs(5);
 
-/// Longest time for a method without a known timeout.
+/// Longest time that a method without a known timeout may take.
 const UNSAID: Duration = Duration::from_secs(60);
 
-/// Agents that have joined the endpoint of a plugin: admitted, or the reason why not.
+/// Agents that have joined the endpoint of a plugin. An agent has `Ok` if it is admitted, and otherwise the
+/// reason why it is not.
 pub(crate) type AdmittedAgents =
     watch::Sender<std::collections::BTreeMap<AgentId, Result<(), String>>>;
 
-/// Keeps the proxy agent of one agent in the ecosystem while the plugin brings it.
+/// Keeps the proxy agent for one agent of a plugin in the ecosystem while the plugin brings that agent.
 pub(crate) struct ProxyRunner {
     pub(crate) agent: AgentId,
     pub(crate) sight: AgentWatch,
@@ -53,7 +54,8 @@ pub(crate) struct ProxyRunner {
 }
 
 impl ProxyRunner {
-    /// Runs the proxy agent whenever the plugin's agent is present and admitted, until the endpoint stops.
+    /// Runs the proxy agent whenever the plugin's agent is present and admitted, until the endpoint is
+    /// closed.
     pub(crate) async fn run(mut self) {
         let stopping = self.stopping.clone();
         loop {
@@ -101,7 +103,8 @@ impl ProxyRunner {
         objection(&self.agent, &self.package, self.own.as_deref(), sighted)
     }
 
-    /// Runs one incarnation of the proxy agent. Returns an error with the reason if it could not run.
+    /// Runs one incarnation of the proxy agent. Returns the reason as an error if the proxy agent could not
+    /// run.
     async fn run_incarnation(&mut self, sighted: AgentSnapshot) -> Result<(), String> {
         let device = PluginProxy {
             agent: self.agent.clone(),
@@ -157,7 +160,8 @@ impl ProxyRunner {
     }
 }
 
-/// Returns the reason why an agent with this self-description is not admitted; `None` if it is.
+/// Returns the reason why an agent of the plugin that describes itself as in `sighted` is not admitted;
+/// `None` if it is admitted.
 fn objection(
     agent: &AgentId,
     package: &Package,
@@ -170,7 +174,8 @@ fn objection(
     package.objection(&sighted.model, &sighted.methods, own)
 }
 
-/// Waits until the agent is present; `None` if it is not observed any more.
+/// Waits until the plugin's agent is present, and returns its snapshot; `None` if it is not observed any
+/// more.
 async fn appeared(sight: &mut AgentWatch) -> Option<AgentSnapshot> {
     sight.wait_for(Option::is_some).await.ok()?.clone()
 }
@@ -180,8 +185,8 @@ async fn wait_until_absent(sight: &mut AgentWatch) {
     let _ = sight.wait_for(Option::is_none).await;
 }
 
-/// Waits until the agent is absent, or present with another incarnation or description than the one that
-/// was not admitted.
+/// Waits until the plugin's agent is absent, or present with an incarnation or description other than the
+/// one that was not admitted.
 async fn wait_until_changed(sight: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
     let is_other = |sighted: &Option<AgentSnapshot>| {
         sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
@@ -189,15 +194,15 @@ async fn wait_until_changed(sight: &mut AgentWatch, (incarnation, digest): (Inca
     let _ = sight.wait_for(is_other).await;
 }
 
-/// Device of the proxy agent's actuator.
+/// The device that the proxy agent's actuator drives: forwards each action to the plugin.
 struct PluginProxy {
     agent: AgentId,
     package: Arc<Package>,
     own: Option<Arc<ActionModel>>,
     sight: AgentWatch,
-    /// Snapshot of the plugin's agent; `None` while it is away or not admitted.
+    /// Snapshot of the plugin's agent; `None` while the agent is away or not admitted.
     sighted: Option<AgentSnapshot>,
-    /// Latest snapshot that was admitted.
+    /// Latest snapshot of the plugin's agent with which the agent was admitted.
     last: AgentSnapshot,
     client: PluginClientHandle,
 }
@@ -223,7 +228,7 @@ impl PluginProxy {
     }
 }
 
-/// Next number of an action that is forwarded to a plugin, unique in this process.
+/// Number for the next action that is forwarded to a plugin, unique in this process.
 static ASKED: AtomicU64 = AtomicU64::new(0);
 
 impl Device for PluginProxy {

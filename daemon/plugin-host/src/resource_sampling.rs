@@ -1,4 +1,4 @@
-//! Measures what a plugin takes, four times a second, on a thread that may block on disks.
+//! Measures the resources that a plugin takes, four times a second, on a thread that may block on disks.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -10,7 +10,8 @@ use crate::usage::{self, DiskUsage, GroupUsage};
 
 /// Shortest interval between counts of a plugin's files on disk.
 const KEPT_EVERY: Duration = Duration::from_secs(1);
-/// After a count, none is made for this many times its duration.
+/// After a count of a plugin's files on disk, no other count is made for this many times the duration of
+/// that count.
 const KEPT_SHARE: u32 = 20;
 
 /// Resources that a plugin takes at one moment.
@@ -21,22 +22,22 @@ pub(crate) struct ResourceSample {
     /// Data folder of the plugin.
     pub(crate) home: PathBuf,
     pub(crate) usage: GroupUsage,
-    /// Usage of its control group, if it has one.
+    /// Usage that the plugin's control group reports; `None` if the plugin has no control group.
     pub(crate) cgroup_usage: Option<CgroupUsage>,
-    /// Files on disk; `None` if they were not counted this time.
+    /// Files that the plugin keeps on disk; `None` if they were not counted this time.
     pub(crate) disk_usage: Option<DiskUsage>,
 }
 
 impl ResourceSample {
-    /// Returns the bytes of memory that the plugin holds. The count of its control group is preferred: it
-    /// counts shared memory once, and also memory that belongs to no process. Otherwise it is the sum over
-    /// its processes.
+    /// Returns the bytes of memory that the plugin holds. The count of its control group is preferred,
+    /// because that counts shared memory once, and also memory that belongs to no process. Without a
+    /// control group, the result is the sum over the plugin's processes.
     pub(crate) fn memory(&self) -> u64 {
         self.cgroup_usage.map_or(self.usage.memory, |taken| taken.memory)
     }
 }
 
-/// Measures one incarnation of a plugin.
+/// Measures the resources of one incarnation of a plugin.
 pub(crate) struct ResourceSampler {
     group: i32,
     home: PathBuf,
@@ -49,7 +50,7 @@ impl ResourceSampler {
         ResourceSampler { group, home, file_max, next_kept: Instant::now() }
     }
 
-    /// Measures the plugin now.
+    /// Measures the resources that the plugin takes now.
     pub(crate) async fn sample(&mut self, counted: Option<&PluginCgroup>) -> ResourceSample {
         let (group, home, file_max) = (self.group, self.home.clone(), self.file_max);
         let counts = Instant::now() >= self.next_kept;

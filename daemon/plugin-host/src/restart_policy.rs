@@ -5,27 +5,27 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// Base of the wait before a restart; it doubles with each further end up to `WAIT_LAST`. The first restart
-/// of a plugin that was ready has no wait, so that a process that was killed is back before the ecosystem
-/// plans without its agents.
+/// Base of the wait before a restart; the wait doubles with each further end up to `WAIT_LAST`. The first
+/// restart of a plugin that was ready has no wait, so that a process that was killed is back before the
+/// ecosystem plans without the plugin's agents.
 const WAIT_FIRST: Duration = Duration::from_millis(500);
 const WAIT_LAST: Duration = Duration::from_secs(30);
 
-/// Time of being ready after which the count of ends restarts at zero.
+/// Time for which an incarnation must have been ready so that the count of ends starts again at zero.
 const STEADY: Duration = Duration::from_secs(30);
 
-/// Ends in a row at which the plugin is given up: then a person has to intervene.
+/// Number of ends in a row at which the plugin is given up: then a person has to intervene.
 const ENDS_MAX: u32 = 6;
 
-/// Count of the incarnations of a plugin that have ended in a row.
+/// Restart policy of one plugin, with the count of the plugin's incarnations that have ended in a row.
 #[derive(Debug, Default)]
 pub(crate) struct RestartPolicy {
     ends: u32,
 }
 
 impl RestartPolicy {
-    /// Records the end of an incarnation and returns the wait before the next, or `None` if the plugin is
-    /// given up. `ready` is the time since which the incarnation was ready; `None` if it never was.
+    /// Records the end of an incarnation and returns the wait before the next one, or `None` if the plugin
+    /// is given up. `ready` is the time since which the incarnation was ready; `None` if it never was.
     pub(crate) fn after(&mut self, ready: Option<Instant>, now: Instant) -> Option<Duration> {
         if ready.is_some_and(|ready| now.saturating_duration_since(ready) >= STEADY) {
             self.ends = 0;
@@ -41,7 +41,7 @@ impl RestartPolicy {
         Some(if at_once { Duration::ZERO } else { doubled.min(WAIT_LAST) })
     }
 
-    /// Returns how often in a row the process has ended.
+    /// Returns how often in a row the process of the plugin has ended.
     pub(crate) fn ends(&self) -> u32 {
         self.ends
     }

@@ -1,8 +1,8 @@
 //! Rights of plugins: what a manifest asks for, what a person has allowed, and what cannot be allowed. No
 //! files, no clock.
 //!
-//! Every plugin has the minimum, [`Permissions::default`]. What a manifest asks for beyond that is a
-//! [`Right`], which counts once a person has allowed it.
+//! Every plugin has the minimum, [`Permissions::default`]. Whatever a manifest asks for beyond the minimum
+//! is a [`Right`], which takes effect once a person has allowed it.
 
 use std::fmt;
 use std::path::{Component, Path, PathBuf};
@@ -13,46 +13,46 @@ use std::str::FromStr;
 pub struct Permissions {
     /// Whether the plugin may open connections other than the one to its daemon.
     pub network: bool,
-    /// Devices that it may read and write, such as `/dev/i2c-1`.
+    /// Devices that the plugin may read and write, such as `/dev/i2c-1`.
     pub devices: Vec<PathBuf>,
-    /// Files and folders that it may read in addition to the system's and its own.
+    /// Files and folders that the plugin may read, in addition to those of the system and of its package.
     pub read: Vec<PathBuf>,
-    /// Limit of memory, in bytes.
+    /// Limit of the memory of all processes of the plugin, in bytes.
     pub memory: u64,
-    /// Share of one core, at least 0.01; 1.0 is a whole core.
+    /// Share of one processor core that the plugin may use, at least 0.01; 1.0 is a whole core.
     pub cpu: f64,
-    /// Limit of open files.
+    /// Limit of the number of open files.
     pub files: u64,
-    /// Limit of processes.
+    /// Limit of the number of processes.
     pub processes: u32,
-    /// Limit of bytes on disk.
+    /// Limit of the bytes that the plugin may keep on disk.
     pub disk: u64,
 }
 
-/// Permission beyond the minimum.
+/// One permission beyond the minimum that every plugin has.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Right {
-    /// Connections other than the one to its daemon.
+    /// Permission to open connections other than the one to the plugin's daemon.
     Network,
-    /// Reading and writing a device.
+    /// Permission to read and write this device.
     Device(PathBuf),
-    /// Reading a file or folder.
+    /// Permission to read this file or folder.
     Read(PathBuf),
-    /// Bytes of memory.
+    /// Permission to use this many bytes of memory.
     Memory(u64),
-    /// Share of a core.
+    /// Permission to use this share of one processor core.
     Cpu(f64),
-    /// Number of open files.
+    /// Permission to have this many files open.
     Files(u64),
-    /// Number of processes.
+    /// Permission to have this many processes.
     Processes(u32),
-    /// Bytes on disk.
+    /// Permission to keep this many bytes on disk.
     Disk(u64),
 }
 
-/// Names below `/dev` that no plugin may use, because they give access to the whole machine or to its
-/// screen and keyboard: memory, disks, file systems, terminals, simulated keyboards, virtual machines. A
-/// `*` at the end stands for any ending.
+/// Beginnings or full names of the devices below `/dev` that no plugin may use, because they give access to
+/// the whole machine or to its screen and keyboard: memory, disks, file systems, terminals, simulated
+/// keyboards, virtual machines. A `*` at the end stands for any ending.
 const NO_DEVICES: &[&str] = &[
     "mem",
     "kmem",
@@ -127,11 +127,13 @@ const NO_DEVICES: &[&str] = &[
     "log",
 ];
 
-/// Folders that many users or programs share; they cannot be allowed as a whole.
+/// Folders that a person cannot allow a plugin to read as a whole, because many users or programs share
+/// them.
 const NO_FOLDERS: &[&str] =
     &["/", "/etc", "/home", "/root", "/run", "/srv", "/tmp", "/var", "/var/lib"];
 
-/// Files and folders of which nothing may be read: keys, passwords, data of other processes.
+/// Files and folders that no plugin may read, nor anything in them: they hold keys, passwords, or data of
+/// other processes.
 const SECRET: &[&str] = &[
     "/boot",
     "/dev",
@@ -155,12 +157,13 @@ const SECRET: &[&str] = &[
     "/var/log",
 ];
 
-/// Names of files and folders in home folders that hold keys.
+/// Names of files and folders that no plugin may read wherever they are, because they hold keys. Most of
+/// them are in home folders.
 const SECRET_NAMES: &[&str] =
     &[".aws", ".config", ".gnupg", ".kube", ".netrc", ".password-store", ".ssh"];
 
 impl Default for Permissions {
-    /// The minimum that every plugin has.
+    /// Returns the minimum of permissions, which every plugin has.
     fn default() -> Permissions {
         Permissions {
             network: false,
@@ -181,7 +184,7 @@ impl Default for Permissions {
 }
 
 impl Permissions {
-    /// Returns the rights that are needed beyond the minimum.
+    /// Returns the rights that these permissions need beyond the minimum.
     pub fn asks(&self) -> Vec<Right> {
         let least = Permissions::default();
         let mut asks = Vec::new();
@@ -196,7 +199,7 @@ impl Permissions {
         asks
     }
 
-    /// Returns the rights that are needed and not in `allowed`.
+    /// Returns the rights that these permissions need and that are not in `allowed`.
     pub fn beyond(&self, allowed: &[Right]) -> Vec<Right> {
         let is_allowed = |asked: &Right| allowed.iter().any(|allowed| allowed.covers(asked));
         self.asks().into_iter().filter(|asked| !is_allowed(asked)).collect()
@@ -204,7 +207,7 @@ impl Permissions {
 }
 
 impl Right {
-    /// Whether this right includes `other`.
+    /// Whether this right includes the right `other`.
     pub fn covers(&self, other: &Right) -> bool {
         match (self, other) {
             (Right::Memory(may), Right::Memory(asks)) | (Right::Disk(may), Right::Disk(asks)) => {
@@ -232,7 +235,7 @@ impl Right {
     }
 }
 
-/// Writes the right as it stands after `--allow`: the key of the manifest, and its value.
+/// Writes the right as it is written after `--allow`: the key in the manifest, and the value of the key.
 impl fmt::Display for Right {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -281,8 +284,8 @@ pub fn listed(rights: &[Right]) -> String {
     rights.iter().map(Right::to_string).collect::<Vec<_>>().join(" ")
 }
 
-/// Returns the reason why a device cannot be allowed to any plugin, judged by its path alone; `None` if it
-/// can.
+/// Returns the reason why the device at `path` cannot be allowed to any plugin, judged by its path alone;
+/// `None` if it can be allowed.
 pub(crate) fn device_objection(path: &Path) -> Option<String> {
     if let Some(objection) = path_objection(path) {
         return Some(objection);
@@ -304,8 +307,8 @@ pub(crate) fn device_objection(path: &Path) -> Option<String> {
         .map(|_| "it gives access to the whole machine, or to its screen and keyboard".to_owned())
 }
 
-/// Returns the reason why a file or folder cannot be allowed to any plugin, judged by its path alone;
-/// `None` if it can.
+/// Returns the reason why the file or folder at `path` cannot be allowed to any plugin, judged by its path
+/// alone; `None` if it can be allowed.
 pub(crate) fn read_objection(path: &Path) -> Option<String> {
     if let Some(objection) = path_objection(path) {
         return Some(objection);
@@ -340,8 +343,8 @@ fn path_objection(path: &Path) -> Option<String> {
         .then(|| "it contains `..`: write the path without it".to_owned())
 }
 
-/// Parses a size such as `"64MiB"` into bytes; `None` if it is not a whole number with a unit, or too
-/// large.
+/// Parses a size such as `"64MiB"` into bytes; returns `None` if the text is not a whole number with a
+/// unit, or the size is too large.
 pub(crate) fn bytes_of(text: &str) -> Option<u64> {
     let units = [("GiB", 30), ("MiB", 20), ("KiB", 10)];
     let (number, shift) =
@@ -350,7 +353,8 @@ pub(crate) fn bytes_of(text: &str) -> Option<u64> {
     number.checked_mul(1 << shift)
 }
 
-/// Writes bytes as in a manifest, in the largest unit that is exact; below a MiB rounded up to KiB.
+/// Writes a number of bytes as in a manifest, in the largest unit that is exact; a number that is not exact
+/// in KiB is rounded up to KiB.
 pub(crate) fn bytes_text(bytes: u64) -> String {
     let units = [("GiB", 30), ("MiB", 20)];
     let whole = units.into_iter().find(|(_, shift)| bytes > 0 && bytes.is_multiple_of(1 << shift));

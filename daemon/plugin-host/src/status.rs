@@ -1,4 +1,4 @@
-//! Status of the plugins of a daemon, for users: `althing plugin list`.
+//! Status of the plugins of a daemon, for users. `althing plugin list` shows it.
 
 use acl::{AgentId, DaemonId};
 use serde::{Deserialize, Serialize};
@@ -6,14 +6,14 @@ use serde::{Deserialize, Serialize};
 use crate::confinement::ConfinementMeans;
 use crate::package::Package;
 
-/// All plugins of one daemon.
+/// The plugins of one daemon, with the status of each.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PluginList {
     /// Name of the daemon.
     pub daemon: DaemonId,
-    /// Its plugin folder.
+    /// Path of the daemon's plugin folder.
     pub folder: String,
-    /// Extent to which plugins can be confined there.
+    /// Extent to which plugins can be confined on the daemon's machine.
     #[serde(default)]
     pub confinement: ConfinementStatus,
     /// Status of each plugin, sorted by name.
@@ -24,8 +24,8 @@ pub struct PluginList {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ConfinementStatus {
-    /// Restrictions that cannot be enforced for a plugin without `network`, each as a sentence; empty if
-    /// all can.
+    /// Restrictions that cannot be enforced for a plugin without the right `network`, each as a sentence;
+    /// empty if all can be enforced.
     pub not_enforced: Vec<String>,
     /// Description of how the resources of plugins are limited.
     pub limits: String,
@@ -41,42 +41,43 @@ pub struct ConfinementStatus {
 pub struct PluginStatus {
     /// Name of the plugin.
     pub name: String,
-    /// Its version; empty if its manifest cannot be read.
+    /// Version of the plugin; empty if the plugin's manifest cannot be read.
     pub version: String,
-    /// Its description, one line.
+    /// Description of the plugin, one line.
     pub about: String,
-    /// Its state.
+    /// State of the plugin.
     pub state: PluginState,
-    /// Reason for the state, if there is one.
+    /// Reason why the plugin is in this state, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Rights that it uses beyond the minimum, as written after `--allow`.
+    /// Rights that the plugin uses beyond the minimum, as written after `--allow`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub allowed: Vec<String>,
-    /// Restrictions that cannot be enforced for it here, each as a sentence.
+    /// Restrictions that cannot be enforced for the plugin on this machine, each as a sentence.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_enforced: Vec<String>,
-    /// Advice on what a person can do.
+    /// Advice on what a person can do about the plugin's state.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
-    /// Process id; `None` if it does not run.
+    /// Process id of the plugin; `None` if the plugin does not run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pid: Option<i32>,
-    /// Bytes of memory that its processes hold.
+    /// Bytes of memory that the plugin's processes hold; `None` if they are not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub memory: Option<u64>,
-    /// Its agents that are in the ecosystem.
+    /// Agents of the plugin that are in the ecosystem.
     pub agents: Vec<AgentId>,
-    /// Number of restarts.
+    /// Number of times that the plugin was restarted.
     pub restarts: u32,
-    /// Messages that were dropped because there were too many.
+    /// Number of messages of the plugin that were dropped because there were too many.
     pub dropped: u64,
-    /// Path of the file with its output.
+    /// Path of the file with the plugin's output.
     pub log: String,
 }
 
 impl PluginStatus {
-    /// Takes version and description from its package; clears them if the package cannot be read.
+    /// Takes the version and description from the plugin's package; clears them if the package cannot be
+    /// read.
     pub(crate) fn describes(&mut self, package: Option<&Package>) {
         let manifest = package.map(|package| &package.manifest);
         self.version = manifest.map(|manifest| manifest.version.clone()).unwrap_or_default();
@@ -88,29 +89,29 @@ impl PluginStatus {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PluginState {
-    /// Its package has mistakes.
+    /// The plugin's package has mistakes.
     Invalid,
-    /// A person has disabled it.
+    /// A person has disabled the plugin.
     Disabled,
-    /// The package asks for rights that were not allowed.
+    /// The plugin's package asks for rights that were not allowed.
     NotAllowed,
-    /// The plugin may run only fully confined, which is not possible here.
+    /// The plugin may run only fully confined, which is not possible on this machine.
     NotConfined,
-    /// None of its agents is wanted.
+    /// The plugin does not run, because none of its agents is wanted.
     #[default]
     Unused,
-    /// Its process has been started, and its agents are not all present yet.
+    /// The plugin's process has been started, and not all of the plugin's agents are present yet.
     Starting,
-    /// Its agents have joined.
+    /// The plugin's process runs, and its agents have joined.
     Running,
-    /// The process has ended, and will be restarted.
+    /// The plugin's process has ended, and will be restarted.
     Waiting,
-    /// The process has ended too often: a person has to intervene.
+    /// The plugin's process has ended too often: a person has to intervene.
     GivenUp,
 }
 
 impl PluginState {
-    /// Returns the name of the state, for a person.
+    /// Returns the name of the state of a plugin, for a person.
     pub fn as_str(self) -> &'static str {
         match self {
             PluginState::Invalid => "invalid",

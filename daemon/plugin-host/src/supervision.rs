@@ -1,7 +1,7 @@
-//! Supervision of one plugin: its process is started, followed, restarted, given up and stopped.
+//! Supervision of one plugin: starts, follows, restarts, gives up and stops the plugin's process.
 //!
-//! What is wanted of the plugin comes as a [`DesiredState`], which takes precedence over everything else: a stop
-//! that arrives during a restart wins.
+//! Whether the plugin has to run comes as a [`DesiredState`], which takes precedence over everything else:
+//! a stop that arrives during a restart wins.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -26,21 +26,22 @@ use crate::resource_sampling::ResourceSampler;
 use crate::restart_policy::RestartPolicy;
 use crate::status::{PluginState, PluginStatus};
 
-/// Interval of measuring what a plugin takes.
+/// Interval at which the resources that a plugin takes are measured.
 const SAMPLE_INTERVAL: Duration = Duration::from_millis(250);
 
 /// Desired state of a plugin.
 #[derive(Clone, Debug)]
 pub(crate) enum DesiredState {
-    /// The plugin runs.
+    /// The plugin has to run.
     Run(Arc<DesiredPlugin>),
-    /// The plugin does not run: its state, the reason, and its package if that can be read.
+    /// The plugin must not run. The fields are the state to show for the plugin, the reason, and the
+    /// package if the package can be read.
     Stopped(PluginState, Option<String>, Option<Arc<Package>>),
-    /// The package was removed: the supervision ends and its status is deleted.
+    /// The plugin's package was removed: the supervision ends and the status of the plugin is deleted.
     Removed,
 }
 
-/// A package, and the agents that it has to bring.
+/// A package that has to run, and the agents that it has to bring.
 #[derive(Debug)]
 pub(crate) struct DesiredPlugin {
     pub(crate) package: Arc<Package>,
@@ -54,21 +55,21 @@ pub struct WantedAgent {
     pub name: AgentId,
     /// Name of the plugin, within its package.
     pub plugin: String,
-    /// Driver that the agent uses; `None` if the file or manifest names none.
+    /// Driver that the agent uses; `None` if neither the ecosystem file nor the manifest names one.
     pub driver: Option<String>,
-    /// Its `config`, from the ecosystem file or the manifest.
+    /// The `config` of the agent, from the ecosystem file or the manifest.
     pub config: Value,
 }
 
-/// Status of all plugins, by name.
+/// Status of every plugin, by the plugin's name.
 pub(crate) type Statuses = Arc<Mutex<BTreeMap<String, PluginStatus>>>;
 
-/// Reason why an incarnation of a plugin is over.
+/// Reason why an incarnation of a plugin has ended.
 enum IncarnationEnd {
-    /// The desired state has changed, or the daemon drains.
+    /// The plugin is not to run as before: its desired state has changed, or the daemon drains.
     Unwanted,
-    /// The process ended, or had to be ended. `ready` is the time since which it was ready; `None` if it
-    /// never was.
+    /// The process ended, or had to be ended. `ready` is the time since which the process was ready; `None`
+    /// if it never was.
     Ended { why: String, ready: Option<Instant> },
 }
 
@@ -81,7 +82,7 @@ pub(crate) struct PluginSupervisor {
 }
 
 impl PluginSupervisor {
-    /// Follows the wishes until the package is removed or the daemon drains.
+    /// Brings the plugin into each new desired state, until the package is removed or the daemon drains.
     pub(crate) async fn run(mut self) {
         loop {
             let wish = self.desired_states.borrow_and_update().clone();
@@ -118,7 +119,8 @@ impl PluginSupervisor {
         change(status);
     }
 
-    /// Waits until the desired state changes. Returns `true` if the supervision has to end instead.
+    /// Waits until the desired state of the plugin changes. Returns `true` if the supervision has to end
+    /// instead.
     async fn wait_until_unwanted(&mut self) -> bool {
         let stopping = self.context.landing.stopping.clone();
         tokio::select! {
@@ -128,7 +130,7 @@ impl PluginSupervisor {
         }
     }
 
-    /// Keeps the plugin running until the desired state changes.
+    /// Keeps the plugin running until its desired state changes.
     async fn keep_running(&mut self, wanted: &DesiredPlugin) {
         let permissions = &wanted.package.manifest.permissions;
         let (asks, lacks) =
@@ -233,7 +235,8 @@ impl PluginSupervisor {
         }
     }
 
-    /// Restores the version before an upgrade that does not become ready. Returns whether there was one.
+    /// Restores the version from before an upgrade that does not become ready. Returns whether there was
+    /// such a version.
     fn roll_back(&self, why: &str) -> bool {
         match self.context.packages.roll_back(&self.name) {
             Ok(true) => {
@@ -254,7 +257,7 @@ impl PluginSupervisor {
         }
     }
 
-    /// Runs one incarnation of the process, until it is over.
+    /// Runs one incarnation of the plugin's process, until the process ends or has to end.
     async fn run_process(
         &mut self,
         wanted: &DesiredPlugin,
@@ -328,8 +331,8 @@ impl PluginSupervisor {
         }
     }
 
-    /// Follows a process until it is over. Returns the reason why it ended or has to be ended, or `None` if
-    /// it is not wanted any more.
+    /// Follows a process until it ends. Returns the reason why the process ended or has to be ended, or
+    /// `None` if the plugin is not wanted any more.
     async fn follow_process(
         &mut self,
         wanted: &DesiredPlugin,
@@ -377,7 +380,7 @@ impl PluginSupervisor {
         }
     }
 
-    /// Updates which of the plugin's agents are present, and its status.
+    /// Updates the set of the plugin's agents that are present, and the status of the plugin.
     fn update_agents(
         &self,
         wanted: &DesiredPlugin,

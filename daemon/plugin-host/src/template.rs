@@ -1,4 +1,4 @@
-//! Templates of action models: they are checked against the manifest, and filled in for an agent.
+//! Templates of action models: checks a template against the manifest, and fills it in for an agent.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,8 @@ use serde_json::Value;
 
 use crate::manifest::ConfigKey;
 
-/// Limit of steps to fill in a template. A model of a thousand actions needs far fewer.
+/// Maximum number of steps of the template engine to fill in a template. A model of a thousand actions
+/// needs far fewer.
 const FUEL: u64 = 1_000_000;
 
 fn environment() -> Environment<'static> {
@@ -20,7 +21,7 @@ fn environment() -> Environment<'static> {
     environment
 }
 
-/// Returns the action model of an agent with this config, as text.
+/// Returns the template filled in for an agent with this config: the text of the agent's action model.
 ///
 /// # Errors
 ///
@@ -36,8 +37,8 @@ pub(crate) fn filled_in(
     rendered.map_err(|error| format!("the template of a model, {error}"))
 }
 
-/// Returns the mistakes of a template that do not depend on an agent's config: it cannot be parsed, or uses
-/// names that no agent of the package has.
+/// Returns the mistakes of a template that do not depend on an agent's config: the template cannot be
+/// parsed, or uses names that no agent of the package has.
 pub(crate) fn mistakes(template: &str, keys: &BTreeMap<String, ConfigKey>) -> Vec<Diagnostic> {
     let environment = environment();
     let parsed = match environment.template_from_str(template) {
@@ -55,7 +56,7 @@ pub(crate) fn mistakes(template: &str, keys: &BTreeMap<String, ConfigKey>) -> Ve
     mistakes
 }
 
-/// Returns the span of a line, counted from one.
+/// Returns the span of a line of the template; `number` counts lines from one.
 fn line(template: &str, number: Option<usize>) -> Span {
     let index = number.unwrap_or(1).saturating_sub(1);
     let start = template.split_inclusive('\n').take(index).map(str::len).sum::<usize>();

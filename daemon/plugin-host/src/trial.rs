@@ -1,8 +1,8 @@
-//! Trial of a package: starts its program once, as a daemon would, to check that it works
+//! Trial of a package: starts the program of the package once, as a daemon would, to check that it works
 //! (`althing plugin check`).
 //!
-//! The program is confined as usual, connects to an endpoint of its own, and its agents are admitted as
-//! usual. But the ecosystem has no other agents.
+//! The program is confined as usual, connects to an endpoint for this trial alone, and its agents are
+//! admitted as usual. But the ecosystem has no other agents.
 
 use std::collections::BTreeMap;
 use std::fs::{self, DirBuilder};
@@ -28,53 +28,53 @@ use crate::process::{Launcher, PluginProcess, ending};
 use crate::program::ResolvedProgram;
 use crate::supervision::WantedAgent;
 
-/// Time that a program without agents must keep running.
+/// Time for which a program without agents must keep running so that the trial succeeds.
 const LIVES_FOR: Duration = Duration::from_secs(2);
 
-/// Parameters of a trial.
+/// Parameters of the trial of a package.
 pub struct Trial {
-    /// The package; the path of its folder is absolute.
+    /// Package that is tried; the path of its folder is absolute.
     pub package: Package,
-    /// This daemon's own program, which is started to become the plugin's.
+    /// Path of this daemon's own program, which is started to become the plugin's.
     pub launcher: Launcher,
-    /// Domain, map and settings for the plugin.
+    /// Domain, map and settings that the plugin is tried with.
     pub host: Host,
     /// Whether the program is started only if all of its confinement can be enforced.
     pub requires_confinement: bool,
 }
 
-/// Result of a successful trial.
+/// Result of a successful trial of a package.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrialSuccess {
-    /// The program that was executed.
+    /// File of the program that was executed.
     pub program: PathBuf,
-    /// Time until all its agents were present.
+    /// Time from the start of the program until all agents of the package were present.
     pub took: Duration,
-    /// Its agents.
+    /// Agents of the package that were present.
     pub agents: Vec<AgentId>,
-    /// Restrictions that could not be enforced here, each as a sentence.
+    /// Restrictions that could not be enforced on this machine, each as a sentence.
     pub not_enforced: Vec<String>,
 }
 
-/// Result of a failed trial.
+/// Result of a failed trial of a package.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrialFailure {
-    /// Reason, for a person.
+    /// Reason why the trial failed, for a person.
     pub why: String,
-    /// Advice on what a person can do.
+    /// Advice on what a person can do about the failure.
     pub advice: Option<String>,
 }
 
 /// Temporary folder; removed with its contents on drop.
 struct TemporaryFolder(PathBuf);
 
-/// Surroundings of a trial.
+/// Surroundings of the trial of a package.
 struct TrialEnvironment {
     package: Arc<Package>,
     program: ResolvedProgram,
     wanted: Vec<WantedAgent>,
     landing: Spawner,
-    /// Network of an ecosystem without other daemons; closed on drop.
+    /// Network of an ecosystem without other daemons, used only for the trial; closed on drop.
     _network: Network,
     folder: TemporaryFolder,
     log: PluginLog,
@@ -82,7 +82,8 @@ struct TrialEnvironment {
 }
 
 impl Trial {
-    /// Starts the program, waits until its agents are present, and ends it.
+    /// Starts the program of the package, waits until the package's agents are present, and ends the
+    /// program.
     ///
     /// # Errors
     ///
@@ -173,7 +174,7 @@ impl TrialEnvironment {
         Ok(TrialSuccess { program: program.file.clone(), took, agents, not_enforced })
     }
 
-    /// Waits until all agents that it has to bring are present, and returns them.
+    /// Waits until all agents that the package has to bring are present, and returns them.
     async fn ready(
         &self,
         process: &mut PluginProcess,
@@ -222,14 +223,15 @@ impl TrialEnvironment {
     }
 }
 
-/// Returns the reason why a plugin that must be fully confined does not run; `None` if it may run.
+/// Returns the reason why a plugin that must be fully confined does not run; `None` if the plugin may run.
+/// `lacks` are the restrictions that cannot be enforced.
 pub(crate) fn not_confined(is_required: bool, lacks: &[String]) -> Option<String> {
     (is_required && !lacks.is_empty()).then(|| {
         format!("`confinement = \"require\"` is set, and on this machine {}", lacks.join("; "))
     })
 }
 
-/// Returns the daemon of an ecosystem without other daemons.
+/// Returns the daemon of an ecosystem without other daemons, which the agents of the trial join.
 fn landing(host: Host, network: &Network) -> Spawner {
     let ecosystem = EcosystemId::new("trial").expect("invariant: it is a name");
     let daemon = DaemonId::new("trial").expect("invariant: it is a name");
@@ -247,7 +249,7 @@ fn landing(host: Host, network: &Network) -> Spawner {
 }
 
 impl TemporaryFolder {
-    /// Creates a new folder that only this user can enter.
+    /// Creates a new temporary folder that only this user can enter.
     fn new() -> io::Result<TemporaryFolder> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let name = format!("althing-{}-{:x}", std::process::id(), now.as_nanos());

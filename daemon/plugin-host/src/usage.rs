@@ -1,7 +1,8 @@
 //! Resources that the processes of a plugin take, read from `/proc`.
 //!
-//! All processes of its process group count, also those that have ended and were not waited for. If the
-//! plugin has no control group (`cgroup`), this is the only measure, taken four times a second.
+//! All processes of the plugin's process group count, also those that have ended and that their parents
+//! have not waited for. If the plugin has no control group (`cgroup`), this is the only measure, taken four
+//! times a second.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
@@ -10,59 +11,60 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Largest number of files in a plugin's data folder that is counted.
+/// Largest number of files in a plugin's data folder that are counted; the count stops there.
 pub(crate) const FILES_MAX: u64 = 10_000;
 
-/// Bytes in a block as counted by `stat`.
+/// Number of bytes in one of the blocks that `stat` counts.
 const BLOCK: u64 = 512;
 
 /// Longest file of `/proc` about a process that is read, in bytes. A process can make some of these files
-/// as long as it likes. For a program with thousands of libraries and threads they have a tenth of this.
+/// as long as it likes. Even a program with thousands of libraries and threads needs only a tenth of this
+/// limit.
 const TEXT_BYTES_MAX: u64 = 4 << 20;
 
-/// Usage of all processes of a group together.
+/// Resources that all processes of a process group take together.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct GroupUsage {
-    /// Bytes of memory in use, swapped out, or used for page tables. Memory that processes share counts for
-    /// each of them.
+    /// Bytes of memory of all processes that are in use, swapped out, or used for page tables. Memory that
+    /// processes share counts for each of them.
     pub(crate) memory: u64,
-    /// Number of processes, including those that have ended and were not waited for.
+    /// Number of processes, including those that have ended and that their parents have not waited for.
     pub(crate) processes: u32,
-    /// Number of their threads.
+    /// Number of threads of all processes of the group.
     pub(crate) threads: u32,
-    /// Processor time so far of each process that exists, by process id and start time. A reused process id
-    /// has another start time.
+    /// Processor time that each existing process has taken so far, by process id and start time. A reused
+    /// process id has another start time.
     pub(crate) cpu: BTreeMap<(i32, u64), CpuTime>,
 }
 
-/// Processor time of one process.
+/// Processor time of one process and of its children.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct CpuTime {
     pub(crate) own: Duration,
-    /// Time of its children that have ended and were waited for.
+    /// Processor time of the children of the process that have ended and that it has waited for.
     pub(crate) children: Duration,
 }
 
-/// Files that a plugin keeps on disk.
+/// Disk space and number of the files that a plugin keeps.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct DiskUsage {
-    /// Bytes, including removed files that are still open.
+    /// Bytes on disk, including removed files that are still open.
     pub(crate) bytes: u64,
-    /// Number of files and folders, up to [`FILES_MAX`].
+    /// Number of files and folders on disk, counted up to [`FILES_MAX`].
     pub(crate) files: u64,
-    /// The first file or folder that cannot be read, with the reason, for a person: the count is incomplete
-    /// then.
+    /// The first file or folder that cannot be read, with the reason, for a person; `None` if all can be
+    /// read. If there is one, the count is incomplete.
     pub(crate) hides: Option<String>,
 }
 
 impl DiskUsage {
-    /// Records that something cannot be read. Only the first is kept.
+    /// Records that a file or folder cannot be read. Only the first one is kept.
     fn hide(&mut self, what: impl FnOnce() -> String, error: &io::Error) {
         self.hides.get_or_insert_with(|| format!("{} cannot be read: {error}", what()));
     }
 }
 
-/// Measures the processes of a group.
+/// Measures the resources that the processes of a process group take.
 pub(crate) fn usage(group: i32) -> GroupUsage {
     let mut usage = GroupUsage::default();
     for (process, stat) in processes_of(group) {
@@ -75,21 +77,21 @@ pub(crate) fn usage(group: i32) -> GroupUsage {
     usage
 }
 
-/// Whether a process or a thread belongs to a group; `None` if there is no such process.
+/// Whether a process or a thread belongs to a process group; `None` if there is no such process.
 pub(crate) fn is_of_group(process: i32, group: i32) -> Option<bool> {
     // `rustix::process::getpgid` cannot be used: it does not expect that process 1 has no group.
     let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
     Some(of_group(&stat, group).is_some())
 }
 
-/// Returns the number of processes in a group.
+/// Returns the number of processes in a process group.
 pub(crate) fn processes(group: i32) -> u32 {
     u32::try_from(processes_of(group).count()).unwrap_or(u32::MAX)
 }
 
 impl GroupUsage {
-    /// Returns the processor time spent since `before`: by the processes that exist now, and by processes
-    /// that have ended if their parents waited for them.
+    /// Returns the processor time that the group has spent since `before`: the time of the processes that
+    /// exist now, and of processes that have ended if their parents waited for them.
     pub(crate) fn spent_since(&self, before: &GroupUsage) -> Duration {
         let all = |usage: &GroupUsage| -> Duration {
             usage.cpu.values().map(|spent| spent.own + spent.children).sum()
@@ -121,7 +123,7 @@ fn processes_of(group: i32) -> impl Iterator<Item = (i32, ProcessStat)> {
     })
 }
 
-/// Parses the line of `/proc/PID/stat` of one process; `None` if the process is not of this group.
+/// Parses the line of `/proc/PID/stat` of one process; returns `None` if the process is not of this group.
 fn of_group(stat: &str, group: i32) -> Option<ProcessStat> {
     // The name of the program stands in parentheses, and may contain parentheses.
     let (_, rest) = stat.rsplit_once(')')?;
@@ -169,8 +171,8 @@ pub(crate) fn read_text(path: &Path) -> io::Result<String> {
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-/// Counts the files of a plugin: those in its data folder `home`, and removed ones that its processes still
-/// hold. `file_max` is the largest size of one file.
+/// Measures the files of a plugin: those in its data folder `home`, and removed ones that the processes of
+/// `group` still hold. `file_max` is the largest size of one file.
 pub(crate) fn measure_disk(home: &Path, group: i32, file_max: u64) -> DiskUsage {
     let mut kept = DiskUsage::default();
     let mut folders = vec![home.to_owned()];
@@ -188,7 +190,7 @@ pub(crate) fn measure_disk(home: &Path, group: i32, file_max: u64) -> DiskUsage 
     kept
 }
 
-/// Counts the files in one folder, and adds its subfolders to `folders`.
+/// Adds the files in one folder to the count `kept`, and its subfolders to `folders`.
 fn count_folder(folder: &Path, kept: &mut DiskUsage, folders: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
@@ -209,7 +211,8 @@ fn count_folder(folder: &Path, kept: &mut DiskUsage, folders: &mut Vec<PathBuf>)
     Ok(())
 }
 
-/// Shortens a path for a message. A plugin could make the paths in its data folder as long as it likes.
+/// Shortens a path for a message, because a plugin could make the paths in its data folder as long as it
+/// likes.
 fn shortened(path: &Path) -> String {
     let shown = path.display().to_string();
     match shown.char_indices().nth(200) {
@@ -218,7 +221,7 @@ fn shortened(path: &Path) -> String {
     }
 }
 
-/// Counts removed files that processes still have open or mapped.
+/// Adds removed files that processes of the group still have open or mapped to the count `kept`.
 fn removed(home: &Path, group: i32, file_max: u64, kept: &mut DiskUsage) {
     let is_removed = |path: &Path| {
         path.starts_with(home) && path.as_os_str().as_encoded_bytes().ends_with(b" (deleted)")
@@ -255,7 +258,7 @@ fn removed(home: &Path, group: i32, file_max: u64, kept: &mut DiskUsage) {
     }
 }
 
-/// Counts the removed files that one process has open, except those that are `known`.
+/// Counts the removed files that one process has open, except those that are in `known`.
 fn count_open(
     process: i32,
     is_removed: &impl Fn(&Path) -> bool,
@@ -281,13 +284,13 @@ fn count_open(
     Ok(())
 }
 
-/// Whether a process has ended and holds no files. For a process that has ended, the kernel gives the same
-/// error as for one that forbids to be inspected.
+/// Whether a process has ended and holds no files. The check is needed because the kernel gives the same
+/// error for a process that has ended as for one that forbids to be inspected.
 fn has_ended(process: i32) -> bool {
     fs::read_to_string(format!("/proc/{process}/stat")).map_or(true, |stat| is_ended(&stat))
 }
 
-/// Whether a line of `/proc/PID/stat` is of a process that has ended completely. A process still holds
+/// Whether a line of `/proc/PID/stat` is that of a process that has ended completely. A process still holds
 /// files while other threads run, although its first thread has ended.
 fn is_ended(stat: &str) -> bool {
     let Some((_, rest)) = stat.rsplit_once(')') else { return false };

@@ -1,4 +1,4 @@
-//! Words mistakes in the form of a `plugin.toml` for its author.
+//! Words mistakes in the form of a `plugin.toml` for the author of the file.
 //!
 //! “invalid type: map, expected a sequence” becomes “`agent` must be a list in [ ], and is a table”, with
 //! advice on what to write.
@@ -8,10 +8,10 @@ use std::ops::Range;
 use pddl::{Diagnostic, Span, nearest};
 use terminal::form_error::{self, FormError};
 
-/// Help for mistakes without more specific advice.
+/// Help text for mistakes without more specific advice.
 const DOCS: &str = "docs/plugins.md says what a plugin.toml has";
 
-/// Example lines for some keys.
+/// Example lines for some keys of a `plugin.toml`.
 const EXAMPLES: &[(&str, &str)] = &[
     ("name", "name = \"thermometer\""),
     ("version", "version = \"0.1.0\""),
@@ -25,7 +25,7 @@ const EXAMPLES: &[(&str, &str)] = &[
     ("processes", "processes = 4"),
 ];
 
-/// Keys that are lists of tables.
+/// Keys of a `plugin.toml` with a list of tables as their value.
 const LISTS_OF_TABLES: &[&str] = &["agent"];
 
 /// Turns the parser's message about the bytes at `place` into a diagnostic for the author of the file.
@@ -56,7 +56,7 @@ pub(crate) fn worded(text: &str, said: &str, place: Range<usize>) -> Diagnostic 
     Diagnostic::error(span, message).with_help(help)
 }
 
-/// Returns advice about an unknown key.
+/// Returns advice about a key that a `plugin.toml` cannot have.
 fn in_place_of(key: &str, known: &[&str]) -> String {
     match nearest(key, known.iter().copied()) {
         _ if ["plugin", "package"].contains(&key) => {
@@ -67,13 +67,14 @@ fn in_place_of(key: &str, known: &[&str]) -> String {
     }
 }
 
-/// Returns an example of a line for a key.
+/// Returns advice to write a line like an example for this key.
 fn write(key: &str) -> String {
     let example = EXAMPLES.iter().find(|(name, _)| *name == key);
     example.map_or_else(|| DOCS.to_owned(), |(_, example)| format!("write {example}"))
 }
 
-/// Returns the key of the line, or the name of the table header, at an offset.
+/// Returns the key of the line at the byte offset `place`, or the name of the table if the line is a table
+/// header.
 fn key_at(text: &str, place: usize) -> &str {
     let begin = text.get(..place).and_then(|before| before.rfind('\n')).map_or(0, |at| at + 1);
     let line = text.get(begin..).and_then(|rest| rest.lines().next()).unwrap_or_default().trim();
@@ -88,7 +89,7 @@ fn key_at(text: &str, place: usize) -> &str {
 mod tests {
     use crate::manifest::PackageManifest;
 
-    /// Returns the first mistake of a manifest, with its help.
+    /// Returns the first mistake of a manifest, with its help text.
     fn said(text: &str) -> String {
         let found = PackageManifest::read(text).expect_err("it is wrong");
         let help = found[0].help.clone().unwrap_or_default();

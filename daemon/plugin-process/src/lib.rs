@@ -9,9 +9,9 @@
 //! }
 //! ```
 //!
-//! The process reads one line from its daemon ([`acl::Hello`]), connects to the endpoint given there, and
-//! runs its agents until its standard input is closed. Its standard error goes to the plugin's log
-//! (`althing plugin logs`).
+//! The process reads one line from its daemon ([`acl::Hello`]), connects to the endpoint that the line
+//! names, and runs its agents until the standard input of the process is closed. The standard error of the
+//! process goes to the plugin's log (`althing plugin logs`).
 
 use std::io::{BufRead as _, Write as _};
 use std::process::ExitCode;
@@ -29,11 +29,11 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 use tracing_subscriber::EnvFilter;
 
-/// Time that agents have to stop what they are doing when the process ends.
+/// Time that the agents have to stop what they are doing when the process ends.
 const DRAINING: Duration = Duration::from_secs(1);
 
-/// Runs the agents that the daemon asks for, each with the plugin that its description names, or with the
-/// first one if there is none of that name. Returns when the daemon stops the plugin or one of its agents
+/// Runs the agents that the daemon asks for. Each agent runs the plugin that its description names, or the
+/// first of `plugins` if none has that name. Returns when the daemon stops the plugin or one of the agents
 /// ends.
 pub fn run(plugins: &[PluginEntry]) -> ExitCode {
     log();
@@ -160,7 +160,8 @@ fn build(
     Ok((name, built))
 }
 
-/// Waits until the daemon stops the plugin: it closes the standard input, or sends a signal to terminate.
+/// Waits until the daemon stops the plugin, by closing the standard input of the process or by sending a
+/// signal to terminate.
 async fn wait_for_stop() {
     let (tell, ended) = tokio::sync::oneshot::channel();
     // On a thread of its own, because a blocking read cannot be cancelled.

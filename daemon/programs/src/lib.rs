@@ -1,9 +1,9 @@
 //! Runs external programs, such as those that measure or switch, with arguments and a limit of output.
 //!
 //! - No shell is used: the program and its arguments are taken literally.
-//! - The program and all processes it has started are killed when its time is over, or when the caller
-//!   drops the future. Processes that it leaves behind when it ends are killed too.
-//! - Output beyond a limit is not read.
+//! - A program and all processes that it has started are killed when the time limit is over, or when the
+//!   caller drops the future. Processes that the program leaves behind when it ends are killed too.
+//! - Output of a program beyond a limit is not read.
 
 use std::io;
 use std::process::{ExitStatus, Stdio};
@@ -12,69 +12,69 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt as _};
 use tokio::process::Command;
 
-/// Maximum length of the output that is read, in bytes.
+/// Maximum length of a program's output that is read, in bytes.
 const OUTPUT_BYTES_MAX: usize = 64 << 10;
 
-/// Maximum length of a reported error line, in characters.
+/// Maximum length of a line of a program's standard error in an error message, in characters.
 const ERROR_CHARS_MAX: usize = 160;
 
-/// A program and its arguments.
+/// A program and the arguments that it is run with.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Program {
     program: String,
     arguments: Vec<String>,
 }
 
-/// Why a program failed. Completes “failed to …”.
+/// Reason why running a program failed. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProgramError {
     /// The program could not be started, or its output could not be read.
     #[error("{what} `{program}`: {source}")]
     System {
-        /// The operation that failed.
+        /// Operation on the program that failed.
         what: &'static str,
-        /// The program.
+        /// Name of the program.
         program: String,
-        /// The error of the system.
+        /// Error of the system.
         source: io::Error,
     },
     /// The program did not end in time, and was killed.
     #[error("wait for `{program}`: it did not end within {within:?} and was killed")]
     TimedOut {
-        /// The program.
+        /// Name of the program that was killed.
         program: String,
-        /// The time limit.
+        /// Time within which the program had to end.
         within: Duration,
     },
     /// The program printed 64 KiB or more.
     #[error("read the output of `{program}`: it prints more than {} KiB", OUTPUT_BYTES_MAX >> 10)]
     TooMuch {
-        /// The program.
+        /// Name of the program that printed too much.
         program: String,
     },
     /// The program ended with an exit code other than 0, or by a signal.
     #[error("run `{program}`: {status}{}", complaint.as_ref().map(|said| format!(": {said}")).unwrap_or_default())]
     Failed {
-        /// The program.
+        /// Name of the program that failed.
         program: String,
-        /// The exit code or signal.
+        /// Exit code of the program, or the signal that ended it.
         status: ExitStatus,
-        /// Last line of its standard error, if there is one.
+        /// Last line of the program's standard error, if there is one.
         complaint: Option<String>,
     },
 }
 
 impl Program {
-    /// Takes the first element as the program and the others as its arguments. Returns `None` if the list
-    /// or its first element is empty.
+    /// Takes the first element of `list` as the program and the others as its arguments. Returns `None` if
+    /// the list or its first element is empty.
     pub fn of(list: impl IntoIterator<Item = String>) -> Option<Program> {
         let mut list = list.into_iter();
         let program = list.next().filter(|program| !program.is_empty())?;
         Some(Program { program, arguments: list.collect() })
     }
 
-    /// Returns the program, without its arguments.
+    /// Returns the name of the program, without the arguments.
     pub fn name(&self) -> &str {
         &self.program
     }
@@ -115,7 +115,7 @@ impl Program {
     }
 }
 
-/// Reads a pipe until it ends, or to the limit; then closes it.
+/// Reads the output of a program from a pipe until the pipe ends, or up to the limit; then closes the pipe.
 async fn read(pipe: Option<impl AsyncRead + Unpin>) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     if let Some(pipe) = pipe {
@@ -124,7 +124,8 @@ async fn read(pipe: Option<impl AsyncRead + Unpin>) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Returns the last line that is not empty: it usually states the error, and lines above it the context.
+/// Returns the last line that is not empty: this line usually states the error, and the lines above it
+/// state the context.
 fn last_line(complaint: &[u8]) -> Option<String> {
     let complaint = String::from_utf8_lossy(complaint);
     let line = complaint.lines().map(str::trim).rfind(|line| !line.is_empty())?;
@@ -135,7 +136,7 @@ fn last_line(complaint: &[u8]) -> Option<String> {
     Some(told)
 }
 
-/// Process group of a running program; it is killed when this is dropped.
+/// Process group of a running program; the group is killed when this value is dropped.
 struct ProgramGroup(u32);
 
 impl Drop for ProgramGroup {
@@ -200,7 +201,7 @@ mod tests {
         assert!(complains.starts_with("run `/bin/sh`: exit status: 5: i"), "{complains}");
     }
 
-    /// Whether a process of this id exists and is no zombie.
+    /// Whether a process with this id exists and is no zombie.
     fn lives(pid: &str) -> bool {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
         stat.rsplit_once(')').is_some_and(|(_, rest)| !rest.trim_start().starts_with('Z'))

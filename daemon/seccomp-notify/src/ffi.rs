@@ -1,4 +1,4 @@
-//! The one system call and the four `ioctl`s of user notification: all `unsafe` code is here.
+//! The one system call and the four `ioctl`s of seccomp's user notification: all `unsafe` code is here.
 //!
 //! Each call passes the kernel a pointer to a structure of `libc`, which has the layout of the kernel's
 //! `linux/seccomp.h`. The structure stays on the stack of the caller until the call returns, and the kernel
@@ -14,8 +14,9 @@ use seccompiler::BpfProgram;
 
 use crate::{Notification, NotifyListener, Response};
 
-/// Installs a filter on this thread, for good; its children inherit it. Calls that it selects wait until
-/// they are answered through the listener.
+/// Installs a filter of system calls on this thread; the filter cannot be removed, and the thread's
+/// children inherit it. Calls that the filter selects wait until they are answered through the returned
+/// listener.
 ///
 /// # Errors
 ///
@@ -59,7 +60,7 @@ fn instruction(one: &seccompiler::sock_filter) -> libc::sock_filter {
     libc::sock_filter { code: one.code, jt: one.jt, jf: one.jf, k: one.k }
 }
 
-/// Reads a call that waits; blocks if there is none.
+/// Reads a system call that waits for an answer; blocks if there is none.
 pub(crate) fn receive(listener: BorrowedFd<'_>) -> io::Result<Notification> {
     // SAFETY: all its fields are numbers, and the kernel requires zeros.
     let mut read: libc::seccomp_notif = unsafe { mem::zeroed() };

@@ -1,16 +1,16 @@
 //! System calls that another process decides: seccomp's user notification (Linux 5.9, seccomp_unotify(2)).
 //!
-//! - A process that confines itself installs a filter ([`listen`]) and hands the [`NotifyListener`] to its
-//!   supervisor ([`send`], [`receive`]), over a socket that both have.
-//! - Each call that the filter selects waits until the supervisor has answered it ([`NotifyListener::respond`]):
-//!   with a value, an error, or “continue”. The supervisor can also put a file of its own into the process
-//!   ([`NotifyListener::put_file`]), for example a connected socket.
+//! - A process that confines itself installs a filter of system calls ([`listen`]) and hands the
+//!   [`NotifyListener`] to its supervisor ([`send`], [`receive`]), over a socket that both have.
+//! - Each call that the filter selects waits until the supervisor has answered the call
+//!   ([`NotifyListener::respond`]): with a value, an error, or “continue”. The supervisor can also put a
+//!   file of its own into the process ([`NotifyListener::put_file`]), for example a connected socket.
 //!
 //! The arguments of a call are registers and do not change. But the memory that they point to may change,
 //! and another thread of the process may replace the files behind its descriptors. So “continue” is safe
 //! only if the decision depends on the registers alone.
 //!
-//! There is no async here, and no policy. All `unsafe` code is in `ffi`.
+//! This crate has no async code, and no policy. All `unsafe` code is in `ffi`.
 
 mod ffi;
 mod listener_passing;
@@ -26,42 +26,46 @@ use seccompiler::{BpfProgram, SeccompAction, SeccompFilter, SeccompRule, TargetA
 pub use ffi::listen;
 pub use listener_passing::{receive, send};
 
-/// `BPF_RET | BPF_K`: the instruction that returns an action.
+/// Code of the instruction of a filter program that returns an action (`BPF_RET | BPF_K`).
 const RETURN: u16 = 0x06;
-/// `SECCOMP_RET_TRACE`, a placeholder for the notification until a program is finished.
+/// Action that a filter program has in place of the notification until the program is finished
+/// (`SECCOMP_RET_TRACE`).
 const TRACE: u32 = 0x7ff0_0000;
-/// `SECCOMP_RET_USER_NOTIF`.
+/// Action of a filter program that notifies the supervisor (`SECCOMP_RET_USER_NOTIF`).
 const NOTIFY: u32 = 0x7fc0_0000;
 
-/// Supervisor's end of a filter.
+/// The supervisor's end of a filter of system calls, through which the supervisor receives and answers
+/// calls.
 #[derive(Debug)]
 pub struct NotifyListener(OwnedFd);
 
-/// System call that waits for an answer.
+/// A system call that waits for the supervisor's answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Notification {
-    /// Identifies the call in the answer.
+    /// Number that identifies the system call in the answer.
     pub id: u64,
-    /// Id of the thread that makes the call, in the supervisor's namespace; 0 if it is not visible there.
+    /// Id of the thread that makes the system call, in the supervisor's namespace; 0 if the thread is not
+    /// visible there.
     pub thread: u32,
     /// Number of the system call.
     pub call: i64,
-    /// Its arguments, as in the registers.
+    /// Arguments of the system call, as in the registers.
     pub arguments: [u64; 6],
 }
 
-/// Answer to a system call.
+/// Answer of the supervisor to a system call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Response {
-    /// The call returns this value without being executed.
+    /// Makes the system call return this value without being executed.
     Value(i64),
-    /// The call fails with this error number.
+    /// Makes the system call fail with this error number.
     Error(i32),
-    /// The kernel executes the call.
+    /// Lets the kernel execute the system call.
     Continue,
 }
 
-/// Returns a filter program that notifies of calls that match `rules`, and allows all others.
+/// Returns a filter program that notifies the supervisor of system calls that match `rules`, and allows all
+/// others.
 ///
 /// # Errors
 ///
@@ -82,8 +86,8 @@ pub fn program(
 }
 
 impl NotifyListener {
-    /// Waits for a call. Returns `None` when no process has the filter any more, or when the time `within`
-    /// is over.
+    /// Waits for a system call that the filter selects. Returns `None` when no process has the filter any
+    /// more, or when the time `within` is over.
     ///
     /// # Errors
     ///
@@ -113,7 +117,7 @@ impl NotifyListener {
         }
     }
 
-    /// Answers a call. A call that does not wait any more is ignored.
+    /// Answers the system call with the number `id`. Nothing happens if the call does not wait any more.
     ///
     /// # Errors
     ///
@@ -125,17 +129,19 @@ impl NotifyListener {
         }
     }
 
-    /// Whether a call still waits. What was read about its process is valid only if this is `true`
-    /// afterwards; otherwise the process may have ended and another may have its id.
+    /// Whether the system call with the number `id` still waits. Anything read about the calling process is
+    /// valid only if this is `true` afterwards; otherwise the process may have ended and another process
+    /// may have its id.
     pub fn is_waiting(&self, id: u64) -> bool {
         ffi::is_waiting(self.as_fd(), id)
     }
 
-    /// Puts a file into the process of a waiting call, in place of the descriptor `in_place_of`.
+    /// Puts a file into the process that makes the waiting call `id`, in place of the file descriptor
+    /// `in_place_of`.
     ///
     /// # Errors
     ///
-    /// Returns an error if the call does not wait any more, or the kernel refuses.
+    /// Returns an error if the call does not wait any more, or the kernel refuses to put the file there.
     pub fn put_file(
         &self,
         id: u64,

@@ -12,8 +12,8 @@ use seccomp_notify::{NotifyListener, Response, listen, program};
 
 const PATIENCE: Option<Duration> = Some(Duration::from_secs(20));
 
-/// Runs `work` on a thread with a filter for these calls. Returns the listener, and a channel with the
-/// result of `work`.
+/// Runs `work` on a thread with a filter for these system calls. Returns the listener of the filter, and a
+/// channel with the result of `work`.
 fn filtered<T: Send + 'static>(
     calls: &[libc::c_long],
     work: impl FnOnce() -> T + Send + 'static,
@@ -105,7 +105,7 @@ fn number(call: libc::c_long) -> i64 {
     i64::from(call)
 }
 
-/// Returns the number of `mkdir`; of `mkdirat` on architectures without it.
+/// Returns the number of the system call `mkdir`, or of `mkdirat` on architectures without `mkdir`.
 fn mkdir() -> libc::c_long {
     #[cfg(target_arch = "x86_64")]
     return libc::SYS_mkdir;

@@ -1,8 +1,8 @@
-//! A virtual machine with a GPIO chip (PL061): QEMU's `virt`, with Debian's kernel for arm64. Its power
-//! button is connected to line 3; QEMU presses it on a command.
+//! A virtual machine with a GPIO chip (PL061): QEMU's `virt`, with Debian's kernel for arm64. The machine's
+//! power button is connected to line 3 of the chip; QEMU presses the button on a command.
 //!
-//! No kernel of Debian has a simulated GPIO chip, so this is the smallest setup with a real driver. Inside,
-//! this same test program runs, built for that machine, as the only process.
+//! No kernel of Debian has a simulated GPIO chip, so this is the smallest setup with a real driver. Inside
+//! the machine, this same test program runs as the only process, built for arm64.
 
 #[path = "../../../../tests/support/left_out.rs"]
 mod left_out;
@@ -14,20 +14,21 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Prefix of the program's output, to distinguish it from that of the kernel.
+/// Prefix of the test program's output, to distinguish that output from the output of the kernel.
 pub(crate) const SAID: &str = "@said ";
 
-/// Output with which the program asks for a press of the button.
+/// Output with which the test program asks for a press of the power button.
 pub(crate) const PRESS: &str = "press the button";
 
 const QEMU: &str = "qemu-system-aarch64";
 const TARGET: &str = "aarch64-unknown-linux-musl";
 
-/// Environment variable with the path of the kernel, if it is not installed: `dpkg -x` can unpack it to any
-/// folder.
+/// Environment variable with the path of the arm64 kernel, for a machine on which the kernel is not
+/// installed: `dpkg -x` can unpack the kernel to any folder.
 const KERNEL: &str = "ALTHING_ARM64_KERNEL";
 
-/// Time that a machine may take from its start to its end; it takes about ten seconds.
+/// Longest time that the virtual machine may take from its start to its end; it usually takes about ten
+/// seconds.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Programs that the tests need.
@@ -37,7 +38,8 @@ struct Needed {
 }
 
 impl Needed {
-    /// Finds the programs. Returns the missing one, with the way to install it, as an error.
+    /// Finds the programs that the tests need. If one is missing, returns its name and the way to install
+    /// it as an error.
     fn find() -> Result<Needed, String> {
         let path = std::env::var_os("PATH").unwrap_or_default();
         let qemu = std::env::split_paths(&path).map(|folder| folder.join(QEMU));
@@ -64,8 +66,8 @@ impl Needed {
     }
 }
 
-/// Runs a test of this program inside such a machine, and returns its output. Returns `None` with a message
-/// if something is missing: then nothing is tested, and with `CI=true` the test fails.
+/// Runs a test of this program inside a virtual machine, and returns the output of the test. Returns `None`
+/// with a message if something is missing: then nothing is tested, and with `CI=true` the test fails.
 pub(crate) fn said_by(test: &str) -> Option<Vec<String>> {
     let needed = match Needed::find() {
         Ok(needed) => needed,
@@ -115,7 +117,7 @@ fn begin(Needed { qemu, kernel }: &Needed, folder: &Path, test: &str) -> Child {
     command.stderr(errors).spawn().expect("it is installed")
 }
 
-/// Ends its machine on drop.
+/// Process of a virtual machine, which is killed when this value is dropped.
 struct Watchdog(Child);
 
 impl Drop for Watchdog {
@@ -131,7 +133,7 @@ impl Drop for Watchdog {
     }
 }
 
-/// Presses the power button; QEMU releases it after a tenth of a second.
+/// Presses the virtual machine's power button; QEMU releases the button after a tenth of a second.
 fn press(socket: &Path) {
     let qemu = UnixStream::connect(socket).expect("it listens");
     let mut answers = BufReader::new(qemu.try_clone().expect("a second handle"));
@@ -144,7 +146,7 @@ fn press(socket: &Path) {
     }
 }
 
-/// Returns this test program, built for that machine.
+/// Returns the path of this test program, built for the virtual machine.
 fn built() -> PathBuf {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let flags = "-Clinker=rust-lld -Clink-self-contained=yes -Cstrip=symbols";
@@ -166,7 +168,7 @@ fn built() -> PathBuf {
     executable.next_back().expect("it has built the test")
 }
 
-/// Returns an archive (cpio, `newc`) with one program.
+/// Returns an archive (cpio, `newc`) with one program, for the kernel to start from.
 fn archive(name: &str, program: &[u8]) -> Vec<u8> {
     let mut archive = Vec::new();
     for (name, mode, content) in [(name, 0o100_755, program), ("TRAILER!!!", 0, &[][..])] {

@@ -1,19 +1,19 @@
-//! A `libphidget22` in C that the test compiles; a test sets, unplugs and plugs in its devices.
-//! `phidget22.c` describes what it does.
+//! A fake `libphidget22` in C that the test compiles; a test sets, unplugs and plugs in the devices of the
+//! library. `phidget22.c` describes what the library does.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use tempfile::TempDir;
 
-/// The library and its devices; each test has its own.
+/// A fake library and its devices; each test has a library of its own.
 pub(crate) struct Fake {
     folder: TempDir,
     lines: Vec<(String, f64)>,
 }
 
 impl Fake {
-    /// Creates a library without devices.
+    /// Compiles a fake library, which has no devices yet.
     pub(crate) fn new() -> Fake {
         let fake = Fake { folder: tempfile::tempdir().expect("a folder"), lines: Vec::new() };
         let source = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -29,7 +29,7 @@ impl Fake {
         fake
     }
 
-    /// Returns the path of the library.
+    /// Returns the path of the fake library.
     pub(crate) fn library(&self) -> PathBuf {
         self.folder.path().join("libphidget22.so.0")
     }
@@ -38,7 +38,7 @@ impl Fake {
         self.folder.path().join(format!("libphidget22.so.0.{ending}"))
     }
 
-    /// Sets a line of the file that the library reads: `plugged`, `CLASS.PORT.TYPE`, `fail_every` …
+    /// Sets a line of the file that the fake library reads: `plugged`, `CLASS.PORT.TYPE`, `fail_every` …
     pub(crate) fn set(&mut self, key: &str, value: f64) {
         self.lines.retain(|(known, _)| known != key);
         self.lines.push((key.to_owned(), value));
@@ -50,7 +50,8 @@ impl Fake {
         std::fs::rename(draft, self.beside("state")).expect("a file");
     }
 
-    /// Returns how often a function for channels was called: `create`, `open`, `close`, `delete`.
+    /// Returns how often a function of the fake library for channels was called: `create`, `open`, `close`,
+    /// `delete`.
     #[allow(dead_code, reason = "not every test counts")]
     pub(crate) fn count(&self, what: &str) -> usize {
         let log = std::fs::read_to_string(self.beside("log")).unwrap_or_default();

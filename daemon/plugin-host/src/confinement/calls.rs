@@ -1,9 +1,10 @@
 //! Filters of the system calls that a plugin may make (seccomp).
 //!
-//! - [`ALLOWED`] are the calls that programs in any language need. All others, also those of later kernels,
-//!   fail with `ENOSYS`, as on a kernel that does not have them, so that programs do without.
-//! - [`FORBIDDEN`] calls fail with “Operation not permitted”. So do allowed calls with arguments that reach
-//!   beyond the plugin: another process, a namespace, a device node, a socket of another family.
+//! - [`ALLOWED`] are the calls that programs in any language need. All other calls, also those of later
+//!   kernels, fail with `ENOSYS`, as on a kernel that does not have them, so that programs do without.
+//! - [`FORBIDDEN`] calls fail with “Operation not permitted”. Allowed calls fail in the same way if their
+//!   arguments reach beyond the plugin: another process, a namespace, a device node, a socket of another
+//!   family.
 //! - If the kernel has no other means, calls that connect a socket, signal a process or start one wait for
 //!   the daemon's answer (`mediator`).
 
@@ -16,7 +17,8 @@ use seccompiler::{
 };
 use syscalls::Sysno;
 
-/// Calls that programs in any language need. Names that do not exist on this architecture are left out.
+/// System calls that programs in any language need. Names that do not exist on this architecture are left
+/// out.
 const ALLOWED: &str = "
     read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek
     sendfile sendfile64 splice tee vmsplice copy_file_range readahead fadvise64 fadvise64_64
@@ -65,8 +67,8 @@ const ALLOWED: &str = "
     setsockopt sendto send sendmsg sendmmsg recvfrom recv recvmsg recvmmsg recvmmsg_time64 shutdown
     getrandom";
 
-/// Calls that fail with “Operation not permitted” instead of `ENOSYS`, so that the reason why a program
-/// fails is visible.
+/// System calls that fail with “Operation not permitted” instead of `ENOSYS`, so that a person sees why a
+/// program fails.
 const FORBIDDEN: &str = "
     acct add_key bpf chroot clock_adjtime clock_settime delete_module finit_module init_module
     io_uring_enter io_uring_register io_uring_setup kcmp kexec_load keyctl migrate_pages mount
@@ -76,31 +78,31 @@ const FORBIDDEN: &str = "
     shmdt shmget swapoff swapon umount2 unshare userfaultfd
     setpgid setsid";
 
-/// Calls that change metadata of a file. Landlock does not control them, so they are forbidden unless
-/// mounts protect the files.
+/// System calls that change metadata of a file. Landlock does not control them, so they are forbidden
+/// unless mounts protect the files.
 const METADATA: &str = "
     chmod fchmod fchmodat chown fchown lchown fchownat chown32 fchown32 lchown32
     utime utimes futimesat utimensat utimensat_time64
     setxattr lsetxattr fsetxattr removexattr lremovexattr fremovexattr";
 
-/// Call that watches a path. A watch reports when a file is opened, read or written, and Landlock does not
-/// control it. So the call is forbidden unless mounts hide other files.
+/// System call that watches a path. A watch reports when a file is opened, read or written, and Landlock
+/// does not control watches. So the call is forbidden unless mounts hide the files of others.
 const WATCHES: &str = "inotify_add_watch";
 
-/// Calls that read the extended attributes of a file by its path, even if Landlock hides the file. Unless
-/// mounts hide other files, they fail as on a file system without extended attributes, and programs do
-/// without.
+/// System calls that read the extended attributes of a file by its path, even if Landlock hides the file.
+/// Unless mounts hide the files of others, these calls fail as on a file system without extended
+/// attributes, and programs do without.
 const ATTRIBUTES: &str = "getxattr lgetxattr listxattr llistxattr";
 
-/// Calls that change a property of the process with a given number; 0 is the calling process.
+/// System calls that change a property of the process with a given number; 0 is the calling process.
 const ABOUT_PROCESSES: &str =
     "prlimit64 sched_setaffinity sched_setparam sched_setscheduler sched_setattr";
 
-/// Calls that signal the process with a given number.
+/// System calls that signal the process or thread with a given number.
 const SIGNALS: &str = "kill tkill tgkill rt_sigqueueinfo rt_tgsigqueueinfo";
 
-/// Flags of `clone` that create namespaces, and the flag that makes the child a child of the daemon, which
-/// would not know of it.
+/// Flags of `clone` that a plugin may not use: those that create namespaces, and the flag (`CLONE_PARENT`)
+/// that makes the new process a child of the daemon, which would not know of this child.
 const CLONE_FLAGS: &[i32] = &[
     libc::CLONE_NEWNS,
     libc::CLONE_NEWCGROUP,
@@ -112,74 +114,76 @@ const CLONE_FLAGS: &[i32] = &[
     libc::CLONE_PARENT,
 ];
 
-/// Commands of `fcntl` that choose the process which receives a file's signals, and those for leases and
-/// notifications, which delay or observe other processes that open the file.
+/// Commands of `fcntl` that a plugin may not use: those that choose the process which receives a file's
+/// signals, and those for leases and notifications, which delay or observe other processes that open the
+/// file.
 const FCNTL: &[i32] = &[F_SETOWN, F_SETOWN_EX, F_SETSIG, libc::F_SETLEASE, libc::F_NOTIFY];
 const F_SETOWN: i32 = 8;
 const F_SETSIG: i32 = 10;
 const F_SETOWN_EX: i32 = 15;
 
-/// Requests of `ioctl` that choose the process which receives the signals of a socket or terminal, or that
-/// insert input into a terminal.
+/// Requests of `ioctl` that a plugin may not use: those that choose the process which receives the signals
+/// of a socket or terminal, and those that insert input into a terminal.
 const IOCTL: &[u64] = &[FIOSETOWN, SIOCSPGRP, TIOCSTI, TIOCLINUX];
 const FIOSETOWN: u64 = 0x8901;
 const SIOCSPGRP: u64 = 0x8902;
 const TIOCSTI: u64 = 0x5412;
 const TIOCLINUX: u64 = 0x541c;
 
-/// Types of `ioctl` requests that read or set metadata of an open file, or act on its whole file system:
-/// flags such as “immutable”, encryption, quotas, freezing, snapshots. Only a mount protects files from
-/// them. Programs that ask for flags work without. Requests about sockets, pipes and terminals are of other
-/// types ('T', 0x89), and so are those of device drivers.
+/// Types of `ioctl` requests that read or set metadata of an open file, or act on the whole file system of
+/// the file: flags such as “immutable”, encryption, quotas, freezing, snapshots. Only a mount protects
+/// files from these requests. Programs that ask for flags work without them. Requests about sockets, pipes
+/// and terminals are of other types ('T', 0x89), and so are those of device drivers.
 const IOCTL_OF_FILES: &[u8] = b"fXv";
-/// The same for Btrfs. `FICLONE` and `FICLONERANGE` are of this type, but all file systems have them: they
+/// Type of the `ioctl` requests of Btrfs, which act on files and file systems like those of
+/// [`IOCTL_OF_FILES`]. `FICLONE` and `FICLONERANGE` are of this type, but all file systems have them: they
 /// copy into a file that may be written, and programs do not expect “Operation not permitted”.
 const IOCTL_OF_BTRFS: u8 = 0x94;
 const FICLONE: u64 = 0x4004_9409;
 const FICLONERANGE: u64 = 0x4020_940d;
-/// Position of the type in the number of a request (`_IOC_TYPESHIFT`).
+/// Position of the type in the number of an `ioctl` request, in bits (`_IOC_TYPESHIFT`).
 const IOCTL_TYPE_SHIFT: u32 = 8;
 
-/// `IOPRIO_WHO_PROCESS`.
+/// Argument of `ioprio_set` that means a single process (`IOPRIO_WHO_PROCESS`).
 const IOPRIO_PROCESS: u64 = 1;
-/// Argument of `personality` that only queries.
+/// Argument of `personality` with which the call only queries and changes nothing.
 const ASK_PERSONALITY: u64 = 0xffff_ffff;
-/// `SOCK_TYPE_MASK`: selects the type of a socket, without its flags.
+/// Mask that selects the type of a socket, without the flags of the socket (`SOCK_TYPE_MASK`).
 const SOCKET_TYPE: u64 = 0xf;
 
-/// Properties of the confinement that decide which calls are forbidden.
+/// Properties of a plugin's confinement that decide which system calls are forbidden.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CallFilterOptions {
-    /// Whether sockets of the Internet are allowed.
+    /// Whether the plugin may use sockets of the Internet.
     pub(super) network: bool,
-    /// Whether mounts protect the files of others.
+    /// Whether mounts protect the files that the plugin may not change.
     pub(super) has_own_mounts: bool,
-    /// Whether `truncate` works only on files that may be written.
+    /// Whether the kernel lets `truncate` work only on files that the plugin may write.
     pub(super) truncates_own_only: bool,
-    /// Whether a control group counts memory, also memory that belongs to no process.
+    /// Whether a control group counts the memory of the plugin, also memory that belongs to no process.
     pub(super) counts_memory: bool,
 }
 
-/// Reason why the filters could not be installed.
+/// Reason why the filters of system calls could not be installed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CallsError {
-    /// The filter could not be compiled.
+    /// A filter of system calls could not be compiled.
     #[error("make a filter of calls: {0}")]
     Compile(#[from] BackendError),
-    /// The kernel did not accept the filter.
+    /// The kernel did not accept a filter of system calls.
     #[error("forbid calls: {0}")]
     Install(#[from] seccompiler::Error),
 }
 
 type CallRules = BTreeMap<i64, Vec<SeccompRule>>;
 
-/// Returns the architecture of this machine, or `None` if no filters can be made for it.
+/// Returns the architecture of this machine, or `None` if no filters of system calls can be made for it.
 pub(super) fn target() -> Option<TargetArch> {
     std::env::consts::ARCH.try_into().ok()
 }
 
-/// Installs the filters for this thread, for good.
+/// Installs the filters of system calls for this thread; they cannot be removed.
 pub(super) fn forbid(choice: CallFilterOptions, target: TargetArch) -> Result<(), CallsError> {
     let errno = |number: i32| SeccompAction::Errno(number.unsigned_abs());
     let known = numbers(ALLOWED).map(|call| (call, Vec::new())).collect();
@@ -200,8 +204,8 @@ pub(super) fn forbid(choice: CallFilterOptions, target: TargetArch) -> Result<()
     Ok(())
 }
 
-/// Returns the filter for the calls that the daemon answers: those that connect, those that signal another
-/// process than `own`, and, with `counts_processes`, those that start a process.
+/// Returns the filter for the system calls that the daemon answers: those that connect, those that signal a
+/// process other than `own`, and, with `counts_processes`, those that start a process.
 pub(super) fn mediated(
     counts_processes: bool,
     own: u32,
@@ -246,8 +250,8 @@ fn forbidden(choice: CallFilterOptions) -> Result<CallRules, BackendError> {
     Ok(rules)
 }
 
-/// Forbids sockets of other families, and Unix sockets without a connection, because those reach any socket
-/// with a known address.
+/// Forbids sockets of families that the plugin may not use, and Unix sockets without a connection, because
+/// the latter reach any socket with a known address.
 fn sockets(rules: &mut CallRules, network: bool) -> Result<(), BackendError> {
     let mut families = vec![libc::AF_UNIX];
     if network {
@@ -269,7 +273,7 @@ fn sockets(rules: &mut CallRules, network: bool) -> Result<(), BackendError> {
     Ok(())
 }
 
-/// Forbids calls that affect other processes, or that hide this process.
+/// Forbids system calls that affect other processes, or that hide this process.
 fn processes(rules: &mut CallRules) -> Result<(), BackendError> {
     for call in ABOUT_PROCESSES.split_whitespace() {
         add(rules, call, vec![vec![is_not(0, 0)?]]);
@@ -314,7 +318,7 @@ fn files(rules: &mut CallRules) -> Result<(), BackendError> {
     Ok(())
 }
 
-/// Returns the conditions for `ioctl` requests that read or set metadata of a file.
+/// Returns the conditions that match `ioctl` requests which read or set metadata of a file.
 fn requests_of_files() -> Result<Vec<Vec<SeccompCondition>>, BackendError> {
     let is_of = |kind: u8| {
         let mask = u64::from(u8::MAX) << IOCTL_TYPE_SHIFT;
@@ -328,7 +332,8 @@ fn requests_of_files() -> Result<Vec<Vec<SeccompCondition>>, BackendError> {
     Ok(any)
 }
 
-/// Forbids a call under any of these conditions. A call that is forbidden unconditionally stays so.
+/// Forbids a system call if one of the conditions `any` holds. A call that is already forbidden
+/// unconditionally stays so.
 fn add(rules: &mut CallRules, call: &str, any: Vec<Vec<SeccompCondition>>) {
     let Some(call) = known(call) else { return };
     let added: Result<Vec<_>, _> = any.into_iter().map(SeccompRule::new).collect();
@@ -352,7 +357,8 @@ fn masked(index: u8, mask: u64, value: u64) -> Result<SeccompCondition, BackendE
     SeccompCondition::new(index, SeccompCmpArgLen::Dword, SeccompCmpOp::MaskedEq(mask), value)
 }
 
-/// Returns the numbers of calls; names that this architecture does not have are left out.
+/// Returns the numbers of the system calls with these names; names that this architecture does not have are
+/// left out.
 fn numbers(names: &str) -> impl Iterator<Item = i64> {
     names.split_whitespace().filter_map(known)
 }

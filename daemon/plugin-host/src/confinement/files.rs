@@ -7,31 +7,32 @@ use landlock::{
     PathBeneath, PathFd, RulesetAttr as _, RulesetCreatedAttr as _, RulesetError, Scope,
 };
 
-/// Newest Landlock version that this code knows. What an older kernel does not support is left out.
+/// Newest Landlock version that this code knows. Restrictions that an older kernel does not support are
+/// left out.
 const KNOWN: ABI = ABI::V9;
 
-/// First version that forbids emptying (`truncate`) a file that may not be written.
+/// First Landlock version that forbids emptying (`truncate`) a file that may not be written.
 pub(super) const TRUNCATES: i32 = 3;
-/// First version that restricts signals and abstract sockets to the plugin's own processes.
+/// First Landlock version that restricts signals and abstract sockets to the plugin's own processes.
 pub(super) const SCOPES: i32 = 6;
-/// First version that restricts connections to sockets with a path.
+/// First Landlock version that restricts connections to sockets with a path.
 pub(super) const SOCKETS: i32 = 9;
 
-/// Files that a process may use, by the kind of use.
+/// Files and sockets that a process may use, by the kind of use.
 #[derive(Debug, Default)]
 pub(super) struct AccessibleFiles<'f> {
-    /// Files and folders that may be read and executed.
+    /// Files and folders that the process may read and execute.
     pub(super) read: Vec<&'f PathBuf>,
-    /// Files and folders that may be read, written, created and removed.
+    /// Files and folders that the process may read, write, create and remove.
     pub(super) write: Vec<&'f PathBuf>,
-    /// Sockets that may be connected to.
+    /// Sockets that the process may connect to.
     pub(super) sockets: Vec<&'f PathBuf>,
-    /// Whether TCP may be used.
+    /// Whether the process may use TCP.
     pub(super) network: bool,
 }
 
-/// Restricts this process for good. Returns the version of Landlock that the kernel has, or 0 if it has
-/// none.
+/// Restricts this process to these files and sockets; the restriction cannot be removed. Returns the
+/// version of Landlock that the kernel has, or 0 if it has none.
 pub(super) fn restrict(files: &AccessibleFiles<'_>) -> Result<i32, RulesetError> {
     let all = AccessFs::from_all(KNOWN);
     let ruleset = landlock::Ruleset::default().set_compatibility(CompatLevel::BestEffort);

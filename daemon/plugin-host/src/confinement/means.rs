@@ -1,7 +1,7 @@
-//! Means of confinement that this kernel offers, how they are used for one plugin, and what cannot be
-//! enforced with them.
+//! Means of confinement that this kernel offers, how they are used for one plugin, and which restrictions
+//! cannot be enforced with them.
 //!
-//! They are tried out, and not derived from a kernel version: a process of the daemon's own program
+//! The means are tried out, and not derived from a kernel version: a process of the daemon's own program
 //! confines itself step by step, and reports which steps succeeded ([`ConfinementMeans::try_out`]).
 
 use std::path::{Path, PathBuf};
@@ -18,11 +18,11 @@ use crate::rights::Permissions;
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ConfinementMeans {
-    /// Version of Landlock; 0 if there is none.
+    /// Version of Landlock that the kernel has; 0 if it has none.
     pub landlock: i32,
-    /// Reason why there are no namespaces for a room; `None` if there are.
+    /// Reason why the kernel offers no namespaces for a namespace room; `None` if it offers them.
     pub no_namespaces: Option<String>,
-    /// Reason why system calls cannot be forbidden (seccomp); `None` if they can.
+    /// Reason why system calls cannot be forbidden (seccomp); `None` if they can be.
     pub no_calls: Option<String>,
     /// Reason why the daemon cannot answer system calls (seccomp user notification); `None` if it can.
     pub no_questions: Option<String>,
@@ -30,32 +30,34 @@ pub struct ConfinementMeans {
     pub is_root: bool,
 }
 
-/// Use of the means for one plugin.
+/// Means of confinement that are used for one plugin, and the properties of the plugin that decide about
+/// them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct ConfinementPlan {
-    /// Whether it runs in a namespace room of its own.
+    /// Whether the plugin runs in a namespace room of its own.
     pub(crate) has_room: bool,
-    /// Version of Landlock, which hides files and other processes; 0 if there is none.
+    /// Version of Landlock, which hides files and other processes from the plugin; 0 if there is none.
     pub(crate) landlock: i32,
-    /// Whether system calls are forbidden.
+    /// Whether system calls that the plugin does not need are forbidden.
     pub(crate) forbids_calls: bool,
-    /// Whether calls that connect or signal wait for the daemon's answer.
+    /// Whether system calls that connect a socket or send a signal wait for the daemon's answer.
     pub(crate) is_mediated: bool,
-    /// Whether calls that start a process wait for the daemon's answer, too.
+    /// Whether system calls that start a process wait for the daemon's answer, so that it can count
+    /// processes.
     pub(crate) counts_processes: bool,
-    /// Whether a control group counts what its processes take together.
+    /// Whether a control group counts the resources that all processes of the plugin take together.
     pub(crate) is_counted: bool,
-    /// Whether it may use the Internet.
+    /// Whether the plugin may use the Internet.
     pub(crate) network: bool,
-    /// Whether it may read files and folders of others, which may contain sockets.
+    /// Whether the plugin may read files and folders of others, which may contain sockets.
     pub(crate) reads_more: bool,
     /// Whether the daemon runs as root.
     pub(crate) is_root: bool,
 }
 
 impl ConfinementMeans {
-    /// Confines this process as plugins are confined, step by step, and returns what succeeded. Only for a
-    /// process that ends afterwards. `folder` is any folder that exists.
+    /// Confines this process as plugins are confined, step by step, and returns which means succeeded. Only
+    /// a process that ends afterwards may call this. `folder` is any folder that exists.
     pub(crate) fn try_out(folder: &Path) -> ConfinementMeans {
         let why = |error: &dyn std::error::Error| error.to_string();
         let target = calls::target();
@@ -91,7 +93,7 @@ impl ConfinementMeans {
         }
     }
 
-    /// Returns means of which none is available, all for the reason `why`.
+    /// Returns a value that offers no means of confinement at all, with `why` as the reason for each.
     pub(crate) fn none(why: &str) -> ConfinementMeans {
         let why = || Some(why.to_owned());
         ConfinementMeans {
@@ -103,7 +105,8 @@ impl ConfinementMeans {
         }
     }
 
-    /// Returns the use of the means for a plugin. `is_counted` tells whether it has a control group.
+    /// Returns the means that are used for a plugin with these permissions. `is_counted` tells whether the
+    /// plugin has a control group.
     pub(crate) fn plan(&self, permissions: &Permissions, is_counted: bool) -> ConfinementPlan {
         let mut plan = ConfinementPlan {
             has_room: self.no_namespaces.is_none(),
@@ -125,29 +128,29 @@ impl ConfinementMeans {
 }
 
 impl ConfinementPlan {
-    /// Whether sockets of others with a path are out of reach. A socket in a folder that is shown in the
-    /// room can be connected to, although the folder is read-only.
+    /// Whether the plugin cannot reach sockets of others that have a path. A socket in a folder that is
+    /// shown in the namespace room can be connected to, although the folder is read-only.
     fn hides_sockets(&self) -> bool {
         (self.has_room && !self.reads_more) || self.landlock >= files::SOCKETS || self.is_mediated
     }
 
-    /// Whether sockets of others with only a name (abstract ones) are out of reach.
+    /// Whether the plugin cannot reach sockets of others that have only a name (abstract ones).
     fn hides_names(&self) -> bool {
         let has_own_network = self.has_room && !self.network;
         has_own_network || self.landlock >= files::SCOPES || self.is_mediated
     }
 
-    /// Whether processes of others cannot be signalled.
+    /// Whether the plugin cannot signal processes of others.
     fn hides_processes(&self) -> bool {
         self.landlock >= files::SCOPES || self.is_mediated
     }
 
-    /// Whether the kernel, or the daemon by its answers, limits the number of processes.
+    /// Whether the kernel, or the daemon by its answers, limits the number of processes of the plugin.
     fn bounds_processes(&self) -> bool {
         self.is_counted || (self.has_room && !self.is_root) || self.counts_processes
     }
 
-    /// Whether the plugin cannot change other files.
+    /// Whether the plugin cannot change files other than its own.
     fn keeps_files(&self) -> bool {
         self.has_room || (self.forbids_calls && self.landlock > 0)
     }
@@ -161,7 +164,7 @@ impl ConfinementPlan {
         }
     }
 
-    /// Returns what cannot be enforced here, each as a sentence for a person.
+    /// Returns the restrictions that cannot be enforced for the plugin, each as a sentence for a person.
     pub(crate) fn lacks(&self) -> Vec<String> {
         let mut lacks = Vec::new();
         let mut say = |is_lacking: bool, what: &str| {

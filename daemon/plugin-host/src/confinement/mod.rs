@@ -1,17 +1,18 @@
-//! Confinement of a plugin's process. The process confines itself before it becomes the program, because
-//! after a `fork` in a daemon with many threads nothing is safe but `exec`.
+//! Confinement of a plugin's process. The process confines itself before it becomes the plugin's program,
+//! because after a `fork` in a daemon with many threads no call but `exec` is safe.
 //!
-//! - `room`: namespaces of its own, if the kernel allows them, which hold only what the process may see.
-//! - `files`: access only to the files of the system, its own package, its data folder, and what its
-//!   manifest names; no signals and sockets to other processes (Landlock).
+//! - `room`: Linux namespaces for this process alone, if the kernel allows them; they hold only the files
+//!   and networks that the process may see.
+//! - `files`: access only to the files of the system, of the plugin's package, of its data folder, and to
+//!   those that its manifest names; no signals and sockets to other processes (Landlock).
 //! - `calls`: only the system calls that programs need, with no effect beyond the process (seccomp). Calls
 //!   that the kernel cannot decide are answered by the daemon (`mediator`).
 //! - Limits of memory, open files, file sizes, processes and priority, no core dumps (`setrlimit`), and no
-//!   capabilities. The resources of all its processes together are counted by a control group (`cgroup`),
-//!   or measured by the host (`usage`).
+//!   capabilities. The resources of all processes of the plugin together are counted by a control group
+//!   (`cgroup`), or measured by the host (`usage`).
 //! - The process is killed when the thread that started it ends.
 //!
-//! `means` finds out which of these this kernel supports, and what cannot be enforced.
+//! `means` finds out which of these restrictions this kernel supports, and which cannot be enforced.
 
 mod calls;
 mod files;
@@ -32,8 +33,8 @@ pub use means::ConfinementMeans;
 pub(crate) use means::ConfinementPlan;
 use room::RoomContents;
 
-/// Files and folders of the system that every plugin may read. Of `/etc` only those that programs need,
-/// without keys.
+/// Files and folders of the system that every plugin may read. Of `/etc`, only the files that programs need
+/// are among them, and none with keys.
 const SYSTEM: &[&str] = &[
     "/usr",
     "/bin",
@@ -63,51 +64,52 @@ const SYSTEM: &[&str] = &[
     "/sys",
 ];
 
-/// Devices that every plugin may use; they hold no data of others.
+/// Devices that every plugin may use, because they hold no data of others.
 const PLAIN_DEVICES: &[&str] = &["/dev/null", "/dev/full", "/dev/random", "/dev/urandom"];
 
-/// Device that may only be read. A process that maps it shared and for writing holds memory that is counted
-/// for no process.
+/// Device that plugins may only read. A process that maps this device shared and for writing would hold
+/// memory that is counted for no process.
 const ZERO: &str = "/dev/zero";
 
-/// Confinement of one process.
+/// Confinement of one process of a plugin, with everything that the process needs to enter it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Confinement {
-    /// Process id of the daemon that started the process; it ends with that daemon.
+    /// Process id of the daemon that started the process. The process ends when that daemon ends.
     pub(crate) parent: u32,
-    /// Means of confinement that are used.
+    /// Means of confinement that are used for the process.
     pub(crate) plan: ConfinementPlan,
     pub(crate) limits: ProcessLimits,
-    /// Files and folders that it may read and execute, in addition to the system's.
+    /// Files and folders that the process may read and execute, in addition to those of the system.
     pub(crate) read: Vec<PathBuf>,
-    /// Devices that it may write to.
+    /// Devices that the process may read and write.
     pub(crate) devices: Vec<PathBuf>,
-    /// Sockets that it may connect to.
+    /// Sockets that the process may connect to.
     pub(crate) sockets: Vec<PathBuf>,
-    /// Its data folder.
+    /// Data folder of the plugin, in which the process may write.
     pub(crate) home: PathBuf,
-    /// Control group that it joins, if it has one.
+    /// Folder of the control group that the process joins; `None` if the plugin has no control group.
     pub(crate) cgroup: Option<PathBuf>,
 }
 
-/// Limits for each of the plugin's processes.
+/// Resource limits of each process of a plugin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct ProcessLimits {
-    /// Bytes of memory.
+    /// Limit of the memory of the process, in bytes.
     pub(crate) memory: u64,
-    /// Open files.
+    /// Limit of the number of open files of the process.
     pub(crate) files: u64,
-    /// Bytes of one file.
+    /// Limit of the size of a file that the process writes, in bytes.
     pub(crate) file_size: u64,
-    /// Threads of all its processes together; enforced where the kernel counts them per namespace.
+    /// Limit of the number of threads of all processes of the plugin together; enforced where the kernel
+    /// counts them per namespace.
     pub(crate) tasks: u64,
 }
 
-/// Report of a process about its confinement, which it sends over its standard input before it becomes the
-/// program.
+/// Report of a process about its own confinement, sent over the standard input of the process before the
+/// process becomes the plugin's program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct ConfinementReport {
-    /// Version of Landlock that is in force for it; 0 if none.
+    /// Version of Landlock that restricts the process; 0 if Landlock does not.
     pub(crate) landlock: i32,
 }
 
@@ -115,45 +117,45 @@ pub(crate) struct ConfinementReport {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConfinementError {
-    /// The daemon that started it has ended.
+    /// The daemon that started the process has ended.
     #[error("begin: the daemon has ended meanwhile")]
     Orphaned,
-    /// A limit could not be set.
+    /// A resource limit of the process could not be set.
     #[error("limit {what}: {source}")]
     Limit {
-        /// The limited resource.
+        /// Name of the resource that should be limited.
         what: &'static str,
-        /// The error.
+        /// Error of the system.
         #[source]
         source: std::io::Error,
     },
     /// The process could not enter a namespace room.
     #[error(transparent)]
     Room(#[from] room::RoomError),
-    /// The file system could not be hidden.
+    /// The files of others could not be hidden from the process.
     #[error("hide the file system from it: {0}")]
     Landlock(#[from] landlock::RulesetError),
-    /// The kernel supports less than when the daemon started.
+    /// The kernel supports less of Landlock than when the daemon started.
     #[error(
         "hide the file system from it: the kernel has version {is} of Landlock, and had {was} when the daemon started"
     )]
     Weaker {
-        /// Version of Landlock in force.
+        /// Version of Landlock that restricts the process.
         is: i32,
-        /// Version of Landlock when the daemon started.
+        /// Version of Landlock that the kernel had when the daemon started.
         was: i32,
     },
     /// The filters of system calls could not be installed.
     #[error(transparent)]
     Calls(#[from] calls::CallsError),
-    /// The report could not be sent to the daemon.
+    /// The report about the confinement could not be sent to the daemon.
     #[error("tell the daemon that it is confined: {0}")]
     Told(#[source] std::io::Error),
 }
 
 impl Confinement {
-    /// Confines this process and replaces it with the program. Returns only on failure, with a message for
-    /// a person.
+    /// Confines this process and replaces it with `program`. Returns only on failure, with a message for a
+    /// person.
     pub fn become_program(&self, program: &Path, arguments: &[String]) -> String {
         if let Err(error) = self.enter() {
             return format!("failed to {error}");
@@ -162,7 +164,7 @@ impl Confinement {
         format!("failed to run `{}`: {error}", program.display())
     }
 
-    /// Confines this process for good.
+    /// Confines this process; the confinement cannot be undone.
     fn enter(&self) -> Result<(), ConfinementError> {
         let folder = std::env::current_dir().unwrap_or_else(|_| PathBuf::from("/"));
         self.end_with_parent()?;
@@ -239,8 +241,8 @@ impl Confinement {
         Ok(())
     }
 
-    /// Last step: installs the filters, and sends the report to the daemon, with the listener for the calls
-    /// that the daemon answers.
+    /// Does the last step of the confinement: installs the filters of system calls, and sends the report to
+    /// the daemon, with the listener for the calls that the daemon answers.
     fn forbid_calls(&self, entered: &ConfinementReport) -> Result<(), ConfinementError> {
         let target = calls::target().filter(|_| self.plan.forbids_calls);
         if let Some(target) = target {
@@ -260,14 +262,14 @@ impl Confinement {
     }
 }
 
-/// Returns the longest core dump, in bytes. At 0 the kernel writes no file, but still hands the dump to a
-/// program that collects dumps (a `core_pattern` that begins with `|`); at 1 it does neither. A hard limit
-/// of 0 is kept, because raising it takes a capability.
+/// Returns the limit to set for the length of a core dump, in bytes. At 0 the kernel writes no file, but
+/// still hands the dump to a program that collects dumps (a `core_pattern` that begins with `|`); at 1 it
+/// does neither. A hard limit of 0 is kept, because raising it takes a capability.
 fn core_limit() -> u64 {
     getrlimit(Resource::Core).maximum.map_or(1, |most| most.min(1))
 }
 
-/// Drops all capabilities, also those that a program of root would get again.
+/// Drops all capabilities of this process, also those that a program started by root would get again.
 fn drop_capabilities() -> std::io::Result<()> {
     let none = CapabilitySet::empty();
     // Only a process with the capability to set capabilities can reduce its bounding set; any other has
@@ -289,8 +291,8 @@ fn limit(what: &'static str, source: std::io::Error) -> ConfinementError {
     ConfinementError::Limit { what, source }
 }
 
-/// Finds out what the kernel offers to confine plugins, in a process of its own. Returns [`ConfinementMeans`] in JSON,
-/// for the daemon to read.
+/// Finds out, in a process for this purpose alone, what the kernel offers to confine plugins. Returns
+/// [`ConfinementMeans`] in JSON, for the daemon to read.
 pub fn probe(folder: &Path) -> String {
     serde_json::to_string(&ConfinementMeans::try_out(folder)).unwrap_or_default()
 }

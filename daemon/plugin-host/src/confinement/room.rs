@@ -1,9 +1,10 @@
-//! Namespace room of a plugin's process: Linux namespaces of users, mounts and System V IPC, and, without
-//! `network`, of networks (namespaces(7)).
+//! Namespace room of a plugin's process: Linux namespaces of users, mounts and System V IPC, and, for a
+//! plugin without the right `network`, of networks (namespaces(7)).
 //!
-//! The room holds only what the plugin may see. Everything is mounted read-only except its data folder, so
-//! contents, modes, times and attributes of other files cannot change. The only sockets are those that it
-//! may connect to, and the network has no interface. The user is the same, without capabilities.
+//! The room holds only the files that the plugin may see. Everything is mounted read-only except the
+//! plugin's data folder, so contents, modes, times and attributes of other files cannot change. The only
+//! sockets in the room are those that the plugin may connect to, and a network namespace has no interface.
+//! The user is the same as outside, without capabilities.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs;
@@ -17,15 +18,16 @@ use rustix::mount::{
     mount_remount, unmount,
 };
 
-/// Mount point of the machine's root while the room is made.
+/// Mount point of the machine's root while the namespace room is made.
 const OLD: &str = "/old";
-/// Root of the room until it is entered.
+/// Path of the namespace room's root until the room is entered.
 const NEW: &str = "/new";
 
-/// Number of links followed in one path; more are taken for a cycle.
+/// Number of symbolic links that are followed in one path; a path with more is taken for a cycle.
 const LINKS_MAX: usize = 64;
 
-/// Links to the open files of each process, which shells and interpreters use.
+/// Symbolic links in the namespace room to the open files of each process, which shells and interpreters
+/// use.
 const OPEN_FILES: [(&str, &str); 4] = [
     ("/dev/fd", "/proc/self/fd"),
     ("/dev/stdin", "/proc/self/fd/0"),
@@ -33,22 +35,23 @@ const OPEN_FILES: [(&str, &str); 4] = [
     ("/dev/stderr", "/proc/self/fd/2"),
 ];
 
-/// Contents of a room.
+/// Contents of a namespace room.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RoomContents {
-    /// Files and folders that are visible, at the same path. Those that do not exist are left out.
+    /// Files and folders that are visible in the room, at the same path as outside. Those that do not exist
+    /// are left out.
     pub(super) shown: Vec<PathBuf>,
-    /// Devices, which can be opened for writing.
+    /// Devices of the room, which can be opened for writing.
     pub(super) devices: Vec<PathBuf>,
-    /// Sockets that can be connected to.
+    /// Sockets of the room that can be connected to.
     pub(super) sockets: Vec<PathBuf>,
-    /// The folder that can be written to; `/tmp` links to it.
+    /// The only folder of the room that can be written to; `/tmp` links to it.
     pub(super) home: PathBuf,
-    /// Whether the network of this machine is available.
+    /// Whether the network of this machine is available in the room.
     pub(super) network: bool,
 }
 
-/// Reason why a room could not be entered. Completes “failed to …”.
+/// Reason why a namespace room could not be entered. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[error("{doing}: {source}")]
 pub struct RoomError {
@@ -56,12 +59,12 @@ pub struct RoomError {
     source: io::Error,
 }
 
-/// Real files and folders that some paths lead to, and all links on the way.
+/// Real files and folders that a list of paths leads to, and all symbolic links on the way.
 #[derive(Debug, Default, PartialEq)]
 struct ResolvedPaths {
-    /// Links, with their targets.
+    /// Targets of the symbolic links, by the path of the link.
     links: BTreeMap<PathBuf, PathBuf>,
-    /// Real files and folders.
+    /// Kinds of the real files and folders, by path.
     real: BTreeMap<PathBuf, FileKind>,
 }
 
@@ -71,7 +74,8 @@ enum FileKind {
     File,
 }
 
-/// Enters a room, for good. The process must have a single thread.
+/// Moves this process into a new namespace room; the process cannot leave the room. The process must have a
+/// single thread.
 pub(super) fn enter(furniture: &RoomContents) -> Result<(), RoomError> {
     let RoomContents { shown, devices, sockets, home, network } = furniture;
     let seen = ResolvedPaths::of(shown.iter().chain(devices).chain(sockets));
@@ -102,7 +106,7 @@ pub(super) fn enter(furniture: &RoomContents) -> Result<(), RoomError> {
     enter_new()
 }
 
-/// Moves the machine's files below [`OLD`], and mounts an empty root for the room at [`NEW`].
+/// Moves the machine's files below [`OLD`], and mounts an empty root for the namespace room at [`NEW`].
 fn leave(somewhere: &Path) -> Result<(), RoomError> {
     let private = MountPropagationFlags::PRIVATE | MountPropagationFlags::REC;
     mount_change("/", private).map_err(|errno| failed("keep mounts private", errno.into()))?;
@@ -116,7 +120,7 @@ fn leave(somewhere: &Path) -> Result<(), RoomError> {
     tmpfs(Path::new(NEW))
 }
 
-/// Makes [`NEW`] the root, and unmounts everything else.
+/// Makes [`NEW`] the root of this process, and unmounts everything else.
 fn enter_new() -> Result<(), RoomError> {
     std::env::set_current_dir(NEW).map_err(|error| failed("enter the namespace room", error))?;
     pivot(Path::new("."), Path::new("."))?;
@@ -144,7 +148,7 @@ fn tmpfs(at: &Path) -> Result<(), RoomError> {
 // === impl Places ===
 
 impl ResolvedPaths {
-    /// Follows paths on the machine. Those that lead nowhere are left out.
+    /// Follows paths on the machine. Paths that lead nowhere are left out.
     fn of<'p>(paths: impl Iterator<Item = &'p PathBuf>) -> ResolvedPaths {
         let mut places = ResolvedPaths::default();
         for path in paths {
@@ -160,7 +164,7 @@ impl ResolvedPaths {
         places
     }
 
-    /// Returns the files and folders that paths lead to, with all links resolved.
+    /// Returns the real files and folders that paths lead to, with all symbolic links resolved.
     fn real_ones(paths: &[PathBuf]) -> Vec<PathBuf> {
         ResolvedPaths::of(paths.iter()).real.into_keys().collect()
     }
@@ -195,7 +199,7 @@ impl ResolvedPaths {
         self.links.extend(links);
     }
 
-    /// Creates all files, folders and links in the new room.
+    /// Creates all these files, folders and links in the new namespace room.
     fn furnish(&self) -> Result<(), RoomError> {
         for (path, kind) in &self.real {
             bind(path, *kind)?;
@@ -211,17 +215,18 @@ fn owned(part: Component<'_>) -> PathBuf {
     PathBuf::from(part.as_os_str())
 }
 
-/// Returns the path of a file of the machine while its root is at [`OLD`].
+/// Returns the path at which a file of the machine can be reached while the machine's root is at [`OLD`].
 fn outside(path: &Path) -> PathBuf {
     Path::new(OLD).join(path.strip_prefix("/").unwrap_or(path))
 }
 
-/// Returns the path of a file in the room until the room is entered.
+/// Returns the path at which a file of the namespace room can be reached until the room is entered.
 fn inside(path: &Path) -> PathBuf {
     Path::new(NEW).join(path.strip_prefix("/").unwrap_or(path))
 }
 
-/// Mounts a file or folder at the same path in the room, with everything that is mounted below it.
+/// Mounts a file or folder at the same path in the namespace room, with everything that is mounted below
+/// it.
 fn bind(path: &Path, kind: FileKind) -> Result<(), RoomError> {
     let (from, to) = (outside(path), inside(path));
     match kind {
@@ -252,7 +257,8 @@ fn make_folder(folder: &Path) -> Result<(), RoomError> {
     fs::create_dir_all(folder).map_err(|error| failed_at("make", folder, error))
 }
 
-/// Makes everything that is mounted so far read-only, and forbids opening any device except these.
+/// Makes everything that is mounted so far read-only, and forbids opening any device except those in
+/// `devices`.
 fn protect(devices: &[PathBuf]) -> Result<(), RoomError> {
     let devices: Vec<_> = devices.iter().map(|device| inside(device)).collect();
     for mounted in mounts()?.iter().filter(|mounted| mounted.as_path() != Path::new(NEW)) {
@@ -265,7 +271,7 @@ fn protect(devices: &[PathBuf]) -> Result<(), RoomError> {
     Ok(())
 }
 
-/// Returns the mount points in the room.
+/// Returns the mount points in the namespace room.
 fn mounts() -> Result<Vec<PathBuf>, RoomError> {
     let table = outside(Path::new("/proc/self/mountinfo"));
     let table = fs::read_to_string(&table).map_err(|error| failed_at("read", &table, error))?;
@@ -273,7 +279,7 @@ fn mounts() -> Result<Vec<PathBuf>, RoomError> {
     Ok(places.filter(|place| place.starts_with(NEW)).collect())
 }
 
-/// Decodes a path of the kernel's tables, in which blanks are written as `\040`.
+/// Decodes a path from the kernel's table of mounts, in which blanks are written as `\040`.
 fn unescaped(text: &str) -> PathBuf {
     use std::os::unix::ffi::OsStringExt as _;
     let (mut bytes, mut rest) = (Vec::new(), text.as_bytes());
@@ -294,8 +300,8 @@ fn unescaped(text: &str) -> PathBuf {
     PathBuf::from(std::ffi::OsString::from_vec(bytes))
 }
 
-/// Returns the flags of a mount. A remount has to keep those that this process did not set: the kernel does
-/// not let it clear them.
+/// Returns the flags of a mount. A remount has to keep the flags that this process did not set, because the
+/// kernel does not let this process clear them.
 fn flags(mounted: &Path) -> Result<MountFlags, RoomError> {
     let known = rustix::fs::statvfs(mounted);
     let known = known.map_err(|errno| failed_at("look at", mounted, errno.into()))?.f_flag;
