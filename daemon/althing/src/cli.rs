@@ -1,7 +1,8 @@
-//! The command line: its commands and their arguments. What they do is in [`crate::commands`].
+//! The command line: the commands and their arguments. What each command does is in
+//! [`crate::commands`].
 //!
-//! The first screen is written by hand, for new users with a terminal of 80 × 24; a test checks
-//! that it lists the commands below.
+//! The first screen ([`FIRST_SCREEN`]) is written by hand, for new users with a terminal of 80 ×
+//! 24; a test checks that it lists the commands below.
 
 pub(crate) mod cert;
 pub(crate) mod plugin;
@@ -15,7 +16,7 @@ use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use terminal::arguments::{PrintArgs, seconds};
 use terminal::exit;
 
-/// The text that is printed without arguments.
+/// The text that `althing` prints when it is called without arguments.
 const FIRST_SCREEN: &str = "\
 Althing: the sensors, robots, screens and people of a building plan together.
 
@@ -637,7 +638,7 @@ impl From<ModeArg> for agent::Mode {
     }
 }
 
-/// Parses the command line. If there is only something to print, such as help, prints it and
+/// Parses the command line. If there is only something to print, such as help, prints that and
 /// returns the exit code as the error.
 pub(crate) fn parse() -> Result<Cli, ExitCode> {
     if std::env::args_os().len() == 1 {
@@ -669,8 +670,8 @@ mod tests {
         }
     }
 
-    /// Checks that the texts below the options fit into 80 columns. Their lines are broken by hand,
-    /// and a longer one would be broken a second time.
+    /// Checks that the texts below the options in the help fit into 80 columns. The lines of these
+    /// texts are broken by hand, and a longer line would be broken a second time.
     #[test]
     fn what_is_written_below_the_options_fits_a_terminal() {
         fn all(command: &clap::Command, seen: &mut Vec<String>) {

@@ -1,4 +1,5 @@
-//! How the process is asked to stop: by signals, or because the reader of its output is gone.
+//! The ways in which this process is asked to stop: by a signal, or because the reader of its
+//! output is gone.
 
 use std::os::fd::AsFd as _;
 use std::os::unix::fs::FileTypeExt as _;
@@ -8,14 +9,14 @@ use rustix::io::Errno;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 
-/// Waits for SIGINT or SIGTERM, and returns the signal's number. Handlers are installed by the call
-/// itself, not by the first poll: a process that has reported that it is ready must not be killed
-/// by a signal that follows at once. If handlers cannot be installed, the signals end the process
-/// as usual, and the future never completes.
+/// Waits for SIGINT or SIGTERM, and returns the number of the signal. The signal handlers are
+/// installed when this function is called, not when the future is first polled: a process that has
+/// reported that it is ready must not be killed by a signal that follows at once. If the handlers
+/// cannot be installed, the signals end the process as usual, and the future never completes.
 ///
 /// # Panics
 ///
-/// Panics outside of a tokio runtime.
+/// Panics if it is called outside of a Tokio runtime.
 pub(crate) fn interrupted() -> impl Future<Output = i32> {
     let (interrupt, terminate) = (SignalKind::interrupt(), SignalKind::terminate());
     let listening = (signal(interrupt), signal(terminate));
@@ -30,8 +31,9 @@ pub(crate) fn interrupted() -> impl Future<Output = i32> {
     }
 }
 
-/// Waits until the reader of stdout is gone (`althing watch | head`). A write would detect that
-/// too, but may be hours away. If stdout is not a pipe or socket, this never completes.
+/// Waits until the reader of stdout is gone, such as `head` in `althing watch | head`. Writing to
+/// stdout would detect that as well, but the next write may be hours away. If stdout is neither a
+/// pipe nor a socket, the future never completes.
 pub(crate) fn reader_gone() -> impl Future<Output = ()> {
     let (tell, gone) = oneshot::channel();
     if is_pipe() {

@@ -1,7 +1,8 @@
-//! The log: for the operator of the daemon, on stderr, quiet by default.
+//! The log: messages for the operator of the daemon, on stderr, few by default.
 //!
-//! `ALTHING_LOG` uses the syntax of `tracing`'s filters (`info`, `agent=debug`) and overrides `-v`;
-//! results and mistakes of the user are never logged, they are printed.
+//! The variable `ALTHING_LOG` contains a filter in the syntax of `tracing`, such as `info` or
+//! `agent=debug`; it overrides `-v`. Results and the user's mistakes are never logged; they are
+//! printed.
 
 use terminal::visible;
 use tracing_subscriber::field::MakeExt as _;
@@ -10,10 +11,10 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _, fmt, registry};
 
-/// The environment variable with the filter.
+/// Name of the environment variable that contains the filter of the log.
 const VARIABLE: &str = "ALTHING_LOG";
 
-/// Starts logging. A filter that cannot be parsed is ignored, with a note to the user.
+/// Starts logging. A filter that cannot be parsed is ignored, and the user is told so.
 pub(crate) fn start(verbose: u8) {
     let asked = std::env::var(VARIABLE).ok().filter(|filter| !filter.trim().is_empty());
     // With an explicit filter or `-vv`, Zenoh's errors are logged unchanged.
@@ -46,10 +47,11 @@ pub(crate) fn start(verbose: u8) {
     let _ = registry().with(lines).with(plain).with(substrate_zenoh::oversize_layer()).try_init();
 }
 
-/// Returns the filter for a number of `-v`. Zenoh logs much that only its developers need: its
-/// sessions, messages that arrive before the declaration of their key, exchanges between routers.
-/// These appear only at higher levels; nothing is lost without them, because agents resend what
-/// was not received. Zenoh's errors are reported by `substrate_zenoh::plain_words`.
+/// Returns the filter of the log for the number of `-v` on the command line. Zenoh logs much that
+/// only its developers need: its sessions, messages that arrive before the declaration of their
+/// key, and exchanges between routers. These are logged only if there are more `-v`. The operator
+/// needs none of them, because agents resend what was not received. Zenoh's errors are reported by
+/// `substrate_zenoh::plain_words`.
 fn level(verbose: u8) -> &'static str {
     match verbose {
         0 => "warn,zenoh=error,zenoh::api::session=off",

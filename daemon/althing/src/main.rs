@@ -1,15 +1,15 @@
-//! `althing`: one binary per machine. This file lists the parts of the process.
+//! `althing`: one program per machine. This file lists the parts of the program.
 //!
 //! 1. [`cli`] parses the command line.
 //! 2. [`commands`] has one function per command.
 //! 3. [`terminal::exit`] names the exit codes.
 //!
-//! Other parts: [`prompt`] (the interactive prompt), [`hosting`] (one daemon and its agents),
-//! [`plugins`] (the table of built-in plugins), [`scenario`] (the paper's demonstrations),
+//! The other parts are [`prompt`] (the interactive prompt), [`hosting`] (one daemon and its
+//! agents), [`plugins`] (the table of built-in plugins), [`scenario`] (the paper's demonstrations),
 //! [`config`] (reading the ecosystem file), [`review`] (checks beyond the form of that file),
 //! [`interfacing`] (interfaces to other ecosystems), [`logging`], [`service_manager`]
-//! (notifications to systemd), [`interruption`] (signals and closed pipes). Reading files and
-//! displaying mistakes and results is left to the crate [`terminal`]; `althing plan` is in
+//! (notifications to systemd), and [`interruption`] (signals and closed pipes). The crate
+//! [`terminal`] reads files and displays mistakes and results; `althing plan` is in
 //! [`althing_plan`].
 
 mod cli;
@@ -43,8 +43,8 @@ fn main() -> ExitCode {
     commands::run(cli.command)
 }
 
-/// Installs a panic hook that escapes control characters: a panic message may contain text from
-/// outside, and a terminal would obey control characters in it.
+/// Installs a panic hook that escapes control characters. A panic message may contain text from
+/// outside, and a terminal would obey the control characters in it.
 fn install_panic_hook() {
     std::panic::set_hook(Box::new(|panic| {
         let thread = std::thread::current();

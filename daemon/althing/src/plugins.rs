@@ -1,4 +1,4 @@
-//! The plugins that are built in: to add one, add its line.
+//! The table of the plugins that are built in. A new plugin needs one more line in it.
 
 use std::sync::Arc;
 
@@ -31,13 +31,13 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     video_robot::PLUGIN,
 ];
 
-/// Returns the plugin of this name.
+/// Returns the built-in plugin named `name`.
 pub(crate) fn find(name: &str) -> Option<&'static PluginEntry> {
     PLUGINS.iter().find(|plugin| plugin.name == name)
 }
 
-/// Returns the entry of the agent that asks the people at a daemon to admit new agents, for
-/// ecosystem files that require that.
+/// Returns the entry of the agent that asks the people at a daemon whether new agents are admitted.
+/// It is needed if the ecosystem file requires their consent.
 pub(crate) fn doorkeeper(daemon: &DaemonId) -> AgentEntry {
     // The daemon's name is cut to the length that a name may have.
     let daemon_name: String = daemon.as_str().chars().take(48).collect();
@@ -53,7 +53,7 @@ pub(crate) fn doorkeeper(daemon: &DaemonId) -> AgentEntry {
     }
 }
 
-/// Returns the names and drivers of all plugins, for checking ecosystem files.
+/// Returns the names and drivers of all built-in plugins, for checking ecosystem files.
 pub(crate) fn known() -> Vec<crate::config::KnownPlugin> {
     let known = |plugin: &PluginEntry| crate::config::KnownPlugin {
         name: plugin.name,

@@ -1,8 +1,8 @@
-//! Notifies the service manager, systemd or a compatible one, that the daemon is ready, alive, or
+//! Tells the service manager (systemd or a compatible one) that the daemon is ready, alive, or
 //! stopping.
 //!
-//! If `NOTIFY_SOCKET` is not set, nothing is sent. If the service manager cannot be reached, that
-//! is logged, and the daemon continues.
+//! If the variable `NOTIFY_SOCKET` is not set, the daemon sends nothing. If the service manager
+//! cannot be reached, the daemon logs that and continues.
 
 use std::future;
 use std::time::Duration;
@@ -10,15 +10,17 @@ use std::time::Duration;
 use sd_notify::NotifyState;
 use tokio::time::{self, Interval, MissedTickBehavior};
 
-/// Number of keep-alives per watchdog period, so that one may be late.
+/// Number of keep-alives that are sent in a watchdog period. It is more than one, so that one
+/// keep-alive may be late.
 const SIGNS_PER_DEADLINE: u32 = 3;
 
-/// Reports that the agents are present. `status` is shown by `systemctl status`.
+/// Tells the service manager that the agents are present. `systemctl status` shows the text
+/// `status`.
 pub(crate) fn ready(status: &str) {
     notify_manager(&[NotifyState::Ready, NotifyState::Status(status)]);
 }
 
-/// Reports that the agents are cancelling their commitments.
+/// Tells the service manager that the agents are cancelling their commitments.
 pub(crate) fn stopping() {
     notify_manager(&[NotifyState::Stopping]);
 }
@@ -29,13 +31,13 @@ fn notify_manager(states: &[NotifyState<'_>]) {
     }
 }
 
-/// Sends keep-alives as often as the service manager requires (`WATCHDOG_USEC`).
+/// Sends keep-alives to the service manager as often as it requires by `WATCHDOG_USEC`.
 pub(crate) struct Watchdog {
     due: Option<Interval>,
 }
 
 impl Watchdog {
-    /// Reads the period from the environment; without one, no keep-alive is ever due.
+    /// Reads the watchdog period from the environment. If there is none, no keep-alive is ever due.
     pub(crate) fn from_environment() -> Watchdog {
         let period = sd_notify::watchdog_enabled().map(|deadline| deadline / SIGNS_PER_DEADLINE);
         let due = period.filter(|period| *period > Duration::ZERO).map(|period| {
@@ -46,7 +48,8 @@ impl Watchdog {
         Watchdog { due }
     }
 
-    /// Waits until a keep-alive is due. Cancel-safe.
+    /// Waits until a keep-alive is due. The wait may be cancelled and started again without losing
+    /// a keep-alive.
     pub(crate) async fn due(&mut self) {
         match &mut self.due {
             Some(due) => {
@@ -56,7 +59,8 @@ impl Watchdog {
         }
     }
 
-    /// Sends a keep-alive. The call itself proves that the caller is not stuck.
+    /// Sends a keep-alive to the service manager. The call itself proves that the caller is not
+    /// stuck.
     pub(crate) fn keep_alive(&self) {
         notify_manager(&[NotifyState::Watchdog]);
     }

@@ -107,7 +107,7 @@ pub(crate) struct CertPlaceArgs {
     pub(crate) folder: Option<PathBuf>,
 }
 
-/// Parses a number of days: a hundred years at most, because certificates cannot hold later dates.
+/// Parses a number of days, at most a hundred years: certificates cannot hold later dates.
 fn days() -> clap::builder::RangedI64ValueParser<u32> {
     clap::value_parser!(u32).range(1..=36_500)
 }

@@ -1,4 +1,4 @@
-//! `althing act`: requests one action, and follows it to its end.
+//! `althing act`: requests one action from a running ecosystem, and follows the action to its end.
 
 use std::process::ExitCode;
 
@@ -8,7 +8,7 @@ use crate::cli::{ActArgs, ActionArgs};
 use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 use crate::commands::{client, wrong};
 
-/// Requests the action.
+/// Runs `althing act`: requests the action.
 pub(super) fn run(args: &ActArgs) -> ExitCode {
     let json = args.print.json;
     let said = match said(&args.action) {
@@ -23,7 +23,7 @@ pub(super) fn run(args: &ActArgs) -> ExitCode {
     })
 }
 
-/// Returns the request for an action, after checking that the action can be parsed.
+/// Returns the user's request for an action, after checking that the action can be parsed.
 pub(crate) fn said(args: &ActionArgs) -> Result<UserRequest, String> {
     let action = &args.action;
     pddl::parse_step(action).into_result().map_err(|found| super::located(&found, action))?;

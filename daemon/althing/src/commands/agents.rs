@@ -1,4 +1,4 @@
-//! `althing agents`: the agents that are present, with their actions.
+//! `althing agents`: shows the agents that are present, with their actions.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -13,7 +13,7 @@ use terminal::{exit, output, visible};
 use crate::cli::AgentsArgs;
 use crate::commands::client::{self, EcosystemView};
 
-/// Prints a line per agent.
+/// Runs `althing agents`: prints one line per agent.
 pub(super) fn run(args: &AgentsArgs) -> ExitCode {
     if args.discovered {
         return client::with_view(&args.ask, discovered);
@@ -21,7 +21,7 @@ pub(super) fn run(args: &AgentsArgs) -> ExitCode {
     client::with_view(&args.ask, print)
 }
 
-/// Prints the discovered agents, each with the lines that would name it in the file.
+/// Prints the discovered agents, each with the lines that would name it in the ecosystem file.
 async fn discovered(view: &EcosystemView, json: bool) -> ExitCode {
     view.directory(None).await;
     let answers = view.ask(Resource::Discovered, None).await;
@@ -88,7 +88,8 @@ pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     output::print(text, exit::DONE)
 }
 
-/// Queries all agents from their daemons: the link may not have reported all of them yet.
+/// Queries all agents from the daemons that host them: the command's link may not have reported all
+/// agents yet.
 async fn residents(view: &EcosystemView) -> Vec<Resident> {
     let mut residents: Vec<Resident> = view
         .ask(Resource::Directory, None)
@@ -102,7 +103,8 @@ async fn residents(view: &EcosystemView) -> Vec<Resident> {
     residents
 }
 
-/// Queries the parts of each agent's action model that the Domain Maintainer had to leave out.
+/// Queries, for each agent, the parts of its action model that the Domain Maintainer had to leave
+/// out.
 async fn conflicts(view: &EcosystemView) -> BTreeMap<AgentId, Vec<String>> {
     let maintainer = AgentId::new("domain-maintainer").ok();
     let answers = view.ask(Resource::Domain, maintainer).await;
@@ -110,7 +112,7 @@ async fn conflicts(view: &EcosystemView) -> BTreeMap<AgentId, Vec<String>> {
     snapshot.map(|snapshot| snapshot.conflicts).unwrap_or_default()
 }
 
-/// Queries the actions in each agent's action model.
+/// Queries, for each agent, the actions in its action model.
 async fn models(view: &EcosystemView) -> BTreeMap<AgentId, Vec<String>> {
     let mut models = BTreeMap::new();
     for answer in view.ask(Resource::Model, None).await {

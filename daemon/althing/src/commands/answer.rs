@@ -1,5 +1,5 @@
-//! `althing answer`: the questions that agents ask people, and the answer of a person to one of
-//! them.
+//! `althing answer`: lists the questions that agents ask people, or sends a person's answer to one
+//! of them.
 
 use std::fmt::Write as _;
 use std::io::{self, BufRead as _, IsTerminal as _, Read as _};
@@ -15,10 +15,10 @@ use crate::cli::AnswerArgs;
 use crate::commands::client::{self, ClientLink, EcosystemView};
 use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 
-/// Longest answer from standard input, in bytes.
+/// Greatest length of an answer that is read from standard input, in bytes.
 const ANSWER_BYTES_MAX: u64 = 4 << 10;
 
-/// Lists the open questions, or answers one.
+/// Runs `althing answer`: lists the open questions, or answers one.
 pub(super) fn run(args: &AnswerArgs) -> ExitCode {
     client::with_link(&args.reach, args.print.json, async |link| {
         let code = match &args.reply.id {
@@ -62,8 +62,8 @@ async fn answer(link: &ClientLink, id: &str, args: &AnswerArgs) -> ExitCode {
     user_request::send_and_follow(link, said, ExchangeOptions { to: None, json, interrupt }).await
 }
 
-/// Returns the answer of the user: from the command line, typed at the terminal (hidden if it is
-/// sealed), or from standard input.
+/// Returns the user's answer to a question: from the command line, typed at the terminal (hidden if
+/// the answer is to be sealed), or from standard input.
 fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
     if !words.is_empty() {
         if question.seal_to.is_some() {
@@ -100,7 +100,8 @@ fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
     }
 }
 
-/// Returns the answer to the question `id`: its number, or its keyboard and its number.
+/// Returns the request that answers the question `id`: the question's number, or the name of its
+/// keyboard and the number.
 pub(crate) async fn said(
     view: &EcosystemView,
     id: &str,

@@ -1,4 +1,4 @@
-//! `althing cert`: an ecosystem's authority, and the certificates of its daemons.
+//! `althing cert`: manages the authority of an ecosystem, and the certificates of its daemons.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -21,18 +21,19 @@ use crate::plugins;
 
 const DAY_SECONDS: u64 = 24 * 3_600;
 
-/// Days before its expiry at which a certificate is reported if no ecosystem file sets them.
+/// How many days before its expiry a certificate is reported as expiring, if no ecosystem file sets
+/// the number.
 const WARN_DAYS: u64 = 30;
 
-/// The ecosystem and the folder of its certificates.
+/// An ecosystem, and the folder of its certificates.
 struct CertificateFolder {
     name: EcosystemId,
-    /// The ecosystem as its file defines it; `None` if there is no file.
+    /// The ecosystem as its file defines it; `None` if there is no ecosystem file.
     ecosystem: Option<Ecosystem>,
     folder: CredentialFolder,
 }
 
-/// Creates an authority or certificates, lists them, or revokes them.
+/// Runs `althing cert`: creates an authority or certificates, lists them, or revokes them.
 pub(super) fn run(args: &CertArgs) -> ExitCode {
     match &args.command {
         CertCommand::Authority(args) => authority(args),
@@ -185,7 +186,8 @@ impl CertificateFolder {
         CertificateFolder::find(args.ecosystem.as_deref(), args.folder.as_ref())
     }
 
-    /// Finds the ecosystem and the folder of its certificates. The error completes “failed to …”.
+    /// Finds the ecosystem and the folder of its certificates. The error text completes the
+    /// sentence “failed to …”.
     fn find(asked: Option<&str>, folder: Option<&PathBuf>) -> Result<CertificateFolder, String> {
         let file = match asked {
             None => config::find_ecosystem_file(),
@@ -237,7 +239,8 @@ impl CertificateFolder {
         security.map_or(WARN_DAYS, |security| security.warn_before.as_secs() / DAY_SECONDS)
     }
 
-    /// Warns about a name that the file does not have: it is a guest's, or misspelled.
+    /// Warns about a daemon name that the ecosystem file does not have: the name is that of a
+    /// guest, or misspelled.
     fn warn_of_stranger(&self, name: &DaemonId) {
         let Some(ecosystem) = &self.ecosystem else { return };
         if ecosystem.daemons.is_empty() || ecosystem.daemons.contains(name) {
@@ -253,8 +256,8 @@ impl CertificateFolder {
     }
 }
 
-/// Returns the authority's certificate, then those that it has issued if its key is here, and those
-/// in this folder.
+/// Returns the authority's certificate first, then the certificates that the authority has issued
+/// (if its key is in `folder`), and those that are files in `folder`.
 fn certificates(folder: &CredentialFolder, trust: &Trust) -> Vec<Certificate> {
     let mut found = Authority::open(folder).map(|each| each.issued()).unwrap_or_default();
     for name in folder.daemons() {
@@ -289,7 +292,7 @@ fn object(certificate: &Certificate, state: &str) -> serde_json::Value {
     })
 }
 
-/// Reports an error with credential files.
+/// Reports an error with credential files, and returns the exit code.
 fn failed(error: &CredentialError, json: bool) -> ExitCode {
     super::wrong(&format!("failed to {error}"), json)
 }

@@ -1,9 +1,10 @@
-//! `althing check`: reports the mistakes in files, each in its line.
+//! `althing check`: reports the mistakes in files, each with the line in which it is.
 //!
-//! - The kind of a file is recognised by its extension (`.toml` is an ecosystem) and its contents.
+//! - The kind of a file is recognised by its extension (`.toml` is an ecosystem file) and its
+//!   contents.
 //! - The agents of an ecosystem are built as `althing up` would build them, but not launched.
-//! - A problem or an action model is checked against the domain that it names: one of the files
-//!   given, or else one found beside it.
+//! - A problem or an action model is checked against the domain that it names: one of the files on
+//!   the command line or, if none of them is that domain, a file found beside it.
 
 mod tree;
 
@@ -28,23 +29,23 @@ use crate::config::{Ecosystem, KnownPlugin, Overrides};
 use crate::interfacing;
 use crate::review::{self, ReviewScope};
 
-/// The result for one file.
+/// The result of checking one file.
 struct CheckedFile {
     file: String,
     kind: &'static str,
-    /// A short description of the contents, besides mistakes.
+    /// A short description of what the file contains, apart from its mistakes.
     about: String,
     has_errors: bool,
 }
 
-/// The domains given, and the results so far.
+/// The domains among the given files, and the results so far.
 struct FileCheck {
     domains: Vec<DomainText>,
     report: DiagnosticReport,
     checked: Vec<CheckedFile>,
 }
 
-/// Checks every file, and prints the mistakes.
+/// Runs `althing check`: checks every file, and prints the mistakes.
 pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
     let limits = RunLimits::of_time(args.time_limit);
     let give = terminal::limits::refusal(args.print.json);
@@ -64,7 +65,7 @@ pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
     deadline.answer(|| desk.show(args.print.json))
 }
 
-/// Whether a file is an ecosystem file: by its extension, or because it contains the table
+/// Whether a file is an ecosystem file: it has the extension `.toml`, or contains the table
 /// `[ecosystem]`.
 fn is_ecosystem(path: &Path) -> bool {
     let has_ending = path.extension().is_some_and(|ending| ending == "toml");
@@ -78,7 +79,8 @@ fn is_ecosystem(path: &Path) -> bool {
 // === impl Desk ===
 
 impl FileCheck {
-    /// Checks domains first, so that the other files find them regardless of their order.
+    /// Checks the domains first, so that the problems and action models find their domains in
+    /// whatever order the files are given.
     fn check_texts(&mut self, paths: &[&PathBuf]) {
         let mut others = Vec::new();
         for path in paths {
@@ -114,7 +116,7 @@ impl FileCheck {
         self.domains.push(text);
     }
 
-    /// Checks a problem or an action model.
+    /// Checks a problem or an action model, which depends on the domain named `domain`.
     fn check_dependent(&mut self, path: &Path, source: &Arc<SourceText>, domain: &Name) {
         let mut report = DiagnosticReport::default();
         let given = domain_search::domain_given(path, domain, &self.domains);

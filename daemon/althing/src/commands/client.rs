@@ -1,4 +1,5 @@
-//! The link of a command to a running ecosystem: a Zenoh client of one of its daemons.
+//! The link of a command to a running ecosystem: the command is a Zenoh client of one of the
+//! ecosystem's daemons.
 
 use std::future::Future;
 use std::path::PathBuf;
@@ -18,35 +19,37 @@ use crate::config::{self, Ecosystem, Overrides};
 use crate::hosting::{self, DaemonNode, GuestKeys, MessageTransport};
 use crate::plugins;
 
-/// How long to wait for answers.
+/// How long a command waits for the answers of daemons to a query.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
 
-/// How long to wait until agents of the ecosystem are seen, once the link is up.
+/// How long a command waits until it sees agents of the ecosystem, once the link is up.
 const SEEN_WITHIN: Duration = Duration::from_secs(5);
 
-/// Number of characters of the host name in a guest's name: lists of agents are 80 columns wide.
+/// Greatest number of characters of the host name in a guest's name: lists of agents are 80 columns
+/// wide.
 const HOST_CHARS_MAX: usize = 12;
 
-/// A link to a running ecosystem.
+/// A command's link to a running ecosystem.
 pub(crate) struct ClientLink {
     pub(crate) node: DaemonNode,
     pub(crate) view: EcosystemView,
 }
 
-/// Access to an ecosystem: through a link, or from a daemon of it.
+/// Access to a running ecosystem: through a command's link, or from within one of its daemons.
 #[derive(Clone)]
 pub(crate) struct EcosystemView {
     pub(crate) switchboard: Arc<MessageRouter>,
     pub(crate) name: EcosystemId,
-    /// The ecosystem as its file defines it; `None` if the file is not known here.
+    /// The ecosystem as its file defines it; `None` if this process has not read the file.
     pub(crate) ecosystem: Option<Arc<Ecosystem>>,
-    /// The endpoints of its daemons.
+    /// The endpoints of the ecosystem's daemons.
     pub(crate) endpoints: Vec<String>,
-    /// The key that guests use, if the ecosystem is secured.
+    /// The key that guests use if the ecosystem is secured; `None` if it is not secured.
     pub(crate) keys: Option<GuestKeys>,
 }
 
-/// The ecosystem that a command addresses, and the endpoints of its daemons.
+/// The ecosystem that a command addresses: its name, its definition, the endpoints of its daemons,
+/// and the key to use.
 pub(crate) struct ClientTarget {
     pub(super) name: EcosystemId,
     pub(super) ecosystem: Option<Ecosystem>,
@@ -55,8 +58,9 @@ pub(crate) struct ClientTarget {
 }
 
 impl ClientTarget {
-    /// Finds the ecosystem: that of `--ecosystem`, or of the file in the current folder, or the
-    /// only one that runs on this machine. The error completes “failed to …”.
+    /// Finds the ecosystem that a command addresses: the one of `--ecosystem`, or the one of the
+    /// file in the current folder, or the only one that runs on this machine. The error text
+    /// completes the sentence “failed to …”.
     pub(super) fn find(reach: &ReachArgs) -> Result<ClientTarget, String> {
         let file = match &reach.ecosystem {
             Some(asked) => match config::resolve_ecosystem(asked) {
@@ -116,12 +120,13 @@ impl ClientTarget {
         Ok(ClientTarget { name, ecosystem, endpoints, keys })
     }
 
-    /// Returns the configuration of a client session.
+    /// Returns the configuration of a Zenoh client session with this ecosystem.
     pub(super) fn config(&self) -> Result<substrate_zenoh::Config, String> {
         guest_config(&self.name, &self.endpoints, self.keys.as_ref(), "cli")
     }
 
-    /// Waits for the command's turn to join, if daemons are on this machine.
+    /// Waits until the command may join, because only a few commands may join at once. Returns
+    /// `None` without waiting if no daemon is on this machine.
     fn turn(&self) -> Result<Option<JoinSlot>, String> {
         let is_here = |endpoint: &String| endpoint.starts_with("unixsock-stream/");
         if !self.endpoints.iter().any(is_here) {
@@ -131,7 +136,7 @@ impl ClientTarget {
         join_slots::acquire_slot(&folder).map(Some)
     }
 
-    /// Opens the link.
+    /// Opens the link to the ecosystem.
     pub(super) async fn link(self) -> Result<ClientLink, String> {
         let config = self.config()?;
         let daemon = config.daemon.clone();
@@ -154,7 +159,8 @@ impl ClientTarget {
     }
 }
 
-/// Returns the configuration of a client session; `role` distinguishes the sessions of one process.
+/// Returns the configuration of a guest's Zenoh client session; `role` distinguishes the sessions
+/// of one process.
 pub(crate) fn guest_config(
     ecosystem: &EcosystemId,
     endpoints: &[String],
@@ -175,8 +181,8 @@ pub(crate) fn guest_config(
     Ok(config)
 }
 
-/// Returns the arguments by which an ecosystem was found, for a command that the user is advised to
-/// type.
+/// Returns the command-line arguments by which the user reached the ecosystem, for showing the user
+/// a further command with the same arguments.
 pub(crate) fn reach_words(reach: &ReachArgs) -> String {
     let ReachArgs { ecosystem, connect, key } = reach;
     let ecosystem = ecosystem.iter().map(|each| ("--ecosystem", each));
@@ -192,7 +198,7 @@ pub(crate) fn reach_words(reach: &ReachArgs) -> String {
         .collect()
 }
 
-/// Returns a name that no other process of any machine has.
+/// Returns a name for a guest that no other process of any machine has.
 pub(crate) fn guest_name(role: &str) -> String {
     let host = super::up::host_name();
     let host = host.as_ref().map_or("here", DaemonId::as_str);
@@ -202,12 +208,13 @@ pub(crate) fn guest_name(role: &str) -> String {
 }
 
 impl EcosystemView {
-    /// Returns the name of the shared ontology, or `unknown` if it is not known here.
+    /// Returns the name of the shared ontology, or `unknown` if this process has not read the
+    /// ecosystem file.
     pub(crate) fn ontology(&self) -> &str {
         self.ecosystem.as_ref().map_or("unknown", |ecosystem| ecosystem.domain.name.as_str())
     }
 
-    /// Queries a resource from all daemons.
+    /// Queries a resource from all daemons, and returns their answers.
     pub(crate) async fn ask(&self, resource: Resource, agent: Option<AgentId>) -> Vec<Bytes> {
         let ask = ResourceQuery { daemon: None, resource, agent };
         self.switchboard.ask(ask, ANSWERED_WITHIN).await
@@ -223,8 +230,8 @@ impl EcosystemView {
         found.map(|resident| resident.daemon)
     }
 
-    /// Waits until `wanted`, or any agent, is seen, up to [`SEEN_WITHIN`]. Returns the agents that
-    /// are seen then.
+    /// Waits up to [`SEEN_WITHIN`] until the agent `wanted` is seen or, if `wanted` is `None`,
+    /// until any agent is seen. Returns the agents that are seen at the end of the wait.
     pub(crate) async fn directory(&self, wanted: Option<&AgentId>) -> Arc<Directory> {
         let (mut directory, mut changes) = self.switchboard.presence_changes();
         let deadline = tokio::time::Instant::now() + SEEN_WITHIN;
@@ -267,7 +274,7 @@ fn only_running() -> Result<EcosystemId, String> {
     }
 }
 
-/// Opens a link, runs `act`, and leaves in good order.
+/// Opens a link, runs `act` with it, and closes the link in good order.
 pub(super) fn with_link<F: Future<Output = (ClientLink, ExitCode)>>(
     reach: &ReachArgs,
     json: bool,
@@ -295,7 +302,7 @@ pub(super) fn with_link<F: Future<Output = (ClientLink, ExitCode)>>(
     })
 }
 
-/// Opens a link, prints a view of the ecosystem as JSON or for people, and leaves.
+/// Opens a link, prints a view of the ecosystem as JSON or for people, and closes the link.
 pub(super) fn with_view(
     args: &AskArgs,
     print: impl AsyncFnOnce(&EcosystemView, bool) -> ExitCode,
@@ -307,7 +314,7 @@ pub(super) fn with_view(
     })
 }
 
-/// Reports that something could not be reached.
+/// Reports that the ecosystem or an agent could not be reached, and returns the exit code.
 pub(crate) fn unavailable(problem: &str, json: bool) -> ExitCode {
     if json {
         let problem = format!("failed to {problem}");

@@ -1,4 +1,4 @@
-//! `althing completions`: scripts that let a shell complete the command line.
+//! `althing completions`: prints scripts that let a shell complete the command line.
 
 use std::process::ExitCode;
 
@@ -8,7 +8,7 @@ use terminal::{exit, output};
 
 use crate::cli::{Cli, CompletionsArgs, ShellArg};
 
-/// Prints the shell's script.
+/// Prints the completion script for the shell that the user names.
 pub(super) fn run(args: &CompletionsArgs) -> ExitCode {
     let shell = match args.shell {
         ShellArg::Bash => Shell::Bash,

@@ -1,6 +1,7 @@
-//! Watches leader and link while a command waits for a goal. Reports that there is no leader, and
-//! that the daemon through which the command receives messages is stopped. When the command is
-//! linked to another daemon, the reports of the goal that it missed are requested.
+//! Watches the leader and the command's link while a command waits for the end of a goal. Reports
+//! that no leader is present, or that the daemon through which the command receives messages is
+//! stopped. When the command has been linked to another daemon, it requests the reports of the goal
+//! that it missed.
 
 use std::time::Duration;
 
@@ -11,40 +12,41 @@ use tokio::time::{Interval, MissedTickBehavior, interval};
 use crate::commands::client::EcosystemView;
 use crate::commands::daemon_sockets;
 
-/// Interval of the checks. An absent leader is reported at the second check: a standby takes over
-/// sooner.
+/// Interval between two checks of leader and link. An absent leader is reported only at the second
+/// check, because a standby usually takes over sooner.
 const PERIOD: Duration = Duration::from_millis(500);
 
-/// Number of checks without a daemon before that is reported: some links are back within a second.
+/// Number of checks in a row without a daemon after which that is reported: some lost links are
+/// back within a second.
 const UNREACHED_LOOKS: u32 = 6;
 
-/// Checks leader and link periodically.
+/// Checks the leader and the command's link periodically.
 pub(super) struct ConnectionWatch {
     view: EcosystemView,
     leader: AgentId,
-    /// The daemon of this machine through which the command receives messages: its endpoint and
-    /// process.
+    /// The daemon of this machine through which the command receives messages: the daemon's
+    /// endpoint and process.
     door: Option<(String, Pid)>,
     ticks: Interval,
-    /// Number of checks in a row without a leader.
+    /// Number of checks in a row at which no leader was seen.
     leaderless: u32,
     is_door_told: bool,
-    /// Number of checks in a row without a daemon.
+    /// Number of checks in a row at which no daemon was reached.
     unreached: u32,
     /// Whether the link has been lost and the leader has not been seen since.
     is_cut_off: bool,
 }
 
-/// An event to report.
+/// An event of leader or link that the command handles.
 pub(super) enum ConnectionEvent {
-    /// A line for the user.
+    /// A line to show to the user.
     Line(String),
-    /// The command was disconnected and receives messages again: it may have missed some.
+    /// The command was disconnected and receives messages again; it may have missed some meanwhile.
     Reconnected,
 }
 
 impl ConnectionWatch {
-    /// Starts the watch; `leader` is the agent that decides on the goal.
+    /// Starts to watch the connection; `leader` is the agent that decides on the goal.
     pub(super) fn begin(view: &EcosystemView, leader: AgentId) -> ConnectionWatch {
         let door = view.endpoints.iter().find_map(|endpoint| {
             let process = daemon_sockets::process_at(endpoint)?;
@@ -65,7 +67,7 @@ impl ConnectionWatch {
         }
     }
 
-    /// Waits for an event.
+    /// Waits for the next event of leader or link.
     pub(super) async fn news(&mut self) -> ConnectionEvent {
         loop {
             self.ticks.tick().await;
@@ -80,7 +82,7 @@ impl ConnectionWatch {
         }
     }
 
-    /// Whether the leader is seen again after the link was lost.
+    /// Whether the leader is seen again for the first time after the link was lost.
     fn hears_again(&mut self) -> bool {
         let directory = self.view.switchboard.directory();
         self.is_cut_off |= directory.iter().next().is_none();
@@ -103,8 +105,8 @@ impl ConnectionWatch {
         })
     }
 
-    /// Reports that no daemon is reached, or that one is reached again. A stopped daemon has been
-    /// reported already.
+    /// Returns a line if no daemon is reached any more, or if one is reached again. For a stopped
+    /// daemon there is no second line, because `of_door` has reported it.
     fn of_link(&mut self) -> Option<String> {
         if self.view.switchboard.directory().iter().next().is_some() {
             let was_told = self.unreached >= UNREACHED_LOOKS && !self.is_door_told;

@@ -1,8 +1,9 @@
-//! Chooses the daemon of this machine through which a command joins: running daemons before stopped
-//! ones.
+//! Chooses the daemon of this machine through which a command joins. Running daemons are tried
+//! before stopped ones.
 //!
 //! A stopped process (SIGSTOP, a debugger, a frozen container) still accepts connections, because
-//! the kernel does that for it, but never answers. Zenoh waits ten seconds for each of them.
+//! the kernel accepts them for it, but it never answers. Zenoh waits ten seconds for each stopped
+//! process.
 
 use std::path::Path;
 
@@ -13,20 +14,21 @@ use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
 use rustix::process::Pid;
 use terminal::output;
 
-/// The prefix of Zenoh's endpoints for sockets of this machine.
+/// The prefix of a Zenoh endpoint that is a socket of this machine.
 const SOCKET: &str = "unixsock-stream/";
 
-/// The process that listens at a socket.
+/// The process that listens at a socket, as far as it can be known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SocketPeer {
-    /// A process that accepts connections; `None` if it is in another PID namespace.
+    /// A process that accepts connections, with its process id; `None` if it is in another PID
+    /// namespace.
     Process(Option<Pid>),
-    /// A process that accepts no connection, because its queue in the kernel is full.
+    /// A process that accepts no connection, because the socket's queue in the kernel is full.
     Full,
 }
 
-/// Returns the same endpoints, those of running processes first. Tells the user which processes are
-/// stopped.
+/// Returns the endpoints in another order: those of running processes first. Tells the user which
+/// processes are stopped.
 pub(super) fn running_first(endpoints: &[String]) -> Vec<String> {
     let (mut awake, mut stopped) = (Vec::new(), Vec::new());
     for endpoint in endpoints {
@@ -55,7 +57,8 @@ pub(super) fn running_first(endpoints: &[String]) -> Vec<String> {
     awake
 }
 
-/// Returns the process behind an endpoint of this machine; `None` if it is unknown.
+/// Returns the id of the process that listens at an endpoint of this machine; `None` if it is
+/// unknown.
 pub(super) fn process_at(endpoint: &str) -> Option<Pid> {
     match listener(endpoint)? {
         SocketPeer::Process(process) => process,
@@ -63,7 +66,7 @@ pub(super) fn process_at(endpoint: &str) -> Option<Pid> {
     }
 }
 
-/// Whether a process is stopped (SIGSTOP, or by a debugger).
+/// Whether a process is stopped, by SIGSTOP or by a debugger.
 pub(super) fn is_stopped(process: Pid) -> bool {
     let about = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     // The process name before it is in parentheses, and may contain any character.
@@ -81,7 +84,7 @@ fn listener(endpoint: &str) -> Option<SocketPeer> {
     try_connect(Path::new(path.split(['#', '?']).next()?))
 }
 
-/// Connects without blocking: a stopped process would block a command for ever.
+/// Connects to a socket without blocking: a stopped process would block the command for ever.
 fn try_connect(path: &Path) -> Option<SocketPeer> {
     let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
     let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None).ok()?;
@@ -116,7 +119,8 @@ mod tests {
         assert!(is_listening(&path) && !is_stopped(own));
     }
 
-    /// Opens a connection if there is room in the queue.
+    /// Opens a connection if the socket's queue in the kernel has room for it; otherwise returns
+    /// `None`.
     fn is_free(path: &Path) -> Option<std::os::fd::OwnedFd> {
         let flags = SocketFlags::NONBLOCK;
         let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None);

@@ -1,4 +1,4 @@
-//! `althing domain`: the composite domain, as PDDL.
+//! `althing domain`: prints the composite domain of a running ecosystem, as PDDL.
 
 use std::process::ExitCode;
 
@@ -11,7 +11,7 @@ use terminal::{exit, output};
 use crate::cli::AskArgs;
 use crate::commands::client::{self, EcosystemView};
 
-/// Prints the composite domain.
+/// Runs `althing domain`: prints the composite domain.
 pub(super) fn run(args: &AskArgs) -> ExitCode {
     client::with_view(args, print)
 }

@@ -1,4 +1,5 @@
-//! Formats the messages that a person receives: lines for people, objects for programs.
+//! Formats the messages that a person receives: as lines for people, or as JSON objects for
+//! programs.
 
 use std::process::ExitCode;
 
@@ -10,7 +11,7 @@ use terminal::output::Color;
 use terminal::styled::Styled;
 use terminal::{exit, output};
 
-/// Prints a message.
+/// Prints a message that a person receives, and returns the exit code of printing.
 pub(crate) fn print(heard: &UserEvent, json: bool) -> ExitCode {
     if json {
         return output::print_json(&object(heard), exit::DONE);
@@ -19,7 +20,7 @@ pub(crate) fn print(heard: &UserEvent, json: bool) -> ExitCode {
     output::print_styled(&text, exit::DONE)
 }
 
-/// Formats a message for people.
+/// Formats a message as lines for people.
 pub(crate) fn lines(heard: &UserEvent) -> Vec<Styled> {
     match heard {
         UserEvent::Sent(id) => vec![line(Color::Dim, "asked", id.as_str())],
@@ -45,8 +46,8 @@ fn line(color: Color, word: &str, rest: &str) -> Styled {
     Styled::painted(color, &format!("{word:<8}")).and(" ").and(rest)
 }
 
-/// Formats a text of several lines. Further lines are indented, so that none looks like a line of
-/// this program.
+/// Formats a text of several lines. All lines after the first are indented, so that none looks like
+/// a line of this program.
 fn block(color: Color, word: &str, text: &str) -> Vec<Styled> {
     let mut parts = text.lines();
     let first = line(color, word, parts.next().unwrap_or_default());
@@ -71,7 +72,7 @@ fn of_report(report: &Report) -> Vec<Styled> {
     lines
 }
 
-/// Formats an answer to a message that the user wrote.
+/// Formats for people an agent's answer to a message that the user wrote (`althing send`).
 fn of_message(message: &Message) -> Styled {
     let (from, act) = (&message.sender, message.performative);
     let said = match act {
@@ -91,7 +92,7 @@ fn of_message(message: &Message) -> Styled {
     Styled::line(&format!("{:<8} {from}: {said}", act.as_str()))
 }
 
-/// Formats a message for programs.
+/// Formats a message as a JSON object for programs.
 pub(crate) fn object(heard: &UserEvent) -> Value {
     match heard {
         UserEvent::Sent(id) => json!({ "event": "asked", "conversation": id }),

@@ -11,7 +11,7 @@ use crate::commands::client;
 use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 use crate::config::{Ecosystem, is_pddl, plain_goal};
 
-/// Requests a goal or cancels one.
+/// Runs `althing goal`: requests a goal, or cancels one.
 pub(super) fn run(args: &GoalArgs) -> ExitCode {
     let json = args.print.json;
     client::with_link(&args.reach, json, async |link| {
@@ -29,7 +29,8 @@ pub(super) fn run(args: &GoalArgs) -> ExitCode {
     })
 }
 
-/// Returns the request, after finding the goal and checking that it can be parsed.
+/// Returns the user's request for a goal, after finding the goal and checking that it can be
+/// parsed.
 pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<UserRequest, String> {
     if let Some(id) = &args.cancel {
         return Ok(UserRequest::Cancel(ConversationId::new(id)));
@@ -53,8 +54,8 @@ pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Use
     Ok(UserRequest::RequestGoal(GoalRequest { keep, priority, partition, ..wish }))
 }
 
-/// Returns the wish if its goal can be parsed; otherwise the mistakes and, if possible, the goal
-/// that was probably meant.
+/// Returns `wish` if its goal can be parsed. Otherwise the error contains the mistakes and, if
+/// possible, the goal that was probably meant.
 pub(super) fn readable(wish: GoalRequest) -> Result<GoalRequest, String> {
     let goal = wish.goal.trim();
     let Err(found) = pddl::parse_condition(goal).into_result() else { return Ok(wish) };

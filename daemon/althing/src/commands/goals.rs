@@ -1,4 +1,4 @@
-//! `althing goals`: all goals, their state, and their history.
+//! `althing goals`: shows all goals of a running ecosystem, the state of each, and its history.
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -13,10 +13,10 @@ use terminal::{exit, output, visible};
 use crate::cli::AskArgs;
 use crate::commands::client::{self, EcosystemView};
 
-/// Lines of a goal's history that are shown; `--json` shows all of them.
+/// Number of lines of a goal's history that are shown to people; `--json` shows all lines.
 const HISTORY_LINES: usize = 6;
 
-/// Prints a paragraph per goal.
+/// Runs `althing goals`: prints a paragraph per goal.
 pub(super) fn run(args: &AskArgs) -> ExitCode {
     client::with_view(args, print)
 }
@@ -30,7 +30,7 @@ pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     }
 }
 
-/// Queries the goals from the leading Plan Requester; `None` if it does not answer.
+/// Queries the goals from the leading Plan Requester; `None` if the Plan Requester does not answer.
 pub(super) async fn ask(view: &EcosystemView) -> Option<Vec<GoalStatus>> {
     let requester = AgentId::new("plan-requester").ok();
     view.directory(requester.as_ref()).await;
@@ -63,7 +63,8 @@ fn paragraphs(goals: &[GoalStatus], now: &Zoned) -> String {
     text
 }
 
-/// Returns the time of day in the time zone of `now`, with the date if it is another day.
+/// Formats the time `unix_ms` as a time of day in the time zone of `now`, with the date if it is
+/// not the day of `now`.
 fn clock_time(unix_ms: u64, now: &Zoned) -> String {
     let known = i64::try_from(unix_ms).ok().and_then(|ms| Timestamp::from_millisecond(ms).ok());
     let Some(at) = known.map(|at| at.to_zoned(now.time_zone().clone())) else {

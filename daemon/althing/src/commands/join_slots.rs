@@ -1,9 +1,9 @@
-//! Limits how many commands join a running ecosystem at once: each is a process with a Zenoh
-//! session of its own, and hundreds that join together would keep the machine so busy that none of
-//! them sees an agent.
+//! Limits how many commands join a running ecosystem at once. Each command is a process with a
+//! Zenoh session of its own, and hundreds that join at once would keep the machine so busy that
+//! none of the commands sees an agent.
 //!
-//! A turn is a locked file beside the daemons' sockets. It ends when the command has joined, or
-//! when its process has ended.
+//! A slot, which is a command's turn to join, is a locked file beside the daemons' sockets. The
+//! slot becomes free when the command has joined, or when the command's process has ended.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::os::unix::fs::OpenOptionsExt as _;
@@ -13,24 +13,24 @@ use std::time::{Duration, Instant};
 
 use terminal::output;
 
-/// Number of commands that may join at a time.
+/// Number of commands that may join at the same time.
 const AT_ONCE: usize = 4;
 
-/// Time after which the user is told that the command waits.
+/// Time after which the user is told that the command waits for its turn to join.
 const TOLD_AFTER: Duration = Duration::from_secs(3);
 
-/// How often a waiting command tries to get its turn.
+/// Interval between two attempts of a waiting command to get its turn.
 const TRIED_EVERY: Duration = Duration::from_millis(25);
 
-/// How long a command waits for its turn. Joining takes a tenth of a second, so hundreds of
-/// commands can go first.
+/// How long a command waits at most for its turn to join. Joining takes a tenth of a second, so
+/// that hundreds of other commands can join before.
 const WITHIN: Duration = Duration::from_secs(120);
 
-/// A command's turn to join; it ends when this is dropped.
+/// A command's turn to join; the turn ends when this value is dropped.
 pub(super) struct JoinSlot(Option<File>);
 
-/// Waits until this command may join the daemons with sockets in `folder`. The error completes
-/// “failed to …”.
+/// Waits until this command may join the daemons that have their sockets in `folder`. The error
+/// text completes the sentence “failed to …”.
 pub(super) fn acquire_slot(folder: &Path) -> Result<JoinSlot, String> {
     wait_within(folder, WITHIN)
 }

@@ -1,4 +1,4 @@
-//! `althing keyboard`: an interactive prompt to a running ecosystem.
+//! `althing keyboard`: opens an interactive prompt to a running ecosystem.
 
 use std::process::ExitCode;
 
@@ -11,7 +11,7 @@ use crate::commands::client::{self, ClientLink};
 use crate::interruption;
 use crate::prompt::{self, PromptSession};
 
-/// Opens the prompt.
+/// Runs `althing keyboard`: opens the prompt.
 pub(super) fn run(args: &KeyboardArgs) -> ExitCode {
     let json = args.print.json;
     let is_chosen = args.name.is_some();

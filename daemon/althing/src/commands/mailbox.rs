@@ -1,4 +1,5 @@
-//! `althing mailbox`: how full the mailboxes of agents are, and how many messages have overflowed.
+//! `althing mailbox`: shows how full the mailboxes of agents are, and how many messages have
+//! overflowed.
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -12,7 +13,7 @@ use terminal::{exit, output};
 use crate::cli::{MailboxArgs, WhoseArgs};
 use crate::commands::client::{self, EcosystemView};
 
-/// Prints a line per mailbox.
+/// Runs `althing mailbox`: prints one line per mailbox.
 pub(super) fn run(args: &MailboxArgs) -> ExitCode {
     let json = args.print.json;
     client::with_link(&args.reach, json, async |link| {

@@ -1,4 +1,5 @@
-//! One function per command: from arguments to an exit code.
+//! The commands of the command line. Each is a function that takes the arguments and returns an
+//! exit code.
 //!
 //! Commands print their results; none reads the command line or the environment itself.
 
@@ -44,11 +45,11 @@ use terminal::{exit, output};
 use crate::cli::CliCommand;
 use crate::plugins;
 
-/// The words in the line that `althing up` prints when its agents are present; a process that
-/// starts it waits for this line.
+/// The words in the line that `althing up` prints when the agents that it hosts are present. A
+/// process that has started `althing up` waits for this line.
 pub(crate) const READY: &str = "is ready";
 
-/// Runs a command.
+/// Runs a command of the command line, and returns its exit code.
 pub(crate) fn run(command: CliCommand) -> ExitCode {
     match command {
         CliCommand::Plan(args) => althing_plan::run(&args),
@@ -77,7 +78,7 @@ pub(crate) fn run(command: CliCommand) -> ExitCode {
     }
 }
 
-/// Reports a mistake in what the user wrote.
+/// Reports a mistake in what the user wrote, and returns the exit code for it.
 fn wrong(problem: &str, json: bool) -> ExitCode {
     if json {
         let value = serde_json::json!({ "status": "bad-input", "problem": problem });
@@ -87,13 +88,13 @@ fn wrong(problem: &str, json: bool) -> ExitCode {
     exit::with(exit::BAD_INPUT)
 }
 
-/// Formats the mistakes in a text, each with its place.
+/// Formats the mistakes in `text`, each with its line and column.
 fn located(found: &[pddl::Diagnostic], text: &str) -> String {
     let lines: Vec<_> = found.iter().map(|mistake| mistake.located(text)).collect();
     lines.join("\n")
 }
 
-/// Formats a duration in its largest unit.
+/// Formats a duration in the largest unit that suits it.
 pub(crate) fn brief(duration: Duration) -> String {
     match duration.as_secs() {
         0 => format!("{} ms", duration.as_millis()),
@@ -103,8 +104,8 @@ pub(crate) fn brief(duration: Duration) -> String {
     }
 }
 
-/// Runs a future to its end, on a runtime with two threads: one for the agents of a small board,
-/// one for a planner.
+/// Runs a future to its end, on a Tokio runtime with two threads. That suits a small board: one
+/// thread for the agents, one for a planner.
 ///
 /// Zenoh does not work on Tokio's single-threaded scheduler.
 fn in_runtime(work: impl Future<Output = ExitCode>) -> ExitCode {

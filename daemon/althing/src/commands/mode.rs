@@ -1,4 +1,4 @@
-//! `althing mode`: changes the planning flow of a running ecosystem.
+//! `althing mode`: changes the planning mode (centralised or decentralised) of a running ecosystem.
 
 use std::process::ExitCode;
 
@@ -8,7 +8,7 @@ use crate::cli::ModeArgs;
 use crate::commands::client;
 use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 
-/// Requests the flow.
+/// Runs `althing mode`: requests the planning mode.
 pub(super) fn run(args: &ModeArgs) -> ExitCode {
     let json = args.print.json;
     client::with_link(&args.reach, json, async |link| {

@@ -1,4 +1,4 @@
-//! `althing plugin`: packages of plugins, on this machine and in a running ecosystem.
+//! `althing plugin`: manages the packages of plugins, on this machine and in a running ecosystem.
 
 mod allow;
 mod check;
@@ -23,7 +23,7 @@ use crate::commands::client::{self, EcosystemView};
 use crate::config::{self, Ecosystem, Overrides};
 use crate::{hosting, plugins};
 
-/// Lists, checks, installs, changes or removes packages.
+/// Runs `althing plugin`: lists, checks, installs, changes or removes packages.
 pub(super) fn run(args: &PluginArgs) -> ExitCode {
     match &args.command {
         PluginCommand::List(args) => client::with_view(args, list),
@@ -87,7 +87,7 @@ async fn list(view: &EcosystemView, json: bool) -> ExitCode {
     output::print(text, exit::DONE)
 }
 
-/// Describes in a line how far a daemon confines its plugins.
+/// Describes in one line how far a daemon confines its plugins.
 fn confined(plugins: &PluginList) -> String {
     let PluginList { daemon, confinement, .. } = plugins;
     let ConfinementStatus { not_enforced, limits, .. } = confinement;
@@ -121,7 +121,8 @@ fn line(plugins: &PluginList, status: &PluginStatus) -> String {
     text
 }
 
-/// Describes the parts of a plugin's confinement that are not enforced; `None` if all are.
+/// Describes the parts of a plugin's confinement that its machine does not enforce; `None` if it
+/// enforces all parts.
 fn not_enforced_here(lacks: &[String]) -> Option<String> {
     (!lacks.is_empty()).then(|| format!("not enforced here: {}", lacks.join("; ")))
 }
@@ -188,7 +189,8 @@ fn change(
     }
 }
 
-/// Returns the text of an error; for an unknown plugin with the name that was probably meant.
+/// Returns the text of `error`. If the error is that no plugin has the name `name`, the text
+/// contains the name that was probably meant.
 fn known_or_near(shelf: &PackageStore, name: &str, error: PackageStoreError) -> String {
     match error {
         PackageStoreError::Unknown { .. } => {
@@ -216,7 +218,7 @@ fn shelf(place: &PluginPlaceArgs) -> Result<PackageStore, String> {
     Ok(PackageStore { folder: hosting::plugins_folder(said.as_deref()) })
 }
 
-/// Reads an ecosystem file; mistakes in it are shown.
+/// Reads an ecosystem file. Mistakes in the file are shown to the user.
 fn load(file: &Path) -> Result<Ecosystem, String> {
     let read = Ecosystem::load(file, &Overrides::default(), &plugins::known());
     read.map_err(|error| {

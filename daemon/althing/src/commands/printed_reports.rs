@@ -1,25 +1,27 @@
-//! The reports of a goal that a command has printed. After a disconnection the command prints from
-//! the goal's history the lines that it missed, and no line twice.
+//! Remembers which reports of a goal a command has printed. After a disconnection the command takes
+//! from the goal's history the lines that it missed, so that it prints each line once.
 
 use std::collections::VecDeque;
 
 use acl::content::{HistoryEntry, Outcome, Report};
 
-/// Number of lines that are kept: as many as a Plan Requester keeps of a goal.
+/// Number of printed lines that are remembered: as many as a Plan Requester keeps of a goal's
+/// history.
 const LINES_MAX: usize = 64;
 
 type ReportLine = (Outcome, String);
 
-/// The last lines that were printed of one goal.
+/// The last lines that a command printed of one goal.
 #[derive(Debug, Default)]
 pub(super) struct PrintedReports {
     lines: VecDeque<ReportLine>,
-    /// Lines that were printed from the goal's history: they may still arrive as messages.
+    /// Lines that were printed from the goal's history. The same lines may still arrive as
+    /// messages.
     from_history: Vec<ReportLine>,
 }
 
 impl PrintedReports {
-    /// Records a report. Returns `true` if it is to be printed.
+    /// Remembers a report that arrived. Returns `true` if the report is to be printed.
     pub(super) fn note(&mut self, report: &Report) -> bool {
         let line = (report.outcome, report.detail.clone());
         if let Some(index) = self.from_history.iter().position(|other| *other == line) {
@@ -32,9 +34,9 @@ impl PrintedReports {
         true
     }
 
-    /// Returns the lines of a goal's history that have not been printed, and counts them as
-    /// printed. The final report is not among them: it is sent as a message until it is
-    /// acknowledged.
+    /// Returns the lines of a goal's history that have not been printed, and remembers them as
+    /// printed. The final report is never among the returned lines, because the Plan Requester
+    /// sends it as a message until it is acknowledged.
     pub(super) fn missed(&mut self, history: Vec<HistoryEntry>) -> Vec<Report> {
         let mut printed: Vec<_> = self.lines.iter().cloned().collect();
         let mut missed = Vec::new();

@@ -1,12 +1,13 @@
-//! `althing replay`: replays the requests of a recording to agents that are started afresh.
+//! `althing replay`: makes the requests of a recording again, to agents that are started afresh.
 //!
 //! - Messages of the recorded ecosystem's own agents are not replayed: those agents run here, and
-//!   send their own. Replayed are the exchanges that others opened: goals, actions and changes of
-//!   people (`plays`).
+//!   send messages of their own. Only the exchanges that others opened are replayed: goals, actions
+//!   and changes that people requested (`replay_plan`).
 //! - The agents run in this process, on a network in memory, with a simulated building of their
 //!   own; `--lose` and `--duplicate` make that network unreliable.
-//! - A request that was made after another one had ended is replayed after that one has ended.
-//! - The end of each exchange is compared with its end in the recording.
+//! - A request that was made after another request had ended is replayed after the other one has
+//!   ended.
+//! - The end of each exchange is compared with the end of the same exchange in the recording.
 
 mod replay_plan;
 
@@ -37,10 +38,10 @@ use replay_plan::{ExchangeEnd, OpeningMessage, ReplayPlan, ReplayedExchange};
 use terminal::render::plural;
 use terminal::{exit, output};
 
-/// Exit code if an exchange ended otherwise than in the recording.
+/// Exit code if an exchange ended in another way than in the recording.
 const DIFFERENT_END: u8 = 1;
 
-/// Replays a recording, and prints the results.
+/// Runs `althing replay`: replays a recording, and prints the results.
 pub(super) fn run(args: &ReplayArgs) -> ExitCode {
     let json = args.print.json;
     let recording = match Recording::read(&args.file) {
@@ -100,18 +101,18 @@ struct ReplaySession {
     mishaps: Arc<FaultInjector>,
     speed: f64,
     lasts: Duration,
-    /// How long to wait for an end beyond the recorded time: lost messages are resent up to a
-    /// second later, and a plan has tens of messages.
+    /// How long to wait for the end of an exchange beyond the time that it took in the recording. A
+    /// lost message is resent up to a second later, and a plan has tens of messages.
     patience: Duration,
     unread: usize,
     name: String,
 }
 
-/// The conversations of the replay that continue those of the recording.
+/// Maps each conversation of the recording to the conversation of the replay that stands for it.
 type ConversationMap = Arc<watch::Sender<BTreeMap<ConversationId, ConversationId>>>;
 
 impl ReplaySession {
-    /// Replays the recording to its end. The error completes “failed to …”.
+    /// Replays the recording to its end. The error text completes the sentence “failed to …”.
     async fn play(self, ecosystem: &Ecosystem, json: bool) -> Result<ExitCode, String> {
         // The state folder of the fresh ecosystem exists as long as the replay.
         let state = tempfile::Builder::new().prefix("althing-").tempdir();
@@ -170,7 +171,8 @@ impl ReplaySession {
         DaemonNode::open(part, wire).await.map_err(|error| error.to_string())
     }
 
-    /// Launches a keyboard agent for every initiator in the recording, under its name there.
+    /// Launches a keyboard agent for every initiator in the recording, under the name that the
+    /// initiator has in the recording.
     fn launch_clients(
         &self,
         node: &DaemonNode,
@@ -247,8 +249,9 @@ impl ReplaySession {
     }
 }
 
-/// Returns the name of the keyboard that sends a message. A cancellation has a keyboard of its own:
-/// its answers arrive in the same conversation as those to the initiator of the goal.
+/// Returns the name of the keyboard agent that sends the message of a replayed exchange. A
+/// cancellation is sent from a keyboard of its own: the answers to it arrive in the same
+/// conversation as those to the initiator of the goal.
 fn keyboard_name(index: usize, play: &ReplayedExchange) -> AgentId {
     match &play.words {
         OpeningMessage::Said(_) => play.who.clone(),
@@ -257,8 +260,9 @@ fn keyboard_name(index: usize, play: &ReplayedExchange) -> AgentId {
     }
 }
 
-/// Replays one exchange, and returns its end. For a kept goal `has_ended` is called when it first
-/// holds, as in the recording, because a later cancellation has waited for no more than that.
+/// Replays one exchange, and returns how it ended. For a kept goal `has_ended` is called as soon as
+/// the goal holds for the first time: in the recording, a later cancellation did not wait for more
+/// either.
 async fn replay_exchange(
     play: ReplayedExchange,
     voice: RemoteClient,
@@ -299,8 +303,9 @@ async fn replay_exchange(
     end
 }
 
-/// Returns the conversation that continues one of the recording, as soon as it exists; the old
-/// name, which no agent knows here, if it never does.
+/// Returns the conversation of the replay that stands for the recorded conversation `then`, and
+/// waits for it up to the time `until`. If there is none by then, returns `then` itself, which no
+/// agent knows here.
 async fn conversation_now(
     now: &ConversationMap,
     then: ConversationId,
@@ -315,7 +320,8 @@ async fn conversation_now(
 }
 
 impl ExchangeEnd {
-    /// Returns the end that a message reports; `None` for progress.
+    /// Returns the end of an exchange that a message reports; `None` if the message reports only
+    /// progress.
     fn of(news: &RemoteUpdate) -> Option<ExchangeEnd> {
         match news {
             RemoteUpdate::Report(report) => ExchangeEnd::of_outcome(report.outcome),

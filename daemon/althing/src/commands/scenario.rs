@@ -1,5 +1,5 @@
-//! `althing scenario`: plays a scenario of the paper and reports whether the building's truth meets
-//! its requirements.
+//! `althing scenario`: plays a scenario of the paper, and reports whether the true state of the
+//! simulated building meets the requirements of the scenario.
 
 use std::process::ExitCode;
 
@@ -13,10 +13,10 @@ use crate::scenario::{
     Scenario, ScenarioEvent, ScenarioOptions, ScenarioResult, ScenarioSubstrate, play,
 };
 
-/// Exit code if the building's truth does not meet them.
+/// Exit code if the true state of the building does not meet the requirements of the scenario.
 const DOES_NOT_HOLD: u8 = 1;
 
-/// Plays the scenario, and prints its events and the verdict.
+/// Runs `althing scenario`: plays the scenario, and prints the events and the verdict.
 pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
     let mode = args.mode.map_or(Mode::Decentralized, Mode::from);
     let stage = match args.substrate {

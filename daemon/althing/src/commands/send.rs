@@ -1,5 +1,5 @@
-//! `althing send`: checks one message of the user, sends it from a keyboard agent, and prints the
-//! answers.
+//! `althing send`: checks one message that the user wrote, sends it from a keyboard agent, and
+//! prints the answers.
 
 use std::io::Read as _;
 use std::path::Path;
@@ -21,14 +21,14 @@ use crate::cli::SendArgs;
 use crate::commands::client::{self, ClientLink};
 use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 
-/// Default time to wait for answers: longer than an agent may take to answer, and longer than the
-/// search for a plan takes.
+/// How long to wait for answers if the message names no deadline: longer than an agent may take to
+/// answer, and longer than the search for a plan takes.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Longest message in bytes; a program that writes megabytes is mistaken.
+/// Greatest length of the user's message in bytes; a program that writes megabytes is mistaken.
 const BYTES_MAX: u64 = 1 << 20;
 
-/// The message in the file.
+/// The message as the user wrote it in the file.
 #[derive(Deserialize)]
 struct WrittenMessage {
     performative: Performative,
@@ -39,16 +39,17 @@ struct WrittenMessage {
     protocol: Option<Protocol>,
     conversation_id: Option<ConversationId>,
     reply_by: Option<Deadline>,
-    /// Keys that the keyboard sets itself ([`SAID_BY_KEYBOARD`]), and unknown ones.
+    /// The other keys in the file: keys that the keyboard sets itself ([`SAID_BY_KEYBOARD`]), and
+    /// unknown ones.
     #[serde(flatten)]
     rest: Map<String, Value>,
 }
 
-/// The keys of a message that users write.
+/// The keys of a message that users write themselves.
 const WRITTEN: &[&str] =
     &["performative", "receiver", "content", "protocol", "conversation_id", "reply_by"];
 
-/// The keys that the keyboard sets itself, whatever the file contains.
+/// The keys of a message that the keyboard agent sets itself, whatever the file contains.
 const SAID_BY_KEYBOARD: &[&str] = &[
     "version",
     "id",
@@ -61,7 +62,7 @@ const SAID_BY_KEYBOARD: &[&str] = &[
     "via",
 ];
 
-/// One name, or a list of them.
+/// The receivers of a message as the user writes them: one agent name, or a list of agent names.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Receivers {
@@ -75,7 +76,7 @@ impl Default for Receivers {
     }
 }
 
-/// Sends the message.
+/// Runs `althing send`: sends the message.
 pub(super) fn run(args: &SendArgs) -> ExitCode {
     let json = args.print.json;
     let draft = match text(&args.file).and_then(|text| draft(&text)) {
@@ -104,7 +105,8 @@ async fn send(link: &ClientLink, draft: MessageDraft, json: bool) -> ExitCode {
     if is_to_all && code == exit::with(exit::UNAVAILABLE) { exit::with(exit::DONE) } else { code }
 }
 
-/// Checks that the receiver is present: a message to a wrong name would wait for its deadline.
+/// Checks that the receiver of the message is present: a message to a misspelled name would be
+/// waited for until its deadline.
 fn is_here(draft: &MessageDraft, directory: &Directory) -> Result<(), String> {
     let Some(to) = draft.to.as_ref().filter(|to| directory.find(to).is_none()) else {
         return Ok(());
@@ -127,8 +129,8 @@ fn text(file: &Path) -> Result<String, String> {
     Ok(text)
 }
 
-/// Reads a message and checks it: its performative must open an exchange of its protocol, and its
-/// content must have the form that belongs to both.
+/// Parses and checks the user's message: its performative must be one that opens an exchange of its
+/// protocol, and its content must have the form that performative and protocol require.
 fn draft(text: &str) -> Result<MessageDraft, String> {
     let written: WrittenMessage = serde_json::from_str(text).map_err(|error| {
         format!("this is not a message: {}; see althing help send", worded(&error))
@@ -182,7 +184,7 @@ fn draft(text: &str) -> Result<MessageDraft, String> {
     })
 }
 
-/// Explains in the terms of the user why a message cannot be read.
+/// Explains in the terms of the user why the message cannot be parsed.
 fn worded(error: &serde_json::Error) -> String {
     let said = error.to_string();
     let near = |word: &str, known: &[&str]| match pddl::nearest(word, known.iter().copied()) {
@@ -207,7 +209,7 @@ fn worded(error: &serde_json::Error) -> String {
     }
 }
 
-/// Returns the protocol of a message, after checking that its content can be read.
+/// Returns the protocol to which a message belongs, after checking that its content can be parsed.
 fn shape(performative: Performative, content: &Value) -> Result<Protocol, String> {
     let wrong =
         |error: serde_json::Error| format!("the content of a `{performative}`: {}", worded(&error));

@@ -1,4 +1,5 @@
-//! `althing sensors`: the sensors of this machine, and the lines that add them to an ecosystem.
+//! `althing sensors`: shows the sensors of this machine, and the lines that add them to an
+//! ecosystem file.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -12,7 +13,7 @@ use terminal::{exit, output};
 
 use crate::cli::SensorsArgs;
 
-/// Shows the sensors of this machine.
+/// Runs `althing sensors`: shows the sensors of this machine.
 pub(crate) fn run(args: &SensorsArgs) -> ExitCode {
     if let Err(error) = std::fs::read_dir(&args.sysfs) {
         let sysfs = args.sysfs.display();
@@ -71,8 +72,8 @@ fn table(channels: &[SensorChannel]) -> String {
     text + "\nalthing sensors --toml prints the lines that bring them into an ecosystem\n"
 }
 
-/// Returns an agent's entry for each device and quantity; sensors of the machine itself are left
-/// out.
+/// Returns lines for an ecosystem file: the entry of one agent for each device and quantity.
+/// Sensors that measure the machine itself are left out.
 fn lines(channels: &[SensorChannel]) -> String {
     let mut counts = BTreeMap::new();
     let mut text = String::new();

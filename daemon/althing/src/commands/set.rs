@@ -1,4 +1,4 @@
-//! `althing set`: changes known facts.
+//! `althing set`: changes known facts of a running ecosystem.
 
 use std::process::ExitCode;
 
@@ -9,7 +9,7 @@ use crate::cli::{FactArgs, SetArgs};
 use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 use crate::commands::{client, wrong};
 
-/// Requests the change.
+/// Runs `althing set`: requests the change of facts.
 pub(super) fn run(args: &SetArgs) -> ExitCode {
     let json = args.print.json;
     let said = match said(&args.facts) {
@@ -25,7 +25,7 @@ pub(super) fn run(args: &SetArgs) -> ExitCode {
     })
 }
 
-/// Returns the request to change facts, after checking that they can be parsed.
+/// Returns the user's request to change facts, after checking that the facts can be parsed.
 pub(crate) fn said(args: &FactArgs) -> Result<UserRequest, String> {
     let facts = args.facts.join("\n");
     let read = pddl::parse_init_elements(&facts).into_result();

@@ -1,4 +1,4 @@
-//! `althing state`: the known facts, their owners, and how long they are valid.
+//! `althing state`: shows the known facts, the owner of each, and how long each is valid.
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -13,7 +13,7 @@ use terminal::{exit, output, visible};
 use crate::cli::AskArgs;
 use crate::commands::client::{self, EcosystemView};
 
-/// Prints a line per fact.
+/// Runs `althing state`: prints one line per fact.
 pub(super) fn run(args: &AskArgs) -> ExitCode {
     client::with_view(args, print)
 }

@@ -1,4 +1,4 @@
-//! `althing up`: runs the daemon until it is asked to stop.
+//! `althing up`: runs a daemon until the daemon is asked to stop.
 
 mod reload;
 
@@ -32,12 +32,13 @@ use crate::review::{self, ReviewScope};
 use crate::service_manager::{self, Watchdog};
 use reload::{Reload, ReloadOutcome};
 
-/// Zenoh's retry settings for a lost link to a daemon of this machine: four times a second as long
-/// as it does not answer. Looking for a socket costs almost nothing, and a process that was stopped
-/// is reached as soon as it continues.
+/// Zenoh's retry settings for a lost link to another daemon of this machine: Zenoh tries four times
+/// a second as long as the other daemon does not answer. Looking for a socket costs almost nothing,
+/// and a daemon that was stopped is reached again as soon as it continues.
 const RETRY: &str = "retry_period_init_ms=250;retry_period_max_ms=250";
 
-/// Reads the ecosystem, hosts this machine's part of it, and drains at SIGINT and SIGTERM.
+/// Runs `althing up`: reads the ecosystem, hosts the agents of this machine, and drains the daemon
+/// at SIGINT and SIGTERM.
 pub(super) fn run(args: &UpArgs) -> ExitCode {
     hosting::restrict_umask();
     let Some(file) = args.file.clone().or_else(config::find_ecosystem_file) else {
@@ -83,8 +84,8 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
     super::in_runtime(up(ecosystem, place, others, manner, reload))
 }
 
-/// Reads the ecosystem and finds this daemon's part of it; mistakes are shown, and the error is the
-/// exit code.
+/// Reads the ecosystem file and finds the part that this daemon hosts. Mistakes in the file are
+/// shown to the user; the error is the exit code.
 fn read(
     file: &Path,
     overrides: &Overrides,
@@ -116,13 +117,13 @@ fn read(
 
 /// The tasks that the command line gives to the daemon, besides hosting agents.
 struct UpTasks {
-    /// The goals that it requests.
+    /// The goals that the daemon requests once it runs.
     goals: Vec<GoalRequest>,
     has_prompt: bool,
     until_stdin_ends: bool,
 }
 
-/// The part of the ecosystem that this process hosts.
+/// The part of the ecosystem that this process hosts: a daemon, and its agents.
 #[derive(Clone)]
 struct HostedPart {
     daemon: DaemonId,
@@ -131,8 +132,9 @@ struct HostedPart {
 }
 
 impl HostedPart {
-    /// Returns the part of `--daemon`, or of the host name. A machine that the file does not name
-    /// runs alone and hosts all agents.
+    /// Returns the part that this process hosts: that of the daemon named by `--daemon`, otherwise
+    /// that of the daemon with the name of this host. A machine that the file does not name runs
+    /// alone and hosts all agents.
     fn find(ecosystem: &Ecosystem, asked: Option<&str>) -> Result<HostedPart, String> {
         let host = host_name();
         let named = match asked {
@@ -172,17 +174,19 @@ impl HostedPart {
     }
 }
 
-/// Returns the machine's host name as the name of a daemon; `None` if it cannot be one.
+/// Returns the host name of this machine as a daemon's name; `None` if the host name is not a valid
+/// name of a daemon.
 pub(super) fn host_name() -> Option<DaemonId> {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok()?;
     let first = name.trim().split('.').next()?.to_lowercase();
     DaemonId::new(&first).ok()
 }
 
-/// The other ecosystems that this daemon joins, each with the interface that connects to it.
+/// The other ecosystems that this daemon joins, each with the interface that connects this
+/// ecosystem to it.
 type PeerInterfaces = Vec<(InterfaceEntry, PeerEcosystem)>;
 
-/// Reads the other ecosystems that this daemon joins by its interfaces.
+/// Reads the files of the other ecosystems that this daemon joins by its interfaces.
 fn others(ecosystem: &Ecosystem, place: &HostedPart) -> Result<PeerInterfaces, DiagnosticReport> {
     let is_here = |entry: &InterfaceEntry| match &entry.daemon {
         Some(daemon) => place.is_alone || *daemon == place.daemon,
@@ -198,10 +202,11 @@ fn others(ecosystem: &Ecosystem, place: &HostedPart) -> Result<PeerInterfaces, D
     Ok(others)
 }
 
-/// The nodes in other ecosystems, each with its presence there.
+/// This process's nodes in the other ecosystems, each with its presence among the daemons of that
+/// ecosystem.
 type PeerNodes = Vec<(DaemonNode, PresenceGuard)>;
 
-/// Joins the other ecosystems, each with a connection of its own, and starts the interfaces.
+/// Joins the other ecosystems, each by a separate connection, and starts the interfaces to them.
 async fn abroad(
     ecosystem: &Ecosystem,
     others: PeerInterfaces,
@@ -239,8 +244,9 @@ async fn abroad(
     Ok(abroad)
 }
 
-/// Drains all nodes. Proxy agents leave before the agents that they stand for, so that their
-/// commitments are cancelled in the other ecosystem too.
+/// Drains the nodes of this process in all ecosystems; returns `false` if that takes too long.
+/// Proxy agents leave before the agents that they represent, so that the commitments of the proxy
+/// agents are cancelled in the other ecosystem as well.
 async fn drain(home: DaemonNode, abroad: PeerNodes) -> bool {
     let mut all = home.drain().await;
     for (node, _stay) in abroad {
@@ -318,7 +324,8 @@ async fn up(
     exit::with(exit::DONE)
 }
 
-/// Runs the daemon until it is asked to stop (`false`) or has to restart itself (`true`).
+/// Runs the daemon until it is asked to stop (returns `false`) or has to restart itself (returns
+/// `true`).
 async fn serve(
     node: &mut DaemonNode,
     ecosystem: &Ecosystem,
@@ -351,8 +358,8 @@ async fn serve(
     }
 }
 
-/// Opens a prompt of this daemon: a keyboard agent, which also requests the goals of the command
-/// line.
+/// Opens the prompt of `--keyboard` in this daemon. The keyboard agent of the prompt also requests
+/// the goals of the command line.
 async fn prompt(
     ecosystem: Arc<Ecosystem>,
     node: &DaemonNode,
@@ -385,8 +392,8 @@ async fn wish(terminal: &Terminal, goals: Vec<GoalRequest>) {
     }
 }
 
-/// Reads standard input to its end, on a thread of its own: a read of a terminal cannot be
-/// interrupted, and the process must not wait for it.
+/// Reads standard input to its end, on a separate thread: reading from a terminal cannot be
+/// interrupted, and the process must be able to end before.
 fn watch_stdin() -> oneshot::Receiver<()> {
     let (tell, ended) = oneshot::channel();
     std::thread::spawn(move || {
@@ -407,8 +414,8 @@ async fn ended(stdin: &mut Option<oneshot::Receiver<()>>) {
     }
 }
 
-/// Prints which agents are hosted. A process that started this one waits for the line; a service
-/// manager is notified separately.
+/// Prints which agents this daemon hosts. A process that started this one waits for the line; a
+/// service manager is notified in another way.
 fn announce(ecosystem: &Ecosystem, place: &HostedPart, node: &DaemonNode) {
     let agents: Vec<_> = node.agents().map(AgentId::as_str).collect();
     let alone = if place.is_alone { ", alone on this machine" } else { "" };
@@ -436,8 +443,8 @@ fn announce(ecosystem: &Ecosystem, place: &HostedPart, node: &DaemonNode) {
     }
 }
 
-/// Opens a daemon's node. Also returns the simulated building, the daemon's presence in the folder
-/// of sockets, and whether it scouts for daemons beyond its machine.
+/// Opens the node of this daemon. Returns the node, the simulated building, the daemon's presence
+/// in the folder of sockets, and whether the daemon scouts for daemons on other machines.
 async fn open(
     ecosystem: &Ecosystem,
     place: &HostedPart,
@@ -470,8 +477,8 @@ async fn open(
     Ok((node, simulated, stay, scouts))
 }
 
-/// Returns the socket by which several processes share the building: the one in the ecosystem file
-/// or, if this daemon hosts agents of packages, one in the runtime folder.
+/// Returns the socket by which several processes share the simulated building: the one that the
+/// ecosystem file names or, if this daemon hosts agents of packages, one in the runtime folder.
 fn building_socket(ecosystem: &Ecosystem, place: &HostedPart) -> Result<Option<PathBuf>, String> {
     if ecosystem.building.socket.is_some() {
         return Ok(ecosystem.building.socket.clone());
@@ -485,11 +492,11 @@ fn building_socket(ecosystem: &Ecosystem, place: &HostedPart) -> Result<Option<P
 #[derive(Default)]
 struct SimulatedBuilding {
     handle: Option<BuildingHandle>,
-    /// The building itself; `None` if another process has it.
+    /// The building itself; `None` if another process simulates it.
     own: Option<Building>,
-    /// Serves the building to other processes as long as the daemon runs.
+    /// The server by which other processes use the building, as long as this daemon runs.
     _server: Option<Server>,
-    /// Takes over the building when the process that serves it is gone.
+    /// The task that takes over the building when the process that serves it is gone.
     _succession: Option<BuildingTakeover>,
 }
 
@@ -499,8 +506,8 @@ impl SimulatedBuilding {
         SimulatedBuilding { handle, own: Some(building), _server: server, _succession: None }
     }
 
-    /// Creates the handle for a building of another process, to be taken over when that process is
-    /// gone.
+    /// Returns the simulated building of another process as this daemon uses it. This daemon takes
+    /// the building over when that process is gone.
     fn theirs(ecosystem: &Ecosystem, socket: &Path, building: BuildingHandle) -> SimulatedBuilding {
         let succession =
             hosting::watch_building(ecosystem.clone(), socket.to_owned(), building.clone());
@@ -512,8 +519,9 @@ impl SimulatedBuilding {
     }
 }
 
-/// Returns the building for the simulated drivers of these agents, if there are any: that of
-/// another process if one serves it already, otherwise a new one, which other processes may use.
+/// Returns the building in which these agents' simulated drivers act; without such drivers, none.
+/// If another process serves the building already, it is that one, otherwise a new one, which other
+/// processes may use.
 async fn simulated(
     ecosystem: &Ecosystem,
     agents: &[AgentEntry],
@@ -546,8 +554,8 @@ async fn simulated(
     }
 }
 
-/// Configures Zenoh for this daemon: the daemons of one machine find each other by sockets in a
-/// folder, and a daemon connects to those that entered earlier.
+/// Returns the Zenoh configuration of this daemon. The daemons of one machine find each other by
+/// sockets in a folder, and each connects to those that entered the folder before it.
 async fn wire(
     ecosystem: &Ecosystem,
     daemon: &DaemonId,
@@ -585,7 +593,7 @@ fn zenoh_settings(said: &Value) -> Value {
     }
 }
 
-/// Requests the goals of the command line through a keyboard agent.
+/// Requests the goals of the command line, through a keyboard agent.
 async fn ask(
     ecosystem: &Ecosystem,
     node: &DaemonNode,

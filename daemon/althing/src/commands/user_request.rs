@@ -1,5 +1,6 @@
-//! Sends one request or message to a running ecosystem through a keyboard agent of the command, and
-//! follows the answers. Used by `goal`, `act`, `launch_scenario`, `mode`, `answer` and `send`.
+//! Sends one request or message to a running ecosystem, through a keyboard agent that the command
+//! launches, and follows the answers. The commands `goal`, `act`, `set`, `mode`, `answer` and
+//! `send` use this.
 
 use std::mem;
 use std::process::ExitCode;
@@ -16,28 +17,29 @@ use crate::commands::printed_reports::PrintedReports;
 use crate::commands::{event_output, goals};
 use crate::interruption;
 
-/// The number of the signal of Ctrl-C.
+/// The number of the signal that Ctrl-C sends.
 const SIGINT: i32 = 2;
 
 /// Exit code if the request failed or was refused.
 pub(super) const FAILED: u8 = 1;
 
-/// The effect of Ctrl-C on the request.
+/// The effect of Ctrl-C on the request that the command follows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum InterruptAction {
-    /// The request continues; the user gets this text.
+    /// The request continues without the command, and the user is shown this text.
     Leave(String),
-    /// The goal continues; the user is told how to follow it and how to cancel it, with these
-    /// arguments, by which the ecosystem was found.
+    /// The goal continues without the command, and the user is shown the commands that follow it
+    /// and cancel it. The text holds the arguments for these commands by which the ecosystem was
+    /// found.
     LeaveGoal(String),
-    /// The request is cancelled, and its final report is waited for; a second Ctrl-C ends the
-    /// command at once.
+    /// The request is cancelled, and the command waits for the final report; a second Ctrl-C ends
+    /// the command at once.
     GiveUp,
 }
 
-/// The options of a request.
+/// How a request is sent and followed.
 pub(super) struct ExchangeOptions<'a> {
-    /// The receiver, if the user has to wait for it.
+    /// The agent that the command waits for before it sends; `None` if it need not wait for one.
     pub(super) to: Option<&'a str>,
     pub(super) json: bool,
     pub(super) interrupt: InterruptAction,
@@ -115,7 +117,7 @@ pub(super) async fn send_and_follow(
 }
 
 impl InterruptAction {
-    /// Returns the text for a user that leaves before the end.
+    /// Returns the text for a user that leaves by Ctrl-C before the request has ended.
     fn advice(&self, about: Option<&ConversationId>) -> String {
         match (self, about) {
             (InterruptAction::Leave(advice), _) => advice.clone(),
@@ -131,8 +133,8 @@ impl InterruptAction {
     }
 }
 
-/// Sends the request. Returns the terminal that receives the answers. The error completes “failed
-/// to …”.
+/// Sends the request from a new keyboard agent. Returns the terminal that receives the answers. The
+/// error text completes the sentence “failed to …”.
 async fn begin(
     link: &ClientLink,
     said: UserRequest,
@@ -152,7 +154,7 @@ async fn begin(
     Ok(terminal)
 }
 
-/// Starts the watch over leader and link, for goals only.
+/// Starts to watch the leader and the link. Returns `None` if the request is not for a goal.
 fn vigil(link: &ClientLink, manner: &ExchangeOptions<'_>) -> Option<ConnectionWatch> {
     if !matches!(manner.interrupt, InterruptAction::LeaveGoal(_)) {
         return None;
@@ -168,7 +170,8 @@ async fn news(vigil: &mut Option<ConnectionWatch>) -> ConnectionEvent {
     }
 }
 
-/// Prints the reports of a goal that the command missed, as far as the Plan Requester keeps them.
+/// Prints the reports of a goal that the command missed, as far as the Plan Requester still keeps
+/// them.
 async fn catch_up(
     link: &ClientLink,
     about: Option<&ConversationId>,
@@ -182,7 +185,7 @@ async fn catch_up(
     }
 }
 
-/// Prints the lines of a goal's history that have not been printed.
+/// Prints the lines of a goal's history that the command has not printed yet.
 fn print_missed(
     told: &mut PrintedReports,
     about: &ConversationId,
@@ -194,7 +197,8 @@ fn print_missed(
     }
 }
 
-/// Waits until the receiver is seen; tells the user if it is not seen in time.
+/// Waits until the receiver of the request is seen. The user is told if the receiver is not seen in
+/// time.
 async fn await_receiver(link: &ClientLink, to: Option<&str>) -> Result<(), &'static str> {
     let wanted = to.and_then(|to| AgentId::new(to).ok());
     let directory = link.view.directory(wanted.as_ref()).await;

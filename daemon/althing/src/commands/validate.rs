@@ -1,6 +1,7 @@
 //! `althing validate`: checks a plan independently of any planner, and computes its cost.
 //!
-//! The last line on stdout is `cost = N` for a plan that works: planner benchmarks read it.
+//! The last line on stdout is `cost = N` if the plan is valid; benchmarks of planners read this
+//! line.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -19,7 +20,7 @@ use terminal::{exit, output};
 
 use crate::cli::ValidateArgs;
 
-/// Checks the plan, and prints its cost or its first fault.
+/// Runs `althing validate`: checks the plan, and prints its cost or the first fault.
 pub(crate) fn run(args: &ValidateArgs) -> ExitCode {
     let json = args.print.json;
     let limits = RunLimits::of_time(args.time_limit);
@@ -29,7 +30,7 @@ pub(crate) fn run(args: &ValidateArgs) -> ExitCode {
     deadline.answer(|| show(json, judged))
 }
 
-/// The result of the validation.
+/// The result of validating a plan.
 enum ValidationResult {
     Valid {
         warnings: DiagnosticReport,
@@ -42,7 +43,8 @@ enum ValidationResult {
         plan: Plan,
         fault: Box<Fault>,
     },
-    /// The domain, the problem or the plan cannot be used.
+    /// The domain, the problem or the plan has mistakes or is not supported, so that nothing could
+    /// be validated.
     Refused(DiagnosticReport),
 }
 
@@ -110,7 +112,8 @@ fn read_plan(path: &Path) -> Result<(Arc<SourceText>, Plan, DiagnosticReport), D
     }
 }
 
-/// Returns a report if the task or the plan uses time, which the validator does not support.
+/// Returns a report if the task or the plan uses durations or time, which the validator does not
+/// support; otherwise `None`.
 fn unsupported(task: &PddlTask, source: &Arc<SourceText>, plan: &Plan) -> Option<DiagnosticReport> {
     let mut report = task.report.clone();
     if let Some(later) = task.problem.timed_literal() {
@@ -171,7 +174,8 @@ fn show_fault(
     output::print_json(&value, exit::INVALID_PLAN)
 }
 
-/// Returns the fault as a mistake in the text of the plan or, for the goal, of the problem.
+/// Returns a fault of the plan as a mistake at its place: in the text of the plan or, if the goal
+/// is not reached, in that of the problem.
 fn told(
     task: &PddlTask,
     source: &Arc<SourceText>,
@@ -207,15 +211,16 @@ fn told(
     }
 }
 
-/// Returns the help that `check` gives for the step: the name that was probably meant.
+/// Returns the help that `althing check` would give for the step at `index`: the name that was
+/// probably meant.
 fn suggestion(task: &PddlTask, plan: &Plan, index: usize) -> Option<String> {
     let step = plan.steps.get(index)?.clone();
     let alone = Plan { steps: vec![step], cost: None };
     pddl::check_plan(&task.domain, &task.problem, &alone).into_iter().find_map(|found| found.help)
 }
 
-/// Returns the span of the word `:goal`, because the tree does not record where the whole goal
-/// stands.
+/// Returns the span of the word `:goal` in the text of a problem. The syntax tree does not record
+/// the span of the whole goal.
 fn goal_span(text: &str) -> pddl::Span {
     let without_comments = text.split_inclusive('\n').scan(0, |offset, line| {
         let start = *offset;

@@ -1,5 +1,5 @@
 //! `althing watch`: prints the messages of a running ecosystem as they are sent, and checks them
-//! against the protocols; those of one conversation as a sequence diagram.
+//! against the protocols. The messages of a single conversation are printed as a sequence diagram.
 
 pub(crate) mod record;
 
@@ -21,22 +21,23 @@ use crate::commands::client::{self, ClientTarget};
 use crate::hosting::GuestKeys;
 use crate::interruption;
 
-/// Most messages that wait to be printed or recorded; further ones are dropped. A recording counts
-/// them.
+/// Most messages that wait to be printed or recorded; further messages are dropped. A recording
+/// counts the dropped messages.
 const WAITING_MAX: usize = 10_000;
 
-/// The replacement for a person's answer; its length does not depend on that of the answer.
+/// The text that is shown instead of a person's answer; it has the same length whatever the answer
+/// is.
 const REDACTED: &str = "•••";
 
 /// Width of the output in columns.
 const COLUMNS: usize = 80;
 
-/// Width of a name in a sequence diagram, and of the arrow between two names.
+/// Width in columns of a name in a sequence diagram, and of the arrow between two names.
 const NAME_COLUMNS: usize = 22;
 const ARROW_COLUMNS: usize = 24;
 const _: () = assert!(9 + 2 * NAME_COLUMNS + ARROW_COLUMNS + 2 <= COLUMNS);
 
-/// Prints a line per message, until Ctrl-C.
+/// Runs `althing watch`: prints one line per message, until Ctrl-C.
 pub(super) fn run(args: &WatchArgs) -> ExitCode {
     let json = args.print.json;
     let target = match ClientTarget::find(&args.reach) {
@@ -61,20 +62,21 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
     })
 }
 
-/// The ecosystem to listen to, and the identity of the listener.
+/// The ecosystem of which messages are shown, and the identity with which this process joins it.
 pub(crate) struct WatchOptions {
     pub(crate) ecosystem: EcosystemId,
     pub(crate) endpoints: Vec<String>,
     pub(crate) keys: Option<GuestKeys>,
-    /// Distinguishes the listeners of one process.
+    /// A word in the name of this listener that distinguishes the listeners of one process.
     pub(crate) role: &'static str,
 }
 
-/// Prints messages until the reader of the output is gone.
+/// Prints the messages of an ecosystem until the reader of the output is gone.
 ///
 /// # Errors
 ///
-/// Returns an error if the ecosystem cannot be reached; it completes “failed to …”.
+/// Returns an error if the ecosystem cannot be reached. The error text completes the sentence
+/// “failed to …”.
 pub(crate) async fn listen(
     listening: &WatchOptions,
     conversation: Option<String>,
@@ -107,7 +109,7 @@ pub(crate) async fn listen(
     Ok(exit::with(exit::DONE))
 }
 
-/// Tells the user that every message from now on is shown.
+/// Tells the user that every message from now on is shown, or every message of one conversation.
 fn announce(ecosystem: &EcosystemId, conversation: Option<&str>, json: bool) {
     let line = match conversation {
         Some(conversation) => format!("listening to {conversation}"),
@@ -148,7 +150,8 @@ impl MessagePrinter {
     }
 }
 
-/// Returns a message without the answer of a person, which may be a secret.
+/// Returns a copy of a message in which a person's answer is replaced, because the answer may be a
+/// secret.
 fn redact(message: &Message) -> Message {
     let says = |key: &str, word: &str| message.content.get(key).is_some_and(|said| said == word);
     let answers =
@@ -181,8 +184,8 @@ fn line(at: Duration, message: &Message) -> Styled {
     Styled::line(format!("{head}  {what}").trim_end()).end()
 }
 
-/// Formats a message of one conversation: an arrow from one agent to another, and the content below
-/// it.
+/// Formats a message as a step of the sequence diagram of a conversation: an arrow from one agent
+/// to another, and the content below the arrow.
 fn step(at: Duration, message: &Message) -> Styled {
     let from = cut(message.sender.as_str(), NAME_COLUMNS);
     let to = cut(&receiver(message), NAME_COLUMNS);
@@ -197,7 +200,7 @@ fn step(at: Duration, message: &Message) -> Styled {
     text
 }
 
-/// Cuts a text to a width.
+/// Cuts a text to a width in columns.
 fn cut(text: &str, columns: usize) -> String {
     if text.chars().count() <= columns {
         return text.to_owned();
@@ -241,7 +244,7 @@ fn summarize(message: &Message) -> String {
     visible::line(&line).into_owned()
 }
 
-/// Returns the first field of a content that is informative for people.
+/// Returns the first field of a message's content that tells people something.
 fn of_content(message: &Message) -> String {
     const TELLING: [&str; 13] = [
         "goal",
@@ -289,7 +292,8 @@ mod tests {
         redact(&message(performative, &content)).content
     }
 
-    /// An answer may be a secret, also if another keyboard passes it on.
+    /// Checks that a person's answer is not shown: it may be a secret, even if another keyboard
+    /// passes it on.
     #[test]
     fn what_a_person_answers_is_not_shown() {
         let answer = json!({ "of": "answer", "text": "2718" });

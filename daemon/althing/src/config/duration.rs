@@ -4,13 +4,14 @@ use std::time::Duration;
 
 use serde::{Deserialize, Deserializer};
 
-/// One day: nothing in a building waits longer for an answer, and sums of a few such durations
-/// never overflow.
+/// The longest duration that a file may set: one day. Nothing in a building waits longer for an
+/// answer, and sums of a few such durations never overflow.
 const MAX: Duration = Duration::from_secs(24 * 60 * 60);
 
 const UNITS: &[(&str, f64)] = &[("ms", 0.001), ("s", 1.0), ("min", 60.0), ("h", 3_600.0)];
 
-/// Parses a duration above zero and up to [`MAX`]. The error says what is allowed.
+/// Parses a duration greater than zero and not greater than [`MAX`]. The error says which durations
+/// are allowed.
 pub(super) fn parse(text: &str) -> Result<Duration, String> {
     let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
     let (number, unit) = text.split_at(digits);
@@ -24,7 +25,7 @@ pub(super) fn parse(text: &str) -> Result<Duration, String> {
     }
 }
 
-/// Deserialises a duration for `serde`.
+/// Deserialises a duration from its text; a function for `serde`'s attribute `deserialize_with`.
 pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Duration, D::Error> {
     parse(&String::deserialize(from)?).map_err(serde::de::Error::custom)
 }

@@ -1,4 +1,4 @@
-//! An ecosystem as its file defines it: complete and consistent.
+//! The definition of an ecosystem, as its file gives it: complete and consistent.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -15,76 +15,78 @@ use terminal::report::SourceText;
 use super::InterfaceEntry;
 use super::layer::SourceMap;
 
-/// A whole ecosystem; it is the same on every machine.
+/// The definition of a whole ecosystem; it is the same on every machine.
 #[derive(Clone, Debug)]
 pub(crate) struct Ecosystem {
-    /// Its name.
+    /// The name of the ecosystem.
     pub(crate) name: EcosystemId,
-    /// The shared ontology.
+    /// The shared ontology, as a PDDL domain.
     pub(crate) domain: Arc<Domain>,
-    /// The map: the objects and facts that no agent brings.
+    /// The map, as a PDDL problem: the objects and facts that no agent brings.
     pub(crate) problem: Arc<Problem>,
-    /// The planning flow: centralised or decentralised.
+    /// The planning mode: centralised or decentralised.
     pub(crate) mode: Mode,
-    /// All daemons: those listed, and those that agents and interfaces name.
+    /// All daemons: those that the file lists, and those that its agents and interfaces name.
     pub(crate) daemons: BTreeSet<DaemonId>,
-    /// All agents, in the order of the file.
+    /// All agents that the file names, in the order of the file.
     pub(crate) agents: Vec<AgentEntry>,
-    /// Interfaces to other ecosystems.
+    /// The interfaces to other ecosystems.
     pub(crate) interfaces: Vec<InterfaceEntry>,
-    /// The named goals; each has been parsed and checked.
+    /// The goals that the file names; each has been parsed and checked.
     pub(crate) goals: BTreeMap<String, GoalRequest>,
-    /// The configuration for Zenoh, as it is written; null if there is none.
+    /// The configuration for Zenoh, as the file writes it; null if there is none.
     pub(crate) zenoh: Value,
-    /// Times and bounds.
+    /// Times and bounds that all agents use.
     pub(crate) settings: AgentSettings,
-    /// The settings of security; `None` if the ecosystem is not secured.
+    /// The security settings; `None` if the ecosystem is not secured.
     pub(crate) security: Option<SecuritySettings>,
-    /// The rights of agents and daemons; they are enforced only if the ecosystem is secured.
+    /// The rights of agents and daemons. Rights are enforced only if the ecosystem is secured.
     pub(crate) rights: Rights,
-    /// Plugins that run as processes.
+    /// The settings for plugins that run as processes.
     pub(crate) plugins: PluginSettings,
-    /// The simulated building.
+    /// The settings of the simulated building.
     pub(crate) building: BuildingSettings,
-    /// The place of each key: `agent.0.config` and all within it.
+    /// The place of each key in the texts: keys have paths such as `agent.0.config`.
     pub(crate) places: SourceMap,
     /// The texts from which the ecosystem was read.
     pub(crate) sources: SourceTexts,
-    /// Whether ontology and map are free of errors; otherwise checks against them prove nothing.
+    /// Whether the ontology and the map are free of errors. If they are not, checks against them
+    /// prove nothing.
     pub(crate) are_files_sound: bool,
 }
 
 /// The texts from which an ecosystem was read.
 #[derive(Clone, Debug)]
 pub(crate) struct SourceTexts {
-    /// The ecosystem file.
+    /// The text of the ecosystem file.
     pub(crate) file: Arc<SourceText>,
-    /// The map.
+    /// The text of the map.
     pub(crate) map: Arc<SourceText>,
 }
 
-/// One `[[agent]]`.
+/// The entry of one agent: one table `[[agent]]` of the ecosystem file.
 #[derive(Clone, Debug)]
 pub(crate) struct AgentEntry {
-    /// The path of the entry in the file, such as `agent.3`; empty for an agent that no file names.
+    /// The path of the entry in the ecosystem file, such as `agent.3`; empty for an agent that no
+    /// file names.
     pub(crate) path: String,
-    /// Its name, unique in the ecosystem.
+    /// The name of the agent, unique in the ecosystem.
     pub(crate) name: AgentId,
-    /// The plugin that builds it: a built-in one, or one of its package.
+    /// The plugin that builds the agent: a built-in plugin, or a plugin of the package.
     pub(crate) plugin: String,
-    /// The package that provides its plugin; `None` for a built-in plugin.
+    /// The package that provides the agent's plugin; `None` if the plugin is built in.
     pub(crate) package: Option<String>,
-    /// The daemons that host it. If there are none, a machine that runs alone hosts it. If there
-    /// are several, one is the leader and the others are standbys.
+    /// The daemons that host the agent. If the list is empty, a machine that runs alone hosts the
+    /// agent. If it names several, one of them hosts the leader and the others host standbys.
     pub(crate) daemons: Vec<DaemonId>,
-    /// One of the plugin's drivers; `None` for the plugin's default.
+    /// The name of the plugin's driver that the agent uses; `None` for the plugin's default driver.
     pub(crate) driver: Option<String>,
-    /// The configuration for the plugin, as it is written; null if there is none.
+    /// The configuration for the plugin, as the file writes it; null if there is none.
     pub(crate) config: Arc<Value>,
 }
 
 impl AgentEntry {
-    /// Whether its plugin is built into the daemon.
+    /// Whether the agent's plugin is built into the daemon.
     pub(crate) fn is_built_in(&self) -> bool {
         self.package.is_none()
     }
@@ -95,44 +97,45 @@ impl AgentEntry {
 pub(crate) struct SecuritySettings {
     /// The folder with keys and certificates.
     pub(crate) folder: PathBuf,
-    /// How long before its expiry a certificate is announced.
+    /// How long before a certificate expires a warning about it is logged.
     pub(crate) warn_before: Duration,
-    /// Most messages per second that are accepted from one daemon.
+    /// Most messages per second that an agent or daemon accepts from one other daemon.
     pub(crate) messages_per_second_max: u32,
 }
 
 /// The settings for plugins that run as processes.
 #[derive(Clone, Debug)]
 pub(crate) struct PluginSettings {
-    /// The folder with their packages; `None` for the default folder of the machine.
+    /// The folder with the packages of plugins; `None` for the machine's default folder.
     pub(crate) folder: Option<PathBuf>,
-    /// The rule for the admission of agents that the file does not name.
+    /// The rule for admitting agents that the ecosystem file does not name.
     pub(crate) admit: AdmissionPolicy,
-    /// Whether plugins run only if the machine supports all parts of their confinement.
+    /// Whether plugins run only on a machine that supports all parts of their confinement.
     pub(crate) requires_confinement: bool,
 }
 
-/// The initial state of the simulated building, besides the map.
+/// The initial state of the simulated building, apart from what the map states.
 #[derive(Clone, Debug)]
 pub(crate) struct BuildingSettings {
-    /// The true temperature of places, in °C.
+    /// The true temperature of each place, by the name of the place, in °C.
     pub(crate) temperatures: BTreeMap<String, f64>,
-    /// Other true quantities of places, by place and quantity.
+    /// Other true quantities of places, by the name of the place and then by the name of the
+    /// quantity.
     pub(crate) conditions: BTreeMap<String, BTreeMap<String, f64>>,
-    /// Factor on all durations; 1 is real time.
+    /// The factor by which all durations in the building are multiplied; 1 is real time.
     pub(crate) time_scale: f64,
-    /// The socket by which several processes share the building; `None` if it belongs to one
-    /// process.
+    /// The socket by which several processes share the building; `None` if the file names no
+    /// socket.
     pub(crate) socket: Option<PathBuf>,
 }
 
-/// Returns a goal without further settings.
+/// Returns the request for a goal with default settings; `goal` is its PDDL text.
 pub(crate) fn plain_goal(goal: &str) -> GoalRequest {
     let (keep, partition) = Default::default();
     GoalRequest { goal: goal.to_owned(), keep, priority: 0, partition }
 }
 
-/// Whether a goal is PDDL, right or wrong, and not a name.
+/// Whether a text is a goal in PDDL, right or wrong, and not the name of a goal.
 pub(crate) fn is_pddl(goal: &str) -> bool {
     goal.trim().is_empty() || goal.contains([' ', '(', ')', ','])
 }
@@ -140,9 +143,9 @@ pub(crate) fn is_pddl(goal: &str) -> bool {
 // === impl Ecosystem ===
 
 impl Ecosystem {
-    /// Returns the goal named `goal`, or `goal` itself if it is PDDL.
+    /// Returns the goal of the file that is named `goal`, or `goal` itself if it is PDDL.
     ///
-    /// The error lists the names of goals.
+    /// The error lists the names of the goals in the file.
     pub(crate) fn find_goal(&self, goal: &str) -> Result<GoalRequest, String> {
         if let Some(wish) = self.goals.get(goal) {
             return Ok(wish.clone());
@@ -162,12 +165,12 @@ impl Ecosystem {
         Err(format!("there is no goal called `{goal}`; {help}"))
     }
 
-    /// Returns the agents that are assigned to a daemon by name.
+    /// Returns the agents of which the entries name the daemon `daemon`.
     pub(crate) fn agents_of(&self, daemon: &DaemonId) -> impl Iterator<Item = &AgentEntry> {
         self.agents.iter().filter(move |agent| agent.daemons.contains(daemon))
     }
 
-    /// Returns the Journals: the agents that keep records for others.
+    /// Returns the names of the Journals: the agents that keep records for others.
     pub(crate) fn journals(&self) -> impl Iterator<Item = &AgentId> {
         let journals = self
             .agents
@@ -176,7 +179,8 @@ impl Ecosystem {
         journals.map(|agent| &agent.name)
     }
 
-    /// Returns the agents that are assigned to no daemon: a machine that runs alone hosts them.
+    /// Returns the agents of which the entries name no daemon: a machine that runs alone hosts
+    /// them.
     pub(crate) fn unassigned_agents(&self) -> impl Iterator<Item = &AgentEntry> {
         self.agents.iter().filter(|agent| agent.daemons.is_empty())
     }

@@ -1,11 +1,13 @@
-//! The environment as a layer: `ALTHING_TABLE__KEY=value`.
+//! The environment as a layer of the configuration: each variable `ALTHING_TABLE__KEY=value` sets a
+//! key.
 //!
-//! The scheme: `ALTHING_`, then the path to the key in upper case, `__` between its parts and `_`
-//! for `-`. `ALTHING_ECOSYSTEM__MODE=centralized` is `mode = "centralized"` in `[ecosystem]`;
-//! `ALTHING_TIMING__HEARTBEAT_PERIOD=2s`, `ALTHING_ZENOH__CONNECT__ENDPOINTS='["tcp/pi:7447"]'`.
-//! Values other than texts are written as in TOML. Agents can only be written in the file.
+//! The name of a variable is `ALTHING_` and the path of the key in upper case, with `__` between
+//! the parts of the path and `_` for `-`. So `ALTHING_ECOSYSTEM__MODE=centralized` is `mode =
+//! "centralized"` in `[ecosystem]`; further examples are `ALTHING_TIMING__HEARTBEAT_PERIOD=2s` and
+//! `ALTHING_ZENOH__CONNECT__ENDPOINTS='["tcp/pi:7447"]'`. Values other than texts are written as in
+//! TOML. Agents cannot be set by variables, only in the file.
 //!
-//! A variable without `__` is not of this scheme (`ALTHING_LOG`).
+//! A variable without `__` in the rest of its name, such as `ALTHING_LOG`, sets no key.
 
 use std::collections::BTreeMap;
 
@@ -22,11 +24,11 @@ use super::schema::{self, Shape};
 const PREFIX: &str = "ALTHING_";
 const SEPARATOR: &str = "__";
 
-/// Variables by name.
+/// The values of environment variables, by the names of the variables.
 pub(crate) type Variables = BTreeMap<String, String>;
 
-/// Returns the variables of this process that belong to the scheme. Bytes that are not UTF-8 are
-/// replaced.
+/// Returns the environment variables of this process that set keys of the configuration. Bytes that
+/// are not UTF-8 are replaced.
 pub(crate) fn variables() -> Variables {
     let all = std::env::vars_os().map(|(name, value)| {
         (name.to_string_lossy().into_owned(), value.to_string_lossy().into_owned())
@@ -38,7 +40,8 @@ fn is_ours(name: &str) -> bool {
     name.strip_prefix(PREFIX).is_some_and(|path| path.contains(SEPARATOR))
 }
 
-/// Reads variables against the schema. The text of the layer lists them, one per line.
+/// Reads environment variables against the schema. The source text of the returned layer lists the
+/// variables, one per line.
 pub(super) fn read(variables: &Variables) -> (Layer, Vec<Diagnostic>) {
     let mut text = String::new();
     let mut starts = Vec::new();
@@ -57,8 +60,8 @@ pub(super) fn read(variables: &Variables) -> (Layer, Vec<Diagnostic>) {
     (reader.layer, reader.diagnostics)
 }
 
-/// Reads one variable. Returns its path and value; `None` if the schema does not allow them, with a
-/// diagnostic.
+/// Reads one variable. Returns the path of its key and its value. If the schema does not allow
+/// them, returns `None` and adds a diagnostic.
 fn variable(
     reader: &mut TomlReader,
     start: usize,
@@ -92,7 +95,8 @@ fn variable(
     Some((path, value?))
 }
 
-/// Parses a value of the environment as TOML; where the schema wants a text, it needs no quotes.
+/// Parses the value of a variable as TOML. If the schema requires a text, the value needs no
+/// quotes.
 fn tree<'v>(shape: &Shape, value: &'v str) -> Spanned<DeValue<'v>> {
     let text = || Spanned::new(0..value.len(), DeValue::String(value.into()));
     match shape {
@@ -101,7 +105,8 @@ fn tree<'v>(shape: &Shape, value: &'v str) -> Spanned<DeValue<'v>> {
     }
 }
 
-/// Follows the parts of a name through the schema. The error names the right ones.
+/// Follows the parts of a variable's name through the schema to a key. If there is no such key, the
+/// error lists the possible parts.
 fn resolve(parts: &[&str]) -> Result<(Vec<String>, &'static Shape, &'static str), String> {
     let mut shape = &schema::FILE;
     let mut about = "";
@@ -154,7 +159,7 @@ fn suggestion(parts: &[&str], word: &str, known: &[&str]) -> String {
     }
 }
 
-/// Inserts a value at a path, and creates the tables on the way.
+/// Inserts a value at a path below `root`, and creates the tables on the way.
 fn insert(root: &mut Value, path: &[String], value: Value) {
     let Some((first, rest)) = path.split_first() else {
         *root = value;

@@ -1,7 +1,9 @@
-//! Turns the merged values into an ecosystem: checks names, references, files, durations and goals.
+//! Turns the merged values of all layers into an ecosystem: checks names, references, files,
+//! durations and goals.
 //!
-//! Every check continues after a mistake. A mistake is reported at the place of the value that
-//! counts: in the file, or in the environment if that overrides it.
+//! The checks continue after a mistake, so that all mistakes are found. A mistake is reported at
+//! the place of the value that counts: in the environment if a variable overrides the file,
+//! otherwise in the file.
 
 mod agents;
 
@@ -33,7 +35,8 @@ pub(crate) use goals::relocate as moved_goal;
 use rights::limited_actions;
 use terminal::report::{DiagnosticReport, SourceText};
 
-/// The data that all checks share: the places of values, and the mistakes so far.
+/// The data that all checks of the configuration share: the places of values, and the mistakes
+/// found so far.
 struct Interpreter<'l> {
     file: &'l Path,
     layers: &'l [Layer],
@@ -41,8 +44,9 @@ struct Interpreter<'l> {
     report: DiagnosticReport,
 }
 
-/// Turns values into an ecosystem as far as possible. Returns `None` instead of it if its name, its
-/// domain or its map is missing. The report contains `report` and all mistakes.
+/// Turns the merged values into an ecosystem, leaving out what has mistakes. The ecosystem is
+/// `None` if its name, its domain or its map is missing. The returned report contains all mistakes,
+/// those of the parameter `report` included.
 pub(super) fn interpret_values(
     file: &Path,
     raw: RawConfig,
@@ -116,7 +120,8 @@ pub(super) fn interpret_values(
 // === impl Meaning ===
 
 impl Interpreter<'_> {
-    /// Returns the settings for plugins; a folder is relative to the ecosystem file.
+    /// Returns the settings for plugins. If the folder of packages is relative, it is relative to
+    /// the ecosystem file's folder.
     fn plugins(&self, raw: RawPlugins) -> PluginSettings {
         let RawPlugins { folder, admit, confinement } = raw;
         let beside = |folder: String| self.file.parent().unwrap_or(Path::new("")).join(folder);
@@ -130,15 +135,16 @@ impl Interpreter<'_> {
         PluginSettings { folder: folder.map(beside), admit, requires_confinement }
     }
 
-    /// Returns the place of a value with the highest precedence: the environment overrides the
-    /// file.
+    /// Returns the place of the value at `path` in the layer with the highest precedence: the
+    /// environment overrides the file.
     fn place(&self, path: &str) -> Option<(Arc<SourceText>, KeyValueSpan)> {
         self.layers.iter().rev().find_map(|layer| {
             layer.places.get(path).map(|place| (Arc::clone(&layer.source), *place))
         })
     }
 
-    /// Reports a finding about a value; `make` receives its span.
+    /// Reports a mistake in the value at `path`; `make` receives the span of the value and returns
+    /// the diagnostic.
     fn about_value(&mut self, path: &str, make: impl FnOnce(Span) -> Diagnostic) {
         match self.place(path) {
             Some((source, place)) => self.report.add(&source, [make(place.value)]),
@@ -146,7 +152,8 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Reports a finding about a key or an entry.
+    /// Reports a mistake in the key or entry at `path`; `make` receives the span of the key and
+    /// returns the diagnostic.
     fn about_key(&mut self, path: &str, make: impl FnOnce(Span) -> Diagnostic) {
         match self.place(path) {
             Some((source, place)) => self.report.add(&source, [make(place.key)]),
@@ -154,7 +161,7 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Reports a finding about the file as a whole.
+    /// Reports a mistake that concerns the ecosystem file as a whole.
     fn about_file(&mut self, diagnostic: Diagnostic) {
         match self.layers.get(1) {
             Some(file) => self.report.add(&file.source, [diagnostic]),
@@ -162,8 +169,8 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Reports that a required key is missing; does nothing if the key is there, because its value
-    /// was wrong and is reported already.
+    /// Reports that a required key is missing. Does nothing if the key is in the file: then its
+    /// value was wrong, which is reported already.
     fn missing(&mut self, table: &str, key: &str, example: &str) {
         if self.place(&super::reader::join(table, key)).is_some() {
             return;
@@ -186,7 +193,7 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Reports an invalid name.
+    /// Reports that the value at `path` is not a valid name.
     fn invalid_name(&mut self, path: &str, err: &InvalidName) {
         let message = format!("`{}` cannot be the name of {}", err.name, err.what);
         self.about_value(path, |span| Diagnostic::error(span, message).with_help(err.rule));
@@ -215,7 +222,7 @@ impl Interpreter<'_> {
         daemons
     }
 
-    /// Reports quantities in the conditions of places that the simulated building does not have.
+    /// Reports quantities in `conditions` that places of the simulated building cannot have.
     fn quantities(&mut self, conditions: &BTreeMap<String, BTreeMap<String, f64>>) {
         for (place, values) in conditions {
             for name in values.keys().filter(|name| Quantity::named(name).is_none()) {
@@ -232,7 +239,8 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Returns the settings of the simulated building; its places must be those of the map.
+    /// Returns the settings of the simulated building. Reports a place in them that is not on the
+    /// map.
     fn building(&mut self, raw: RawBuilding, files: Option<&PddlFiles>) -> BuildingSettings {
         let RawBuilding { temperatures, conditions, time_scale, socket } = raw;
         let under = |key: &'static str, place: &String| (format!("{key}.{place}"), place.clone());

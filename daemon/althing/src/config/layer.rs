@@ -1,8 +1,9 @@
-//! One layer of the configuration: values that match the schema, and the place where each was
+//! One layer of the configuration: values that match the schema, and the place where each value was
 //! written.
 //!
-//! The `config` crate merges layers; this module keeps the places, so that mistakes that are found
-//! later still point into the text of the file or the environment.
+//! The `config` crate merges the layers. This module keeps the places of the values, so that a
+//! mistake that is found after merging can still be shown in the text of the file or the
+//! environment.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,21 +12,22 @@ use ::config::{ConfigError, Map, Source as ConfigSource, Value};
 use pddl::Span;
 use terminal::report::SourceText;
 
-/// The place where a value was written.
+/// The place in a text where a key and its value are written.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct KeyValueSpan {
-    /// The key; for an element of a list, the element.
+    /// The span of the key; for an element of a list, the span of the element.
     pub(crate) key: Span,
-    /// The value.
+    /// The span of the value.
     pub(crate) value: Span,
 }
 
-/// The place of every key, for mistakes that are found later.
+/// The place of every key, by the path of the key, for mistakes that are found after merging.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SourceMap(BTreeMap<String, (Arc<SourceText>, KeyValueSpan)>);
 
 impl SourceMap {
-    /// Collects the places of layers. The last layer has precedence.
+    /// Collects the places of the values of all layers. If several layers set a key, the last one
+    /// counts.
     pub(super) fn of(layers: &[Layer]) -> SourceMap {
         let places = layers.iter().flat_map(|layer| {
             let place = |(path, place): (&String, &KeyValueSpan)| {
@@ -36,7 +38,8 @@ impl SourceMap {
         SourceMap(places.collect())
     }
 
-    /// Returns the values written directly under a path, as they stand in the text.
+    /// Returns the values of the keys that stand directly below `path`, as they are written in the
+    /// text.
     pub(crate) fn under(&self, path: &str) -> Vec<&str> {
         let is_under = |key: &str| {
             let rest = key.strip_prefix(path).and_then(|rest| rest.strip_prefix('.'));
@@ -46,8 +49,8 @@ impl SourceMap {
         found.filter_map(|(_, (source, place))| source.text.get(place.value.range())).collect()
     }
 
-    /// Returns the place of a path, or else of the nearest thing around it; the flag is `true` if
-    /// it is the path itself.
+    /// Returns the place of the key at `path` or, if it is nowhere set, of the nearest table or
+    /// entry around it. The flag is `true` if the place is that of `path` itself.
     pub(crate) fn find(&self, path: &str) -> Option<(Arc<SourceText>, KeyValueSpan, bool)> {
         let mut around = path;
         loop {
@@ -59,16 +62,16 @@ impl SourceMap {
     }
 }
 
-/// Checked values and their places.
+/// The values of one layer, which match the schema, and their places.
 #[derive(Clone, Debug)]
 pub(super) struct Layer {
-    /// The text in which they are written.
+    /// The text in which the values are written.
     pub(super) source: Arc<SourceText>,
-    /// By dotted path: `agent.0.name`.
+    /// The places of the values, by dotted path, such as `agent.0.name`.
     pub(super) places: BTreeMap<String, KeyValueSpan>,
     /// The values that the `config` crate merges.
     pub(super) values: Map<String, Value>,
-    /// Whether all of the text could be parsed.
+    /// Whether the whole text could be parsed.
     pub(super) is_whole: bool,
 }
 

@@ -1,13 +1,13 @@
-//! The ecosystem file: reads it, merges it with defaults, environment and command line, and checks
-//! its meaning.
+//! The ecosystem file: reads it, merges it with the built-in defaults, the environment and the
+//! command line, and checks the meaning of the result.
 //!
 //! 1. `reader` checks the text of the file, and `environment` the variables, against the `schema`;
 //!    each becomes a `layer` of values with their places.
 //! 2. The `config` crate merges the layers: `defaults.toml` < file < environment < command line.
-//! 3. `interpret` turns the merged values (`raw`) into an [`Ecosystem`], and reports what does not
-//!    fit.
+//! 3. `interpret` turns the merged values (`raw`) into an [`Ecosystem`], and reports values that
+//!    are inconsistent.
 //!
-//! All mistakes are found in one pass; each points into the text in which it was made.
+//! All mistakes are found in one pass; each is reported at its place in the text that contains it.
 
 mod ecosystem;
 mod interpret;
@@ -47,24 +47,24 @@ use layer::Layer;
 use raw::RawConfig;
 use terminal::report::{DiagnosticReport, SourceText};
 
-/// A plugin, as far as ecosystem files refer to it.
+/// The properties of a plugin that the checks of ecosystem files need to know.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct KnownPlugin {
-    /// Its name.
+    /// The name of the plugin.
     pub(crate) name: &'static str,
-    /// The drivers that it offers; the first is the default.
+    /// The names of the drivers that the plugin offers; the first is the default.
     pub(crate) drivers: &'static [&'static str],
-    /// Whether several daemons may host the same agent of it, one as leader and the others as
-    /// standbys.
+    /// Whether several daemons may host one agent of the plugin: one of them hosts the leader, and
+    /// the others host standbys.
     pub(crate) stands_by: bool,
 }
 
 /// The values of keys that neither the file, the environment nor the command line sets.
 const DEFAULTS: &str = include_str!("defaults.toml");
-/// The name of that text in messages.
+/// The name of the text [`DEFAULTS`] in messages.
 const DEFAULTS_NAME: &str = "built-in defaults";
 
-/// Values from the command line; they override all others.
+/// Values from the command line; they override the values of all other layers.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Overrides(Vec<(String, Value)>);
 
@@ -72,30 +72,30 @@ pub(crate) struct Overrides(Vec<(String, Value)>);
 #[derive(Clone, Debug)]
 pub(crate) struct ConfigLoadError(DiagnosticReport);
 
-/// An ecosystem file as far as it can be understood, and its mistakes.
+/// The result of reading an ecosystem file: what can be understood of it, and its mistakes.
 #[derive(Debug)]
 pub(crate) struct ParsedEcosystem {
-    /// The ecosystem without the parts that could not be understood; `None` if its name, its domain
-    /// or its map is missing.
+    /// The ecosystem, without the parts that could not be understood; `None` if its name, its
+    /// domain or its map is missing.
     pub(crate) ecosystem: Option<Ecosystem>,
-    /// The errors and warnings.
+    /// The errors and warnings that were found.
     pub(crate) report: DiagnosticReport,
-    /// Whether all of the text is TOML. If not, a key that seems to be missing may be in a part
-    /// that could not be parsed.
+    /// Whether the whole text is valid TOML. If it is not, a key that seems to be missing may stand
+    /// in a part that could not be parsed.
     pub(crate) is_whole: bool,
 }
 
 // === impl Overrides ===
 
 impl Overrides {
-    /// Sets one key by its path, such as `building.time-scale`.
+    /// Adds a value for one key, given by its path, such as `building.time-scale`.
     #[must_use]
     pub(crate) fn with(mut self, path: &str, value: impl Into<Value>) -> Overrides {
         self.0.push((path.to_owned(), value.into()));
         self
     }
 
-    /// Sets the mode from `--mode`; `None` changes nothing.
+    /// Adds the planning mode from `--mode`; `None` changes nothing.
     #[must_use]
     pub(crate) fn mode(self, mode: Option<Mode>) -> Overrides {
         match mode {
@@ -105,7 +105,8 @@ impl Overrides {
         }
     }
 
-    /// Sets the endpoints from `--connect`, which may be repeated; an empty list changes nothing.
+    /// Adds the endpoints from `--connect`, which the user may give several times; an empty list
+    /// changes nothing.
     #[must_use]
     pub(crate) fn connect(self, endpoints: &[String]) -> Overrides {
         if endpoints.is_empty() {
@@ -118,7 +119,7 @@ impl Overrides {
 // === impl LoadError ===
 
 impl ConfigLoadError {
-    /// Returns the mistakes, for display.
+    /// Returns the report of the mistakes, for display.
     pub(crate) fn into_report(self) -> DiagnosticReport {
         self.0
     }
@@ -127,7 +128,7 @@ impl ConfigLoadError {
 // === impl Ecosystem ===
 
 impl Ecosystem {
-    /// Reads an ecosystem file and all files that it names.
+    /// Reads an ecosystem file and all files that it names. Any mistake is an error.
     pub(crate) fn load(
         file: &Path,
         overrides: &Overrides,
@@ -136,7 +137,8 @@ impl Ecosystem {
         Ecosystem::load_with(file, &variables(), overrides, known_plugins)
     }
 
-    /// The same with the environment as a parameter.
+    /// Reads an ecosystem file as [`Ecosystem::load`] does, with `variables` in place of the
+    /// environment.
     pub(crate) fn load_with(
         file: &Path,
         variables: &Variables,
@@ -151,7 +153,7 @@ impl Ecosystem {
         }
     }
 
-    /// Reads as much of an ecosystem file as can be understood.
+    /// Reads as much of an ecosystem file as can be understood, and collects its mistakes.
     pub(crate) fn read(
         file: &Path,
         overrides: &Overrides,
@@ -194,7 +196,7 @@ impl Ecosystem {
     }
 }
 
-/// Reads defaults, file and environment, in increasing order of precedence.
+/// Reads the layers of defaults, file and environment, in the order of increasing precedence.
 fn read_layers(
     source: &Arc<SourceText>,
     variables: &Variables,

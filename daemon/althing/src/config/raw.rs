@@ -1,7 +1,7 @@
-//! The configuration with its layers merged and nothing interpreted yet; `interpret` turns it into an
-//! ecosystem.
+//! The values of the configuration after its layers have been merged, before they are interpreted:
+//! `interpret` turns them into an ecosystem.
 //!
-//! Fields with a default in `defaults.toml` are always set; the others may be missing.
+//! A field is always set if its key has a default in `defaults.toml`; other fields may be missing.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::duration;
 
-/// The whole configuration.
+/// The values of the whole configuration.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct RawConfig {
@@ -34,7 +34,7 @@ pub(super) struct RawConfig {
     pub(super) building: RawBuilding,
 }
 
-/// A goal of `[goals]`
+/// The values of one goal in `[goals]`.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct RawNamedGoal {
@@ -47,7 +47,7 @@ pub(super) struct RawNamedGoal {
     pub(super) partition: Partition,
 }
 
-/// `[ecosystem]`
+/// The values of `[ecosystem]`.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", default)]
 pub(super) struct RawEcosystem {
@@ -58,21 +58,21 @@ pub(super) struct RawEcosystem {
     pub(super) daemons: Vec<String>,
 }
 
-/// `[[agent]]`
+/// The values of one `[[agent]]`.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", default)]
 pub(super) struct RawAgentEntry {
     pub(super) name: Option<String>,
     pub(super) plugin: Option<String>,
     pub(super) package: Option<String>,
-    /// Empty if the key is missing.
+    /// Names of the daemons that host the agent; empty if the key is missing.
     pub(super) daemon: Vec<String>,
     pub(super) driver: Option<String>,
     pub(super) config: Value,
     pub(super) actions: Option<Vec<String>>,
 }
 
-/// `[[interface]]`
+/// The values of one `[[interface]]`.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", default)]
 pub(super) struct RawInterface {
@@ -89,7 +89,7 @@ pub(super) struct RawInterface {
     pub(super) export: Vec<RawRule>,
 }
 
-/// `[[interface.import]]` and `[[interface.export]]`
+/// The values of one `[[interface.import]]` or `[[interface.export]]`.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", default)]
 pub(super) struct RawRule {
@@ -102,7 +102,7 @@ pub(super) struct RawRule {
     pub(super) goals: Vec<String>,
 }
 
-/// `[timing]`
+/// The values of `[timing]`.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct RawTiming {
@@ -126,7 +126,7 @@ pub(super) struct RawTiming {
     pub(super) answer_deadline: Duration,
 }
 
-/// `[limits]`
+/// The values of `[limits]`.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct RawLimits {
@@ -134,7 +134,7 @@ pub(super) struct RawLimits {
     pub(super) outbox_messages_max: u32,
 }
 
-/// `[security]`
+/// The values of `[security]`.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct RawSecurity {
@@ -144,7 +144,7 @@ pub(super) struct RawSecurity {
     pub(super) messages_per_second_max: u32,
 }
 
-/// `[rights]`
+/// The values of `[rights]`.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct RawRights {
@@ -154,7 +154,7 @@ pub(super) struct RawRights {
     pub(super) changes: Vec<String>,
 }
 
-/// `[plugins]`
+/// The values of `[plugins]`.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct RawPlugins {
@@ -164,7 +164,7 @@ pub(super) struct RawPlugins {
     pub(super) confinement: String,
 }
 
-/// `[building]`
+/// The values of `[building]`.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct RawBuilding {

@@ -1,7 +1,9 @@
-//! Reads TOML against the schema: values that fit become a [`Layer`], all others a diagnostic.
+//! Reads TOML against the schema: each value that matches becomes part of a [`Layer`], each other
+//! value a diagnostic.
 //!
-//! Reading continues after every mistake, so that all of them are reported at once. What names
-//! refer to, and whether the parts fit together, is checked in `interpret`.
+//! Reading continues after every mistake, so that all mistakes are reported at once. Whether names
+//! refer to something, and whether the values are consistent with each other, is checked in
+//! `interpret`.
 
 use std::sync::Arc;
 
@@ -16,11 +18,11 @@ use super::layer::{KeyValueSpan, Layer};
 use super::schema::{self, SchemaKey, Shape};
 use super::syntax::{self, TomlError};
 
-/// Walks the tree of a text.
+/// Walks through the syntax tree of a TOML text, and collects values, places and mistakes.
 pub(super) struct TomlReader {
     pub(super) layer: Layer,
     pub(super) diagnostics: Vec<Diagnostic>,
-    /// Offset in the source at which the text of the tree begins.
+    /// Offset in the whole source text at which the text of the syntax tree begins.
     pub(super) base: usize,
 }
 
@@ -69,7 +71,7 @@ impl TomlReader {
         values
     }
 
-    /// Returns the value if it has the shape; otherwise adds a diagnostic and returns `None`.
+    /// Returns a value if it has the shape `shape`; otherwise adds a diagnostic and returns `None`.
     pub(super) fn value(
         &mut self,
         path: &str,
@@ -122,8 +124,8 @@ impl TomlReader {
         None
     }
 
-    /// Records the places in a table that is passed on as it is, because parts of it are checked
-    /// later.
+    /// Records the places of all values in a table that is passed on unread, because parts of the
+    /// table are checked later.
     fn record_places(&mut self, path: &str, table: &DeTable<'_>) {
         for (written, value) in table {
             let path = join(path, written.get_ref());
@@ -181,8 +183,8 @@ impl TomlReader {
     }
 }
 
-/// Returns a value that is neither table nor list, or else help on the mistake if there is more to
-/// say than that its type is wrong.
+/// Returns a value that is neither a table nor a list, if it has the shape `shape`. Otherwise the
+/// error is a help text, or `None` if there is nothing to say but that the type is wrong.
 fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
     let ok = Ok(to_config_value(value));
     match (shape, value) {
@@ -214,7 +216,7 @@ fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
     }
 }
 
-/// Returns what to write instead of a value of another type.
+/// Returns a help text that says what to write instead of a value of another type.
 fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<String> {
     let spoken = display_path(path);
     let key = spoken.rsplit('.').next().unwrap_or(&spoken);
@@ -240,7 +242,7 @@ fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<Str
     }
 }
 
-/// Converts any TOML value to one of the `config` crate.
+/// Converts any TOML value to a value of the `config` crate.
 pub(super) fn to_config_value(value: &DeValue<'_>) -> Value {
     let kind = match value {
         DeValue::String(text) => ValueKind::String(text.to_string()),
@@ -264,8 +266,8 @@ pub(super) fn to_config_value(value: &DeValue<'_>) -> Value {
     Value::new(None, kind)
 }
 
-/// Converts a whole number; one that does not fit into `i64` becomes the nearest floating-point
-/// number.
+/// Converts a whole number of TOML; a number that does not fit into `i64` becomes the nearest
+/// floating-point number.
 fn integer(number: &toml::de::DeInteger<'_>) -> ValueKind {
     let digits = number.as_str().replace('_', "");
     match i64::from_str_radix(&digits, number.radix()) {
@@ -283,7 +285,7 @@ pub(super) fn join(path: &str, key: &str) -> String {
     if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
 }
 
-/// Returns the path as users say it: `agent.3.name` is `agent.name`.
+/// Returns a path as users would write it, without indices: `agent.name` for `agent.3.name`.
 pub(super) fn display_path(path: &str) -> String {
     let words = path.split('.').filter(|word| word.parse::<usize>().is_err());
     words.collect::<Vec<_>>().join(".")
@@ -335,7 +337,7 @@ fn unknown_key(
     Diagnostic::error(span, format!("unknown key `{name}`{within}")).with_help(help)
 }
 
-/// Returns a short value as it may have been written; `…` for anything longer.
+/// Returns a short value as TOML text, as the user may have written it; `…` for any longer value.
 fn toml_text(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) if text.len() <= 40 => format!("\"{text}\""),

@@ -1,9 +1,9 @@
 //! The schema of ecosystem files: every key with its name, the shape of its value, and its purpose.
 //!
-//! A new key is one line here, one field in `raw`, and, if it is not always needed, one line in
-//! `defaults.toml`. Messages and suggestions are made from this table.
+//! For a new key, add one line here, one field in `raw` and, if the key may be left out, one line
+//! in `defaults.toml`. The texts of error messages and suggestions are made from this table.
 
-/// A key of a table.
+/// One key of a table in the ecosystem file.
 #[derive(Debug)]
 pub(super) struct SchemaKey {
     pub(super) name: &'static str,
@@ -12,30 +12,30 @@ pub(super) struct SchemaKey {
     pub(super) about: &'static str,
 }
 
-/// The shape of the value of a key.
+/// The shape that the value of a key must have.
 #[derive(Debug)]
 pub(super) enum Shape {
     /// A text in quotes.
     Text,
-    /// A text in quotes, or a list of them.
+    /// A text in quotes, or a list of such texts.
     Texts,
-    /// One of a few words.
+    /// One of these words, in quotes.
     Choice(&'static [&'static str]),
-    /// `"500ms"`
+    /// A duration in quotes, such as `"500ms"`.
     Duration,
-    /// A whole number above 0.
+    /// A whole number greater than 0.
     Count,
-    /// A number within bounds.
+    /// A number from `min` to `max`.
     Number { min: f64, max: f64 },
-    /// A list in brackets, each element of one shape.
+    /// A list in brackets, of which each element has this shape.
     List(&'static Shape),
-    /// A table with these keys and no others.
+    /// A table that may have these keys and no others.
     Table(&'static [SchemaKey]),
-    /// A table with any keys, and values of one shape.
+    /// A table with arbitrary keys, of which each value has this shape.
     Each(&'static Shape),
-    /// A table with these keys, or a single text as the value of the named key.
+    /// A table with these keys, or a single text, which is then the value of the named key.
     Brief(&'static str, &'static [SchemaKey]),
-    /// A table that is passed on as it is.
+    /// A table with arbitrary contents, which is passed on as it is.
     Free,
 }
 
@@ -43,7 +43,7 @@ const fn key(name: &'static str, shape: Shape, about: &'static str) -> SchemaKey
     SchemaKey { name, shape, about }
 }
 
-/// An ecosystem file.
+/// The shape of a whole ecosystem file.
 pub(super) static FILE: Shape = Shape::Table(&[
     key("ecosystem", Shape::Table(ECOSYSTEM), "its name, files and daemons"),
     key("zenoh", Shape::Free, "handed to Zenoh as it is"),
@@ -77,7 +77,8 @@ const GOAL: &[SchemaKey] = &[
     key("partition", Shape::Choice(&["pursue", "wait"]), "what happens to it during a partition"),
 ];
 
-/// Bounds that fit into an `i32` and that people can still compare.
+/// The shape of a goal's priority: a number that fits into an `i32` and that people can still
+/// compare.
 const PRIORITY: Shape = Shape::Number { min: -1_000_000.0, max: 1_000_000.0 };
 
 const AGENT: &[SchemaKey] = &[
@@ -90,7 +91,8 @@ const AGENT: &[SchemaKey] = &[
     key("actions", Shape::Texts, "the actions it may offer, where that is limited"),
 ];
 
-/// An interface. Words that are not in its tables do not pass, in either direction.
+/// The keys of an interface. Words that are not in the tables of the interface do not pass it, in
+/// either direction.
 const INTERFACE: &[SchemaKey] = &[
     key("ecosystem", Shape::Text, "the other ecosystem's file, such as \"house.toml\""),
     key("daemon", Shape::Text, "our daemon that joins both ecosystems"),
@@ -115,7 +117,7 @@ const RULE: &[SchemaKey] = &[
     key("goals", Shape::List(&Shape::Text), "our predicates that goals may be made of"),
 ];
 
-/// The names of the performatives that may pass.
+/// The names of the performatives that may pass an interface.
 const PASSING: &[&str] = &{
     let mut names = [""; interfacing::PASSABLE_PERFORMATIVES.len()];
     let mut at = 0;
@@ -177,16 +179,18 @@ const BUILDING: &[SchemaKey] = &[
     key("socket", Shape::Text, "where several processes share the building"),
 ];
 
-/// The bounds of the simulated building: from absolute zero to a furnace.
+/// The shape of a temperature in the simulated building, in °C: from absolute zero to the heat of a
+/// furnace.
 const CELSIUS: Shape = Shape::Number { min: -273.15, max: 1_000.0 };
 
-/// Conditions by quantity; the building checks the bounds of each.
+/// The shape of a place's other conditions, by quantity; the building itself checks the bounds of
+/// each quantity.
 const CONDITIONS: Shape = Shape::Each(&Shape::Number { min: 0.0, max: 1_000_000.0 });
 
 // === impl Shape ===
 
 impl Shape {
-    /// Describes the correct value, to follow “must be”.
+    /// Describes the correct value in words that can follow “must be”.
     pub(super) fn expected(&self) -> String {
         match self {
             Shape::Text => "a text in quotes".to_owned(),
@@ -204,7 +208,8 @@ impl Shape {
         }
     }
 
-    /// Describes the correct value in the notation of a rule.
+    /// Describes the correct value in the notation of the rule that messages show, such as `"TEXT"
+    /// | ["TEXT", …]`.
     pub(super) fn notation(&self) -> String {
         match self {
             Shape::Text => "\"TEXT\"".to_owned(),

@@ -1,23 +1,24 @@
-//! The places where ecosystem files and keys are searched if none is named.
+//! The places where ecosystem files and keys are searched if the user names none.
 
 use std::path::{Path, PathBuf};
 
-/// The name of the file that is found without being named.
+/// The name of an ecosystem file that is found without being named.
 const FILE: &str = "althing.toml";
 
-/// Returns `./althing.toml`, else that of the user's or the system's configuration folder; `None`
-/// if there is none.
+/// Returns the ecosystem file to use if the user names none: `./althing.toml`, otherwise
+/// `althing.toml` in the user's or the system's configuration folder; `None` if there is none.
 pub(crate) fn find_ecosystem_file() -> Option<PathBuf> {
     let mut places = vec![PathBuf::from(FILE)];
     places.extend(configuration_folders().into_iter().map(|folder| folder.join(FILE)));
     places.into_iter().find(|path| path.is_file())
 }
 
-/// Returns the file of an ecosystem given by its file or by its name, as in `--ecosystem`.
+/// Returns the path of an ecosystem file. The user gives the path itself or the name of the
+/// ecosystem, as in `--ecosystem`.
 ///
 /// A name stands for a file `NAME.toml` in the current folder, in `ecosystems/` below it, or in a
-/// configuration folder. The error completes “failed to …” and lists the folders that were
-/// searched.
+/// configuration folder. The error text completes the sentence “failed to …” and lists the folders
+/// that were searched.
 pub(crate) fn resolve_ecosystem(file_or_name: &str) -> Result<PathBuf, String> {
     let given = PathBuf::from(file_or_name);
     if given.is_file() {
@@ -37,8 +38,9 @@ pub(crate) fn resolve_ecosystem(file_or_name: &str) -> Result<PathBuf, String> {
     })
 }
 
-/// Returns the folder of an ecosystem's keys and certificates unless its file names another:
-/// `keys/NAME` in the first configuration folder that has it or, if none has it yet, in the user's.
+/// Returns the folder of an ecosystem's keys and certificates, to use if the ecosystem file names
+/// none: `keys/NAME` in the first configuration folder that contains it; if none contains it yet,
+/// `keys/NAME` in the user's.
 pub(crate) fn credentials_folder(ecosystem: &acl::EcosystemId) -> PathBuf {
     let folders = configuration_folders();
     let folders: Vec<_> =
@@ -48,7 +50,7 @@ pub(crate) fn credentials_folder(ecosystem: &acl::EcosystemId) -> PathBuf {
     or_first.unwrap_or_else(|| PathBuf::from("keys"))
 }
 
-/// Returns the user's configuration folder, then the system's.
+/// Returns the configuration folders: the user's first, then the system's.
 fn configuration_folders() -> Vec<PathBuf> {
     let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty());
     let home = || Some(Path::new(&variable("HOME")?).join(".config"));

@@ -1,29 +1,29 @@
 //! Explains syntax errors in TOML to users that do not know TOML, with one message per mistake:
-//! errors that only follow from an earlier one are not reported.
+//! errors that only follow from an earlier error are not reported.
 
 use std::ops::Range;
 
 use pddl::{Diagnostic, Span};
 
-/// The prefix of the message about text that is not TOML.
+/// The beginning of the message about text that is not TOML.
 const NOT_TOML: &str = "not TOML: ";
 
-/// Most syntax errors that are reported; a file with more of them is probably of another format.
+/// Most syntax errors that are reported. A file with more of them probably has another format.
 const ERRORS_MAX: usize = 20;
 
-/// An error of the TOML parser, and its place.
+/// An error of the TOML parser, with the range of the text that it is about.
 #[derive(Clone, Debug)]
 pub(super) struct TomlError {
     pub(super) message: String,
     pub(super) range: Range<usize>,
 }
 
-/// Whether a diagnostic is about syntax, so that the text around it could not be read.
+/// Whether a diagnostic is about syntax, which means that the text around it could not be read.
 pub(crate) fn is_syntax_error(found: &Diagnostic) -> bool {
     found.message.starts_with(NOT_TOML)
 }
 
-/// Returns the mistakes of a text, each once.
+/// Returns the syntax errors of a text, each mistake once.
 pub(super) fn mistakes(text: &str, failures: &[TomlError]) -> Vec<Diagnostic> {
     let mut told: Vec<Diagnostic> = Vec::new();
     let mut lines = Vec::new();
@@ -69,7 +69,8 @@ fn line_of(text: &str, at: usize) -> Range<usize> {
     start..end
 }
 
-/// Finds a `{` or `[` of a value that is not closed, in the line before `line_start`.
+/// Reports a `{` or `[` that is not closed in the last line before `line_start`; `None` if there is
+/// none.
 fn unclosed_before(text: &str, line_start: usize) -> Option<Diagnostic> {
     // The parser fails at the line after it, so only the last line before that one is examined.
     let before = text[..line_start].trim_end();
@@ -94,7 +95,8 @@ fn unclosed_before(text: &str, line_start: usize) -> Option<Diagnostic> {
     Some(error(range, &message, format!("write `{close}` at the end of the line")))
 }
 
-/// Returns the last bracket that a line opens and does not close.
+/// Returns the last bracket that a line opens and does not close, and the bracket's offset in the
+/// line.
 fn last_open(line: &str) -> Option<(usize, char)> {
     let mut open = Vec::new();
     let mut quote = None;
@@ -119,7 +121,7 @@ fn last_open(line: &str) -> Option<(usize, char)> {
     open.last().copied()
 }
 
-/// Returns the line up to a `#` outside quotes.
+/// Returns the part of a line before a comment, which begins at a `#` outside quotes.
 fn without_comment(line: &str) -> &str {
     let mut quote = None;
     for (at, c) in line.char_indices() {
@@ -142,8 +144,8 @@ fn is_key(word: &str) -> bool {
     !word.is_empty() && word.chars().all(is_plain)
 }
 
-/// Returns the message about a key or table that exists already, and the offset of its entry: one
-/// message per entry is enough.
+/// Returns the message about a key or table that exists twice, and the offset of the entry that it
+/// is about: only one message per entry is reported.
 fn duplicate(text: &str, failure: &TomlError, line: &Range<usize>) -> (usize, Diagnostic) {
     let range = failure.range.clone();
     let word = text.get(range.clone()).unwrap_or_default();
@@ -181,7 +183,7 @@ fn number(text: &str, at: usize) -> usize {
     pddl::line_column(text, at).0
 }
 
-/// Returns the offset at which a line of exactly these words begins.
+/// Returns the offset of the table header `words`, which stands in a line of its own.
 fn start_of_line(text: &str, words: &str) -> Option<usize> {
     let mut at = 0;
     for line in text.split_inclusive('\n') {
@@ -193,7 +195,7 @@ fn start_of_line(text: &str, words: &str) -> Option<usize> {
     None
 }
 
-/// Returns the offset of the line that sets this key.
+/// Returns the offset of the line that sets the key `key`.
 fn start_of_key(text: &str, key: &str) -> Option<usize> {
     let mut at = 0;
     for line in text.split_inclusive('\n') {
@@ -205,7 +207,7 @@ fn start_of_key(text: &str, key: &str) -> Option<usize> {
     None
 }
 
-/// Returns the header of the table that contains a line.
+/// Returns the range of the header of the table to which the line at `line_start` belongs.
 fn header_before(text: &str, line_start: usize) -> Option<Range<usize>> {
     let mut end = line_start;
     while end > 0 {
@@ -219,7 +221,7 @@ fn header_before(text: &str, line_start: usize) -> Option<Range<usize>> {
     None
 }
 
-/// Explains one line that could not be read.
+/// Explains why one line could not be read.
 fn of_line(text: &str, failure: &TomlError, line: &Range<usize>) -> Diagnostic {
     let written = text.get(line.clone()).unwrap_or_default().trim_end_matches('\r');
     let whole = line.start..line.start + written.len();
@@ -261,7 +263,8 @@ fn header(begins: usize, code: &str) -> Diagnostic {
     error(begins..begins + code.len(), "a table begins with its name in brackets", help)
 }
 
-/// Explains a value that is neither a text nor a number.
+/// Explains a value that the parser cannot read: a text without quotes or without its closing
+/// quote, or a number with a comma or a unit.
 fn of_value(text: &str, failure: &TomlError) -> Option<Diagnostic> {
     let TomlError { message, range } = failure;
     if message.starts_with("invalid basic string") || message.starts_with("invalid multi-line") {
@@ -298,8 +301,8 @@ fn of_value(text: &str, failure: &TomlError) -> Option<Diagnostic> {
     Some(error(range.clone(), "a text stands in quotes", help))
 }
 
-/// Explains a decimal comma, as in `speed = 0,3`: the number is followed by something that is not a
-/// key.
+/// Explains a decimal comma, as in `speed = 0,3`: to TOML, the number ends at the comma, and
+/// something that is not a key follows.
 fn decimal_comma(text: &str, line: Range<usize>) -> Option<Diagnostic> {
     let written = text.get(line.clone())?;
     for (at, _) in written.match_indices('=') {
@@ -322,7 +325,7 @@ fn decimal_comma(text: &str, line: Range<usize>) -> Option<Diagnostic> {
     None
 }
 
-/// Returns the message of the parser, if no better explanation is known.
+/// Returns the parser's own message, for an error for which there is no better explanation.
 fn plain(text: &str, TomlError { message, range }: &TomlError) -> Diagnostic {
     let (said, expected) = match message.split_once(", expected ") {
         Some((said, expected)) => (said, Some(expected)),
@@ -351,7 +354,7 @@ mod tests {
 
     use super::*;
 
-    /// Returns line, message and help of each mistake.
+    /// Returns the line, the message and the help of each syntax error in a text.
     fn told(text: &str) -> Vec<(usize, String, String)> {
         let (_, errors) = DeTable::parse_recoverable(text);
         let failure = |err: &toml::de::Error| TomlError {

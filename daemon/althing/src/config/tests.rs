@@ -1,4 +1,5 @@
-//! Layers and their meaning. How mistakes are displayed is tested on the binary.
+//! Tests of the configuration: how layers are merged, and what their values mean. How mistakes are
+//! displayed is tested on the binary.
 
 use std::path::PathBuf;
 use std::time::Duration;

@@ -1,9 +1,9 @@
-//! Restarts the process when its machine has moved to another address: its DHCP lease was not
+//! Restarts this process when the machine has moved to another address: its DHCP lease was not
 //! renewed, or it has roamed to another network.
 //!
-//! All its links use the address that is gone, and are dead. Zenoh scouts from the addresses that
-//! existed when it was started, so it would find no daemon from the new one. Because other daemons
-//! count this one as gone anyway, it restarts itself.
+//! All links of the process use the old address, and are dead. Zenoh scouts from the addresses that
+//! existed when Zenoh was started, so that it would find no daemon from the new address. Other
+//! daemons count this daemon as gone anyway; so nothing is lost if it restarts itself.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::Ipv4Addr;
@@ -15,14 +15,15 @@ use nix::net::if_::InterfaceFlags;
 
 use super::reexec::restart_process;
 
-/// How often the addresses are checked: other daemons need a lease to notice that this one is gone.
+/// How often the machine's addresses are checked. Other daemons notice only after a lease that this
+/// one is gone.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// The addresses of each interface that scouting can use; it uses IPv4.
+/// The addresses that scouting can use, by network interface. Scouting uses IPv4.
 type Addresses = BTreeMap<String, BTreeSet<Ipv4Addr>>;
 
-/// Watches the addresses on a thread of its own, and restarts this process when the machine has
-/// moved.
+/// Watches the machine's addresses on a separate thread, and restarts this process when the machine
+/// has moved to another address.
 pub(crate) fn watch_addresses() {
     let Some(first) = addresses() else { return };
     thread::spawn(move || {
@@ -51,9 +52,10 @@ fn addresses() -> Option<Addresses> {
     Some(all)
 }
 
-/// Returns the new interface and address if the machine has moved: if an interface has kept none of
-/// its addresses and has others, or if there were no addresses at all before. An added interface is
-/// not a move: bridges and tunnels come and go.
+/// Returns the new interface and address if the machine has moved; otherwise `None`. The machine
+/// has moved if an interface has other addresses and has kept none of its old ones, or if there
+/// were no addresses at all before. An added interface alone is not a move: bridges and tunnels
+/// come and go.
 fn moved<'now>(first: &Addresses, now: &'now Addresses) -> Option<(&'now str, Ipv4Addr)> {
     let has_moved = |interface: &str, here: &BTreeSet<Ipv4Addr>| match first.get(interface) {
         Some(before) => before.is_disjoint(here),

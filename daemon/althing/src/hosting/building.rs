@@ -1,4 +1,4 @@
-//! The simulated building of an ecosystem, built from its map and the entries of its agents.
+//! The simulated building of an ecosystem, made from the map and from the entries of the agents.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,50 +15,51 @@ use crate::review::MistakeLocation;
 /// Temperature of a place for which the ecosystem file gives none, in °C.
 const CELSIUS: f64 = 20.0;
 
-/// Distance of two connected places for which the map gives none, in meters.
+/// Distance between two connected places for which the map gives none, in meters.
 const METERS: f64 = 5.0;
 
-/// Defaults of the robot plugins where an entry gives none: seconds to recharge a battery, meters
-/// to a pose.
+/// Defaults for the entries of robots: seconds to recharge a battery (`RECHARGE_TIME`), and meters
+/// to a pose (`POSE_METERS`).
 const RECHARGE_TIME: f64 = 600.0;
 const POSE_METERS: f64 = 1.0;
 
 /// The reason why the building cannot be simulated, and the place in the ecosystem's files that
-/// causes it. Completes “failed to …”.
+/// causes it. The message completes the sentence “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[error("simulate the building: {problem}")]
 pub(crate) struct SimulationError {
-    /// The place where the mistake is written.
+    /// The place in the ecosystem's files where the mistake is written.
     pub(crate) place: MistakeLocation,
-    /// The mistake.
+    /// The mistake that prevents simulation.
     #[source]
     pub(crate) problem: SimulationProblem,
 }
 
-/// A mistake that prevents simulation. Completes “failed to …”.
+/// A mistake that prevents the simulation of a building. The message completes the sentence “failed
+/// to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum SimulationProblem {
-    /// The map and the agents' entries do not fit.
+    /// The map and the entries of agents contradict each other.
     #[error("{0}")]
     Layout(#[from] LayoutError),
     /// An agent's entry lacks a key that the building needs.
     #[error("read the config of `{agent}`: it needs `{key}`")]
     Config {
-        /// The agent.
+        /// Name of the agent of which the entry lacks the key.
         agent: String,
-        /// The key that it lacks.
+        /// The missing key.
         key: &'static str,
     },
-    /// A quantity that no building has.
+    /// An entry names a quantity that the simulated building does not have.
     #[error("find the quantity `{name}`; known are {}", known())]
     Quantity {
-        /// The name as it is written.
+        /// The name of the quantity, as the entry writes it.
         name: String,
     },
 }
 
-/// Adds the place where a mistake is written to an error.
+/// Adds to an error the place where the mistake is written.
 trait WithLocation<T> {
     fn at(self, place: impl FnOnce() -> MistakeLocation) -> Result<T, SimulationError>;
 }
@@ -69,17 +70,17 @@ impl<T, E: Into<SimulationProblem>> WithLocation<T> for Result<T, E> {
     }
 }
 
-/// Returns the place of a key in an entry's `config`.
+/// Returns the place of the key `key` in the `config` of an agent's entry.
 fn config(entry: &AgentEntry, key: &str) -> MistakeLocation {
     MistakeLocation::Key(format!("{}.config.{key}", entry.path))
 }
 
-/// Returns the building in which an ecosystem's simulated agents act, in its initial state.
+/// Returns the building in which the simulated agents of an ecosystem act, in its initial state.
 ///
 /// # Errors
 ///
 /// Returns an error if an agent's entry lacks a key, or names a place, a carrier or a quantity that
-/// does not exist, or if an initial condition is impossible.
+/// does not exist, or if the ecosystem file sets an initial condition that is impossible.
 pub(crate) fn simulate(ecosystem: &Ecosystem) -> Result<Building, SimulationError> {
     let time_scale = || MistakeLocation::Key("building.time-scale".to_owned());
     let building = Building::new(layout_of(ecosystem)?, ecosystem.building.time_scale);
@@ -94,8 +95,8 @@ pub(crate) fn simulate(ecosystem: &Ecosystem) -> Result<Building, SimulationErro
 }
 
 /// Changes the devices of a running building to those of an ecosystem file that was read again:
-/// removes the devices of the agents in `leaving`, and adds those that are missing. The state of
-/// the others stays. Returns a message for the user for each device that cannot be added.
+/// removes the devices of the agents in `leaving`, and adds the devices that are missing. All other
+/// devices keep their state. Returns a message for the user for each device that cannot be added.
 pub(crate) fn update_devices(
     building: &Building,
     ecosystem: &Ecosystem,
@@ -189,7 +190,7 @@ fn add_robot(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationEr
     Ok(())
 }
 
-/// Adds the poses of a robot's entry as places. Two robots may have the same pose.
+/// Adds the poses in a robot's entry to the building as places. Two robots may have the same pose.
 fn add_poses(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationError> {
     let Some(Value::Object(poses)) = entry.config.get("poses") else { return Ok(()) };
     for (name, pose) in poses {
@@ -208,7 +209,8 @@ fn add_poses(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationEr
     Ok(())
 }
 
-/// Returns the places that a camera can see, in the directions of its presets.
+/// Returns the places that a camera can see, each with its direction, from the presets in the
+/// camera's entry.
 fn views(entry: &AgentEntry) -> Result<Vec<PlaceDirection>, SimulationError> {
     let Some(Value::Object(presets)) = entry.config.get("presets") else { return Ok(Vec::new()) };
     let view = |preset: &Value| {

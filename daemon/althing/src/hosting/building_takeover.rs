@@ -1,8 +1,8 @@
-//! Take-over of the simulated building: when the daemon that serves it is gone, another daemon that
-//! uses it serves it, with its robots where they were last seen.
+//! Take-over of the simulated building: when the daemon that serves the building is gone, another
+//! daemon that uses it serves it instead. Robots stand where they were last seen.
 //!
-//! Temperatures, locked doors and the places of people are those of the ecosystem file again: only
-//! the process that is gone knew them.
+//! Temperatures, locked doors and the places of people are reset to those of the ecosystem file,
+//! because only the process that is gone knew the current ones.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,14 +17,15 @@ use tokio::time::sleep;
 use super::building::simulate;
 use crate::config::Ecosystem;
 
-/// How often a daemon checks whether the building is served.
+/// How often a daemon checks whether the building is still served.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// The plugins of robots: their places and charges are kept, because a robot's entry can set both.
+/// The plugins of robots. The place and the charge of a robot are kept at a take-over, because a
+/// robot's entry can set both.
 const ROBOTS: [&str; 3] = ["turtlebot", "cleaning-robot", "video-robot"];
 
-/// A task that takes over the building when no process serves it. Dropping this ends the task and
-/// the server.
+/// A task that takes over the building when no process serves it. Dropping this value ends the task
+/// and, after a take-over, the server.
 #[must_use]
 #[derive(Debug)]
 pub(crate) struct BuildingTakeover(AbortHandle);
@@ -35,15 +36,16 @@ impl Drop for BuildingTakeover {
     }
 }
 
-/// The place where a robot was last seen, and the meters that its charge allowed then.
+/// The place where a robot was last seen, and the distance in meters for which its charge sufficed
+/// then.
 #[derive(Debug)]
 pub(super) struct RobotState {
     place: String,
     charge: Option<f64>,
 }
 
-/// Watches a building that another process serves at this socket, and serves it when no process
-/// does.
+/// Watches a building that another process serves at the socket `socket`, and serves it from this
+/// process when no other process does.
 pub(crate) fn watch_building(
     ecosystem: Ecosystem,
     socket: PathBuf,
@@ -79,7 +81,8 @@ pub(crate) fn watch_building(
     BuildingTakeover(watch.abort_handle())
 }
 
-/// Records where the robots are. Returns `false` if the building is not served.
+/// Records in `seen` where the robots are, and their charges. Returns `false` if no process serves
+/// the building.
 pub(super) async fn record_robots(
     ecosystem: &Ecosystem,
     building: &BuildingHandle,
@@ -103,7 +106,8 @@ pub(super) async fn record_robots(
     !matches!(building.place_of("").await, Err(error) if is_gone(&error))
 }
 
-/// Creates the building and its server; `None` if another process serves it already.
+/// Creates the building with the robots where they were last seen, and a server for it; `None` if
+/// another process serves the building already.
 pub(super) async fn serve(
     ecosystem: &Ecosystem,
     seen: &BTreeMap<String, RobotState>,

@@ -1,9 +1,9 @@
-//! Credentials of this process in a secured ecosystem: a daemon uses its own key, a guest uses the
-//! key of a daemon if it can read that daemon's files.
+//! The credentials of this process in a secured ecosystem. A daemon uses its own key; a guest uses
+//! the key of a daemon of which it can read the files.
 //!
-//! A daemon publishes the folder of its keys to the guests of its machine by a file beside its
-//! socket, in a folder that belongs to its user alone: any process that can open the socket can
-//! also read the key.
+//! A daemon tells the guests on its machine where its keys are, by a file beside its socket. The
+//! file and the socket are in a folder that belongs to the daemon's user alone, so that a process
+//! that can open the socket can also read the key.
 
 use std::fs;
 use std::io;
@@ -21,29 +21,29 @@ use substrate_zenoh::Security;
 use super::folders::state_folder;
 use crate::config::{SecuritySettings, credentials_folder};
 
-/// The extension of the file that names the folder of a daemon's keys.
+/// The extension of the file that contains the path of the folder with a daemon's keys.
 const KEYS: &str = "keys";
 
-/// How often the expiry of a certificate is announced.
+/// How often a warning is logged that a certificate expires soon.
 const ANNOUNCED_EVERY: Duration = Duration::from_secs(24 * 3_600);
 
-/// Most messages per second that a guest accepts from one daemon. Commands receive few; this bounds
-/// the harm that a faulty daemon can do to them.
+/// Most messages per second that a guest accepts from one daemon. Commands receive few messages;
+/// this bound limits the harm that a faulty daemon can do to them.
 const GUEST_MESSAGES_PER_SECOND: u32 = 5_000;
 
-/// The key that a guest uses.
+/// The daemon of which a guest uses the key, and the folder with that key.
 #[derive(Clone, Debug)]
 pub(crate) struct GuestKeys {
     folder: CredentialFolder,
     daemon: DaemonId,
 }
 
-/// Returns the keys with which a daemon seals and verifies messages. Revocations that it receives
-/// are kept in its state folder.
+/// Returns the keys with which a daemon seals and verifies messages. Revocations that the daemon
+/// receives are stored in its state folder.
 ///
 /// # Errors
 ///
-/// Returns an error if its key or a certificate is missing or invalid.
+/// Returns an error if the daemon's key or a certificate is missing or invalid.
 pub(crate) fn secure(
     ecosystem: &EcosystemId,
     daemon: &DaemonId,
@@ -63,8 +63,8 @@ pub(crate) fn secure(
     read().map_err(|error| error.to_string())
 }
 
-/// Logs a warning once a day if the certificate of the daemon or of the authority expires within
-/// `before`. Never returns.
+/// Logs a warning once a day if the certificate of the daemon or that of the authority expires
+/// within the time `before`. Never returns.
 pub(crate) async fn warn_of_expiry(security: Security, folder: PathBuf, before: Duration) {
     loop {
         let now = SystemTime::now();
@@ -85,7 +85,7 @@ pub(crate) async fn warn_of_expiry(security: Security, folder: PathBuf, before: 
     }
 }
 
-/// Writes the file that tells the guests of this machine where a daemon's keys are.
+/// Writes the file that tells the guests on this machine in which folder a daemon's keys are.
 ///
 /// # Errors
 ///
@@ -95,7 +95,7 @@ pub(crate) fn publish_keys(socket: &Path, folder: &Path) -> io::Result<()> {
     fs::write(socket.with_extension(KEYS), absolute.as_os_str().as_encoded_bytes())
 }
 
-/// Removes that file: the daemon has no keys.
+/// Removes the file that [`publish_keys`] writes, because the daemon has no keys.
 pub(crate) fn unpublish_keys(socket: &Path) {
     // The file may never have existed.
     let _ = fs::remove_file(socket.with_extension(KEYS));
@@ -104,13 +104,13 @@ pub(crate) fn unpublish_keys(socket: &Path) {
 // === impl GuestKeys ===
 
 impl GuestKeys {
-    /// Finds the keys of a secured ecosystem. Returns `Ok(None)` if it is not secured, as far as
-    /// this machine shows.
+    /// Finds the key that a guest can use in a secured ecosystem. Returns `Ok(None)` if nothing on
+    /// this machine shows that the ecosystem is secured.
     ///
     /// # Errors
     ///
-    /// Returns an error if it is secured and no key is here, or there are several and none was
-    /// chosen.
+    /// Returns an error if the ecosystem is secured, and this machine has no key, or has several of
+    /// which none was chosen.
     pub(crate) fn find(
         ecosystem: &EcosystemId,
         settings: Option<&SecuritySettings>,
@@ -164,13 +164,13 @@ impl GuestKeys {
         Ok(Some(GuestKeys { folder, daemon }))
     }
 
-    /// Returns the keys of one daemon.
+    /// Returns the keys of the daemon `daemon`, for use by a guest.
     pub(crate) fn of(settings: &SecuritySettings, daemon: &DaemonId) -> GuestKeys {
         GuestKeys { folder: CredentialFolder::new(&settings.folder), daemon: daemon.clone() }
     }
 
-    /// Returns the keys with which a guest of this role seals and verifies messages, and the
-    /// guest's name.
+    /// Returns the name of a guest with the role `role`, and the keys with which it seals and
+    /// verifies messages.
     ///
     /// # Errors
     ///

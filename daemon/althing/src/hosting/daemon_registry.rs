@@ -1,21 +1,22 @@
-//! The order in which the daemons of one machine connect: each newcomer connects to the daemons
-//! that are present.
+//! The order in which the daemons of one machine connect: each daemon that enters connects to the
+//! daemons that are present.
 //!
-//! Two daemons must never connect to each other at once: Zenoh may close both links then. So
-//! daemons enter one at a time, under a lock, and no daemon connects to those that enter later. A
-//! newcomer is linked as soon as it listens, whatever its name is, and also to daemons that do not
-//! find it in their ecosystem file.
+//! Two daemons must never connect to each other at the same time, because Zenoh may then close both
+//! links. Therefore daemons enter one at a time, under a lock, and no daemon connects to those that
+//! enter after it. A daemon is linked as soon as it listens, whatever its name is, also to daemons
+//! in the ecosystem files of which it is not named.
 //!
-//! Zenoh reconnects to a lost peer forever. A daemon that restarts connects by itself, so stale
-//! reconnects must not reach it. Therefore other daemons connect to each incarnation by a path of
-//! its own, a symbolic link to the daemon's socket, and the next incarnation removes that link
-//! before it listens.
+//! Zenoh tries for ever to reconnect to a lost peer. When a daemon restarts, it connects to the
+//! others by itself, so that their attempts to reconnect to its previous incarnation must not reach
+//! it. Therefore other daemons connect to each incarnation by a path of its own, which is a
+//! symbolic link to the daemon's socket. The next incarnation removes that symbolic link before it
+//! listens.
 //!
-//! The runtime folder holds for each daemon, beside its socket,
+//! For each daemon, the runtime folder holds beside the socket
 //!
-//! - `NAME.here`, the *ticket*: locked as long as the daemon runs; it holds the incarnation, and is
-//!   empty once the daemon has left in good order;
-//! - `NAME.INCARNATION`, the link by which other daemons connect to it.
+//! - `NAME.here`, the *ticket*: the daemon locks it as long as it runs; it contains the
+//!   incarnation, and is empty once the daemon has left in good order;
+//! - `NAME.INCARNATION`, the symbolic link by which other daemons connect to the daemon.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read as _};
@@ -28,77 +29,79 @@ use substrate_zenoh::REOPEN_DELAY;
 
 use super::folders::{FolderError, socket_in};
 
-/// The lock file that lets one daemon enter at a time.
+/// The name of the lock file by which daemons enter one at a time.
 const LOCK_FILE: &str = "entrance.lock";
 
-/// How long a daemon waits for the lock. Its holder reads a few small files; only a process that
-/// was stopped meanwhile holds it for longer.
+/// How long a daemon waits for the lock. The daemon that holds the lock only reads a few small
+/// files, so that it can hold the lock for longer only if it is suspended meanwhile.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
 const LOCK_POLL_PERIOD: Duration = Duration::from_millis(2);
 const _: () = assert!(LOCK_POLL_PERIOD.as_millis() < LOCK_TIMEOUT.as_millis());
 
-/// How often a newcomer waits again because another daemon has left meanwhile. A service that exits
-/// as soon as it has started, and is restarted again and again, must not keep all others out.
+/// How often a daemon that enters waits once more because another daemon has left meanwhile.
+/// Without this bound, a service that exits as soon as it has started, and is restarted again and
+/// again, would keep all other daemons out.
 const RESTS_MAX: usize = 8;
 
-/// The extension of the file that shows that a daemon is present.
+/// The extension of the ticket file, which shows that a daemon is present.
 const PRESENCE_EXTENSION: &str = "here";
 
-/// Digits of an incarnation: its start time in microseconds, as ten hexadecimal digits, which
-/// repeat after twelve days. The path of the link must not be longer than that of the socket.
+/// Number of digits of an incarnation: its start time in microseconds, of which the last ten
+/// hexadecimal digits are used; they repeat after twelve days. With more digits, the path of the
+/// symbolic link could be longer than that of the socket.
 const LIFE_DIGITS: usize = 10;
 
-/// The reason why a daemon cannot enter. Completes “failed to …”.
+/// The reason why a daemon cannot enter. The message completes the sentence “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum RegisterError {
-    /// No path is possible for its socket.
+    /// The daemon's socket cannot have a path in the folder.
     #[error("{0}")]
     Folder(#[from] FolderError),
     /// A file or folder cannot be used.
     #[error("use {}: {source}", path.display())]
     Io {
-        /// The file or folder.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// The error of the system.
+        /// The error that the operating system reports.
         #[source]
         source: io::Error,
     },
-    /// Another running process is this daemon.
+    /// Another running process uses the daemon's name.
     #[error("start as `{daemon}`: a daemon of this name is running here already")]
     Taken {
-        /// The name.
+        /// Name of the daemon.
         daemon: DaemonId,
     },
 }
 
-/// A daemon's presence among the others of its machine. Dropping it records that the daemon has
-/// left.
+/// The presence of a daemon among the daemons of its machine. Dropping this value records that the
+/// daemon has left.
 #[derive(Debug)]
 pub(crate) struct PresenceGuard {
-    /// The ticket file; the lock on it lasts until the kernel closes it.
+    /// The daemon's ticket file. The lock on it lasts until the kernel closes the file.
     ticket: File,
-    /// The path by which daemons that enter later connect to this one.
+    /// The path by which daemons that enter later connect to this daemon.
     life: PathBuf,
-    /// The paths by which this daemon connects to those that entered earlier.
+    /// The paths by which this daemon connects to the daemons that entered before it.
     pub(crate) others: Vec<PathBuf>,
 }
 
-/// The contents of a ticket file.
+/// The ticket of a daemon, as it was read from its file.
 struct PresenceFile {
     daemon: String,
-    /// Whether the file is locked.
+    /// Whether the ticket file is locked, which means that the daemon is present.
     is_here: bool,
-    /// The incarnation; empty if the daemon has left in good order.
+    /// The incarnation in the ticket; empty if the daemon has left in good order.
     life: String,
-    /// Time of the last change of the file.
+    /// Time of the last change of the ticket file.
     since: SystemTime,
 }
 
-/// Enters, but not before [`REOPEN_DELAY`] has passed since another daemon left. If the previous
-/// incarnation of this daemon did not record that it left, it crashed; it is taken to have left
-/// now, because the restart may have followed at once. When another daemon crashed is not known, so
-/// that is not waited for.
+/// Registers a daemon, but not before [`REOPEN_DELAY`] has passed since another daemon left. If the
+/// previous incarnation of this daemon did not record that it left, it crashed. Then it counts as
+/// having left now, because a restart may follow a crash at once. For crashes of other daemons
+/// there is no wait, because their times are not known.
 ///
 /// # Errors
 ///
@@ -123,7 +126,8 @@ pub(crate) async fn register_daemon(
     PresenceGuard::begin(folder, daemon)
 }
 
-/// Waits for the lock. It is released when the file is dropped.
+/// Waits for the lock under which daemons enter. The lock is released when the returned file is
+/// dropped.
 async fn acquire_lock(folder: &Path) -> Result<File, RegisterError> {
     let path = folder.join(LOCK_FILE);
     let door = open(&path)?;
@@ -145,8 +149,8 @@ async fn acquire_lock(folder: &Path) -> Result<File, RegisterError> {
     Ok(door)
 }
 
-/// Records that the previous incarnation of this daemon has left now if it crashed, and removes the
-/// link by which other daemons still try to connect to it. The caller holds the lock.
+/// If the previous incarnation of this daemon crashed, records that it has left now, and removes
+/// the symbolic link by which other daemons still try to connect to it. The caller holds the lock.
 fn clean_up_crashed(folder: &Path, daemon: &DaemonId) -> Result<(), RegisterError> {
     let path = socket_in(folder, daemon.as_str())?.with_extension(PRESENCE_EXTENSION);
     let failed = |source| RegisterError::Io { path: path.clone(), source };
@@ -161,7 +165,7 @@ fn clean_up_crashed(folder: &Path, daemon: &DaemonId) -> Result<(), RegisterErro
     open(&path)?.set_len(0).map_err(failed)
 }
 
-/// Returns how long a newcomer has yet to wait.
+/// Returns how much longer a daemon that enters has to wait, given the tickets of all daemons.
 fn remaining_delay(tickets: &[PresenceFile], now: SystemTime) -> Duration {
     let said = tickets.iter().filter(|ticket| !ticket.is_here && ticket.life.is_empty());
     // A clock that was set back must not keep a daemon away for longer.
@@ -170,7 +174,7 @@ fn remaining_delay(tickets: &[PresenceFile], now: SystemTime) -> Duration {
 }
 
 /// Returns the tickets of all daemons that are or were present. The caller holds the lock, because
-/// testing whether a ticket is locked locks it for a moment.
+/// to find out whether a ticket is locked, this locks it for a moment.
 fn presence_files(folder: &Path) -> Result<Vec<PresenceFile>, RegisterError> {
     let failed = |source| RegisterError::Io { path: folder.to_owned(), source };
     let mut tickets = Vec::new();
@@ -183,7 +187,7 @@ fn presence_files(folder: &Path) -> Result<Vec<PresenceFile>, RegisterError> {
     Ok(tickets)
 }
 
-/// Reads the ticket in this file; `None` if the file name is not a daemon's name.
+/// Reads the ticket file at `path`; returns `None` if its file name is not a daemon's name.
 fn read(path: &Path) -> io::Result<Option<PresenceFile>> {
     let stem = path.file_stem().and_then(|stem| stem.to_str());
     let Some(daemon) = stem.filter(|stem| DaemonId::new(stem).is_ok()) else { return Ok(None) };
@@ -202,15 +206,15 @@ fn read(path: &Path) -> io::Result<Option<PresenceFile>> {
     Ok(Some(PresenceFile { daemon: daemon.to_owned(), is_here, life, since }))
 }
 
-/// Opens a file that only this user can open: another user that could lock it could keep daemons
-/// out.
+/// Opens a file that only this user can open. If other users could open it, they could lock it and
+/// so keep daemons out.
 fn open(path: &Path) -> Result<File, RegisterError> {
     let mut options = OpenOptions::new();
     let opened = options.read(true).write(true).create(true).mode(0o600).open(path);
     opened.map_err(|source| RegisterError::Io { path: path.to_owned(), source })
 }
 
-/// Returns the incarnation of a daemon that starts now.
+/// Returns the text that names the incarnation of a daemon that starts at the time `now`.
 fn name_life(now: SystemTime) -> String {
     let micros = now.duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
     let digits = format!("{micros:0LIFE_DIGITS$x}");
@@ -224,7 +228,8 @@ fn is_life(text: &str) -> bool {
 // === impl Stay ===
 
 impl PresenceGuard {
-    /// Begins an incarnation. The caller holds the lock.
+    /// Begins an incarnation of a daemon: locks its ticket and makes its symbolic link. The caller
+    /// holds the lock.
     fn begin(folder: &Path, daemon: &DaemonId) -> Result<PresenceGuard, RegisterError> {
         let socket = socket_in(folder, daemon.as_str())?;
         let path = socket.with_extension(PRESENCE_EXTENSION);

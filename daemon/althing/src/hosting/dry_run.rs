@@ -1,7 +1,8 @@
-//! Builds the agents of an ecosystem without launching them, to get their action models and the
-//! mistakes in their entries.
+//! Builds the agents of an ecosystem without launching them, to get their action models and to find
+//! the mistakes in their entries.
 //!
-//! Nothing is opened or written; files that exist only on an agent's own machine are not read.
+//! Building them opens and writes nothing, and reads no files that exist only on an agent's own
+//! machine.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,13 +15,13 @@ use pddl::ActionModel;
 use super::{HostError, supervisor};
 use crate::config::{AgentEntry, Ecosystem};
 
-/// The context in which agents of an ecosystem are built without being launched.
+/// The context in which the agents of an ecosystem are built without being launched.
 pub(crate) struct DryRun {
     host: Arc<Host>,
 }
 
 impl DryRun {
-    /// Creates the context for the agents of this ecosystem.
+    /// Creates the context for building the agents of `ecosystem`.
     pub(crate) fn of(ecosystem: &Ecosystem) -> DryRun {
         let mut resources = Resources::default();
         resources.insert(BuildCheck);
@@ -38,18 +39,18 @@ impl DryRun {
         DryRun { host: Arc::new(host) }
     }
 
-    /// Builds an agent as `althing up` would.
+    /// Builds the agent of an entry, as `althing up` would.
     ///
     /// # Errors
     ///
-    /// Returns an error if its entry is wrong.
+    /// Returns an error if the entry has a mistake.
     pub(crate) fn build(&self, entry: &AgentEntry) -> Result<Box<dyn LaunchableAgent>, HostError> {
         supervisor::build_unlaunched(entry, &self.host)
     }
 }
 
-/// Returns the action models of an ecosystem's agents that are built in and can be built: what each
-/// would announce when it joins.
+/// Returns the action models of those agents of an ecosystem that have a built-in plugin and can be
+/// built. An action model is what the agent would announce when it joins.
 pub(crate) fn models(ecosystem: &Ecosystem) -> BTreeMap<AgentId, ActionModel> {
     let stage = DryRun::of(ecosystem);
     let model = |entry: &AgentEntry| {

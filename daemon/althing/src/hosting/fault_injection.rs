@@ -1,8 +1,9 @@
-//! A network that loses some messages and duplicates others: the same ones for the same seed.
+//! A network that loses some messages and duplicates others. With the same seed, it loses and
+//! duplicates the same messages.
 //!
-//! The choice depends on the sender, the receiver, the kind of message and its count on that route,
-//! not on the order in which threads send. Queries and presence are never lost: a network that
-//! loses those is down, which is a different fault.
+//! Whether a message is lost or duplicated depends on its sender, its receiver, its kind, and how
+//! many such messages came before it, not on the order in which threads send. Queries and presence
+//! are never lost: a network that loses those is down, which is a different fault.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,11 +13,11 @@ use acl::{AgentId, Performative};
 use bytes::Bytes;
 use substrate::{AgentAddress, ForwardingSubstrate, SendError, Subject, Substrate};
 
-/// The probabilities of faults, and counters of those that have occurred.
+/// The probabilities of faults, and counters of the faults that have been injected.
 #[derive(Debug, Default)]
 pub(crate) struct FaultInjector {
-    /// The share of messages that are lost, and of the others the share that is duplicated; both
-    /// from 0 to 1.
+    /// The share of messages that are lost, from 0 to 1. The field `duplicate` is the share of the
+    /// other messages that are duplicated, also from 0 to 1.
     pub(crate) lose: f64,
     pub(crate) duplicate: f64,
     pub(crate) seed: u64,
@@ -34,7 +35,7 @@ enum MessageFault {
     Doubled,
 }
 
-/// Wraps a reliable substrate in an unreliable one.
+/// Wraps a reliable substrate in one that loses and duplicates messages.
 pub(super) fn make_unreliable(
     reliable: Arc<dyn Substrate>,
     mishaps: Arc<FaultInjector>,
@@ -50,12 +51,14 @@ struct UnreliableSubstrate {
 // === impl Mishaps ===
 
 impl FaultInjector {
-    /// Creates the faults with these shares, drawn from `seed`.
+    /// Creates an injector that loses and duplicates these shares of the messages, chosen by
+    /// `seed`.
     pub(crate) fn new(lose: f64, duplicate: f64, seed: u64) -> FaultInjector {
         FaultInjector { lose, duplicate, seed, ..FaultInjector::default() }
     }
 
-    /// Draws the fault of the next message on this route, and counts it.
+    /// Draws the fault of the next message on the route `route`, and counts the message and its
+    /// fault.
     fn next(&self, route: String) -> MessageFault {
         self.all.fetch_add(1, Ordering::Relaxed);
         let number = {
@@ -77,8 +80,8 @@ impl FaultInjector {
     }
 }
 
-/// Returns a pseudo-random number that depends on all three arguments: FNV-1a, then the finaliser
-/// of SplitMix64.
+/// Returns a pseudo-random number that depends on all three arguments. It is computed by FNV-1a and
+/// then by the finaliser of SplitMix64.
 fn draw(seed: u64, route: &str, number: u64) -> u64 {
     let bytes = route.bytes().chain(number.to_le_bytes()).chain(seed.to_le_bytes());
     let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
@@ -89,7 +92,7 @@ fn draw(seed: u64, route: &str, number: u64) -> u64 {
     mixed ^ (mixed >> 31)
 }
 
-/// Maps a number to the range from 0 (inclusive) to 1 (exclusive).
+/// Maps a number of 64 bits to the range from 0 (inclusive) to 1 (exclusive).
 fn share_of(number: u64) -> f64 {
     (number >> 11) as f64 / (1_u64 << 53) as f64
 }

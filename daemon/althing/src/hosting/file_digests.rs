@@ -1,9 +1,9 @@
-//! Reports daemons that have read another domain or another map than this one.
+//! Reports daemons that have read a domain or a map that differs from this daemon's.
 //!
-//! All machines of an ecosystem must have the same domain file and the same map. A robot with an
-//! older map on its machine declines what other agents plan, and no message would say why. Each
-//! daemon therefore publishes digests of what it has read, and queries those of each daemon that
-//! joins.
+//! All machines of an ecosystem must have the same domain file and the same map. A robot on a
+//! machine with an older map declines what other agents plan, and no message would say why.
+//! Therefore each daemon publishes digests of the files that it has read, and queries the digests
+//! of each daemon that joins.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
@@ -19,28 +19,32 @@ use tokio::sync::broadcast::error::RecvError;
 use super::DaemonNode;
 use crate::config::Ecosystem;
 
-/// How long to wait for more daemons that join at once, so that all of them are queried together.
+/// How long to wait after a daemon has joined, so that others that join at the same time are
+/// queried together with it.
 const SETTLING: Duration = Duration::from_secs(1);
 
-/// How long to wait for an answer.
+/// How long to wait for the answers to a query.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
 
-/// How often a daemon that does not answer is queried: it is seen before it can answer.
+/// How often a daemon is queried if it does not answer: a new daemon is seen before it can answer.
 const ASKED_MAX: u32 = 5;
 
-/// Number of digits of a digest that are shown, so that a person can compare them.
+/// Number of characters of a digest that are published and shown, few enough for a person to
+/// compare.
 const DIGEST_CHARS: usize = 12;
 
-/// The files that a daemon has read.
+/// The digests of the files that a daemon has read.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 struct FileDigests {
     daemon: DaemonId,
-    /// Digests of the parsed text: comments and line breaks do not count.
+    /// Digest of the parsed domain: comments and line breaks do not change it. The field `map` is
+    /// the digest of the parsed map.
     domain: String,
     map: String,
 }
 
-/// Publishes the digests of this daemon, and logs daemons that have read other files, from now on.
+/// From now on, publishes the digests of this daemon, and logs which other daemons have read other
+/// files.
 pub(crate) fn watch_files(node: &DaemonNode, ecosystem: &Ecosystem) {
     let switchboard = Arc::clone(node.switchboard());
     let own = FileDigests {
@@ -86,8 +90,8 @@ async fn watch(switchboard: Arc<MessageRouter>, own: FileDigests) {
     }
 }
 
-/// Queries the files of these daemons: a single one by its name, several all at once. Returns the
-/// answers that came.
+/// Queries the digests of the daemons in `newcomers`: a single daemon by its name, several by one
+/// query to all daemons. Returns the answers that arrived in time.
 async fn ask(switchboard: &MessageRouter, newcomers: &BTreeSet<DaemonId>) -> Vec<FileDigests> {
     let daemon = newcomers.first().filter(|_| newcomers.len() == 1).cloned();
     let ask = ResourceQuery { daemon, resource: Resource::Files, agent: None };
@@ -97,7 +101,7 @@ async fn ask(switchboard: &MessageRouter, newcomers: &BTreeSet<DaemonId>) -> Vec
     answers.iter().filter_map(read).filter(|files| newcomers.contains(&files.daemon)).collect()
 }
 
-/// Logs the differences between two daemons, once.
+/// Logs the differences between the files of two daemons, unless they have been logged already.
 fn log_differences(own: &FileDigests, other: &FileDigests, told: &mut BTreeSet<FileDigests>) {
     told.retain(|known| known.daemon != other.daemon || known == other);
     let differences = differences(own, other);
@@ -108,7 +112,7 @@ fn log_differences(own: &FileDigests, other: &FileDigests, told: &mut BTreeSet<F
     }
 }
 
-/// Returns the differences between two daemons, as messages for the operator.
+/// Returns the differences between the files of two daemons, as messages for the operator.
 fn differences(own: &FileDigests, other: &FileDigests) -> Vec<String> {
     let parts = [("domain", &own.domain, &other.domain), ("map", &own.map, &other.map)];
     let differing = parts.into_iter().filter(|(_, own, other)| own != other);

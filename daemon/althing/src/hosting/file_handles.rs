@@ -1,14 +1,14 @@
-//! Checks whether the system lets this process open as many files as a daemon needs. Connections
-//! count as files, and a daemon that has reached the limit can accept no connection and write no
-//! file.
+//! Checks whether the operating system lets this process open as many files as a daemon needs.
+//! Connections count as files, and a daemon that has reached the limit can accept no connection and
+//! write no file.
 
 use nix::sys::resource::{Resource, getrlimit, rlim_t};
 
-/// Number of open files that a daemon of a building needs: about forty for itself, two for each
-/// connection of a daemon or a command, several for each plugin that is a process.
+/// Number of open files that the daemon of a building needs: about forty for itself, two for each
+/// connection with another daemon or a command, and several for each plugin that runs as a process.
 const NEEDED: rlim_t = 512;
 
-/// Logs a warning if this process may have too few files open at a time.
+/// Logs a warning if the limit on open files is too low for a daemon.
 pub(crate) fn warn_of_few_file_handles() {
     if let Ok((limit, most)) = getrlimit(Resource::RLIMIT_NOFILE)
         && let Some(warning) = warning(limit, most)
@@ -17,8 +17,8 @@ pub(crate) fn warn_of_few_file_handles() {
     }
 }
 
-/// Returns the warning for a limit that may be raised to `most`; `None` if the limit is high
-/// enough.
+/// Returns the warning for the limit `limit`, which this user may raise up to `most`; `None` if the
+/// limit is high enough.
 fn warning(limit: rlim_t, most: rlim_t) -> Option<String> {
     if limit >= NEEDED {
         return None;

@@ -1,4 +1,4 @@
-//! The folders of a daemon's sockets, state and packages.
+//! The folders of the sockets, the state and the packages of daemons.
 
 use std::fs::Permissions;
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, PermissionsExt as _};
@@ -9,51 +9,51 @@ use acl::{DaemonId, EcosystemId};
 use rustix::fs::Mode;
 use rustix::process::umask;
 
-/// Longest path of a Unix socket in bytes: `sockaddr_un` holds 108 with its final zero, and Zenoh
-/// creates a lock file with a longer name beside it.
+/// Greatest length of the path of a Unix socket, in bytes: `sockaddr_un` holds 108 with the final
+/// zero, and Zenoh creates a lock file with a longer name beside the socket.
 const SOCKET_PATH_BYTES_MAX: usize = 100;
 
-/// The permission bits of users other than the owner.
+/// The permission bits of a file that give access to users other than the owner.
 const OTHERS: u32 = 0o077;
 
-/// The reason why a folder cannot be used. Completes “failed to …”.
+/// The reason why a folder cannot be used. The message completes the sentence “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum FolderError {
     /// The folder cannot be created or read.
     #[error("use the folder {}: {source}", path.display())]
     Io {
-        /// The folder.
+        /// Path of the folder that cannot be created or read.
         path: PathBuf,
-        /// The error of the system.
+        /// The error that the operating system reports.
         #[source]
         source: io::Error,
     },
-    /// Other users could write in the folder, and so impersonate a daemon.
+    /// Other users can write in the folder, so that they could impersonate a daemon.
     #[error("use the folder {}: it must belong to you alone (mode 700)", path.display())]
     Shared {
-        /// The folder.
+        /// Path of the folder that other users can write in.
         path: PathBuf,
     },
-    /// The paths of sockets in the folder would be too long.
+    /// The path of the folder is so long that the paths of sockets in it would be too long.
     #[error(
         "use the folder {}: the path of a socket in it is too long; set ALTHING_RUNTIME_DIR to a \
          shorter one",
         path.display()
     )]
     TooLong {
-        /// The folder.
+        /// Path of the folder that is too long.
         path: PathBuf,
     },
 }
 
-/// Returns the folder with the sockets of an ecosystem's daemons on this machine, and creates it if
-/// it is missing: in `$ALTHING_RUNTIME_DIR`, or `althing` in `$XDG_RUNTIME_DIR`, or a folder of
-/// this user in the temporary one.
+/// Returns the folder with the sockets of an ecosystem's daemons on this machine, and creates the
+/// folder if it is missing. It is in `$ALTHING_RUNTIME_DIR`; if that is not set, in `althing` in
+/// `$XDG_RUNTIME_DIR`; if neither is set, in a folder of this user in the temporary folder.
 ///
 /// # Errors
 ///
-/// Returns an error if it cannot be created, or if other users could write in it.
+/// Returns an error if the folder cannot be created, or if other users can write in it.
 pub(crate) fn runtime_folder(ecosystem: &EcosystemId) -> Result<PathBuf, FolderError> {
     let base = runtime_base();
     private(&base)?;
@@ -62,7 +62,7 @@ pub(crate) fn runtime_folder(ecosystem: &EcosystemId) -> Result<PathBuf, FolderE
     Ok(folder)
 }
 
-/// Returns the ecosystems that have a runtime folder on this machine.
+/// Returns the names of the ecosystems that have a runtime folder on this machine.
 pub(crate) fn running_ecosystems() -> Vec<EcosystemId> {
     let Ok(entries) = fs::read_dir(runtime_base()) else { return Vec::new() };
     let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
@@ -82,13 +82,14 @@ fn runtime_base() -> PathBuf {
     }
 }
 
-/// Returns the folder in which a daemon's agents keep what must survive a restart, and creates it
-/// if it is missing: in `$ALTHING_STATE_DIR`, or systemd's `$STATE_DIRECTORY`, or `althing` in
-/// `$XDG_STATE_HOME` or `~/.local/state`.
+/// Returns the folder in which a daemon's agents store what must survive a restart, and creates the
+/// folder if it is missing. It is in the first of these that is set: `$ALTHING_STATE_DIR`,
+/// systemd's `$STATE_DIRECTORY`, `althing` in `$XDG_STATE_HOME`; otherwise in `althing` in
+/// `~/.local/state`.
 ///
 /// # Errors
 ///
-/// Returns an error if it cannot be created.
+/// Returns an error if the folder cannot be created.
 pub(crate) fn state_folder(
     ecosystem: &EcosystemId,
     daemon: &DaemonId,
@@ -105,14 +106,14 @@ pub(crate) fn state_folder(
     Ok(folder)
 }
 
-/// Sets the umask so that no other user can access files that this process creates from now on.
+/// Sets the umask so that no other user has access to files that this process creates from now on.
 pub(crate) fn restrict_umask() {
     let before = umask(Mode::from_raw_mode(OTHERS));
     umask(before | Mode::from_raw_mode(OTHERS));
 }
 
-/// Removes the access of other users to a folder and the files in it: an older version, or a
-/// person, may have created them with another umask.
+/// Removes the access of other users to a folder and to the files in it: an older version of this
+/// program, or a person, may have created them with another umask.
 fn remove_access(folder: &Path) -> io::Result<()> {
     let files = fs::read_dir(folder)?.filter_map(Result::ok).map(|entry| entry.path());
     for path in files.chain([folder.to_owned()]) {
@@ -129,7 +130,7 @@ fn remove_access(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Returns the path of a daemon's socket in this folder.
+/// Returns the path of the socket of the daemon `daemon` in the folder `folder`.
 ///
 /// # Errors
 ///
@@ -142,9 +143,10 @@ pub(crate) fn socket_in(folder: &Path, daemon: &str) -> Result<PathBuf, FolderEr
     Ok(path)
 }
 
-/// Returns the folder of this machine's packages: `$ALTHING_PLUGINS_DIR`, or the folder that the
-/// ecosystem file names (`said`), or `plugins` in systemd's `$STATE_DIRECTORY`, or
-/// `althing/plugins` in `$XDG_DATA_HOME` or `~/.local/share`.
+/// Returns the folder of this machine's packages: the first of these that is set:
+/// `$ALTHING_PLUGINS_DIR`, the folder that the ecosystem file names (`said`), `plugins` in
+/// systemd's `$STATE_DIRECTORY`, `althing/plugins` in `$XDG_DATA_HOME`; otherwise `althing/plugins`
+/// in `~/.local/share`.
 pub(crate) fn plugins_folder(said: Option<&Path>) -> PathBuf {
     let home = || variable("HOME").map(|home| home.join(".local/share"));
     variable("ALTHING_PLUGINS_DIR")
@@ -158,7 +160,8 @@ fn variable(name: &str) -> Option<PathBuf> {
     std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from)
 }
 
-/// Creates a folder that belongs to this user alone, or checks that an existing one does.
+/// Creates a folder that only this user can access. If the folder exists, checks that it belongs to
+/// this user and that no other user can write in it.
 fn private(folder: &Path) -> Result<(), FolderError> {
     let failed = |source| FolderError::Io { path: folder.to_owned(), source };
     match fs::DirBuilder::new().mode(0o700).recursive(true).create(folder) {

@@ -1,10 +1,12 @@
-//! One daemon of an ecosystem: its connection to the substrate, and the agents that it hosts.
+//! One daemon of an ecosystem: its node, which is connected to the substrate, and the agents that
+//! it hosts.
 //!
-//! The order of use: configure ([`crate::config`]), [`DaemonNode::open`], run, [`DaemonNode::drain`].
+//! The order of use: read the configuration ([`crate::config`]), [`DaemonNode::open`], run,
+//! [`DaemonNode::drain`].
 //!
-//! Its parts: launching and supervising agents, the simulated building, the folders and sockets of
-//! this machine, keys, and the conditions under which the process restarts itself. What agents do
-//! is left to the plugins.
+//! The submodules launch and supervise agents, simulate the building, choose folders and sockets on
+//! this machine, read keys, and restart the process when that is necessary. What agents do is left
+//! to their plugins.
 
 mod address_watch;
 mod building;
@@ -57,23 +59,22 @@ pub(crate) use socket_watch::watch_socket;
 use supervisor::SupervisedAgent;
 pub(crate) use suspend_watch::watch_suspension;
 
-/// How long the agents may take to cancel their commitments once the daemon drains.
+/// How long the agents may take to cancel their commitments when the daemon drains.
 const DRAIN_GRACE: Duration = Duration::from_secs(3);
 
-/// How long a daemon may take until it sees its own agents: a base time, and an additional time per
-/// agent, because each agent is notified of each other.
+/// How long a daemon may take until it sees all its own agents: `READY_WITHIN`, and
+/// `READY_PER_AGENT` for each agent, because each agent is notified of all others.
 const READY_WITHIN: Duration = Duration::from_secs(10);
 const READY_PER_AGENT: Duration = Duration::from_millis(300);
 
-/// The transport of a node's messages.
+/// The transport of the messages of a node.
 #[derive(Clone)]
 pub(crate) enum MessageTransport {
-    /// A network in memory, within this process.
+    /// A network in memory, for daemons within this process.
     Memory(Network),
-    /// A network in memory on which a share of the messages is lost and another share is
-    /// duplicated.
+    /// A network in memory, on which some messages are lost and some of the others are duplicated.
     Unreliable(Network, Arc<FaultInjector>),
-    /// Zenoh, as configured.
+    /// Zenoh, with this configuration.
     Zenoh(Box<substrate_zenoh::Config>),
 }
 
@@ -84,23 +85,25 @@ impl MessageTransport {
     }
 }
 
-/// A running daemon.
+/// The node of a running daemon or guest in an ecosystem.
 pub(crate) struct DaemonNode {
     switchboard: Arc<MessageRouter>,
     substrate: Arc<dyn Substrate>,
     agents: Vec<SupervisedAgent>,
-    /// The shared context with which agents of the ecosystem file are built; `None` for a guest,
-    /// which hosts no agents.
+    /// The context that all agents of the ecosystem file share when they are built; `None` for a
+    /// guest, which hosts no agents of the file.
     host: Option<Arc<Host>>,
     tasks: TaskTracker,
     stopping: CancellationToken,
-    /// Kept because a network in memory exists only as long as a handle to it.
+    /// The transport of this node. It is kept because a network in memory exists only as long as a
+    /// handle to it.
     _wire: MessageTransport,
-    /// The endpoints on which the daemon listens in fact.
+    /// The endpoints on which the daemon actually listens.
     pub(crate) locators: Vec<String>,
 }
 
-/// Why a node could not be opened. Completes “failed to …”.
+/// The reason why a node could not be opened or an agent not be built. The message completes the
+/// sentence “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum HostError {
@@ -110,49 +113,50 @@ pub(crate) enum HostError {
     /// An agent could not be built.
     #[error("{0}")]
     Build(#[from] agent::BuildError),
-    /// The ecosystem file names a plugin that is not built in.
+    /// The entry of an agent names a plugin that is not built in.
     #[error("find plugin `{plugin}` for `{agent}`")]
     UnknownPlugin {
-        /// The agent.
+        /// Name of the agent that has the entry.
         agent: AgentId,
-        /// The plugin that its entry names.
+        /// Name of the plugin in the entry.
         plugin: String,
     },
-    /// A guest was to host an agent, but it has no part of an ecosystem file.
+    /// A guest was asked to host an agent of an ecosystem file, which guests cannot do.
     #[error("host `{agent}`: a guest hosts no agents")]
     Guest {
-        /// The agent.
+        /// Name of the agent that the guest was asked to host.
         agent: AgentId,
     },
-    /// The daemon's agents were not seen in time.
+    /// Some of the daemon's own agents were not seen in time.
     #[error("see its own agents within {patience:?}: {missing:?} are missing")]
     NotReady {
-        /// How long the agents had.
+        /// How long the daemon waited for its agents.
         patience: Duration,
-        /// The agents that were not seen.
+        /// Names of the agents that were not seen.
         missing: Vec<AgentId>,
     },
 }
 
 /// The arguments of [`DaemonNode::open`].
 pub(crate) struct NodeOptions<'a> {
-    /// The ecosystem.
+    /// The ecosystem that the daemon belongs to.
     pub(crate) ecosystem: &'a Ecosystem,
     /// The name of this daemon in the ecosystem.
     pub(crate) daemon: DaemonId,
-    /// The agents it hosts.
+    /// The entries of the agents that the daemon hosts.
     pub(crate) agents: Vec<AgentEntry>,
-    /// The planning flow: centralised or decentralised.
+    /// The planning mode: centralised or decentralised.
     pub(crate) mode: Mode,
-    /// The simulated building, for simulated drivers.
+    /// The simulated building, for agents with simulated drivers; `None` if there is none.
     pub(crate) building: Option<::building::BuildingHandle>,
-    /// The folder in which agents keep what must survive a restart; with `None`, nothing outlives
+    /// The folder in which agents store what must survive a restart; with `None`, nothing outlives
     /// the process.
     pub(crate) state: Option<std::path::PathBuf>,
 }
 
 impl DaemonNode {
-    /// Opens the substrate and launches the agents; returns as soon as the daemon sees all of them.
+    /// Opens the substrate and launches the agents. Returns as soon as the daemon sees all of its
+    /// agents.
     ///
     /// # Errors
     ///
@@ -195,8 +199,8 @@ impl DaemonNode {
         Ok(node)
     }
 
-    /// Joins as a guest, with no agents of an ecosystem file: used by commands. With `rights`,
-    /// messages of other daemons are checked against them.
+    /// Joins an ecosystem as a guest, without agents of an ecosystem file; commands use this. If
+    /// `rights` is given, messages of other daemons are checked against these rights.
     ///
     /// # Errors
     ///
@@ -225,7 +229,7 @@ impl DaemonNode {
         })
     }
 
-    /// The message router of this daemon.
+    /// Returns the message router of this daemon.
     pub(crate) fn switchboard(&self) -> &Arc<MessageRouter> {
         &self.switchboard
     }
@@ -241,12 +245,12 @@ impl DaemonNode {
         })
     }
 
-    /// The names of the agents that this daemon hosts.
+    /// Returns the names of the agents of the ecosystem file that this daemon hosts.
     pub(crate) fn agents(&self) -> impl Iterator<Item = &AgentId> {
         self.agents.iter().map(|agent| &agent.id)
     }
 
-    /// Launches one more agent.
+    /// Launches one more agent, by its entry.
     ///
     /// # Errors
     ///
@@ -262,8 +266,8 @@ impl DaemonNode {
         Ok(())
     }
 
-    /// Launches one agent that no ecosystem file names, such as the keyboard of a person. It is not
-    /// restarted.
+    /// Launches one agent that no ecosystem file names, such as the keyboard of a person. If the
+    /// agent fails, it is not restarted.
     pub(crate) fn launch(&self, id: AgentId, agent: impl agent::Agent, ontology: &str) {
         let berth =
             supervisor::launch_context(&id, &self.switchboard, ontology, &self.stopping, false);
@@ -275,15 +279,15 @@ impl DaemonNode {
         });
     }
 
-    /// Ends an agent as if its process were killed: no farewell, no restart.
+    /// Ends an agent as if its process were killed: it sends no farewell and is not restarted.
     pub(crate) fn abort_agent(&self, agent: &AgentId) {
         for supervised in self.agents.iter().filter(|supervised| supervised.id == *agent) {
             supervised.aborted.cancel();
         }
     }
 
-    /// Lets some agents cancel their commitments and leave, while the others continue. An agent
-    /// that does not finish within [`DRAIN_GRACE`] is aborted.
+    /// Lets the agents in `leaving` cancel their commitments and leave, while all others continue.
+    /// An agent that does not finish within [`DRAIN_GRACE`] is aborted.
     pub(crate) async fn stop_agents(&mut self, leaving: &BTreeSet<AgentId>) {
         let is_leaving = |agent: &SupervisedAgent| leaving.contains(&agent.id);
         let (left, stay): (Vec<_>, _) =
@@ -301,7 +305,7 @@ impl DaemonNode {
         }
     }
 
-    /// Waits until the daemon sees its own agents.
+    /// Waits until the daemon sees all its own agents.
     async fn await_agents(&self) -> Result<(), HostError> {
         let (mut directory, mut changes) = self.switchboard.presence_changes();
         let count = u32::try_from(self.agents.len()).unwrap_or(u32::MAX);
@@ -322,7 +326,8 @@ impl DaemonNode {
 
     /// Asks every agent to cancel its commitments, waits for all of them, and closes the substrate.
     ///
-    /// Returns `false` if [`DRAIN_GRACE`] ended first; the caller reports that and exits.
+    /// Returns `false` if [`DRAIN_GRACE`] ended before all agents had finished; the caller reports
+    /// that and exits.
     pub(crate) async fn drain(self) -> bool {
         self.stopping.cancel();
         self.tasks.close();

@@ -1,5 +1,5 @@
-//! Plugins of this daemon that run as processes: their folders, and how this program turns into one
-//! of them.
+//! The plugins of this daemon that run as processes: the folders that they need, and how a process
+//! of this program turns into such a plugin.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -16,28 +16,29 @@ use terminal::{exit, output};
 use super::{DaemonNode, plugins_folder};
 use crate::config::{AgentEntry, Ecosystem};
 
-/// The running program, also if the file at its path has been replaced meanwhile.
+/// Path of the running program; it is correct even if the file from which the program was started
+/// has been replaced.
 pub(crate) const ITSELF: &str = "/proc/self/exe";
 
 /// The arguments of [`DaemonNode::host_processes`].
 pub(crate) struct PluginProcesses<'p> {
     pub(crate) ecosystem: &'p Ecosystem,
-    /// The agents of the daemon's part.
+    /// Entries of the agents that the daemon hosts.
     pub(crate) agents: &'p [AgentEntry],
     /// The folder with the sockets of this machine's daemons.
     pub(crate) runtime: PathBuf,
-    /// The daemon's state folder.
+    /// The folder in which the daemon stores its state.
     pub(crate) state: PathBuf,
-    /// The simulated building's socket.
+    /// The socket of the simulated building; `None` if there is none.
     pub(crate) building: Option<PathBuf>,
 }
 
 impl DaemonNode {
-    /// Hosts the plugins of this machine that run as processes, from now on.
+    /// From now on, hosts the plugins of this machine that run as processes.
     ///
     /// # Errors
     ///
-    /// Returns an error message for the user if a folder of the daemon cannot be created.
+    /// Returns an error message for the user if one of the daemon's folders cannot be created.
     pub(crate) fn host_processes(&self, processes: PluginProcesses<'_>) -> Result<(), String> {
         let PluginProcesses { ecosystem, agents, runtime, state, building } = processes;
         let Some(landing) = self.spawner() else { return Ok(()) };
@@ -79,10 +80,11 @@ impl DaemonNode {
     }
 }
 
-/// Turns this process into a plugin if it was started for that: `become-plugin CONFINEMENT PROGRAM
-/// ARGUMENTS`. With `become-plugin probe FOLDER` it tests instead which confinement works on this
-/// machine. Only daemons start it so, never users. Returns `None` if the process was started for
-/// anything else, and an exit code after the test or if the plugin's program cannot be run.
+/// Turns this process into a plugin if it was started as `become-plugin CONFINEMENT PROGRAM
+/// ARGUMENTS`. If it was started as `become-plugin probe FOLDER`, tests instead which confinement
+/// works on this machine. Only daemons start this program with these arguments, never users.
+/// Returns `None` if the process was started with other arguments. Returns an exit code after the
+/// test, or if the plugin's program cannot be run.
 pub(crate) fn become_plugin() -> Option<ExitCode> {
     let mut arguments = std::env::args_os().skip(1);
     if arguments.next().as_deref() != Some(LAUNCH.as_ref()) {

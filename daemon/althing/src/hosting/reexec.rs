@@ -1,13 +1,13 @@
 //! Restarts this program in place, under the same process id, when the process has lost its
-//! membership among the other daemons. Its state is read from disk and from the Journals, as after
-//! any crash.
+//! membership among the other daemons. After the restart, the state is read from disk and from the
+//! Journals, as after any crash.
 
 use std::ffi::CString;
 use std::os::unix::ffi::OsStringExt as _;
 
 use nix::unistd::execv;
 
-/// Restarts this program; returns only if that fails.
+/// Restarts this program. Returns only if the restart fails.
 pub(crate) fn restart_process() {
     give_up_sockets();
     // Arguments came from C strings, so they contain no zero byte.
@@ -21,9 +21,9 @@ pub(crate) fn restart_process() {
     tracing::error!(%error, "failed to restart this daemon; some others may not see it");
 }
 
-/// Removes the lock files beside the sockets, so that the next incarnation can take the sockets.
-/// Zenoh holds a lock on each of these files, and their descriptors are the only ones that are not
-/// closed on `exec`; a new file of the same name can be locked again.
+/// Removes the lock files beside the daemon's sockets, so that the next incarnation can use the
+/// same sockets. Zenoh holds a lock on each lock file, and the descriptors of these files are the
+/// only ones that are not closed on `exec`. A new lock file of the same name can be locked again.
 fn give_up_sockets() {
     let Ok(open) = std::fs::read_dir("/proc/self/fd") else { return };
     let targets = open.flatten().filter_map(|entry| std::fs::read_link(entry.path()).ok());

@@ -1,6 +1,7 @@
-//! Restarts a daemon if its socket has been deleted, with its folder or alone. No command and no
-//! daemon that starts later could reach it. Zenoh does not listen again while a session exists, so
-//! the daemon restarts itself, under its process id, which creates the folder and the socket again.
+//! Restarts a daemon if its socket has been deleted, alone or with its folder. Without the socket,
+//! commands and daemons that start later could not reach the daemon. Zenoh does not listen again
+//! while a session exists, so the daemon restarts itself, under the same process id, and creates
+//! the folder and the socket again.
 
 use std::fs::DirBuilder;
 use std::io::ErrorKind;
@@ -13,15 +14,16 @@ use tokio::time::sleep;
 
 use super::reexec::restart_process;
 
-/// How often the daemon checks its socket.
+/// How often the daemon checks whether its socket exists.
 const PERIOD: Duration = Duration::from_secs(2);
 
-/// The task that watches a daemon's socket. It ends when this is dropped, which must happen before
-/// the daemon itself removes its socket.
+/// The task that watches a daemon's socket. The task ends when this value is dropped. It must be
+/// dropped before the daemon itself removes the socket.
 #[must_use]
 pub(crate) struct SocketWatch(AbortHandle);
 
-/// Watches this socket, and restarts the process when it is missing at two checks in a row.
+/// Watches the socket at `socket`, and restarts the process when the socket is missing at two
+/// checks in a row.
 pub(crate) fn watch_socket(socket: PathBuf) -> SocketWatch {
     let watch = tokio::spawn(async move {
         let mut was_missing = false;
@@ -50,8 +52,8 @@ pub(crate) fn watch_socket(socket: PathBuf) -> SocketWatch {
     SocketWatch(watch.abort_handle())
 }
 
-/// Whether the folder of a socket exists or can be created. Without it the restarted daemon would
-/// exit at once.
+/// Whether the folder of a socket exists or can be created. If not, the restarted daemon would exit
+/// at once.
 fn can_be_made(socket: &Path) -> bool {
     let folder = socket.parent().unwrap_or(socket);
     let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);

@@ -1,5 +1,5 @@
-//! Restarts agents that fail: an agent that panics or loses its name is launched again, after an
-//! increasing wait. Other agents notice no more than its absence.
+//! Restarts agents that fail: an agent that panics or loses its name is launched again, each time
+//! after a longer wait. Other agents notice only that the agent is absent.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,24 +16,25 @@ use super::HostError;
 use crate::config::AgentEntry;
 use crate::plugins;
 
-/// Wait before the first restart of an agent, doubled at each further one up to the last value: an
-/// agent that panics at every start must not keep the machine busy.
+/// Wait before the first restart of an agent. The wait doubles at each further restart, up to
+/// `RESTART_LAST`: an agent that panics at every start must not keep the machine busy.
 const RESTART_FIRST: Duration = Duration::from_millis(500);
 const RESTART_LAST: Duration = Duration::from_secs(30);
 
 /// An agent under supervision.
 pub(super) struct SupervisedAgent {
     pub(super) id: AgentId,
-    /// Aborts the agent at once and ends its supervision.
+    /// Token that aborts the agent at once and ends its supervision when it is cancelled.
     pub(super) aborted: CancellationToken,
-    /// Asks the agent to cancel its commitments and end; ends its supervision.
+    /// Token that, when it is cancelled, asks the agent to cancel its commitments and to end, and
+    /// ends its supervision.
     pub(super) stopping: CancellationToken,
-    /// Completes when the supervision has ended.
+    /// The task that supervises the agent; it completes when the supervision has ended.
     pub(super) supervision: JoinHandle<()>,
 }
 
-/// Builds an agent once, so that mistakes in its entry are reported at start, and supervises all
-/// its incarnations.
+/// Builds the agent of an entry once, so that mistakes in the entry are reported at start, and
+/// supervises all incarnations of the agent.
 pub(super) fn supervise(
     entry: AgentEntry,
     host: &Arc<Host>,
@@ -59,8 +60,8 @@ pub(super) fn supervise(
     Ok(SupervisedAgent { id, aborted: unplugged, stopping, supervision })
 }
 
-/// Builds an agent of this entry without launching it: mistakes in the entry are reported as at
-/// start.
+/// Builds the agent of an entry without launching it. Mistakes in the entry are reported as they
+/// would be at start.
 pub(super) fn build_unlaunched(
     entry: &AgentEntry,
     host: &Arc<Host>,
@@ -129,7 +130,7 @@ impl AgentSupervisor {
         launch_context(id, switchboard, ontology, &self.stopping, self.stands_by)
     }
 
-    /// Runs one incarnation. Returns `true` if it was the last.
+    /// Runs one incarnation of the agent to its end. Returns `true` if it was the last.
     async fn run_incarnation(&self, agent: Box<dyn LaunchableAgent>) -> bool {
         let id = &self.blueprint.id;
         let mut life = agent.launch(self.berth());
@@ -150,7 +151,7 @@ impl AgentSupervisor {
     }
 }
 
-/// Creates the launch context of a new incarnation of an agent.
+/// Creates the context with which a new incarnation of an agent is launched.
 pub(super) fn launch_context(
     id: &AgentId,
     switchboard: &Arc<MessageRouter>,

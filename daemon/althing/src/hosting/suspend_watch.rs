@@ -1,24 +1,27 @@
-//! Restarts a process that was suspended: stopped by a signal, or on a machine that was asleep.
+//! Restarts this process if it was suspended: because a signal stopped it, or because its machine
+//! was asleep.
 //!
-//! After a lease the other daemons count it as gone, go on without it, and try to connect again.
-//! When it resumes, its state is outdated, and both its own agents and the first agents that ask
-//! would get that state. All its links close and open at once, and presence changes that Zenoh
-//! misses then arrive only seconds later. A process that has just started is seen by all, and
-//! queries the others before it announces anything; its state is read from disk and from the
-//! Journals, as after any crash. So the process restarts itself, under its process id. (Without
-//! this, two of eighteen stops in `tests/faults.rs` ended in goals that no agent pursued.)
+//! When a daemon has been suspended for longer than a lease, the other daemons count it as gone,
+//! continue without it, and try to connect again. When the daemon resumes, its state is outdated,
+//! and its own agents and the first agents that query it would get that state. All its links close
+//! and open at once, and the presence changes that Zenoh misses meanwhile arrive only seconds
+//! later. A process that has just started does better: all others see it, and it queries them
+//! before it announces anything; it reads its state from disk and from the Journals, as after any
+//! crash. Therefore the daemon restarts itself, under the same process id. (Without this, two of
+//! eighteen stops in `tests/faults.rs` ended in goals that no agent pursued.)
 
 use std::thread;
 use std::time::Duration;
 
 use super::reexec::restart_process;
 
-/// How often the clock is checked.
+/// How often the process reads the clock to notice that it was suspended.
 const PERIOD: Duration = Duration::from_millis(250);
 
 /// Restarts this process whenever it was suspended for so long that other daemons may count it as
-/// gone. Their lease starts at its last keep-alive, of which there are four per lease; so three
-/// quarters of a lease are enough.
+/// gone. They do so when a lease has passed since its last keep-alive. A process sends four
+/// keep-alives per lease, so that the last one may be a quarter of a lease before the suspension.
+/// Therefore the process restarts after three quarters of a lease.
 pub(crate) fn watch_suspension(lease: Duration) {
     let missed = lease * 3 / 4;
     // A thread of its own, because a task in a busy runtime would mistake a delay for a suspension.
@@ -37,8 +40,8 @@ pub(crate) fn watch_suspension(lease: Duration) {
     });
 }
 
-/// Returns the time since the machine was started, including time asleep; `None` if `/proc/uptime`
-/// cannot be read.
+/// Returns the time since the machine was started, including the time in which it was asleep;
+/// `None` if `/proc/uptime` cannot be read.
 fn uptime() -> Option<Duration> {
     let text = std::fs::read_to_string("/proc/uptime").ok()?;
     let seconds: f64 = text.split_whitespace().next()?.parse().ok()?;

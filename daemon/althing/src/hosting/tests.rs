@@ -1,5 +1,5 @@
-//! Devices of the office at work: goals in a whole ecosystem in memory, in paused time, checked
-//! against the building's truth.
+//! Tests of devices in the paper's office: goals in a whole ecosystem in memory, in paused time,
+//! checked against the true state of the building.
 
 use std::time::Duration;
 
@@ -28,12 +28,13 @@ mod watching;
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
 const MAP: &str = include_str!("../../../../domains/smart-office/map.pddl");
 
-/// Longest time that anything may take. The clock is paused, so it costs no real time.
+/// Longest time that a test waits for anything. The clock is paused, so that waiting costs no real
+/// time.
 const PATIENCE: Duration = Duration::from_secs(3_600);
 
 const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
 
-/// The paper's office with the devices of one test.
+/// The paper's office, running with the devices of one test.
 struct Office {
     building: Building,
     node: DaemonNode,
@@ -41,12 +42,12 @@ struct Office {
     folder: TempDir,
 }
 
-/// An entry of the ecosystem file.
+/// Returns the entry of one agent, as text of an ecosystem file.
 fn entry(name: &str, plugin: &str, config: &str) -> String {
     format!("[[agent]]\nname = \"{name}\"\nplugin = \"{plugin}\"\nconfig = {config}\n\n")
 }
 
-/// The paper's office with the agents of `entries`, its files written into `folder`.
+/// Returns the paper's office with the agents of `entries`; its files are written into `folder`.
 fn ecosystem(folder: &TempDir, entries: &str, mode: Mode) -> Ecosystem {
     let text = format!(
         "[ecosystem]\nname = \"office\"\ndomain = \"domain.pddl\"\nproblem = \"map.pddl\"\n\n{entries}"
@@ -62,13 +63,13 @@ fn ecosystem(folder: &TempDir, entries: &str, mode: Mode) -> Ecosystem {
 }
 
 impl Office {
-    /// Opens the office with these entries; `{folder}` in them stands for a folder of the test's
-    /// own.
+    /// Opens the office with the agents of `entries`; `{folder}` in an entry stands for a folder
+    /// that the test creates.
     async fn open(entries: &[String], mode: Mode) -> Office {
         Office::open_on(Network::new(), entries, mode).await
     }
 
-    /// The same on this network.
+    /// Opens the office as [`Office::open`] does, on the network `network`.
     async fn open_on(network: Network, entries: &[String], mode: Mode) -> Office {
         let folder = tempfile::tempdir().expect("a folder");
         let mut text = String::new();
@@ -95,7 +96,7 @@ impl Office {
         Office { building, node, ecosystem, folder }
     }
 
-    /// A person at a keyboard of this name.
+    /// Launches a keyboard named `name`, and returns the person at it.
     fn person(&self, name: &str) -> Person {
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(name).expect("a name");
@@ -103,7 +104,7 @@ impl Office {
         Person { terminal, lines: Vec::new() }
     }
 
-    /// Waits until the building's truth meets a condition.
+    /// Waits until the true state of the building meets a condition, and returns that state.
     async fn until(&self, what: &str, is_so: impl FnMut(&Truth) -> bool) -> Truth {
         let truth = timeout(PATIENCE, self.building.wait_for(is_so)).await;
         truth.unwrap_or_else(|_| panic!("never so: {what}; {:#?}", self.building.truth()))
@@ -116,7 +117,7 @@ impl Office {
 
 struct Person {
     terminal: Terminal,
-    /// The messages received, for failure messages.
+    /// The texts of all messages that the person has received; tests show them when they fail.
     lines: Vec<String>,
 }
 
@@ -131,13 +132,13 @@ impl Person {
             .expect("the keyboard listens");
     }
 
-    /// Requests a goal. Returns `true` if it was reached.
+    /// Requests a goal and waits for its end. Returns `true` if the goal was reached.
     async fn reaches(&mut self, goal: &str) -> bool {
         self.wish(goal, Keep::Achieve).await;
         self.hears().await
     }
 
-    /// Waits until an agent asks this person. Returns the question's number.
+    /// Waits until an agent asks this person a question. Returns the number of the question.
     async fn is_asked(&mut self) -> u64 {
         self.waits(|heard| match heard {
             UserEvent::Question(open) => Some(open.question),
@@ -146,7 +147,7 @@ impl Person {
         .await
     }
 
-    /// Waits until an agent asks this person, and answers.
+    /// Waits until an agent asks this person a question, and answers it.
     async fn answers(&mut self, answer: &str) {
         let (keyboard, question) = self
             .waits(|heard| match heard {
@@ -159,7 +160,8 @@ impl Person {
         self.terminal.requests.send(said).await.expect("the keyboard listens");
     }
 
-    /// Waits until a question is closed. Returns its number and the reason.
+    /// Waits until a question to this person is closed. Returns the number of the question and the
+    /// reason.
     async fn hears_closed(&mut self) -> (u64, String) {
         self.waits(|heard| match heard {
             UserEvent::QuestionClosed(number, why) => Some((number, why)),
@@ -168,7 +170,8 @@ impl Person {
         .await
     }
 
-    /// Waits until a report about a goal contains these words.
+    /// Waits until this person receives a report that contains `words`. Returns the text of the
+    /// report.
     async fn hears_of(&mut self, words: &str) -> String {
         let report = |heard| match heard {
             UserEvent::Report(_, report) => Some(report.detail),
@@ -192,8 +195,8 @@ impl Person {
         }
     }
 
-    /// Waits for the next report that a goal holds (`true`), or that it does not and will not be
-    /// pursued further (`false`).
+    /// Waits for the next report that decides about a goal. Returns `true` if the goal holds, and
+    /// `false` if it does not hold and is not pursued further.
     async fn hears(&mut self) -> bool {
         loop {
             let heard = timeout(PATIENCE, self.terminal.events.recv()).await;

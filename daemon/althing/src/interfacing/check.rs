@@ -1,5 +1,5 @@
 //! Checks the interfaces of an ecosystem file against both ecosystems, before anything is opened.
-//! Mistakes point into the text.
+//! Each mistake is reported at its place in the text.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,16 +15,17 @@ use ::interfacing::vocabulary::{AgentMapping, InterfaceVocabulary, RuleDirection
 use crate::config::{Ecosystem, InterfaceEntry, KnownPlugin, Overrides, RuleEntry};
 use crate::hosting;
 
-/// The other ecosystem of an interface.
+/// The other ecosystem that an interface connects to.
 pub(crate) struct PeerEcosystem {
     pub(crate) ecosystem: Ecosystem,
 }
 
-/// Reads the other ecosystem's file and checks the interface against it.
+/// Reads the file of the other ecosystem, and checks the interface against that ecosystem.
 ///
 /// # Errors
 ///
-/// Returns the mistakes of that file or, if it has none, those of the interface's rules.
+/// Returns the mistakes in the other ecosystem's file. If that has none, returns the mistakes in
+/// the rules of the interface.
 pub(crate) fn load(
     ecosystem: &Ecosystem,
     index: usize,
@@ -42,7 +43,7 @@ pub(crate) fn load(
     Ok(PeerEcosystem { ecosystem: other })
 }
 
-/// Returns the mistakes in all interfaces of an ecosystem.
+/// Returns the mistakes in all interfaces of an ecosystem file.
 pub(crate) fn check(ecosystem: &Ecosystem, known_plugins: &[KnownPlugin]) -> DiagnosticReport {
     let mut report = DiagnosticReport::default();
     for index in 0..ecosystem.interfaces.len() {
@@ -80,7 +81,7 @@ fn read(
     }
 }
 
-/// Reports a finding about the value at a path.
+/// Reports the mistake `found` at the value that stands at `path`.
 fn say(ecosystem: &Ecosystem, path: &str, mut found: Diagnostic, report: &mut DiagnosticReport) {
     match ecosystem.places.find(path) {
         Some((source, place, is_it)) => {
@@ -91,7 +92,7 @@ fn say(ecosystem: &Ecosystem, path: &str, mut found: Diagnostic, report: &mut Di
     }
 }
 
-/// The check of one interface.
+/// The data of the check of one interface.
 struct InterfaceCheck<'d> {
     ecosystem: &'d Ecosystem,
     index: usize,
@@ -131,8 +132,8 @@ impl InterfaceCheck<'_> {
         }
     }
 
-    /// Warns if a rule imports an agent that the other ecosystem's file does not name, unless that
-    /// file names no agents at all.
+    /// Warns if a rule imports an agent that the other ecosystem's file does not name. There is no
+    /// warning if that file names no agents at all.
     fn is_known(&mut self, path: &str, rule: &RuleEntry, models: &Models) {
         let Some(agent) = rule.agent.as_ref().filter(|agent| !models.contains_key(*agent)) else {
             return;
@@ -146,7 +147,7 @@ impl InterfaceCheck<'_> {
         self.say(&format!("{path}.agent"), found);
     }
 
-    /// Warns about words of the vocabulary that do not exist in the ecosystem that lends them.
+    /// Warns about words of the vocabulary that do not exist in the ecosystem of the lent agents.
     fn words(&mut self, other: &Ecosystem, our_models: &Models, their_models: &Models) {
         let entry = self.entry().clone();
         let ours = DeclaredNames::of(&self.ecosystem.domain, &self.ecosystem.problem, our_models);
@@ -179,8 +180,8 @@ impl InterfaceCheck<'_> {
         }
     }
 
-    /// Reports the parts of a rule that cannot pass, as far as the action model of its agent is
-    /// known.
+    /// Reports those parts of a rule that cannot pass the interface, as far as the action model of
+    /// the rule's agent is known.
     fn rule(
         &mut self,
         path: &str,
@@ -222,7 +223,8 @@ impl InterfaceCheck<'_> {
         }
     }
 
-    /// Reports words of the vocabulary that are private to the agent of a rule: they never pass.
+    /// Reports words of the vocabulary that are private to the agent of a rule: private words never
+    /// pass an interface.
     fn secrets(
         &mut self,
         passage: &AgentMapping,
@@ -257,8 +259,8 @@ impl InterfaceCheck<'_> {
         }
     }
 
-    /// Reports objects of the vocabulary that are private in a map: they never pass, in either
-    /// direction.
+    /// Reports objects of the vocabulary that are private in one of the maps: private objects never
+    /// pass an interface, in either direction.
     fn map_secrets(&mut self, other: &Ecosystem) {
         let ours = self.ecosystem;
         for (our, their) in &self.entry().objects.clone() {
@@ -275,7 +277,7 @@ impl InterfaceCheck<'_> {
         }
     }
 
-    /// Reports predicates of a rule's goals that are not in the vocabulary.
+    /// Reports predicates in the goals of a rule that are not in the vocabulary.
     fn goals(&mut self, path: &str, rule: &RuleEntry) {
         let known = self.entry().predicates.clone();
         for goal in rule.goals.iter().filter(|goal| !known.contains_key(*goal)) {
@@ -289,7 +291,7 @@ impl InterfaceCheck<'_> {
 
 type Models = BTreeMap<AgentId, ActionModel>;
 
-/// The words that one ecosystem knows.
+/// The words that an ecosystem declares.
 struct DeclaredNames {
     types: Vec<String>,
     predicates: Vec<String>,

@@ -1,5 +1,5 @@
-//! Interfaces between ecosystems, as ecosystem files define them: checks an interface before
-//! anything is opened. What an interface does is in the crate `interfacing`.
+//! Interfaces between ecosystems, as ecosystem files define them. An interface is checked here
+//! before anything is opened; what an interface does is in the crate `interfacing`.
 
 mod check;
 #[cfg(test)]
@@ -15,7 +15,7 @@ pub(crate) use check::{PeerEcosystem, check, load};
 use crate::config::Ecosystem;
 
 impl Ecosystem {
-    /// Returns the endpoint of this ecosystem in which the proxy agents of an interface run.
+    /// Returns the endpoint in this ecosystem at which the proxy agents of an interface run.
     pub(crate) fn ecosystem_endpoint(&self, landing: Spawner) -> EcosystemEndpoint {
         let (domain, problem) = (Arc::clone(&self.domain), Arc::clone(&self.problem));
         EcosystemEndpoint { name: self.name.clone(), domain, problem, spawner: landing }

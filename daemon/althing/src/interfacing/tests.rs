@@ -1,5 +1,6 @@
-//! The ecosystems `firm` and `house` of `ecosystems/`, each on a network of its own in memory, in
-//! paused time: checked against the building's truth, and against every byte on both networks.
+//! Tests with the ecosystems `firm` and `house` of `ecosystems/`, each on its own network in
+//! memory, in paused time. The results are checked against the true state of the building, and
+//! against every byte on both networks.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -21,7 +22,8 @@ use crate::config::{Ecosystem, Overrides, Variables};
 use crate::hosting::{DaemonNode, MessageTransport, NodeOptions, simulate};
 use crate::plugins;
 
-/// Longest time that anything may take. The clock is paused, so it costs no real time.
+/// Longest time that a test waits for anything. The clock is paused, so that waiting costs no real
+/// time.
 const PATIENCE: Duration = Duration::from_secs(3_600);
 
 /// Objects, words and people of the firm that must never appear on the house's network.
@@ -49,7 +51,7 @@ const SECRETS_OF_FIRM: &[&str] = &[
     "caretaker-desk",
 ];
 
-/// The same of the house, on the firm's network.
+/// Objects and words of the house that must never appear on the firm's network.
 const SECRETS_OF_HOUSE: &[&str] = &[
     "bin-free",
     "bin-emptied-at",
@@ -65,7 +67,7 @@ const SECRETS_OF_HOUSE: &[&str] = &[
     "tenant",
 ];
 
-/// One network, and all messages that it carried.
+/// A network, and all messages that it has carried.
 struct Tapped {
     network: Network,
     said: Arc<Mutex<Vec<String>>>,
@@ -97,7 +99,7 @@ impl Tapped {
     }
 }
 
-/// The files of both ecosystems in a folder: as shipped, with some changes.
+/// A folder with the files of both ecosystems: those in the repository, with the changes of a test.
 struct Files(TempDir);
 
 impl Files {
@@ -129,14 +131,14 @@ impl Files {
     }
 }
 
-/// The firm and the house, both running.
+/// The firm and the house, both running, with the interfaces between them.
 struct Street {
     building: Building,
     house: DaemonNode,
     firm: DaemonNode,
     house_wire: Tapped,
     firm_wire: Tapped,
-    /// The nodes of the interfaces in the other ecosystem.
+    /// The nodes by which the interfaces join the other ecosystem.
     abroad: Vec<DaemonNode>,
     interfaces: Vec<Interface>,
     firm_ecosystem: Ecosystem,
@@ -264,7 +266,8 @@ async fn wish(terminal: &Terminal, ecosystem: &Ecosystem, goal: &str) {
     .await;
 }
 
-/// Waits until the request ends. Returns whether it succeeded, and all reports.
+/// Waits until a request has ended. Returns whether the request succeeded, and the texts of all
+/// reports.
 async fn hear_end(terminal: &mut Terminal) -> (bool, Vec<String>) {
     let mut lines = Vec::new();
     loop {
@@ -304,7 +307,8 @@ async fn the_house_sweeps_and_never_learns_why() {
     }
 }
 
-/// One action is one action on the other side too; the two ecosystems share no identifiers.
+/// An action that passes the interface is carried out exactly once in the other ecosystem. The two
+/// ecosystems share no identifiers of messages or conversations.
 #[tokio::test(start_paused = true)]
 async fn ids_and_conversations_stay_where_they_are() {
     let street = Street::open(Mode::Decentralized, as_shipped).await;
@@ -372,8 +376,8 @@ async fn what_is_given_up_here_is_given_up_there() {
     street.close().await;
 }
 
-/// The house imports its own robot, which it lends to the firm: without a check this would never
-/// end.
+/// The house imports its own robot, which it lends to the firm. Without a check, messages about the
+/// robot would pass back and forth for ever.
 #[tokio::test(start_paused = true)]
 async fn what_would_come_back_is_stopped() {
     let street = Street::open(Mode::Decentralized, |name, text| match name {
@@ -415,7 +419,7 @@ fn goal_for_desk(goal: &str) -> UserRequest {
     })
 }
 
-/// Returns the final answer of a goal gateway to its goal.
+/// Waits for the final answer of a goal desk to a goal, and returns it.
 async fn desk_answers(clerk: &mut Terminal) -> Result<Outcome, Refusal> {
     loop {
         let heard = timeout(PATIENCE, clerk.events.recv()).await.expect("in time").expect("lives");
@@ -486,7 +490,8 @@ async fn a_flood_is_stopped_and_told_why() {
     street.close().await;
 }
 
-/// The same loan, written as an export in the lender's file.
+/// The lender's file can define the same loan as the borrower's file: as an export instead of an
+/// import.
 #[tokio::test(start_paused = true)]
 async fn the_house_may_lend_as_the_firm_may_borrow() {
     let street = Street::open(Mode::Centralized, |name, text| match name {

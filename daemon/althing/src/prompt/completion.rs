@@ -1,4 +1,5 @@
-//! Completion by Tab: verbs, and the goals, actions, objects and agents that exist now.
+//! Completion by Tab: completes verbs, and the goals, actions, objects and agents that currently
+//! exist.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,30 +7,30 @@ use acl::content::Snapshot;
 
 use super::verbs;
 
-/// The words with which a condition can begin, besides predicates.
+/// The words other than predicates with which a condition can begin.
 const CONNECTIVES: [&str; 6] = ["and", "exists", "forall", "imply", "not", "or"];
 
-/// The words that can be completed.
+/// The words that Tab can complete.
 #[derive(Debug, Default)]
 pub(super) struct CompletionWords {
     /// The names of goals in the ecosystem file.
     goals: Vec<String>,
-    /// The predicates of facts.
+    /// The names of the predicates of facts.
     predicates: Vec<String>,
     functions: Vec<String>,
-    /// The agents that offer each action.
+    /// The names of the agents that offer an action, by the name of the action.
     actions: BTreeMap<String, BTreeSet<String>>,
     objects: Vec<String>,
     agents: Vec<String>,
-    /// The numbers of requests that have not ended.
+    /// The numbers of the requests that have not ended.
     pub(super) requests: Vec<String>,
-    /// The numbers of open questions.
+    /// The numbers of the open questions.
     pub(super) questions: Vec<String>,
 }
 
 impl CompletionWords {
-    /// Replaces the words by those of the current domain. Without a snapshot, the words of the
-    /// domain remain.
+    /// Replaces the words by the current ones: goals, agents, and the words of the domain in
+    /// `snapshot`. If `snapshot` is `None`, the words of the domain are kept.
     pub(super) fn renew(
         &mut self,
         snapshot: Option<&Snapshot>,
@@ -59,7 +60,8 @@ impl CompletionWords {
         }
     }
 
-    /// Returns the offset at which the word before the cursor begins, and its possible completions.
+    /// Returns the possible completions of the word before the cursor, and the offset at which that
+    /// word begins. `before` is the text before the cursor.
     pub(super) fn complete(&self, before: &str) -> (usize, Vec<String>) {
         let is_border = |character: char| character.is_whitespace() || character == '(';
         let start = before.rfind(is_border).map_or(0, |border| border + 1);
@@ -74,7 +76,7 @@ impl CompletionWords {
         (start, fitting)
     }
 
-    /// Returns all words that may follow `context`.
+    /// Returns all words that may follow the text `context`.
     fn candidates(&self, context: &str) -> Vec<String> {
         let line = context.trim_start();
         let verb = if line.starts_with('(') {
@@ -93,7 +95,7 @@ impl CompletionWords {
         }
     }
 
-    /// Returns the words that may follow outside parentheses.
+    /// Returns the words that may follow the verb `verb` outside parentheses.
     fn after(&self, verb: &str) -> Vec<String> {
         let own = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect();
         match verb {
@@ -118,8 +120,8 @@ impl CompletionWords {
         }
     }
 
-    /// Returns the words that may follow within parentheses; `inside` is the contents of the
-    /// innermost pair so far.
+    /// Returns the words that may follow within parentheses; `inside` is the text in the innermost
+    /// open pair so far.
     fn within(&self, verb: &str, inside: &str) -> Vec<String> {
         let mut words = inside.split_whitespace();
         match (verb, words.next()) {
@@ -138,7 +140,7 @@ impl CompletionWords {
     }
 }
 
-/// Returns the text after the last parenthesis that is open; `None` if all are closed.
+/// Returns the text after the last parenthesis that is still open; `None` if all are closed.
 fn innermost(text: &str) -> Option<&str> {
     let mut open = Vec::new();
     for (at, character) in text.char_indices() {

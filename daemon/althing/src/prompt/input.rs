@@ -1,5 +1,5 @@
-//! Reads lines: at a terminal with editing, completion and history; otherwise as they are. Reading
-//! runs on a thread of its own, because a read cannot be interrupted.
+//! Reads the lines of the prompt: at a terminal with editing, completion and history; otherwise as
+//! they come. Reading runs on a separate thread, because it cannot be interrupted.
 
 use std::borrow::Cow;
 use std::io::{BufRead as _, IsTerminal as _};
@@ -23,36 +23,36 @@ use tokio::sync::mpsc as channel;
 use super::completion::CompletionWords;
 use crate::hosting;
 
-/// The text before the line.
+/// The text that the prompt shows before the line that the user types.
 const PROMPT: &str = "althing> ";
 
-/// Lines of the history that are kept for later sessions.
+/// Number of lines of the history that are kept for later sessions.
 const HISTORY_LINES_MAX: usize = 1_000;
 
-/// How long pending output may take when the prompt closes.
+/// How long the output that is not printed yet may take when the prompt closes.
 const PRINTED_WITHIN: Duration = Duration::from_millis(500);
 
 /// The result of reading a line.
 pub(super) enum InputEvent {
     Line(String),
-    /// Ctrl-C: the line is discarded.
+    /// The user pressed Ctrl-C: the line is discarded.
     Interrupted,
     End,
 }
 
-/// The source of lines.
+/// The source of the prompt's lines, which is standard input.
 pub(super) struct LineSource {
     pub(super) is_terminal: bool,
     typed: channel::Receiver<InputEvent>,
     next: mpsc::Sender<()>,
     printing: Option<JoinHandle<()>>,
-    /// The terminal's settings before the prompt: a read that is interrupted by a signal leaves it
-    /// in raw mode.
+    /// The settings of the terminal before the prompt opened. They are restored at the end, because
+    /// a read that a signal interrupts leaves the terminal in raw mode.
     before: Option<Termios>,
 }
 
 impl LineSource {
-    /// Opens standard input. Nothing is read before [`LineSource::next`].
+    /// Opens standard input. Nothing is read before the first call of [`LineSource::next`].
     pub(super) fn open(
         words: &Arc<RwLock<CompletionWords>>,
         ecosystem: &EcosystemId,
@@ -80,18 +80,18 @@ impl LineSource {
         LineSource { is_terminal, typed, next, printing, before }
     }
 
-    /// Allows the next line to be read.
+    /// Lets the reading thread read the next line.
     pub(super) fn next(&self) {
         // A reader that has ended has reported that already.
         let _ = self.next.send(());
     }
 
-    /// Returns the next line, once it may be read.
+    /// Waits for the next line, which is read once [`LineSource::next`] has been called.
     pub(super) async fn next_event(&mut self) -> InputEvent {
         self.typed.recv().await.unwrap_or(InputEvent::End)
     }
 
-    /// Prints pending output and restores the terminal's settings.
+    /// Prints the output that is not printed yet, and restores the settings of the terminal.
     pub(super) async fn close(self) {
         output::set_prompt(None);
         if let Some(printing) = self.printing {
@@ -174,21 +174,22 @@ fn edit_lines(
     }
 }
 
-/// Whether a line is added to the history, which is a file: an answer may be a secret.
+/// Whether a line is added to the history. An answer is not, because it may be a secret and the
+/// history is a file.
 fn is_remembered(line: &str) -> bool {
     let verb = line.split_whitespace().next().unwrap_or_default();
     verb.trim_matches(['"', '\'']) != "answer"
 }
 
-/// Returns the history file, in this machine's state folder of the ecosystem.
+/// Returns the path of the history file, which is in this machine's state folder of the ecosystem.
 fn history(ecosystem: &EcosystemId) -> Option<PathBuf> {
     let folder = DaemonId::new("prompt").ok()?;
     let folder = hosting::state_folder(ecosystem, &folder).ok()?;
     Some(folder.join("history"))
 }
 
-/// Prints all further output above the line that is edited. A thread of its own passes it on: the
-/// editor accepts one text at a time, and only while it reads.
+/// From now on, prints all output above the line that the user edits. A separate thread passes the
+/// output to the editor, because the editor accepts one text at a time, and only while it reads.
 fn print_above(editor: &mut LineEditor) -> Option<JoinHandle<()>> {
     let mut printer = editor.create_external_printer().ok()?;
     let (print, printed) = mpsc::channel::<String>();
@@ -202,7 +203,7 @@ fn print_above(editor: &mut LineEditor) -> Option<JoinHandle<()>> {
     }))
 }
 
-/// The helper of the line editor: completion and colours.
+/// The helper of the line editor, which provides completion and colours.
 struct Assistant {
     words: Arc<RwLock<CompletionWords>>,
 }

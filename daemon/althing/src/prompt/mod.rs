@@ -1,9 +1,10 @@
-//! The prompt: an interactive session in an ecosystem, with the verbs of the command line.
+//! The prompt: an interactive session in an ecosystem, in which the user types the verbs of the
+//! command line.
 //!
-//! - [`input`] reads lines: at a terminal with history, completion and editing; otherwise each line
-//!   after the request of the previous one has ended.
-//! - [`verbs`] parses a line, [`completion`] completes it.
-//! - [`requests`] numbers the requests, so that the user can refer to them.
+//! - [`input`] reads lines. At a terminal there are history, completion and editing; otherwise each
+//!   line is read when the request of the previous line has ended.
+//! - [`verbs`] parses a line, and [`completion`] completes the word before the cursor.
+//! - [`requests`] numbers the user's requests, so that the user can refer to them.
 //!
 //! Messages are printed above the line that is being edited.
 
@@ -36,24 +37,25 @@ use terminal::styled::Styled;
 use terminal::{exit, output};
 use verbs::Verb;
 
-/// How long to wait for the words of the domain before the first line is read without them.
+/// How long the prompt waits for the words of the domain before the user can type the first line
+/// without them.
 const WORDS_WITHIN: Duration = Duration::from_secs(2);
 
-/// Delay between a presence change and reading the words again, because an agent's action model
-/// arrives after the agent.
+/// Delay between a presence change and reading the words for completion again: an agent's action
+/// model arrives after the agent has been seen.
 const SETTLING: Duration = Duration::from_millis(300);
 
-/// A user at the prompt, and the ecosystem.
+/// The user at a prompt, and the ecosystem that the prompt is in.
 pub(crate) struct PromptSession {
     pub(crate) view: EcosystemView,
-    /// The name of this keyboard.
+    /// The name of the prompt's keyboard agent.
     pub(crate) id: AgentId,
     pub(crate) terminal: Terminal,
     pub(crate) json: bool,
 }
 
 /// Reads and carries out lines until the input ends, the user types `quit`, or `end` completes.
-/// Returns `false` if a request of a script failed, always `true` at a terminal.
+/// Returns `false` if the input is not a terminal and a request failed, otherwise `true`.
 pub(crate) async fn run(guest: PromptSession, end: impl Future) -> bool {
     let PromptSession { view, id, terminal, json } = guest;
     let Terminal { requests: say, events: mut hear } = terminal;
@@ -115,7 +117,7 @@ pub(crate) async fn run(guest: PromptSession, end: impl Future) -> bool {
     is_terminal || prompt.requests.went_well()
 }
 
-/// The next action after a line.
+/// The action of the prompt after it has carried out a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PromptStep {
     Proceed,
@@ -165,7 +167,7 @@ impl Prompt {
         let _ = output::print_styled(&text, exit::DONE);
     }
 
-    /// Updates the numbers that can be completed.
+    /// Updates the numbers of requests and questions that Tab can complete.
     fn note_words(&self, heard: &UserEvent) {
         let mut words = self.words.write().unwrap_or_else(PoisonError::into_inner);
         words.requests = self.requests.numbers();
@@ -231,7 +233,8 @@ impl Prompt {
         PromptStep::Proceed
     }
 
-    /// Replaces the number that the user typed by its conversation.
+    /// Returns the request that the user meant: in a cancellation, replaces the number of a request
+    /// by its conversation.
     fn meant(&self, said: UserRequest) -> UserRequest {
         match said {
             UserRequest::Cancel(id) => {
@@ -296,15 +299,15 @@ impl Prompt {
     }
 }
 
-/// Keeps the words for completion up to date.
+/// Keeps the words for completion up to date, in a task.
 struct Refresher {
     wake: mpsc::Sender<()>,
     is_read: watch_channel::Receiver<bool>,
 }
 
 impl Refresher {
-    /// Reads the words, and reads them again after each presence change and each call of
-    /// [`Refresher::again`].
+    /// Starts a task that reads the words for completion, and reads them again after each presence
+    /// change and each call of [`Refresher::again`].
     fn start(view: &EcosystemView, words: &Arc<RwLock<CompletionWords>>) -> Refresher {
         let (wake, mut woken) = mpsc::channel::<()>(1);
         let (read, is_read) = watch_channel::channel(false);
@@ -326,7 +329,7 @@ impl Refresher {
         Refresher { wake, is_read }
     }
 
-    /// Waits until the words have been read once, up to [`WORDS_WITHIN`].
+    /// Waits until the words for completion have been read once, up to [`WORDS_WITHIN`].
     async fn first(&self) {
         let mut is_read = self.is_read.clone();
         let _ = tokio::time::timeout(WORDS_WITHIN, is_read.wait_for(|is_read| *is_read)).await;

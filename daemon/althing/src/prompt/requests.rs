@@ -1,4 +1,5 @@
-//! The requests of a prompt: numbered for the user, and followed to their final reports.
+//! The requests of a prompt. They are numbered for the user, and followed until their final
+//! reports.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -6,7 +7,7 @@ use acl::ConversationId;
 use acl::content::{Outcome, Report};
 use keyboard::{UserEvent, UserRequest};
 
-/// The kind of a request, as far as its end depends on it.
+/// The kind of a request; goals end in another way than the other requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum RequestKind {
     Goal,
@@ -17,26 +18,26 @@ enum RequestKind {
 struct PromptRequest {
     number: usize,
     kind: RequestKind,
-    /// Number of final messages that are still to come: a cancelled goal has two, its own and the
-    /// answer to the cancellation.
+    /// Number of final messages that are still to come. A cancelled goal has two: the final report
+    /// of the goal, and the answer to the cancellation.
     final_reports_due: usize,
-    /// Whether a script may continue: the request has ended, or its goal holds.
+    /// Whether a script may continue after this request: the request has ended, or its goal holds.
     is_settled: bool,
     is_given_up: bool,
 }
 
-/// All requests of a prompt.
+/// All requests that were made at a prompt.
 #[derive(Debug, Default)]
 pub(super) struct PromptRequests {
     count: usize,
-    /// Requests that have been sent, but have no conversation yet.
+    /// The requests that have been sent, but to which no conversation has been assigned yet.
     without_conversation: VecDeque<RequestKind>,
     known: BTreeMap<ConversationId, PromptRequest>,
     has_failed: bool,
 }
 
 impl PromptRequests {
-    /// Records a request that is about to be sent.
+    /// Records a request that the prompt is about to send.
     pub(super) fn say(&mut self, said: &UserRequest) {
         match said {
             UserRequest::Cancel(conversation) => self.give_up(conversation),
@@ -70,7 +71,8 @@ impl PromptRequests {
         PromptRequest { number, kind, final_reports_due: 1, is_settled: false, is_given_up: false }
     }
 
-    /// Records a message. Returns the number of the request that it belongs to.
+    /// Records a message that has been received. Returns the number of the request that the message
+    /// belongs to.
     pub(super) fn hear(&mut self, heard: &UserEvent) -> Option<usize> {
         let conversation = heard.conversation()?;
         if matches!(heard, UserEvent::Sent(_)) && !self.known.contains_key(conversation) {
@@ -94,7 +96,7 @@ impl PromptRequests {
         Some(request.number)
     }
 
-    /// Returns the conversation of a request's number.
+    /// Returns the conversation of the request that has this number.
     pub(super) fn find(&self, number: &str) -> Option<ConversationId> {
         let number: usize = number.parse().ok()?;
         let found = self.known.iter().find(|(_, request)| request.number == number);
@@ -107,18 +109,18 @@ impl PromptRequests {
         open.map(|request| request.number.to_string()).collect()
     }
 
-    /// Whether a script may continue: all requests have ended, or their goals hold.
+    /// Whether a script may continue: each request has ended, or its goal holds.
     pub(super) fn are_settled(&self) -> bool {
         self.without_conversation.is_empty()
             && self.known.values().all(|request| request.is_settled)
     }
 
-    /// Records that a line could not be carried out.
+    /// Records that a line of the user could not be carried out.
     pub(super) fn fail(&mut self) {
         self.has_failed = true;
     }
 
-    /// Whether nothing has failed.
+    /// Whether no request and no line has failed so far.
     pub(super) fn went_well(&self) -> bool {
         !self.has_failed
     }
@@ -147,7 +149,7 @@ mod tests {
         })
     }
 
-    /// Creates the requests of a prompt after one goal.
+    /// Returns the requests of a prompt at which one goal has been requested.
     fn one_goal() -> PromptRequests {
         let mut requests = PromptRequests::default();
         requests.say(&wish());

@@ -1,4 +1,4 @@
-//! Parses a line at the prompt: the verbs of the command line, with the same arguments. A line that
+//! Parses a line of the prompt: a verb of the command line, with the same arguments. A line that
 //! begins with `(` is a goal.
 
 use clap::error::ErrorKind;
@@ -6,7 +6,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::{ActionArgs, FactArgs, ModeArg, ReplyArgs, WatchWords, WhoseArgs, WishArgs};
 
-/// The text that `help` prints.
+/// The text that the verb `help` prints.
 const HELP: &str = "\
 Ask    (GOAL)  goal GOAL|NAME [--maintain] [--priority N]
        act (ACTION)            one action: (move turtlebot-1 corridor office1)
@@ -74,7 +74,7 @@ pub(super) fn names() -> Vec<String> {
     PromptLine::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect()
 }
 
-/// Returns the list of verbs, or the help of one verb.
+/// Returns the list of verbs or, if `verb` is given, the help of that verb.
 pub(super) fn help(verb: Option<&str>) -> String {
     let mut line = PromptLine::command();
     // Subcommands inherit the width of the output only when the command is built.
@@ -85,11 +85,12 @@ pub(super) fn help(verb: Option<&str>) -> String {
     }
 }
 
-/// Parses a line; `Ok(None)` for an empty line or a comment.
+/// Parses a line; returns `Ok(None)` for an empty line or a comment.
 ///
 /// # Errors
 ///
-/// Returns an error message for the user if there is no such verb, or if its arguments are wrong.
+/// Returns an error message for the user if there is no such verb, or if the arguments of the verb
+/// are wrong.
 pub(super) fn read(line: &str) -> Result<Option<Verb>, String> {
     let mut words = words(line);
     if words.first().is_none_or(|first| first.starts_with('#')) {
@@ -103,7 +104,8 @@ pub(super) fn read(line: &str) -> Result<Option<Verb>, String> {
     read.map(|line| Some(line.verb)).map_err(|error| problem(&error, &verb))
 }
 
-/// Explains a mistake in a line, without clap's remarks about whole command lines.
+/// Explains a mistake in a line of the prompt, without clap's remarks, which are about whole
+/// command lines.
 fn problem(error: &clap::Error, verb: &str) -> String {
     if error.kind() == ErrorKind::InvalidSubcommand {
         let names = names();
@@ -143,7 +145,8 @@ fn words(line: &str) -> Vec<String> {
     words
 }
 
-/// Returns the length of the expression at the start of `text`; all of it if it is not closed.
+/// Returns the length of the PDDL expression at the start of `text`; if it is not closed, the
+/// length of `text`.
 fn expression(text: &str) -> usize {
     let mut depth = 0_usize;
     for (at, character) in text.char_indices() {

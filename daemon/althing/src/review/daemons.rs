@@ -1,5 +1,5 @@
-//! Warns about names of daemons that are probably misspelled: naming a daemon creates it, so a
-//! misspelling creates a machine that does not exist.
+//! Warns about names of daemons that are probably misspelled. An entry that names a daemon creates
+//! it, so that a misspelled name creates a machine that does not exist.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,12 +8,13 @@ use pddl::{Diagnostic, Span};
 
 use super::Reviewer;
 
-/// Shortest name that is checked: shorter names often differ by one letter, as `a` and `b`, `pi1`
-/// and `pi2`.
+/// Length of the shortest name that is checked. Shorter names of different daemons often differ by
+/// one letter, as `a` and `b`, or `pi1` and `pi2`.
 const LETTERS_MIN: usize = 5;
 
 impl Reviewer<'_> {
-    /// Warns about daemons that are named once and resemble one that is named more often.
+    /// Warns about a daemon that is named only once if its name resembles that of a daemon that is
+    /// named more often.
     pub(super) fn daemons(&mut self) {
         let named = self.named_daemons();
         let listed: BTreeSet<&str> = self.listed_daemons();
@@ -51,7 +52,8 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Whether the name of a daemon is the name of a place, or begins with one and a hyphen.
+    /// Whether the name of a daemon is the name of a place, or begins with the name of a place and
+    /// a hyphen.
     fn names_a_place(&self, daemon: &str) -> bool {
         let mut objects = self.ecosystem.problem.objects.iter();
         objects.any(|declaration| {
@@ -60,7 +62,8 @@ impl Reviewer<'_> {
         })
     }
 
-    /// Returns the names of daemons, each with the paths where it is named.
+    /// Returns the names of all daemons, each with the paths in the ecosystem file at which it is
+    /// named.
     fn named_daemons(&self) -> BTreeMap<String, Vec<String>> {
         let mut named: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for entry in &self.ecosystem.agents {
@@ -78,7 +81,7 @@ impl Reviewer<'_> {
         named
     }
 
-    /// Returns the daemons that the file lists under `[ecosystem]`.
+    /// Returns the names of the daemons that the ecosystem file lists under `[ecosystem]`.
     fn listed_daemons(&self) -> BTreeSet<&str> {
         let is_listed = |daemon: &&DaemonId| {
             let places = self.ecosystem.places.under("ecosystem.daemons");
@@ -88,8 +91,8 @@ impl Reviewer<'_> {
     }
 }
 
-/// Whether two names differ by one letter that is added, missing or wrong, or by two letters that
-/// are swapped.
+/// Whether two names differ so little that one may be misspelled: by one letter that is added,
+/// missing or wrong, or by two letters that are swapped.
 fn is_slip(one: &str, other: &str) -> bool {
     strsim::damerau_levenshtein(one, other) == 1
 }

@@ -1,4 +1,4 @@
-//! Checks the entries of agents by building each agent, without launching it.
+//! Checks the entries of agents: builds each agent without launching it.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ use super::{ReviewScope, Reviewer};
 use crate::config::{AgentEntry, Ecosystem};
 use crate::hosting::{DryRun, HostError};
 
-/// Most mistakes of one entry that are reported; an entry with more should be written anew.
+/// Most mistakes that are reported of one entry. An entry with more of them should be written anew.
 const MISTAKES_MAX: usize = 8;
 
 impl Reviewer<'_> {
@@ -33,7 +33,8 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Builds an agent from the entry, then from the entry without each mistake that is found.
+    /// Builds the agent of an entry. After each mistake that is found, it is built again from the
+    /// entry without that mistake.
     fn entry(&mut self, entry: &AgentEntry, stage: &DryRun, severity: Severity) {
         let mut tried = entry.clone();
         // Keys that were removed because of wrong values: they do not count as missing.
@@ -72,8 +73,8 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Returns the key that was written instead of a missing one: the plugin does not know it, and
-    /// it resembles the missing key or is a synonym of it.
+    /// Returns the key that was written instead of the missing key `missing`. It is a key that the
+    /// plugin does not know, and that resembles the missing key or is a synonym of it.
     fn misspelt(
         &self,
         entry: &AgentEntry,
@@ -123,14 +124,14 @@ impl Reviewer<'_> {
         self.say_of_entry(entry, &whole, found, &kind);
     }
 
-    /// Whether a key stands in the entry, but not in its `config`.
+    /// Whether the key `key` stands directly in the entry instead of in the entry's `config`.
     fn is_beside(&self, entry: &AgentEntry, key: &str) -> bool {
         let path = format!("{}.{key}", entry.path);
         self.ecosystem.places.find(&path).is_some_and(|(_, _, is_it)| is_it)
     }
 
-    /// Reports a mistake at the key if it is unknown or missing, otherwise at the value. A place
-    /// with a mistake that is already reported gets no second message.
+    /// Reports a mistake in the `config` of an entry: at the key if the key is unknown or missing,
+    /// otherwise at the value. If a mistake at that place has been reported already, does nothing.
     fn say_of_entry(
         &mut self,
         entry: &AgentEntry,
@@ -154,8 +155,8 @@ impl Reviewer<'_> {
     }
 }
 
-/// Corrects a mistake as it was probably meant, or removes it, so that the others are found too.
-/// Returns `false` if that is impossible.
+/// Corrects a mistake in an entry as was probably meant, or removes it, so that the other mistakes
+/// of the entry are found. Returns `false` if that is impossible.
 fn goes_on(
     entry: &mut AgentEntry,
     path: &[String],
@@ -202,7 +203,7 @@ fn goes_on(
     true
 }
 
-/// Renames a key of a table in an entry's `config`.
+/// Renames a key in the table at `path` in an entry's `config`.
 fn rename(entry: &mut AgentEntry, path: &[String], from: &str, to: &str) {
     let mut config = Value::clone(&entry.config);
     let table = path.iter().try_fold(&mut config, |table, key| table.get_mut(key));
@@ -214,7 +215,7 @@ fn rename(entry: &mut AgentEntry, path: &[String], from: &str, to: &str) {
     entry.config = config.into();
 }
 
-/// Returns the plugin's error message.
+/// Returns the error message of the plugin that rejected an entry.
 fn said(error: &HostError) -> String {
     match error {
         HostError::Build(BuildError::Config { source, .. }) => source.to_string(),
@@ -223,8 +224,9 @@ fn said(error: &HostError) -> String {
     }
 }
 
-/// Returns the path in an entry's `config` that causes a mistake: without it there is no mistake,
-/// or another one. Empty if a key is missing.
+/// Returns the path of the value in an entry's `config` that causes a mistake: if that value is
+/// removed, there is no mistake or another one. The path is empty if the mistake is that a key is
+/// missing.
 fn culprit(entry: &AgentEntry, stage: &DryRun, error: &HostError) -> Vec<String> {
     let built = |config: Value| {
         let entry = AgentEntry { config: config.into(), ..entry.clone() };
@@ -260,15 +262,15 @@ fn at<'v>(value: &'v Value, path: &[String]) -> Option<&'v Value> {
     path.iter().try_fold(value, |value, key| value.get(key))
 }
 
-/// Removes the value at this path and returns it.
+/// Removes the value at `path` from `value`, and returns it.
 fn take(value: &mut Value, path: &[String]) -> Option<Value> {
     let (last, tables) = path.split_last()?;
     let within = tables.iter().try_fold(value, |value, key| value.get_mut(key.as_str()))?;
     within.as_object_mut()?.remove(last.as_str())
 }
 
-/// Returns an example for a key of a `config`, as TOML, with names of this ecosystem where
-/// possible.
+/// Returns an example of the value of a key in a `config`, as TOML. The example contains names of
+/// this ecosystem where possible.
 fn example(key: &str, ecosystem: &Ecosystem) -> Option<String> {
     let quote = |name: &str| format!("\"{name}\"");
     let place = || place(ecosystem, "location").unwrap_or_else(|| "hall".to_owned());
@@ -296,13 +298,13 @@ fn example(key: &str, ecosystem: &Ecosystem) -> Option<String> {
     })
 }
 
-/// Parses a text of [`example`].
+/// Parses a text that [`example`] has returned.
 fn parsed(text: &str) -> Option<Value> {
     let table: toml::Table = format!("value = {text}").parse().ok()?;
     serde_json::to_value(table.get("value")?).ok()
 }
 
-/// Returns the first object of the map that has a type.
+/// Returns the name of the first object of the map that has the type `sort`.
 fn place(ecosystem: &Ecosystem, sort: &str) -> Option<String> {
     let types = Types::of(&ecosystem.domain);
     let mut objects = ecosystem.problem.objects.iter().map(|declaration| &declaration.object);

@@ -1,5 +1,5 @@
-//! Checks the named goals of a file against the ontology, the map, and the action models of the
-//! file's agents (media, presets, predicates of their own).
+//! Checks the named goals of an ecosystem file against the ontology, the map, and the action models
+//! of the agents in the file, which bring media, presets and predicates of their own.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::config::moved_goal;
 use crate::hosting;
 
 impl Reviewer<'_> {
-    /// Reports unknown words and wrong arguments in named goals.
+    /// Reports unknown words and wrong arguments in the named goals of the file.
     pub(super) fn goals(&mut self) {
         if self.ecosystem.goals.is_empty() {
             return;
@@ -49,8 +49,8 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Returns the agents without a known action model: those of interfaces and packages, and those
-    /// that cannot be built.
+    /// Returns the names of the agents of which no action model is known: agents of interfaces and
+    /// packages, and agents that cannot be built.
     fn agents(&self, models: &BTreeMap<AgentId, ActionModel>) -> BTreeSet<String> {
         let own = self.ecosystem.agents.iter().map(|entry| entry.name.to_string());
         let rules = self.ecosystem.interfaces.iter().flat_map(|interface| &interface.imports);
@@ -58,9 +58,9 @@ impl Reviewer<'_> {
         own.chain(borrowed).filter(|name| !models.keys().any(|id| id.as_str() == name)).collect()
     }
 
-    /// Lowers an unknown word that resembles nothing to a warning: it may belong to an agent that
-    /// joins later. Returns `None` if some entries could not be understood, because it may be
-    /// theirs.
+    /// Turns the error that a word is unknown into a warning if the word resembles no known word:
+    /// an agent that joins later may bring it. Returns `None` if some entries of the file could not
+    /// be understood, because one of them may bring the word.
     fn softened(&self, mut found: Diagnostic) -> Option<Diagnostic> {
         if found.message.starts_with("unknown ") && found.help.is_none() {
             found.severity = Severity::Warning;
@@ -73,7 +73,8 @@ impl Reviewer<'_> {
     }
 }
 
-/// Returns ontology and map with the additions of the action models.
+/// Returns the ontology and the map, extended by the types, predicates, functions and objects of
+/// the action models.
 fn widened<'m>(
     ontology: &Arc<Domain>,
     map: &Arc<Problem>,

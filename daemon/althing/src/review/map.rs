@@ -1,9 +1,10 @@
-//! Checks the map: one-way connections, connections without a length, and places that no robot can
+//! Checks the map: one-way connections, connections without a length, and places that robots cannot
 //! reach.
 //!
-//! Connections are the facts `connected`, lengths the values of `distance`: the words by which
-//! robots move. An author that intends a one-way connection, or a place without any, writes a
-//! comment in its line (`; one way`, `; no way`), and gets no warning.
+//! Connections are the facts with the predicate `connected`, and their lengths are the values of
+//! the function `distance`: robots move by these two. If an author intends a one-way connection, or
+//! a place without connections, a comment in the line (`; one way` or `; no way`) prevents the
+//! warning.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,18 +12,19 @@ use pddl::{Diagnostic, InitElement, Name, Span, Term, Types};
 
 use super::Reviewer;
 
-/// The predicate of a connection.
+/// The predicate of a connection between two places.
 const WAY: &str = "connected";
-/// The function of a connection's length.
+/// The function of which the value is the length of a connection.
 const LENGTH: &str = "distance";
 
-/// The comments for an intended one-way connection, and for a place that cannot be reached.
+/// The comments that mark an intended one-way connection (`ONE_WAY`), and a place that need not be
+/// reached (`NO_WAY`).
 const ONE_WAY: &[&str] = &["one way", "one-way"];
 const NO_WAY: &[&str] = &["no way", "one way", "one-way"];
 
 /// The connections of the map and their lengths.
 struct MapConnections<'m> {
-    /// Start and end of each connection, in the order of the map, without duplicates.
+    /// Start, end and span of each connection, in the order of the map, without duplicates.
     ways: Vec<(&'m Name, &'m Name, Span)>,
     lengths: BTreeMap<(&'m str, &'m str), (f64, Span)>,
 }
@@ -64,9 +66,9 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Warns about connections without a way back. Some one-way connections form a round, as
-    /// through an airlock: if the way back leads over other one-way connections, the round is
-    /// intended.
+    /// Warns about connections without a way back. There is no warning if the way back leads over
+    /// other one-way connections, because then the round is intended, such as the way through an
+    /// airlock.
     fn one_way(&mut self, ways: &MapConnections<'_>) {
         let given: BTreeSet<_> = ways.pairs().collect();
         let has_back = |(from, to): &(&str, &str)| given.contains(&(*to, *from));
@@ -113,7 +115,7 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Warns about connections without a length: a robot needs the distance to move.
+    /// Warns about connections without a length: a robot needs the length to move.
     fn without_length(&mut self, ways: &MapConnections<'_>) {
         if !self.knows_lengths() {
             return;
@@ -139,8 +141,8 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Warns about places that cannot be reached from the start of a robot or, without robots,
-    /// places without any connection.
+    /// Warns about places that cannot be reached from a place where a robot starts. If the file has
+    /// no robots, warns about places without any connection.
     fn unreachable(&mut self, ways: &MapConnections<'_>) {
         let (poses, starts) = (self.poses(), self.starts());
         let mut next: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
@@ -182,7 +184,7 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Returns the places of the map: the objects that connections can join.
+    /// Returns the places of the map: the objects that a connection can have as its start or end.
     fn places(&self) -> Vec<(Name, Span)> {
         let types = Types::of(&self.ecosystem.domain);
         let predicates = &self.ecosystem.domain.predicates;
@@ -200,13 +202,13 @@ impl Reviewer<'_> {
             .collect()
     }
 
-    /// Returns the places where robots of the file start.
+    /// Returns the names of the places where the robots of the ecosystem file start.
     fn starts(&self) -> Vec<String> {
         let start = |value: &serde_json::Value| Some(value.get("start")?.as_str()?.to_lowercase());
         self.ecosystem.agents.iter().filter_map(|entry| start(&entry.config)).collect()
     }
 
-    /// Returns the poses that robots add, each with the place near it.
+    /// Returns the poses in the entries of robots, each with the place near which it is.
     fn poses(&self) -> Vec<(String, String)> {
         let mut all = Vec::new();
         for entry in &self.ecosystem.agents {
@@ -219,7 +221,7 @@ impl Reviewer<'_> {
         all
     }
 
-    /// Whether a comment in the line of `span` contains one of these words.
+    /// Whether a comment in the line of `span` contains one of the texts in `words`.
     fn is_commented(&self, span: Span, words: &[&str]) -> bool {
         let text = &self.ecosystem.sources.map.text;
         let rest = text.get(span.start as usize..).unwrap_or_default();
@@ -259,7 +261,7 @@ impl<'m> MapConnections<'m> {
     }
 }
 
-/// Returns the direct neighbours of each place.
+/// Returns, for each place, the places to which a connection leads from it.
 fn graph<'n>(
     ways: impl Iterator<Item = (&'n str, &'n str)>,
 ) -> BTreeMap<&'n str, BTreeSet<&'n str>> {
@@ -270,7 +272,7 @@ fn graph<'n>(
     next
 }
 
-/// Returns all places that can be reached from some places, including these.
+/// Returns all places that can be reached from the places in `starts`, which are included.
 fn reached<'n>(
     next: &BTreeMap<&'n str, BTreeSet<&'n str>>,
     starts: impl Iterator<Item = &'n str>,

@@ -1,16 +1,16 @@
-//! Checks of an ecosystem beyond the form of its file: for `althing check`, and for `althing up`
-//! before it starts.
+//! Checks of an ecosystem file beyond its form. `althing check` runs them, and `althing up` runs
+//! them before it starts.
 //!
-//! - [`entries`]: the entries of agents, as their plugins read them.
-//! - [`map`]: connections, lengths, and places that no robot can reach.
+//! - [`entries`]: the entries of agents, checked by the agents' plugins.
+//! - [`map`]: the connections of the map, their lengths, and places that no robot can reach.
 //! - [`goals`]: the words of goals, checked against the ontology, the map and the agents' action
 //!   models.
-//! - [`roles`]: whether there are agents that take goals, plan, and carry plans out.
+//! - [`roles`]: whether there are agents that take goals, that plan, and that carry out plans.
 //! - [`rooms`]: agents in a place where they can do nothing.
-//! - [`network`]: the table for Zenoh.
+//! - [`network`]: the table `[zenoh]`.
 //! - [`daemons`]: names of daemons that are probably misspelled.
 //!
-//! Each check reports mistakes at their place in the text, with a correction.
+//! Each check reports a mistake at its place in the text, with a correction.
 
 mod daemons;
 
@@ -41,14 +41,15 @@ use crate::hosting;
 /// The part of an ecosystem that is reviewed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum ReviewScope<'s> {
-    /// All of it, for `althing check`.
+    /// The whole ecosystem, for `althing check`.
     Everything,
-    /// The part that a daemon needs to start. A mistake in an entry of another daemon is only a
-    /// warning, because one machine must not keep the others from working.
+    /// The part that this daemon needs to start, for `althing up`. A mistake in the entry of
+    /// another daemon's agent is only a warning, because one machine must not keep the others from
+    /// working.
     Daemon(&'s DaemonId),
 }
 
-/// Returns all mistakes in what was read, including those of the reading itself.
+/// Returns all mistakes in an ecosystem file, including those that were found when it was read.
 pub(crate) fn review(reading: &ParsedEcosystem, scope: ReviewScope<'_>) -> DiagnosticReport {
     let mut report = reading.report.clone();
     if let Some(ecosystem) = &reading.ecosystem {
@@ -65,8 +66,8 @@ pub(crate) fn review(reading: &ParsedEcosystem, scope: ReviewScope<'_>) -> Diagn
     report
 }
 
-/// Checks an ecosystem. If `is_complete` is false, some entries could not be understood, and things
-/// that seem to be missing may be theirs.
+/// Checks an ecosystem. If `is_complete` is false, some entries could not be understood, and what
+/// seems to be missing may stand in those entries.
 fn of_ecosystem(
     ecosystem: &Ecosystem,
     scope: ReviewScope<'_>,
@@ -93,7 +94,7 @@ fn of_ecosystem(
     desk.report
 }
 
-/// Returns the places of the errors in a report.
+/// Returns the places of the errors in a report: for each, the name of the text and the offset.
 fn places(report: &DiagnosticReport) -> BTreeSet<(String, u32)> {
     let errors = report.findings().iter().filter(|finding| finding.diagnostic.is_error());
     let place = |SourcedDiagnostic { source, diagnostic }: &SourcedDiagnostic| {
@@ -102,8 +103,8 @@ fn places(report: &DiagnosticReport) -> BTreeSet<(String, u32)> {
     errors.filter_map(place).collect()
 }
 
-/// For a file that is not entirely TOML: returns the mistakes that do not follow from the part that
-/// could not be parsed.
+/// Returns those mistakes of `report` that do not follow from the part of the file that could not
+/// be parsed. For a file that is not entirely TOML.
 fn only_certain(report: &DiagnosticReport, ecosystem: &Ecosystem) -> DiagnosticReport {
     let file = &ecosystem.sources.file;
     let syntax = |finding: &&SourcedDiagnostic| config::is_syntax_error(&finding.diagnostic);
@@ -128,28 +129,29 @@ fn only_certain(report: &DiagnosticReport, ecosystem: &Ecosystem) -> DiagnosticR
     certain
 }
 
-/// Whether there is no header of a table between two places.
+/// Whether the offsets `from` and `to` are in the same entry: there is no header of a table between
+/// them.
 fn in_one_entry(text: &str, from: u32, to: u32) -> bool {
     let between = text.get(from as usize..to as usize).unwrap_or_default();
     !between.lines().skip(1).any(|line| line.trim_start().starts_with('['))
 }
 
-/// The place of a mistake.
+/// The place where a mistake is written.
 #[derive(Clone, Debug)]
 pub(crate) enum MistakeLocation {
-    /// A span of the map.
+    /// A span in the text of the map.
     Map(Span),
-    /// The path of a key in the ecosystem file, such as `agent.3.config.start`; if nothing is
-    /// there, the nearest thing around it.
+    /// The path of a key in the ecosystem file, such as `agent.3.config.start`. If the file has no
+    /// such key, the place is that of the nearest table or entry around it.
     Key(String),
 }
 
-/// The data that all checks share.
+/// The data that all checks of the review share.
 struct Reviewer<'e> {
     ecosystem: &'e Ecosystem,
-    /// Whether all entries could be understood.
+    /// Whether all entries of the file could be understood.
     is_complete: bool,
-    /// The places of errors from the reading.
+    /// The places of the errors that were found when the file was read.
     said: BTreeSet<(String, u32)>,
     report: DiagnosticReport,
 }
@@ -157,7 +159,7 @@ struct Reviewer<'e> {
 // === impl Desk ===
 
 impl Reviewer<'_> {
-    /// Reports a finding at a place.
+    /// Reports the mistake `found` at the place `at`.
     fn report_at(&mut self, at: &MistakeLocation, mut found: Diagnostic) {
         match at {
             MistakeLocation::Map(span) => {
@@ -168,8 +170,8 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Reports a finding about the value at a path of the ecosystem file or, if nothing is there,
-    /// about the nearest thing around it.
+    /// Reports the mistake `found` at the value that stands at `path` in the ecosystem file. If no
+    /// value is there, reports it at the nearest table or entry around the path.
     fn report_value(&mut self, path: &str, mut found: Diagnostic) {
         match self.ecosystem.places.find(path) {
             Some((source, place, is_it)) => {
@@ -180,7 +182,7 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Reports a finding about the key at a path.
+    /// Reports the mistake `found` at the key that stands at `path` in the ecosystem file.
     fn report_key(&mut self, path: &str, mut found: Diagnostic) {
         match self.ecosystem.places.find(path) {
             Some((source, place, _)) => {
@@ -191,13 +193,13 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Reports a finding about the file as a whole.
+    /// Reports the mistake `found`, which concerns the ecosystem file as a whole.
     fn report_file(&mut self, found: Diagnostic) {
         let file: Arc<SourceText> = Arc::clone(&self.ecosystem.sources.file);
         self.report.add(&file, [found]);
     }
 
-    /// Reports a finding at its own span in the map.
+    /// Reports the mistake `found` in the map, at the span that it already has.
     fn report_map(&mut self, found: Diagnostic) {
         let map: Arc<SourceText> = Arc::clone(&self.ecosystem.sources.map);
         self.report.add(&map, [found]);

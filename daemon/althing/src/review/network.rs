@@ -1,11 +1,12 @@
-//! Checks the `[zenoh]` table: endpoints that cannot be reached, settings that Zenoh does not have.
+//! Checks the table `[zenoh]`: endpoints that cannot be reached, and settings that Zenoh does not
+//! have.
 
 use pddl::{Diagnostic, Span};
 
 use super::Reviewer;
 
 impl Reviewer<'_> {
-    /// Reports the mistakes in the table.
+    /// Reports the mistakes in the table `[zenoh]`.
     pub(super) fn network(&mut self) {
         let ecosystem = self.ecosystem;
         let is_secured = ecosystem.security.is_some();

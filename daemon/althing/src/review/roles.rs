@@ -1,4 +1,4 @@
-//! Checks the roles of the reasoning agents: without one of them no goal is ever reached.
+//! Checks the roles of the reasoning agents: if a role is missing, no goal is ever reached.
 
 use agent::Mode;
 use pddl::{Diagnostic, Span};
@@ -6,21 +6,21 @@ use pddl::{Diagnostic, Span};
 use super::Reviewer;
 use crate::config::AgentEntry;
 
-/// The plugin of each role, the consequence if it is missing, and whether the agent must have the
-/// plugin's name, because others address it by that name.
+/// For each role: its plugin, the consequence if no agent has the role, and whether the agent must
+/// have the plugin's name because other agents address it by that name.
 const ROLES: &[(&str, &str, bool)] = &[
     ("domain-maintainer", "no agent keeps the domain and the known facts", true),
     ("plan-requester", "no agent takes goals", true),
     ("plan-executor", "no agent carries plans out", true),
 ];
 
-/// The role that only the centralised flow needs.
+/// The role that only the centralised planning mode needs.
 const CENTRAL: (&str, &str, bool) =
     ("planning-agent", "no agent plans in the mode \"centralized\"", false);
 
 impl Reviewer<'_> {
-    /// Warns about roles that no agent has, or that an agent has under a name by which it is not
-    /// found.
+    /// Warns about roles that no agent has, and about an agent that has a role under a name by
+    /// which other agents do not find it.
     pub(super) fn roles(&mut self) {
         // A file without agents is still being written.
         if self.ecosystem.agents.is_empty() || !self.is_complete {

@@ -1,4 +1,4 @@
-//! Checks the locations of agents: a sensor for rooms cannot work in a corridor.
+//! Checks the locations of agents: for example, a sensor for rooms cannot work in a corridor.
 
 use pddl::{Diagnostic, Name, Span, TypeExpr, Types};
 
@@ -6,11 +6,11 @@ use super::Reviewer;
 use crate::hosting;
 
 impl Reviewer<'_> {
-    /// Warns about locations that no predicate of the agent admits.
+    /// Warns about an agent's location if no predicate can state that the agent is there.
     ///
-    /// The predicate by which an agent states its place is known only to the agent. Therefore all
-    /// predicates of the ontology between an object of its type and a place are examined, and one
-    /// of them must admit the location.
+    /// Only the agent knows by which predicate it states its place. Therefore all predicates of the
+    /// ontology between an object of the agent's type and a place are examined, and at least one of
+    /// them must admit the location.
     pub(super) fn rooms(&mut self) {
         let (ontology, map) = (&self.ecosystem.domain, &self.ecosystem.problem);
         let types = Types::of(ontology);

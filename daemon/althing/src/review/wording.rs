@@ -1,20 +1,20 @@
-//! Explains a plugin's errors about its `config` in the terms of the ecosystem file.
+//! Explains the errors of plugins about their `config` in the terms of the ecosystem file.
 //!
-//! Plugins read their `config` by serde, which reports mistakes in Rust's terms: “invalid type:
-//! string "0.3", expected f64”. Such a message becomes “`speed` must be a number, and is the text
-//! "0.3"”, with a correction.
+//! Plugins read their `config` with serde, which reports mistakes in Rust's terms: “invalid type:
+//! string "0.3", expected f64”. Such a message is reworded as “`speed` must be a number, and is the
+//! text "0.3"”, and a correction is added.
 
 use pddl::nearest;
 use serde_json::Value;
 use terminal::form_error;
 
-/// Most keys that are listed.
+/// Most keys that a help text lists.
 const LISTED_MAX: usize = 6;
 
-/// Shortest beginning of a name that identifies it.
+/// Number of characters at the beginning of a name that suffice to identify it.
 const PREFIX_MIN: usize = 4;
 
-/// Other words that users write for a key.
+/// For some keys, other words that users write instead of the key.
 const SYNONYMS: &[(&str, &[&str])] = &[
     ("location", &["room", "place", "where", "position", "in", "at"]),
     ("start", &["location", "room", "place", "where", "position", "at", "home"]),
@@ -27,7 +27,7 @@ const SYNONYMS: &[(&str, &[&str])] = &[
     ("device", &["path", "file"]),
 ];
 
-/// Keys with durations as values.
+/// The keys of which the values are durations.
 const DURATIONS: &[&str] =
     &["valid-for", "every", "debounce", "time-out", "patience", "motion-for", "offline-after"];
 
@@ -39,21 +39,22 @@ pub(super) struct ExplainedMistake {
     pub(super) help: Option<String>,
 }
 
-/// The kind of a mistake.
+/// The kind of a mistake in a `config`.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum ConfigMistake {
-    /// An unknown key, and the key that was probably meant.
+    /// The `config` has an unknown key; the second text is the key that was probably meant.
     UnknownKey(String, Option<String>),
-    /// A required key is missing.
+    /// The `config` lacks this required key.
     MissingKey(String),
-    /// A value of another type.
+    /// A value has another type than the plugin requires.
     Kind,
-    /// Any other message of the plugin.
+    /// The plugin reports any other mistake.
     Other,
 }
 
-/// Explains a plugin's message about the key at `path` (`presets.door`; empty for the whole
-/// `config`) with the value `value`. `example` returns an example for a key.
+/// Explains the message `said` of a plugin about the key at `path` and its value `value`. The path
+/// is that within the `config`, such as `presets.door`, and empty for the whole `config`. `example`
+/// returns an example of the value of a key.
 pub(super) fn worded(
     said: &str,
     path: &str,
@@ -115,7 +116,7 @@ fn unknown_key(key: &str, known: &[String], path: &str) -> ExplainedMistake {
     }
 }
 
-/// Returns help for a key of the entry that was written in its `config`.
+/// Returns a help text for a key that was written in the `config`, but belongs to the entry itself.
 fn beside(key: &str) -> Option<String> {
     let of_entry = ["name", "plugin", "package", "daemon", "driver", "actions"];
     of_entry.contains(&key).then(|| {
@@ -193,7 +194,8 @@ fn of_no_form(path: &str, example: impl Fn(&str) -> Option<String>) -> Explained
     }
 }
 
-/// Returns the key and the text of a duration that cannot be parsed.
+/// Returns the path of the key and the text of its value if the plugin could not parse the value as
+/// a duration.
 fn duration_error(said: &str, path: &str, value: Option<&Value>) -> Option<(String, String)> {
     let told = [
         "expected number at ",
@@ -208,7 +210,7 @@ fn duration_error(said: &str, path: &str, value: Option<&Value>) -> Option<(Stri
     Some((path.to_owned(), text.to_owned()))
 }
 
-/// Returns the known word that was probably meant.
+/// Returns the word of `known` that was probably meant by `word`.
 pub(super) fn meant(word: &str, known: &[String]) -> Option<String> {
     let is_known = |key: &&str| known.iter().any(|known| known == key);
     if let Some(near) = nearest(word, known.iter().map(String::as_str)) {
@@ -260,7 +262,7 @@ fn ends_with(path: &str, key: &str) -> bool {
     path.rsplit('.').next() == Some(key)
 }
 
-/// Whether serde's description refers to this value itself, and not to something within it.
+/// Whether serde's description `got` refers to `value` itself, and not to something within it.
 fn is_of(got: &str, value: &Value) -> bool {
     match value {
         Value::String(_) => got.starts_with("string "),
@@ -272,7 +274,7 @@ fn is_of(got: &str, value: &Value) -> bool {
     }
 }
 
-/// Returns what to write instead of a value of another type.
+/// Returns a help text that says what to write instead of a value of another type.
 fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
     let is_whole = wanted.len() <= 5 && wanted.starts_with(['u', 'i']);
     match (wanted, value) {
@@ -314,7 +316,7 @@ fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
     }
 }
 
-/// Returns help for a number that was written as a text, with or without a unit.
+/// Returns a help text for a number that was written as a text, with or without a unit.
 fn numeric(key: &str, text: &str, whole: bool) -> Option<String> {
     let plain = text.trim().replace(',', ".");
     let end = plain.find(|c: char| !c.is_ascii_digit() && !".-+".contains(c));

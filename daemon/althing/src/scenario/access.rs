@@ -2,8 +2,8 @@
 //! entering to be validated. The system dispatches the TurtleBot to the location so that the
 //! person can log in through the on-board screen.”
 //!
-//! Four people come. Only the camera requests a goal. The question is sent to two keyboards: both
-//! answer at once, or wrongly at first, or not at all, or only wrongly.
+//! Four people come, one after another. Only the camera requests a goal. The robot's question is
+//! sent to two keyboards: both answer at once, or wrongly at first, or not at all, or only wrongly.
 
 use ::building::{AccessScenario, AnswerPattern, BuildingDevice, Visit, VisitOutcome};
 use acl::content::{Inform, OpenQuestion, Outcome, Report};
@@ -15,14 +15,15 @@ use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::Setting;
 use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
-/// The answer of a person that may enter.
+/// The answer of a person that is allowed to enter.
 const PIN: &str = "2718";
-/// The wrong answer.
+/// A wrong answer, which is not the PIN.
 const WRONG: &str = "0000";
 
-/// How long a person counts as validated: short, so that the next visitor is validated anew.
+/// How long a person counts as validated. It is short, so that the robot validates the next visitor
+/// anew.
 const VALID_FOR: &str = "2s";
-/// How long the robot waits for an answer.
+/// How long the robot waits for an answer to its question.
 const PATIENCE: &str = "3s";
 
 fn setting(access: &AccessScenario) -> Setting {
@@ -66,20 +67,21 @@ pub(super) async fn play(
 
 struct AccessRun<'t> {
     performance: ScenarioRun<'t>,
-    /// A second keyboard.
+    /// A second keyboard, which receives the same questions as the user's.
     desk: Terminal,
     ear: MessageListener,
     access: &'t AccessScenario,
     admissions: Vec<VisitOutcome>,
-    /// The changes of the robot's fact that a person is validated, since the visitor came.
+    /// The values of the robot's fact that a person is validated, since the current visitor came:
+    /// one value per change.
     validity: Vec<bool>,
 }
 
-/// The next event at the entry.
+/// An event at the entry during a visit.
 enum EntryEvent {
     AskedUser(OpenQuestion),
     AskedDesk(OpenQuestion),
-    /// The final report about the camera's goal.
+    /// The final report about the camera's goal has come.
     Ended(Report),
     Other,
 }
@@ -189,7 +191,7 @@ impl AccessRun<'_> {
         hear(&mut self.ear, &mut self.validity, self.access.robot()).await
     }
 
-    /// Waits until an agent sends an `inform` that meets a condition.
+    /// Waits until the agent named `agent` sends an `inform` that meets a condition.
     async fn until_informs(
         &mut self,
         agent: &str,
@@ -205,8 +207,8 @@ impl AccessRun<'_> {
     }
 }
 
-/// Returns the next message on the network. Records in `validity` when the robot's fact that a
-/// person is validated changes.
+/// Returns the next message on the network. If the message changes the robot's fact that a person
+/// is validated, the new value is added to `validity`.
 async fn hear(
     ear: &mut MessageListener,
     validity: &mut Vec<bool>,
@@ -224,14 +226,14 @@ async fn hear(
     Ok(message)
 }
 
-/// Returns the facts in a heartbeat, lasting and temporary ones.
+/// Returns the facts in a heartbeat, both the lasting and the temporary ones.
 fn facts(inform: &Inform) -> String {
     let Inform::Heartbeat(beat) = inform else { return String::new() };
     let passing: Vec<_> = beat.known_for.keys().map(String::as_str).collect();
     format!("{} {}", beat.facts, passing.join(" "))
 }
 
-/// Returns the final report about the camera's goal.
+/// Returns the report in a message if it is the final report about the camera's goal.
 fn last_word(message: &Message, camera: &str) -> Option<Report> {
     let to_camera = message.receiver.first().is_some_and(|to| to.as_str() == camera);
     let is_report = message.performative == Performative::Confirm;

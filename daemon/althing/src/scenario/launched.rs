@@ -1,4 +1,4 @@
-//! Launches a scenario: a building, and its agents in this process or in several.
+//! Launches a scenario: the building, and the agents in it, in this process or in several.
 
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -19,44 +19,47 @@ use crate::config::{self, AgentEntry, Ecosystem, Overrides, Variables};
 use crate::hosting::{self, DaemonNode, MessageTransport, NodeOptions};
 use crate::plugins;
 
-/// How long a process may take until it is ready. On an idle machine it takes less than 0.2 s.
+/// How long a process may take until it is ready. On an idle machine a process takes less than 0.2
+/// s.
 const READY_WITHIN: Duration = Duration::from_secs(30);
 
 /// The place where the agents of a scenario run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ScenarioSubstrate {
-    /// In this process, on a network in memory.
+    /// The agents run in this process, on a network in memory.
     Memory,
-    /// In this process, on Zenoh.
+    /// The agents run in this process, on Zenoh.
     Zenoh,
-    /// In one process per machine, on Zenoh.
+    /// The agents run in several processes, one per machine of the scenario, on Zenoh.
     Processes,
 }
 
-/// A scenario with its launched agents; dropping it ends all of them.
+/// A scenario of which the agents have been launched. Dropping this value ends all of them.
 pub(crate) struct LaunchedScenario {
     pub(crate) building: Building,
     pub(crate) ecosystem: Ecosystem,
-    /// The node in this process: all agents, or only the user's keyboard.
+    /// The node in this process. It hosts all agents or, if the agents run in several processes,
+    /// only the user's keyboard.
     pub(crate) node: DaemonNode,
     pub(crate) processes: Vec<(String, Child)>,
-    /// How a process is started.
+    /// Starts the processes of the scenario's daemons.
     program: DaemonLauncher,
     wire: MessageTransport,
     _server: Option<Server>,
     _folder: TempDir,
 }
 
-/// A receiver of all messages on the network; it stops receiving when this is dropped.
+/// A receiver of all messages on the network. It stops receiving when this value is dropped.
 pub(crate) struct MessageListener {
     pub(crate) heard: mpsc::Receiver<Message>,
     _tap: Option<substrate_zenoh::Tap>,
 }
 
-/// Most messages that wait to be read: more than a small building sends in a minute.
+/// Most messages that wait to be read from a [`MessageListener`]: more than a small building sends
+/// in a minute.
 const HEARD_MAX: usize = 16_384;
 
-/// Launches the agents. The error is a message for the user.
+/// Launches the building and the agents of a scenario. The error is a message for the user.
 pub(crate) async fn launch_scenario(
     setting: &Setting,
     stage: ScenarioSubstrate,
@@ -103,7 +106,8 @@ pub(crate) async fn launch_scenario(
     })
 }
 
-/// Returns the initial daemons: all except those that host only agents that are launched later.
+/// Returns the daemons that run from the start: all except those that host only agents that are
+/// launched later.
 fn daemons(ecosystem: &Ecosystem, at_first: &[AgentEntry]) -> Vec<DaemonId> {
     let hosts = |entries: &[AgentEntry], daemon: &DaemonId| {
         entries.iter().any(|entry| entry.daemons.contains(daemon))
@@ -113,7 +117,7 @@ fn daemons(ecosystem: &Ecosystem, at_first: &[AgentEntry]) -> Vec<DaemonId> {
     ecosystem.daemons.iter().filter(is_there).cloned().collect()
 }
 
-/// Returns the transport of the node in this process.
+/// Returns the transport that the node in this process uses.
 fn wire(
     ecosystem: &Ecosystem,
     stage: ScenarioSubstrate,
@@ -151,13 +155,13 @@ async fn open_node(
     DaemonNode::open(part, wire).await.map_err(|error| format!("failed to {error}"))
 }
 
-/// Returns the endpoint of a daemon's socket.
+/// Returns the Zenoh endpoint that is the socket of a daemon.
 fn socket_endpoint(folder: &Path, daemon: &str) -> Result<String, String> {
     let path = hosting::socket_in(folder, daemon).map_err(|error| format!("failed to {error}"))?;
     Ok(format!("unixsock-stream/{}", path.display()))
 }
 
-/// How `althing up` is started for the scenario.
+/// Starts `althing up` for the daemons of a scenario.
 struct DaemonLauncher {
     path: PathBuf,
     file: PathBuf,
@@ -212,8 +216,8 @@ impl DaemonLauncher {
     }
 }
 
-/// Reads the output until the daemon reports that it is ready. Later output is read and discarded,
-/// so that the daemon never blocks on it.
+/// Reads the output of a daemon until it reports that it is ready. Later output is read and
+/// discarded, so that the daemon never blocks on writing it.
 async fn until_ready(child: &mut Child) -> Result<(), String> {
     let stdout = child.stdout.take().ok_or("has no output")?;
     let mut lines = BufReader::new(stdout).lines();
@@ -228,7 +232,8 @@ async fn until_ready(child: &mut Child) -> Result<(), String> {
 }
 
 impl LaunchedScenario {
-    /// Kills an agent: the agent itself in this process, or the process of its machine by SIGKILL.
+    /// Kills an agent. If the agents run in several processes, kills the process of the agent's
+    /// machine by SIGKILL.
     pub(crate) async fn kill(&mut self, agent: &AgentId) -> Result<(), String> {
         if self.processes.is_empty() {
             self.node.abort_agent(agent);
@@ -240,8 +245,8 @@ impl LaunchedScenario {
         child.kill().await.map_err(|error| format!("failed to kill the process: {error}"))
     }
 
-    /// Launches an agent that was not there initially: in this process, or by starting the process
-    /// of its machine.
+    /// Launches an agent that was not there from the start. If the agents run in several processes,
+    /// starts the process of the agent's machine.
     pub(crate) async fn plug_in(&mut self, agent: &AgentId) -> Result<(), String> {
         let entry = self.entry(agent)?.clone();
         if self.processes.is_empty() {
@@ -261,7 +266,7 @@ impl LaunchedScenario {
         entry.ok_or_else(|| format!("the scenario has no `{agent}`"))
     }
 
-    /// Subscribes to all messages on the network, as a foreign tool would.
+    /// Subscribes to all messages on the network, as a tool outside the ecosystem could do.
     pub(crate) async fn listen(&self) -> Result<MessageListener, String> {
         let (tell, heard) = mpsc::channel(HEARD_MAX);
         // Messages that are not read in time are lost, as for any foreign tool.
@@ -288,7 +293,7 @@ impl LaunchedScenario {
         Ok(MessageListener { heard, _tap: Some(tap) })
     }
 
-    /// Ends all agents and processes.
+    /// Ends all agents and processes of the scenario.
     pub(crate) async fn shut_down(mut self) {
         self.node.drain().await;
         for (_, child) in &mut self.processes {

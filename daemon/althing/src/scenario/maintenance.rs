@@ -2,8 +2,9 @@
 //! replans accordingly. This again shows how the system responds not only to evolving capabilities
 //! but also to changing environment and (maintenance) goals.”
 //!
-//! A temperature counts as known only for a while, so keeping the goal never ends. Two robots share
-//! the work by cost and map; a sensor that is plugged in relieves them of a room.
+//! A temperature counts as known only for a while, so that the work of keeping the goal never ends.
+//! Two robots share the work according to cost and map. A sensor that is plugged in later takes
+//! over a room from them.
 
 use ::building::{BuildingDevice, BuildingEvent as Occurred, MaintenanceScenario, Truth};
 use acl::content::Keep;
@@ -12,7 +13,7 @@ use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::{GOAL, Setting};
 use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
-/// How long a temperature counts as known. Robots need a fifth of it to visit all rooms.
+/// How long a temperature counts as known. To visit all rooms, robots need a fifth of this time.
 const KNOWN_FOR: &str = "3s";
 
 fn setting(scenario: &MaintenanceScenario) -> Setting {
@@ -92,8 +93,8 @@ async fn acts(
     performance.until_told(|told| told.len() == all && told.iter().all(is_true)).await
 }
 
-/// Returns the measurements of a room since an occurrence, each with its sequence number and its
-/// sensor.
+/// Returns the measurements in a room since the occurrence with the sequence number `since`. For
+/// each, returns its sequence number and the name of the sensor.
 fn readings<'a>(truth: &'a Truth, room: &str, since: u64) -> Vec<(u64, &'a str)> {
     let measured = truth.occurrences().filter(|occurrence| occurrence.sequence >= since);
     let by = measured.filter_map(|occurrence| match &occurrence.event {
@@ -105,7 +106,7 @@ fn readings<'a>(truth: &'a Truth, room: &str, since: u64) -> Vec<(u64, &'a str)>
     by.collect()
 }
 
-/// Whether a robot has measured a room since an occurrence.
+/// Whether a robot has measured in a room since the occurrence with the sequence number `since`.
 fn by_robot(truth: &Truth, room: &str, since: u64) -> bool {
     let is_mounted = |sensor: &str| {
         matches!(truth.layout().device(sensor), Some(BuildingDevice::MountedSensor { .. }))

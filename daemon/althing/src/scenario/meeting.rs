@@ -10,7 +10,7 @@ use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::Setting;
 use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
-/// The name of the medium that is shown, in plans.
+/// The name of the medium that the screens show, as plans write it.
 const MEDIUM: &str = "slides";
 
 fn setting(meeting: &MeetingScenario) -> Setting {

@@ -1,12 +1,12 @@
-//! The scenarios of the paper (“Demonstrations”, and Figure 1), played against the simulated
-//! building and judged by the building's own truth.
+//! The scenarios of the paper (“Demonstrations”, and Figure 1). They are played in the simulated
+//! building, and judged by its true state.
 //!
-//! - `setting` writes the ecosystem of a seed, as the files that a user would write.
-//! - `stage` launches its agents: in this process, or in several.
+//! - `setting` writes the ecosystem that follows from a seed, as the files that a user would write.
+//! - `launched` launches the agents of that ecosystem: in this process, or in several.
 //! - `scenario_run` has the steps that all scenarios share: requesting goals, receiving reports,
-//!   waiting for the building's truth.
-//! - One file per scenario plays it: `temperatures` (1), `maintenance` (2), `access` (3), `meeting`
-//!   (Figure 1).
+//!   and waiting for a true state of the building.
+//! - One file for each scenario plays it: `temperatures` (scenario 1), `maintenance` (2), `access`
+//!   (3), and `meeting` (Figure 1).
 
 mod access;
 mod launched;
@@ -32,7 +32,8 @@ pub(crate) use launched::ScenarioSubstrate;
 pub(crate) enum Scenario {
     /// Scenario 1: all temperatures are measured, and a sensor dies.
     Temperatures,
-    /// Scenario 2: all temperatures are kept known; another sensor dies, and a new one comes.
+    /// Scenario 2: all temperatures are kept known, while another sensor dies and a new one is
+    /// plugged in.
     Maintenance,
     /// Scenario 3: a person that enters is validated.
     Access,
@@ -40,46 +41,48 @@ pub(crate) enum Scenario {
     Meeting,
 }
 
-/// The parameters of one performance of a scenario.
+/// The options with which a scenario is played once.
 #[derive(Clone, Debug)]
 pub(crate) struct ScenarioOptions {
     pub(crate) scenario: Scenario,
     pub(crate) seed: u64,
     pub(crate) mode: Mode,
     pub(crate) stage: ScenarioSubstrate,
-    /// Whether plans are repaired; `false` only in tests, to show that the check can fail.
+    /// Whether plans are repaired. `false` is used only in tests, which show that the scenario then
+    /// fails.
     pub(crate) replanning: bool,
-    /// In scenario 1, whether the agent of the dying sensor dies with it. If not, the sensor hangs
-    /// and its agent has to notice that.
+    /// Whether the agent of the dying sensor in scenario 1 dies together with the sensor. If not,
+    /// the sensor hangs, and the agent has to notice that.
     pub(crate) kills: bool,
-    /// Launches additional agents in scenario 1, which are not part of the building.
+    /// A function that launches additional agents in scenario 1, which are not part of the
+    /// building.
     pub(crate) guests: Option<fn(&DaemonNode)>,
 }
 
-/// A line of output.
+/// A line of output about an event in a scenario.
 #[derive(Clone, Debug)]
 pub(crate) struct ScenarioEvent {
-    /// Time since the performance began.
+    /// Time of the event, counted from the start of the scenario.
     pub(crate) at: Duration,
     pub(crate) text: String,
 }
 
-/// The result of a performance.
+/// The result of playing a scenario.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ScenarioResult {
-    /// The requirements that the building's truth does not meet; empty on success.
+    /// The requirements that the true state of the building does not meet; empty on success.
     pub(crate) problems: Vec<String>,
     /// The text to print on success.
     pub(crate) verdict: String,
-    /// The temperature of each room that the user was told last, in °C.
+    /// The temperature of each room in °C, as the user was last told it.
     pub(crate) told: BTreeMap<String, f64>,
-    /// The result of each visit in scenario 3: the questions that were asked, and whether the
-    /// visitor was let in.
+    /// The result of each visit in scenario 3: which questions were asked, and whether the visitor
+    /// was let in.
     pub(crate) admissions: Vec<VisitOutcome>,
 }
 
 impl ScenarioOptions {
-    /// Creates a script with default settings.
+    /// Creates options with defaults for all settings that are not parameters.
     pub(crate) fn new(
         scenario: Scenario,
         seed: u64,
@@ -90,8 +93,8 @@ impl ScenarioOptions {
     }
 }
 
-/// Plays a script; `tell` is called with each line of output. The error is a message for the user:
-/// the scenario could not be started.
+/// Plays a scenario; `tell` is called with each line of output. If the scenario could not be
+/// started, the error is a message for the user.
 pub(crate) async fn play(
     script: &ScenarioOptions,
     mut tell: impl FnMut(ScenarioEvent),

@@ -1,4 +1,4 @@
-//! A helper agent that reports when all expected agents are in the composite domain.
+//! A helper agent that notifies the scenario when all expected agents are in the composite domain.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,7 @@ use acl::content::{Inform, Snapshot};
 use agent::{Agent, Callbacks, Context, Presence, Resource, ResourceQuery, WorkHandle};
 use tokio::sync::oneshot;
 
-/// Waits for the expected agents.
+/// An agent that waits until the expected agents are in the composite domain.
 pub(super) struct ReadinessProbe {
     expected: BTreeSet<String>,
     seen: Option<oneshot::Sender<()>>,
@@ -29,7 +29,8 @@ impl Agent for ReadinessProbe {
 }
 
 impl ReadinessProbe {
-    /// Creates an agent that waits for `expected`; `seen` is notified when all are there.
+    /// Creates an agent that waits for the agents in `expected`; `seen` is notified when all are in
+    /// the composite domain.
     pub(super) fn new(expected: BTreeSet<String>, seen: oneshot::Sender<()>) -> ReadinessProbe {
         ReadinessProbe { expected, seen: Some(seen), asking: None }
     }
@@ -40,7 +41,7 @@ impl ReadinessProbe {
         }
     }
 
-    /// Queries the composite domain for the agents that can be planned with.
+    /// Queries the composite domain, and finds out which agents plans can use.
     fn look(&mut self, ctx: &mut Context<Self>) {
         if self.seen.is_none() {
             return;

@@ -1,7 +1,7 @@
-//! A scenario that is being played: the steps that all scenarios share.
+//! A scenario while it is played, and the steps that all scenarios share.
 //!
-//! - Reports events, with their times, and receives the user's messages.
-//! - Waits for conditions of the building's truth, never for fixed times.
+//! - The steps report events, with their times, and receive the user's messages.
+//! - They wait until the true state of the building meets a condition, never for a fixed time.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -19,22 +19,22 @@ use super::readiness::ReadinessProbe;
 use super::setting::Setting;
 use super::{ScenarioEvent, ScenarioOptions};
 
-/// Longest time of a whole scenario. A building of seven rooms takes seconds.
+/// Longest time that a whole scenario may take. A building of seven rooms takes seconds.
 const PLAYED_WITHIN: Duration = Duration::from_secs(60);
 
-/// A scenario that is being played.
+/// A scenario while it is played.
 pub(super) struct ScenarioRun<'t> {
     pub(super) set: LaunchedScenario,
     pub(super) building: Building,
-    /// The user's keyboard.
+    /// The terminal of the user's keyboard.
     pub(super) user: Terminal,
-    /// The temperature of each room that the user was told last, in °C.
+    /// The temperature of each room in °C, as the user was last told it.
     pub(super) told: BTreeMap<String, f64>,
     began: Instant,
     tell: &'t mut dyn FnMut(ScenarioEvent),
 }
 
-/// Runs a scenario until it ends, up to [`PLAYED_WITHIN`]. The error is a message for the user.
+/// Plays a scenario to its end, for at most [`PLAYED_WITHIN`]. The error is a message for the user.
 pub(super) async fn with_time_limit(
     play: impl Future<Output = Result<(), String>>,
 ) -> Result<(), String> {
@@ -45,7 +45,7 @@ pub(super) async fn with_time_limit(
 }
 
 impl<'t> ScenarioRun<'t> {
-    /// Launches the agents. The error is a message for the user.
+    /// Launches the agents of a scenario. The error is a message for the user.
     pub(super) async fn open(
         setting: &Setting,
         script: &ScenarioOptions,
@@ -57,12 +57,12 @@ impl<'t> ScenarioRun<'t> {
         Ok(ScenarioRun { set, building, user, told: BTreeMap::new(), began, tell })
     }
 
-    /// Reports an event.
+    /// Reports an event as a line of output.
     pub(super) fn say(&mut self, text: impl Into<String>) {
         (self.tell)(ScenarioEvent { at: self.began.elapsed(), text: text.into() });
     }
 
-    /// Launches the keyboard of another person.
+    /// Launches the keyboard of another person, and returns its terminal.
     pub(super) fn seat(&self, name: &str) -> Result<Terminal, String> {
         seat(&self.set, name)
     }
@@ -74,7 +74,7 @@ impl<'t> ScenarioRun<'t> {
 
     // === the agents ===
 
-    /// Waits until every initial device is in the composite domain.
+    /// Waits until every device that is there from the start is in the composite domain.
     pub(super) async fn await_agents(&mut self, setting: &Setting) -> Result<(), String> {
         let expected = setting.devices_at_first();
         let count = expected.len();
@@ -92,7 +92,7 @@ impl<'t> ScenarioRun<'t> {
         Ok(())
     }
 
-    /// Kills an agent, or the process that hosts it.
+    /// Kills an agent or, if the agents run in several processes, the process that hosts it.
     pub(super) async fn kill(&mut self, agent: &str) -> Result<(), String> {
         self.set.kill(&name(agent)?).await?;
         let how = if self.is_in_processes() { "was killed (SIGKILL)" } else { "is gone" };
@@ -100,7 +100,7 @@ impl<'t> ScenarioRun<'t> {
         Ok(())
     }
 
-    /// Launches an agent that was not there initially.
+    /// Launches an agent that was not there from the start.
     pub(super) async fn plug_in(&mut self, agent: &str) -> Result<(), String> {
         self.say(format!("＋ {agent} is plugged in"));
         self.set.plug_in(&name(agent)?).await
@@ -108,7 +108,7 @@ impl<'t> ScenarioRun<'t> {
 
     // === the user ===
 
-    /// Requests a goal for the user.
+    /// Requests a goal from the user's keyboard.
     pub(super) async fn ask(&mut self, goal: &str, keep: Keep) -> Result<(), String> {
         let goal = goal.to_owned();
         let kept = if keep == Keep::Maintain { ", to be kept" } else { "" };
@@ -118,13 +118,13 @@ impl<'t> ScenarioRun<'t> {
         said.map_err(|_| "the user's keyboard has ended".to_owned())
     }
 
-    /// Receives reports until the goal holds.
+    /// Receives the user's messages until the goal holds.
     pub(super) async fn until_it_holds(&mut self) -> Result<(), String> {
         while !self.hear_next().await? {}
         Ok(())
     }
 
-    /// Receives reports until the temperatures that the user was told meet a condition.
+    /// Receives the user's messages until the temperatures that the user was told meet a condition.
     pub(super) async fn until_told(
         &mut self,
         is_so: impl Fn(&BTreeMap<String, f64>) -> bool,
@@ -135,7 +135,7 @@ impl<'t> ScenarioRun<'t> {
         Ok(())
     }
 
-    /// Receives reports until the building's truth meets a condition.
+    /// Receives the user's messages until the true state of the building meets a condition.
     pub(super) async fn until(&mut self, is_so: impl FnMut(&Truth) -> bool) -> Result<(), String> {
         let building = self.building.clone();
         let wait = building.wait_for(is_so);
@@ -155,7 +155,7 @@ impl<'t> ScenarioRun<'t> {
         self.hear(heard)
     }
 
-    /// Handles a message. Returns `true` if it reports that the goal holds.
+    /// Handles a message to the user. Returns `true` if it reports that the goal holds.
     fn hear(&mut self, heard: Option<UserEvent>) -> Result<bool, String> {
         match heard.ok_or("the user's keyboard has ended")? {
             UserEvent::Sent(_)
@@ -202,7 +202,7 @@ fn name(text: &str) -> Result<AgentId, String> {
     AgentId::new(text).map_err(|error| error.to_string())
 }
 
-/// Launches a person's keyboard of this name.
+/// Launches a keyboard agent named `person`, and returns its terminal.
 fn seat(set: &LaunchedScenario, person: &str) -> Result<Terminal, String> {
     let (keyboard, terminal) = Keyboard::with_terminal();
     set.node.launch(name(person)?, keyboard, set.ecosystem.domain.name.as_str());

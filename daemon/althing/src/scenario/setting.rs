@@ -1,5 +1,5 @@
-//! The setting of a scenario: the building, the agents on their machines, and the goals; written as
-//! the files that a user would write.
+//! The setting of a scenario: the building, the agents on their machines, and the goals. They are
+//! written as the files that a user would write.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -8,55 +8,60 @@ use std::{fs, io};
 
 use ::building::{BuildingDevice, Layout};
 
-/// The office's ontology serves every building of the scenarios.
+/// The ontology of the paper's office, which every building of the scenarios uses.
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
 
-/// Factor on all durations in the building: a way of 4 m takes 130 ms.
+/// The factor by which all durations in the building are multiplied: driving 4 m takes 130 ms.
 pub(crate) const TIME_SCALE: f64 = 0.01;
 
-/// The name of the goal in the files.
+/// The name that the ecosystem file gives to the goal.
 pub(crate) const GOAL: &str = "temperatures";
 
-/// The daemon that hosts the reasoning agents.
+/// The name of the daemon that hosts the reasoning agents.
 pub(crate) const REASONING: &str = "reasoning";
 
 /// The building and the agents of a scenario.
 pub(crate) struct Setting {
-    /// The ecosystem's name.
+    /// The name of the ecosystem.
     name: &'static str,
-    /// The building in its initial state.
+    /// The building with the devices that are there from the start.
     pub(crate) at_first: Layout,
     /// The building with all devices, including those that are added later.
     layout: Layout,
-    /// Returns further keys for the `config` of a device's agent, besides its place.
+    /// A function that returns further keys for the `config` of a device's agent, besides the
+    /// device's place.
     more: Box<dyn Fn(&BuildingDevice) -> String>,
     replanning: bool,
 }
 
 impl Setting {
-    /// Creates a setting in which no device is added later, and entries contain only places.
+    /// Creates a setting in which no device is added later, and each `config` contains only the
+    /// device's place.
     pub(crate) fn new(name: &'static str, layout: &Layout) -> Setting {
         let more = Box::new(|_: &BuildingDevice| String::new());
         let (at_first, layout) = (layout.clone(), layout.clone());
         Setting { name, at_first, layout, more, replanning: true }
     }
 
-    /// Sets the initial building; the other devices are plugged in later.
+    /// Sets the building as it is at the start; the other devices of the setting are plugged in
+    /// later.
     pub(super) fn at_first(self, at_first: Layout) -> Setting {
         Setting { at_first, ..self }
     }
 
-    /// Sets further keys for the `config` of each device's agent, besides its place.
+    /// Sets a function that returns further keys for the `config` of each device's agent, besides
+    /// the device's place.
     pub(super) fn more(self, more: impl Fn(&BuildingDevice) -> String + 'static) -> Setting {
         Setting { more: Box::new(more), ..self }
     }
 
-    /// Sets whether plans are repaired; `false` only in tests, to show that the check can fail.
+    /// Sets whether plans are repaired. `false` is used only in tests, which show that the scenario
+    /// then fails.
     pub(super) fn replanning(self, replanning: bool) -> Setting {
         Setting { replanning, ..self }
     }
 
-    /// Returns the initial devices that have an agent.
+    /// Returns the names of the devices that are there from the start and have an agent.
     pub(crate) fn devices_at_first(&self) -> BTreeSet<String> {
         let has_agent =
             |device: &&BuildingDevice| !matches!(device, BuildingDevice::MountedScreen { .. });
@@ -64,12 +69,12 @@ impl Setting {
         devices.map(|device| device.name().to_owned()).collect()
     }
 
-    /// Whether the agent of this name is launched later.
+    /// Whether the agent named `agent` is launched later than the others.
     pub(super) fn comes_later(&self, agent: &str) -> bool {
         self.layout.device(agent).is_some() && self.at_first.device(agent).is_none()
     }
 
-    /// Writes the files into `folder`. Returns the path of the ecosystem file.
+    /// Writes the files of the ecosystem into `folder`. Returns the path of the ecosystem file.
     pub(super) fn write(&self, folder: &Path, socket: Option<&Path>) -> io::Result<PathBuf> {
         fs::write(folder.join("domain.pddl"), ONTOLOGY)?;
         fs::write(folder.join("map.pddl"), self.layout.map_pddl("smart-office"))?;
@@ -118,7 +123,8 @@ impl Setting {
     }
 }
 
-/// Returns the plugin of a device's agent and the key of its place; `None` if it has no agent.
+/// Returns the plugin of a device's agent, and the keys that set the device's place in the agent's
+/// `config`; `None` if the device has no agent.
 fn plugin_of(device: &BuildingDevice, layout: &Layout) -> Option<(&'static str, String)> {
     let at = |location: &String| format!("location = \"{location}\"");
     match device {
@@ -151,7 +157,8 @@ fn daemon_of(room: &str) -> String {
     format!("{room}-pi")
 }
 
-/// Returns the machine that hosts a device: the board of a place, or the laptop of a robot.
+/// Returns the name of the daemon on the machine that hosts a device: the board of a place, or the
+/// laptop of a robot.
 fn daemon_of_device(device: &BuildingDevice, layout: &Layout) -> String {
     match device {
         BuildingDevice::FixedSensor { location, .. }

@@ -1,4 +1,5 @@
-//! Scenario 1 of the paper, from the goal to the verdict of the building's truth.
+//! Scenario 1 of the paper, from the request of the goal to the verdict by the true state of the
+//! building.
 //!
 //! “When the temperature sensor in office2 goes down, the system detects this and re-evaluates
 //! its capabilities automatically and dispatches the TurtleBot to office2 instead.”
@@ -10,7 +11,7 @@ use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::{GOAL, Setting};
 use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
-/// The building of a seed.
+/// Returns the setting with the building of a seed.
 pub(crate) fn setting(scenario: &SeededScenario) -> Setting {
     Setting::new("scenario-1", &scenario.layout)
 }

@@ -1,4 +1,4 @@
-//! The scenarios in both flows, over many buildings; scenario 1 on both substrates.
+//! Tests of the scenarios in both planning modes, in many buildings; scenario 1 on both substrates.
 
 use std::time::Duration;
 
@@ -21,7 +21,8 @@ fn script(seed: u64, mode: Mode, stage: ScenarioSubstrate) -> ScenarioOptions {
     ScenarioOptions::new(Scenario::Temperatures, seed, mode, stage)
 }
 
-/// Plays one script. Returns the requirements that the truth does not meet, and the output.
+/// Plays a scenario once. Returns the requirements that the true state of the building does not
+/// meet, and the output.
 async fn problems(script: &ScenarioOptions) -> Vec<String> {
     let mut lines = Vec::new();
     let played = play(script, |event| lines.push(format!("{:?} {}", event.at, event.text)));
@@ -29,7 +30,7 @@ async fn problems(script: &ScenarioOptions) -> Vec<String> {
     if problems.is_empty() { problems } else { [problems, lines].concat() }
 }
 
-/// Checks that these seeds meet all requirements.
+/// Checks that scenario 1 meets all requirements in the buildings of these seeds.
 async fn check(seeds: std::ops::Range<u64>, mode: Mode, stage: ScenarioSubstrate) {
     for seed in seeds {
         let problems = problems(&script(seed, mode, stage)).await;
@@ -59,8 +60,8 @@ async fn ten_buildings_on_zenoh_decentralized() {
     check(0..10, Mode::Decentralized, ScenarioSubstrate::Zenoh).await;
 }
 
-/// A plan that needs a dead agent is repaired after the grace, without waiting for an answer of
-/// that agent.
+/// A plan that needs a dead agent is repaired as soon as the grace has passed; no agent waits for
+/// an answer of the dead one.
 #[tokio::test(start_paused = true)]
 async fn nobody_waits_for_the_dead() {
     let seed = (0..).find(|seed| Layout::seeded(*seed).dies == DeathTime::BeforeReport);
@@ -77,8 +78,8 @@ async fn nobody_waits_for_the_dead() {
     }
 }
 
-/// The check can fail: without replanning no sensor measures the dead sensor's room, and the truth
-/// shows that.
+/// Shows that the check of scenario 1 can fail: without replanning no sensor measures in the room
+/// of the dead sensor, and the true state of the building shows that.
 #[tokio::test(start_paused = true)]
 async fn without_replanning_no_building_holds() {
     for seed in 0..10 {
@@ -94,7 +95,8 @@ async fn without_replanning_no_building_holds() {
     }
 }
 
-/// The other scenarios, in as many buildings as fit into a minute.
+/// Checks that a scenario meets all requirements in the buildings of these seeds, in both planning
+/// modes.
 async fn check_all(scenario: Scenario, seeds: std::ops::Range<u64>, stage: ScenarioSubstrate) {
     for seed in seeds {
         for mode in MODES {
@@ -119,7 +121,8 @@ async fn a_meeting_goes_on_in_thirty_buildings() {
     check_all(Scenario::Meeting, 0..30, ScenarioSubstrate::Memory).await;
 }
 
-/// The check can fail: no plan is repaired, and the truth shows that.
+/// Shows that the check of scenario 2 can fail: if no plan is repaired, the true state of the
+/// building shows that.
 #[tokio::test(start_paused = true)]
 async fn without_replanning_no_temperature_is_kept_known() {
     for seed in 0..5 {
@@ -132,8 +135,8 @@ async fn without_replanning_no_temperature_is_kept_known() {
     }
 }
 
-/// A sensor hangs while its agent runs: the agent notices, reports that it failed, and offers
-/// nothing for a while.
+/// A sensor hangs while its agent runs. The agent notices that, reports that the sensor failed, and
+/// offers no actions for a while.
 #[tokio::test(start_paused = true)]
 async fn a_sensor_that_hangs_is_replaced() {
     let dies_before_reporting = |seed: &u64| Layout::seeded(*seed).dies == DeathTime::BeforeReport;
@@ -147,7 +150,8 @@ async fn a_sensor_that_hangs_is_replaced() {
     }
 }
 
-/// A guest announces that it can measure office1 at less cost than the robot, which is not true.
+/// Checks that scenario 1 succeeds although a guest announces, falsely, that it can measure in
+/// office1 at less cost than the robot.
 async fn check_guest(guests: fn(&DaemonNode)) {
     for mode in MODES {
         let script =

@@ -1,4 +1,4 @@
-//! `althing check --tree`: reads every PDDL file of a folder, and counts the results.
+//! `althing check --tree`: reads every PDDL file below a folder, and counts the results.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -13,7 +13,7 @@ use terminal::{exit, output, visible};
 
 use crate::cli::CheckArgs;
 
-/// The kinds of files, in the order of the table.
+/// The kinds of PDDL files, in the order in which the table of results shows them.
 const KINDS: [(&str, &str); 4] = [
     ("domain", "domains"),
     ("problem", "problems"),
@@ -21,7 +21,7 @@ const KINDS: [(&str, &str); 4] = [
     ("unknown", "other files"),
 ];
 
-/// Reads the tree, and prints the counts and the files that are refused.
+/// Reads the PDDL files below `folder`, and prints the counts and the files that are refused.
 pub(super) fn run(args: &CheckArgs, folder: &Path, deadline: &LimitWatch) -> ExitCode {
     let tree = match pddl_tree::read(folder, &mut |_| ()) {
         Ok(tree) => tree,
@@ -42,7 +42,8 @@ pub(super) fn run(args: &CheckArgs, folder: &Path, deadline: &LimitWatch) -> Exi
     })
 }
 
-/// Formats the table, then the files that are refused, then unsupported features by reason.
+/// Formats the results for people: the table of counts, then the refused files, then the
+/// unsupported features and how many files use each.
 fn people(tree: &PddlTree, warnings: bool) -> String {
     let mut text = format!(
         "{:<15}{:>8}{:>8}{:>8}{:>13}{:>11}{:>9}\n",
@@ -106,7 +107,7 @@ fn reasons(text: &mut String, title: &str, reasons: BTreeMap<String, usize>) {
     }
 }
 
-/// Counts the files per unsupported feature.
+/// Counts, for each unsupported feature, the files that use it.
 fn unsupported(tree: &PddlTree) -> BTreeMap<String, usize> {
     let features = tree.files.iter().filter_map(|file| match &file.outcome {
         FileOutcome::Unsupported(feature) => Some(general(feature)),
@@ -115,7 +116,7 @@ fn unsupported(tree: &PddlTree) -> BTreeMap<String, usize> {
     counted(features)
 }
 
-/// Counts the files per warning.
+/// Counts, for each warning, the files that cause it.
 fn odd(tree: &PddlTree) -> BTreeMap<String, usize> {
     let read = tree.files.iter().filter(|file| file.outcome == FileOutcome::Read);
     counted(read.flat_map(|file| {
@@ -134,7 +135,8 @@ fn counted(all: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
     counts
 }
 
-/// Replaces names of one file in a message, which stand between backquotes; keywords of PDDL stay.
+/// Replaces the names that stand between backquotes in a message, because they belong to one file;
+/// keywords of PDDL are not replaced.
 fn general(message: &str) -> String {
     let mut parts = message.split('`');
     let mut general = parts.next().unwrap_or_default().to_owned();
@@ -176,7 +178,7 @@ fn json_counts(counts: OutcomeCounts) -> Value {
     })
 }
 
-/// Describes a file; `None` if it was read without warnings.
+/// Describes the result for one file as JSON; `None` if the file was read without warnings.
 fn json_file(file: &ReadFile) -> Option<Value> {
     let (outcome, why) = match &file.outcome {
         FileOutcome::Read if file.warnings.is_empty() => return None,

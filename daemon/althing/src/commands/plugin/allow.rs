@@ -1,5 +1,5 @@
-//! The consent of a person to the rights that a plugin requests beyond the default ones: on a
-//! terminal by yes or no, in a script by `--allow`.
+//! Asks a person to allow the rights that a plugin requests beyond the default ones. The person
+//! answers yes or no at the terminal; a script allows the rights by `--allow`.
 
 use std::io::{self, BufRead as _, IsTerminal as _};
 use std::process::ExitCode;
@@ -11,7 +11,7 @@ use terminal::{exit, output};
 use crate::cli::plugin::PluginAllowArgs;
 use crate::commands::wrong;
 
-/// Grants an installed package the rights that it requests.
+/// Runs `althing plugin allow`: grants an installed package the rights that it requests.
 pub(super) fn run(args: &PluginAllowArgs) -> ExitCode {
     let (json, name) = (args.print.json, &args.name);
     let failed = |problem: String| wrong(&format!("failed to {problem}"), json);
@@ -47,8 +47,9 @@ pub(super) fn run(args: &PluginAllowArgs) -> ExitCode {
     }
 }
 
-/// Returns the rights that are granted: all of `beyond`, or an exit code if the user does not
-/// consent. `command` is the command that a script completes by `--allow`.
+/// Returns the rights that the user grants, which are all of `beyond`; otherwise an exit code,
+/// because the user does not consent. `command` is the command that a script can use instead, with
+/// `--allow` appended.
 pub(super) fn consent(
     name: &str,
     beyond: &[Right],
@@ -87,7 +88,8 @@ pub(super) fn consent(
     Err(exit::with(exit::NOT_ALLOWED))
 }
 
-/// Asks a person at the terminal. Any answer but yes counts as no.
+/// Asks a person at the terminal, and returns `true` if the answer is yes. Any other answer counts
+/// as no.
 fn asked(question: &str) -> bool {
     output::print_note(question);
     let mut answer = String::new();

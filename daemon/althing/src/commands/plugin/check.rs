@@ -1,5 +1,5 @@
-//! `althing plugin check`: reads a package's files, then starts its program within its confinement,
-//! as a daemon would, and reports whether its agents have joined.
+//! `althing plugin check`: reads the files of a package, then starts the package's program within
+//! its confinement, as a daemon would, and reports whether the package's agents have joined.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -22,12 +22,12 @@ use crate::hosting::ITSELF;
 #[derive(Default)]
 struct PackageCheck {
     report: DiagnosticReport,
-    /// A line for each package that is correct.
+    /// Text to print: one line for each correct package.
     text: String,
     json: Vec<Value>,
 }
 
-/// Checks packages, each by itself.
+/// Runs `althing plugin check`: checks each package, independently of the others.
 pub(super) fn run(args: &PluginCheckArgs) -> ExitCode {
     in_runtime(check(args))
 }
@@ -64,8 +64,8 @@ async fn check(args: &PluginCheckArgs) -> ExitCode {
     output::print(desk.text, exit::DONE)
 }
 
-/// Returns the ecosystem in which packages are tried; `None` if there is no file, or if only files
-/// are checked.
+/// Returns the ecosystem in which packages are tried; `None` if there is no ecosystem file, or if
+/// only the files of packages are checked.
 fn ecosystem(args: &PluginCheckArgs) -> Result<Option<Ecosystem>, String> {
     if args.files_only {
         return Ok(None);
@@ -100,7 +100,7 @@ impl PackageCheck {
         }
     }
 
-    /// A plugin is not started with rights that no person has granted.
+    /// Reports that a plugin was not started, because no person has granted the rights in `beyond`.
     fn not_started(&mut self, package: &Package, beyond: &[Right]) {
         let words: Vec<_> = beyond.iter().map(|right| format!(" --allow {right}")).collect();
         let (name, version) = (&package.manifest.name, &package.manifest.version);
@@ -142,8 +142,8 @@ impl PackageCheck {
     }
 }
 
-/// Returns a context for a package if there is no ecosystem file: the domain that its action model
-/// names, without contents.
+/// Returns the context in which a package is tried if there is no ecosystem file. Its domain has
+/// the name that the package's action model requires, and no contents.
 fn without_ecosystem(package: &Package) -> Host {
     let named = package.manifest.agents.first().and_then(|agent| {
         let (_, model) = package.model(&agent.name, &agent.config).ok()??;
@@ -158,7 +158,7 @@ fn without_ecosystem(package: &Package) -> Host {
     Host::new(domain, map)
 }
 
-/// Adds the mistakes in a package to a report.
+/// Adds the mistakes in a package to `report`.
 pub(super) fn add_faults(faults: PackageFaults, report: &mut DiagnosticReport) {
     let PackageFaults { file, text, found } = faults;
     if text.is_empty() {

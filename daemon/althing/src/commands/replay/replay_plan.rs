@@ -1,5 +1,5 @@
 //! Extracts from a recording what is to be replayed: the exchanges that agents outside the
-//! ecosystem opened, and how each ended in the recording.
+//! ecosystem opened, and how each of them ended.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -11,38 +11,38 @@ use keyboard::{GoalRequest, MessageDraft, UserRequest};
 use crate::commands::watch::record::{Recorded, Recording};
 use crate::config::Ecosystem;
 
-/// How long to wait for answers to a message that gives no time.
+/// How long to wait for answers to a message that names no deadline.
 const PATIENCE: std::time::Duration = std::time::Duration::from_secs(60);
 
-/// All exchanges that are to be replayed.
+/// All exchanges of a recording that are to be replayed.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ReplayPlan {
     pub(super) plays: Vec<ReplayedExchange>,
-    /// Number of messages from outside that cannot be replayed: answers of people, which are not
-    /// recorded, and messages that open no exchange.
+    /// Number of messages from outside the ecosystem that cannot be replayed: answers of people,
+    /// which are not recorded, and messages that open no exchange.
     pub(super) left_out: usize,
 }
 
-/// One exchange to replay.
+/// One exchange that is to be replayed.
 #[derive(Clone, Debug)]
 pub(super) struct ReplayedExchange {
     pub(super) who: AgentId,
-    /// Time of its opening in milliseconds, counted from the first exchange.
+    /// Time at which the exchange was opened, in milliseconds after the first exchange was opened.
     pub(super) after_ms: u64,
     pub(super) conversation: ConversationId,
     pub(super) words: OpeningMessage,
-    /// How it ended in the recording.
+    /// How the exchange ended in the recording.
     pub(super) end: ExchangeEnd,
-    /// The indices of earlier exchanges that had ended before this one was opened: its initiator
-    /// may have waited for them.
+    /// Indices of the exchanges that had ended before this exchange was opened. Its initiator may
+    /// have waited for them.
     pub(super) after: Vec<usize>,
 }
 
-/// The message that opens the exchange.
+/// The message that opens an exchange of the replay.
 #[derive(Clone, Debug)]
 pub(super) enum OpeningMessage {
     Said(UserRequest),
-    /// Cancels the exchange of this conversation of the recording, by this draft.
+    /// Cancels, by sending this draft, the exchange that has this conversation in the recording.
     CancelEarlier(ConversationId, MessageDraft),
 }
 
@@ -102,7 +102,7 @@ impl ReplayPlan {
     }
 }
 
-/// Returns the message that replays this one; `None` if it cannot be replayed.
+/// Returns the opening message that replays `message`; `None` if `message` cannot be replayed.
 fn words_of(message: &Message) -> Option<OpeningMessage> {
     if message.performative == Performative::Cancel {
         let conversation = message.conversation_id.clone();
@@ -138,7 +138,8 @@ fn draft_of(message: &Message) -> Option<MessageDraft> {
     })
 }
 
-/// Returns the one action that a person requested, under the name that its agent uses.
+/// Returns the action that a person requested, under the name that its agent uses; `None` unless
+/// `execute` holds exactly one action.
 fn action_of(execute: &Execute) -> Option<String> {
     let plan = pddl::parse_plan(&execute.plan).into_result().ok()?;
     let [step] = &plan.steps[..] else { return None };
@@ -149,7 +150,7 @@ fn action_of(execute: &Execute) -> Option<String> {
     Some(step.to_string())
 }
 
-/// Returns how the exchange that a message opened ended in the recording, and at what time.
+/// Returns how the exchange that `opening` opens ended in the recording, and when it ended.
 fn end_of(opening: &Message, messages: &[Recorded]) -> (ExchangeEnd, Option<u64>) {
     let answers = messages.iter().filter(|Recorded { message, .. }| {
         message.in_reply_to == opening.reply_with && message.sender != opening.sender
@@ -172,8 +173,8 @@ fn end_of(opening: &Message, messages: &[Recorded]) -> (ExchangeEnd, Option<u64>
 }
 
 impl ExchangeEnd {
-    /// Whether `now` is no worse than the recorded end: an exchange without an end in the recording
-    /// may end in any way.
+    /// Whether the replayed end `now` is no worse than this recorded end. An exchange that has no
+    /// end in the recording may end in any way.
     pub(super) fn is_as_good_as(self, now: ExchangeEnd) -> bool {
         self == ExchangeEnd::Open || self == now
     }

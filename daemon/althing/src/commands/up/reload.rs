@@ -1,9 +1,9 @@
-//! SIGHUP: reads the ecosystem file again and applies its changes.
+//! SIGHUP: the daemon reads the ecosystem file again and applies what has changed.
 //!
-//! Agents that are built in are added, removed and restarted; named goals are read by each command
-//! anyway. Everything else, such as the map, is fixed when a daemon starts: a change of it is
-//! reported, and the daemon cancels its commitments and restarts itself under its process id. A
-//! file with a mistake changes nothing.
+//! Agents of built-in plugins are added, removed and restarted. Changed goals need nothing, because
+//! each command reads the named goals itself. Everything else, such as the map, is fixed when a
+//! daemon starts: if it has changed, the daemon reports that, cancels its commitments and restarts
+//! itself under the same process id. If the file has a mistake, the daemon changes nothing.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -18,19 +18,19 @@ use super::{HostedPart, read};
 use crate::config::{AgentEntry, Ecosystem, Overrides};
 use crate::hosting::{self, DaemonNode};
 
-/// The current configuration, and how to read it again.
+/// The daemon's current configuration, and what is needed to read it again.
 pub(super) struct Reload {
     pub(super) file: PathBuf,
     pub(super) overrides: Overrides,
-    /// The daemon that the command line names.
+    /// The name of the daemon that the command line gives by `--daemon`.
     pub(super) asked: Option<String>,
-    /// The goals that the command line names.
+    /// The goals that the command line gives.
     pub(super) goals: Vec<String>,
     pub(super) ecosystem: Arc<Ecosystem>,
     pub(super) place: HostedPart,
-    /// The simulated building; `None` if another process has it, or none is needed.
+    /// The simulated building; `None` if another process simulates it, or if no agent needs it.
     pub(super) building: Option<Building>,
-    /// The stream of SIGHUP; `None` if the daemon does not listen for it.
+    /// The stream of SIGHUP signals; `None` if the daemon does not listen for SIGHUP.
     pub(super) hangups: Option<Signal>,
     /// Whether the daemon was started in a terminal.
     pub(super) had_terminal: bool,
@@ -43,7 +43,7 @@ pub(super) enum ReloadOutcome {
     Restart,
 }
 
-/// The differences between the agents of two readings of a file.
+/// The differences between the agents of the ecosystem file before and after it was read again.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct AgentChanges {
     come: BTreeSet<AgentId>,
@@ -51,13 +51,13 @@ struct AgentChanges {
     changed: BTreeSet<AgentId>,
 }
 
-/// Listens for SIGHUP; `None` if the kernel refuses that.
+/// Starts to listen for SIGHUP; returns `None` if the kernel refuses that.
 pub(super) fn listen() -> Option<Signal> {
     let listening = signal(SignalKind::hangup());
     listening.inspect_err(|error| tracing::warn!(%error, "failed to listen for SIGHUP")).ok()
 }
 
-/// Waits for SIGHUP; for ever if the daemon does not listen for it.
+/// Waits for SIGHUP. Never returns if the daemon does not listen for SIGHUP.
 pub(super) async fn asked_for(hangups: &mut Option<Signal>) {
     let hangup = match hangups {
         Some(hangups) => hangups.recv().await,
@@ -69,8 +69,8 @@ pub(super) async fn asked_for(hangups: &mut Option<Signal>) {
 }
 
 impl Reload {
-    /// Reads the file and applies the changes that are possible. Reports what it did, or why the
-    /// daemon has to restart itself.
+    /// Reads the ecosystem file again and applies the changes that are possible in a running
+    /// daemon. Returns what was changed, or why the daemon has to restart itself.
     pub(super) async fn again(&mut self, node: &mut DaemonNode) -> ReloadOutcome {
         let file = self.file.display().to_string();
         // Mistakes are shown by `read`, with their places.
@@ -141,7 +141,7 @@ fn built_in(agents: &[AgentEntry]) -> Vec<&AgentEntry> {
     agents.iter().filter(|entry| entry.is_built_in()).collect()
 }
 
-/// Whether two entries define the same agent, regardless of their position in the file.
+/// Whether two entries define the same agent in the same way, wherever they stand in the file.
 fn is_same(one: &AgentEntry, other: &AgentEntry) -> bool {
     let AgentEntry { path: _, name, plugin, package, daemons, driver, config } = one;
     (name, plugin, package) == (&other.name, &other.plugin, &other.package)
@@ -179,7 +179,7 @@ impl AgentChanges {
     }
 }
 
-/// Returns the named goals that are new, removed or changed.
+/// Returns the names of the goals that were added, removed or changed.
 fn changed_goals(old: &Ecosystem, new: &Ecosystem) -> Vec<String> {
     let names: BTreeSet<&String> = old.goals.keys().chain(new.goals.keys()).collect();
     let meaning = |of: &Ecosystem, name: &str| of.goals.get(name).map(|wish| format!("{wish:?}"));
@@ -191,7 +191,8 @@ fn changed_goals(old: &Ecosystem, new: &Ecosystem) -> Vec<String> {
     said.collect()
 }
 
-/// Returns the changed parts that are read only at start, named as in the file.
+/// Returns the changed parts of the file that a daemon reads only when it starts, named as in the
+/// file.
 fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
     fn debug(value: &impl std::fmt::Debug) -> String {
         format!("{value:?}")

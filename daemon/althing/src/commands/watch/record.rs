@@ -1,9 +1,9 @@
-//! `althing watch --record`: records the messages of an ecosystem, one line of JSON each, for
+//! `althing watch --record`: records the messages of an ecosystem, each as one line of JSON, for
 //! `althing replay` and for later inspection.
 //!
-//! A recording is a text of lines. The first is a [`Header`], each other one a message
-//! ([`Recorded`]), without the answers of people. It is written while messages arrive: a recording
-//! that was cut off anywhere is complete up to its last whole line.
+//! A recording is a text of lines. The first line is a [`Header`], each other line is a message
+//! ([`Recorded`]), without the answers of people. The recording is written while messages arrive:
+//! if writing ends at any point, all whole lines up to there can be read.
 
 use std::fs::{File, OpenOptions, Permissions};
 use std::io::{self, BufRead as _, BufReader, BufWriter, Write as _};
@@ -26,28 +26,28 @@ use crate::commands::brief;
 use crate::commands::client::{self, ClientTarget};
 use crate::interruption;
 
-/// The version of the format.
+/// The version of the format of recordings.
 const VERSION: u32 = 1;
 
-/// Longest line in bytes that is read: a message has at most 4 MiB, and JSON within JSON is a
-/// little longer.
+/// Length of the longest line that is read, in bytes: a message has at most 4 MiB, and becomes a
+/// little longer as JSON within JSON.
 const LINE_BYTES_MAX: usize = 16 << 20;
 
 /// The first line of a recording.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Header {
-    /// The version of the format.
+    /// The version of the recording's format.
     pub(crate) recording: u32,
-    /// The recorded ecosystem.
+    /// The name of the recorded ecosystem.
     pub(crate) ecosystem: EcosystemId,
 }
 
-/// One message of a recording.
+/// One message of a recording, with the time of its receipt.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Recorded {
-    /// Time of receipt, in milliseconds since the recording began.
+    /// Time at which the message was received, in milliseconds since the recording began.
     pub(crate) at_ms: u64,
-    /// The key expression to which it was sent.
+    /// The key expression to which the message was sent.
     pub(crate) key: String,
     /// The message, without the answers of people.
     pub(crate) message: Message,
@@ -58,55 +58,55 @@ pub(crate) struct Recorded {
 pub(crate) struct Recording {
     pub(crate) header: Header,
     pub(crate) messages: Vec<Recorded>,
-    /// Number of lines that are not messages, such as the last line of a recording that was cut
-    /// off.
+    /// Number of lines that could not be read as messages, such as the last line of a recording
+    /// that was cut off.
     pub(crate) unread: usize,
 }
 
-/// The reason why a recording cannot be read. Completes “failed to …”.
+/// The reason why a recording cannot be read. The message completes the sentence “failed to …”.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum RecordingError {
     /// The file cannot be read.
     #[error("read `{}`: {}", path.display(), terminal::report::reason(source))]
     Io {
-        /// The file.
+        /// Path of the file that cannot be read.
         path: PathBuf,
-        /// The error of the system.
+        /// The error that the operating system reports.
         #[source]
         source: io::Error,
     },
     /// The file is not a recording.
     #[error("read `{}`: its first line is not that of a recording; `althing watch --record` makes one", path.display())]
     NoRecording {
-        /// The file.
+        /// Path of the file that is not a recording.
         path: PathBuf,
     },
-    /// The recording has another version.
+    /// The recording has a version that this program cannot read.
     #[error("read `{}`: it is of version {version}, and only {VERSION} is known here", path.display())]
     Version {
-        /// The file.
+        /// Path of the recording.
         path: PathBuf,
-        /// Its version.
+        /// The version that the recording has.
         version: u32,
     },
 }
 
-/// The key expression and the content of a message.
+/// A message as it was received: its key expression and its content.
 type ReceivedMessage = (String, Bytes);
 
-/// Writes a recording up to a size.
+/// Writes a recording until the file has reached its maximum size.
 struct Recorder {
     file: BufWriter<File>,
     began: Instant,
     left: u64,
     written: u64,
-    /// Number of messages that could not be decoded.
+    /// Number of received messages that could not be decoded.
     unread: u64,
-    /// Number of messages that arrived faster than they were written.
+    /// Number of messages that were dropped because they arrived faster than they could be written.
     missed: Arc<AtomicU64>,
 }
 
-/// Records until Ctrl-C, or until the file has reached its maximum size.
+/// Records messages until Ctrl-C, or until the file has reached its maximum size.
 pub(super) fn run(
     target: &ClientTarget,
     conversation: Option<String>,
@@ -177,8 +177,8 @@ async fn record(
     Ok(())
 }
 
-/// Creates a file that only its owner can read, whatever the umask: it contains the words of
-/// people. An existing file is emptied, and closed to other users.
+/// Creates a file that only its owner can read, whatever the umask is: it will contain what people
+/// write. If the file exists, it is emptied, and other users lose access to it.
 fn private_file(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     let file = options.write(true).create(true).truncate(true).mode(0o600).open(path)?;
@@ -189,8 +189,8 @@ fn private_file(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Queues a message until it is written. If the queue is full, the message is missing in the
-/// recording; it is counted in `missed`.
+/// Queues a received message until it is written. If the queue is full, the message is not
+/// recorded, and `missed` counts it.
 fn keep(waiting: &mpsc::Sender<ReceivedMessage>, missed: &AtomicU64, heard: ReceivedMessage) {
     if let Err(TrySendError::Full(_)) = waiting.try_send(heard) {
         missed.fetch_add(1, Ordering::Relaxed);
@@ -210,7 +210,8 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Writes a message. Returns `false` if there is no room for it.
+    /// Writes a message to the recording. Returns `false` if the message would exceed the maximum
+    /// size of the file.
     fn take(&mut self, key: String, message: &Message) -> io::Result<bool> {
         let at_ms = u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX);
         let is_written = self.line(&Recorded { at_ms, key, message: redact(message) })?;
@@ -237,7 +238,7 @@ impl Recorder {
         ));
     }
 
-    /// Describes what is missing in the recording.
+    /// Describes for the user which messages the recording lacks.
     fn left_out(&self) -> String {
         let missed = self.missed.load(Ordering::Relaxed);
         let counts = [(self.unread, "could not be read"), (missed, "came too fast to be written")];
@@ -277,7 +278,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Returns the time of the last message.
+    /// Returns the time of the last message, which is how long the recording lasts.
     pub(crate) fn lasts(&self) -> Duration {
         Duration::from_millis(self.messages.last().map_or(0, |last| last.at_ms))
     }

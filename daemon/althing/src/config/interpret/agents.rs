@@ -1,5 +1,4 @@
-//! The agents of an ecosystem: checks their names, their plugins, and the references in their
-//! entries.
+//! The agents of an ecosystem: checks their names and plugins, and the references in their entries.
 
 use std::collections::BTreeSet;
 
@@ -14,8 +13,8 @@ use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::RawAgentEntry;
 use crate::config::reader;
 
-/// The keys of an agent's `config` that name a place of the map, for every plugin; `*` stands for
-/// every key of a table or every element of a list.
+/// Paths of keys in an agent's `config` of which the values name places of the map, for every
+/// plugin. In a path, `*` stands for every key of a table or every element of a list.
 const PLACES: &[&str] = &[
     "location",
     "start",
@@ -26,13 +25,14 @@ const PLACES: &[&str] = &[
     "patrol.places.*",
     "rooms.*",
 ];
-/// The keys of `config` that name another agent, for every plugin.
+/// Keys in an agent's `config` of which the values name another agent, for every plugin.
 const CARRIERS: &[&str] = &["mounted-on"];
 
 // === impl Meaning ===
 
 impl Interpreter<'_> {
-    /// Returns all agents with correct entries; mistakes in the others are reported.
+    /// Returns all agents of which the entries are correct; mistakes in the other entries are
+    /// reported.
     pub(super) fn agents(
         &mut self,
         raw: Vec<RawAgentEntry>,
@@ -92,8 +92,8 @@ impl Interpreter<'_> {
         Some(AgentEntry { path, name: name?, plugin, package, daemons, driver, config })
     }
 
-    /// Checks the name of a package. Whether the package exists is known only on the machine that
-    /// hosts the agent.
+    /// Checks that a package has a valid name. Whether the package exists is known only on the
+    /// machine that hosts the agent.
     fn package(&mut self, path: &str, package: String) -> Option<String> {
         match AgentId::new(&package) {
             Ok(_) => Some(package),
@@ -104,8 +104,8 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Reports an error if an agent from a package is assigned to several daemons: such agents
-    /// cannot stand by.
+    /// Reports an error if the entry of an agent from a package names several daemons: an agent
+    /// from a package cannot be a standby.
     fn one_host(&mut self, path: &str, hosts: &[DaemonId]) {
         if hosts.len() > 1 {
             self.about_value(&format!("{path}.daemon"), |span| {
@@ -116,7 +116,8 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Returns the daemons that host an agent; `None` with a report if a name is invalid.
+    /// Returns the daemons that host an agent. If one of the names is invalid, reports that and
+    /// returns `None`.
     fn hosts(
         &mut self,
         path: &str,
@@ -171,7 +172,7 @@ impl Interpreter<'_> {
         AgentId::new(&name).map_err(|err| self.invalid_name(&path, &err)).ok()
     }
 
-    /// Reports a name that an earlier agent has.
+    /// Reports the agent at `index` if an earlier agent has the same name.
     fn duplicate_name(&mut self, names: &[Option<String>], index: usize) {
         let Some(name) = &names[index] else { return };
         let Some(first) = names[..index].iter().position(|other| other.as_ref() == Some(name))
@@ -210,7 +211,7 @@ impl Interpreter<'_> {
         None
     }
 
-    /// Whether the plugin has this driver; if not, that is reported.
+    /// Whether `driver` is one of the plugin's drivers. If it is not, that is reported.
     fn driver(&mut self, path: &str, plugin: &str, drivers: &[&str], driver: &str) -> bool {
         if drivers.contains(&driver) {
             return true;
@@ -227,7 +228,7 @@ impl Interpreter<'_> {
         false
     }
 
-    /// Checks the values in an entry's `config` that name a place or another agent.
+    /// Checks those values in the `config` of an entry that name a place or another agent.
     fn references(
         &mut self,
         path: &str,
@@ -258,7 +259,8 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Warns about an agent that is assigned to no daemon while others are: probably forgotten.
+    /// Warns about an agent that is assigned to no daemon although other agents are: its daemon was
+    /// probably forgotten.
     fn warn_unassigned(&mut self, path: &str, name: Option<&str>) {
         let agent = name.map_or("an agent".to_owned(), |name| format!("agent `{name}`"));
         let message = format!("{agent} has no key `daemon`");
@@ -267,13 +269,13 @@ impl Interpreter<'_> {
     }
 }
 
-/// Returns the poses that an entry adds to the places of the map.
+/// Returns the names of the poses in an agent's entry, which are places besides those of the map.
 fn poses(agent: &RawAgentEntry) -> impl Iterator<Item = &String> {
     let poses = agent.config.get("poses").and_then(Value::as_object);
     poses.into_iter().flat_map(|poses| poses.keys())
 }
 
-/// Returns the texts at a pattern, each with its own path.
+/// Returns the texts in `value` at the paths that match `pattern`, each with its path.
 fn texts_at<'v>(value: &'v Value, pattern: &str) -> Vec<(String, &'v str)> {
     let mut found = vec![(String::new(), value)];
     for step in pattern.split('.') {

@@ -1,4 +1,4 @@
-//! The files that an ecosystem names: the shared ontology and the map.
+//! The PDDL files that an ecosystem file names: the shared ontology and the map.
 
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
@@ -9,13 +9,14 @@ use terminal::report::{SourceText, similar_name};
 
 use super::Interpreter;
 
-/// Most objects of a map that are listed in a message.
+/// Most objects of the map that an error message lists.
 const OBJECTS_LISTED_MAX: usize = 12;
 
-/// How many levels above the file's folder are searched for the path that was probably meant.
+/// How many levels above the ecosystem file's folder are searched for a file that is not where the
+/// ecosystem file says.
 const FOLDERS_ABOVE_MAX: usize = 3;
 
-/// Ontology and map, as far as they can be read.
+/// The shared ontology and the map, as far as they can be read.
 pub(super) struct PddlFiles {
     pub(super) domain: Domain,
     pub(super) problem: Problem,
@@ -23,14 +24,15 @@ pub(super) struct PddlFiles {
     pub(super) map_source: Arc<SourceText>,
     /// The lines of the map that could not be read.
     damaged: String,
-    /// Whether both are free of errors; otherwise checks against them prove nothing.
+    /// Whether the ontology and the map are free of errors. If they are not, checks against them
+    /// prove nothing.
     pub(super) are_sound: bool,
 }
 
 // === impl Meaning ===
 
 impl Interpreter<'_> {
-    /// Reads both files; mistakes in them are reported in their own texts.
+    /// Reads the ontology and the map. Mistakes are reported at their places in these two files.
     pub(super) fn files(
         &mut self,
         domain: Option<String>,
@@ -62,8 +64,8 @@ impl Interpreter<'_> {
         self.report.count(pddl::Severity::Error)
     }
 
-    /// Reads a file that the ecosystem file names relative to itself; `None` with a report if that
-    /// fails.
+    /// Reads a file that the ecosystem file names by a path relative to itself. If that fails,
+    /// reports it and returns `None`.
     fn named_file(
         &mut self,
         key: &str,
@@ -93,7 +95,8 @@ impl Interpreter<'_> {
 }
 
 impl Interpreter<'_> {
-    /// Returns the text unless it is clearly of another kind: domain and map are easily exchanged.
+    /// Returns `source` unless its text is clearly of the other kind, which is reported: the paths
+    /// of domain and map are easily exchanged.
     fn of_kind(
         &mut self,
         key: &str,
@@ -123,8 +126,8 @@ impl Interpreter<'_> {
 // === impl Files ===
 
 impl PddlFiles {
-    /// Returns message and help about a name that should be on the map and is not; `None` if it is,
-    /// or may be.
+    /// Returns an error message and a help text if `name` is not on the map, where it should be.
+    /// Returns `None` if it is there, or may be in a part that could not be read.
     pub(super) fn unknown_object(&self, name: &str) -> Option<(String, String)> {
         if self.objects().any(|object| object == name) || self.is_damaged(name) {
             return None;
@@ -145,12 +148,12 @@ impl PddlFiles {
         pddl_files::has_word(&self.damaged, name)
     }
 
-    /// Whether the map or the ontology has an object of that name.
+    /// Whether the map or the ontology has an object named `name`.
     pub(super) fn has_object(&self, name: &str) -> bool {
         self.objects().any(|object| object.eq_ignore_ascii_case(name))
     }
 
-    /// Lists up to [`OBJECTS_LISTED_MAX`] objects of the map.
+    /// Lists objects of the map as a text, at most [`OBJECTS_LISTED_MAX`] of them.
     fn some_objects(&self) -> String {
         let mut names: Vec<String> =
             self.objects().take(OBJECTS_LISTED_MAX).map(str::to_owned).collect();
@@ -167,7 +170,7 @@ impl PddlFiles {
     }
 }
 
-/// Removes `x/..` from a path, for display.
+/// Removes detours (`x/..`) from a path, for display.
 fn shortened(path: &Path) -> PathBuf {
     let mut short = PathBuf::new();
     for component in path.components() {
@@ -182,8 +185,9 @@ fn shortened(path: &Path) -> PathBuf {
     short
 }
 
-/// Returns the path, relative to a folder, that was probably meant: in a folder above, within the
-/// folder that was named, or a file with a similar name.
+/// Returns the path, relative to `folder`, of the file that was probably meant by `written`: a file
+/// of this path in a folder above, a file within the folder that `written` names, or a file with a
+/// similar name.
 fn path_meant(folder: &Path, written: &str) -> Option<String> {
     let path = folder.join(written);
     if path.is_dir() {
@@ -205,7 +209,8 @@ fn path_meant(folder: &Path, written: &str) -> Option<String> {
     Some(parent.map_or(near.clone(), |parent| format!("{}/{near}", parent.display())))
 }
 
-/// Returns the names in a folder, sorted, because their order is otherwise arbitrary.
+/// Returns the names of the files in a folder, sorted, because the system returns them in any
+/// order.
 fn file_names(folder: &Path) -> Vec<String> {
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let entries = std::fs::read_dir(here).into_iter().flatten().flatten();

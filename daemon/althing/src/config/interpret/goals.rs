@@ -1,5 +1,6 @@
-//! Named goals: PDDL inside TOML, with mistakes at their place in the text. Whether the words of a
-//! goal are known is checked later (`review`), when the agents' action models are known.
+//! Named goals: PDDL inside TOML. Mistakes are reported at their place in the text of the goal.
+//! Whether the words of a goal are known is checked later, in `review`, when the agents' action
+//! models are known.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +15,7 @@ use terminal::report::SourceText;
 // === impl Meaning ===
 
 impl Interpreter<'_> {
-    /// Parses each goal.
+    /// Parses each named goal, and reports mistakes.
     pub(super) fn goals(
         &mut self,
         goals: BTreeMap<String, RawNamedGoal>,
@@ -40,7 +41,8 @@ impl Interpreter<'_> {
     }
 }
 
-/// Moves a diagnostic from the text of a goal to the place of that text in the file.
+/// Moves the spans of a diagnostic from the text of a goal to the place where that text stands in
+/// the ecosystem file.
 pub(crate) fn relocate(
     mut found: Diagnostic,
     source: &SourceText,
@@ -62,8 +64,9 @@ pub(crate) fn relocate(
     found
 }
 
-/// Returns the offset at which the content of a TOML string begins; `None` if escapes make content
-/// and text differ. A value from the environment has no quotes.
+/// Returns the offset at which `content` begins in `written`, the same TOML string as it stands in
+/// the file; `None` if the two differ because of escapes. A value from the environment has no
+/// quotes.
 fn content_start(written: &str, content: &str) -> Option<usize> {
     ["\"\"\"\n", "\"\"\"\r\n", "'''\n", "'''\r\n", "\"\"\"", "'''", "\"", "'", ""]
         .iter()

@@ -1,5 +1,5 @@
-//! Interfaces to other ecosystems: checks names, references, and that each vocabulary is
-//! reversible.
+//! Interfaces to other ecosystems: checks the names and references in their entries, and that each
+//! vocabulary can be translated in both directions.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,14 +13,15 @@ use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::{RawInterface, RawRule};
 use crate::config::{InterfaceEntry, RuleEntry};
 
-/// Default for the messages per second that may pass: a robot that drives needs two or three, and
-/// ten robots are many for one loan.
+/// Default for the number of messages per second that may pass an interface. A robot that drives
+/// needs two or three, and an interface that lends ten robots lends many.
 const RATE: f64 = 20.0;
 
 // === impl Meaning ===
 
 impl Interpreter<'_> {
-    /// Returns all interfaces that are correct; mistakes in the others are reported.
+    /// Returns all interfaces of which the entries are correct; mistakes in the other entries are
+    /// reported.
     pub(super) fn interfaces(
         &mut self,
         raw: Vec<RawInterface>,
@@ -93,8 +94,8 @@ impl Interpreter<'_> {
         })
     }
 
-    /// Reports words of the other ecosystem that stand for two of ours: they could not be
-    /// translated back.
+    /// Reports each word of the other ecosystem that stands for two words of this one: it could not
+    /// be translated back.
     fn both_ways(&mut self, path: &str, words: &BTreeMap<String, String>) {
         let mut first: BTreeMap<String, &str> = BTreeMap::new();
         for (ours, theirs) in words {
@@ -172,7 +173,8 @@ impl Interpreter<'_> {
         AgentId::new(name?).map_err(|err| self.invalid_name(path, &err)).ok()
     }
 
-    /// Reports a name for an imported agent that this ecosystem uses already.
+    /// Reports the name that a rule gives to an imported agent if this ecosystem uses that name
+    /// already.
     fn is_free(
         &mut self,
         path: &str,
@@ -202,14 +204,14 @@ impl Interpreter<'_> {
     }
 }
 
-/// The ecosystem in which the agents of a rule run.
+/// The ecosystem in which the agents that a rule lends run.
 #[derive(Clone, Copy)]
 enum RuleSide {
     Ours,
     Theirs,
 }
 
-/// Converts words to lower case, because PDDL ignores case.
+/// Converts the words of a vocabulary to lower case, because PDDL ignores case.
 fn lowered(words: BTreeMap<String, String>) -> BTreeMap<String, String> {
     words.into_iter().map(|(ours, theirs)| (ours.to_lowercase(), theirs.to_lowercase())).collect()
 }

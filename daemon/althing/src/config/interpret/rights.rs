@@ -1,4 +1,4 @@
-//! Security settings of the ecosystem, and the rights of its agents and daemons.
+//! The security settings of an ecosystem, and the rights of its agents and daemons.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -13,18 +13,19 @@ use crate::config::ecosystem::{AgentEntry, SecuritySettings};
 use crate::config::raw::{RawAgentEntry, RawRights, RawSecurity};
 use crate::config::search_paths;
 
-/// Stands for all daemons or agents.
+/// The word in rights that stands for all daemons or all agents.
 const ALL: &str = "*";
-/// Stands for all agents that the file does not name.
+/// The word in rights that stands for all agents that the ecosystem file does not name.
 const GUESTS: &str = "guests";
 
-/// The plugins of the reasoning agents: they carry out the requests of other agents.
+/// The plugins of the reasoning agents, which carry out the requests of other agents.
 const REASONING: &[&str] =
     &["domain-maintainer", "journal", "plan-executor", "plan-requester", "planning-agent"];
 
 const DAY: Duration = Duration::from_secs(24 * 3_600);
 
-/// Returns the actions that agents may offer, by agent name, for entries that limit them.
+/// Returns the actions that each agent may offer, by the agent's name, for those agents of which
+/// the entries limit them.
 pub(super) fn limited_actions(agents: &[RawAgentEntry]) -> BTreeMap<String, BTreeSet<String>> {
     let lower = |actions: &Vec<String>| actions.iter().map(|each| each.to_lowercase()).collect();
     let limited = agents.iter().filter_map(|RawAgentEntry { name, actions, .. }| {
@@ -36,7 +37,7 @@ pub(super) fn limited_actions(agents: &[RawAgentEntry]) -> BTreeMap<String, BTre
 // === impl Meaning ===
 
 impl Interpreter<'_> {
-    /// Returns the security settings; `None` unless the ecosystem's file has `[security]`.
+    /// Returns the security settings; `None` unless the ecosystem file has the table `[security]`.
     pub(super) fn security(
         &mut self,
         raw: RawSecurity,
@@ -55,7 +56,7 @@ impl Interpreter<'_> {
         })
     }
 
-    /// Returns the rights of agents and daemons.
+    /// Returns the rights of agents and daemons, and reports mistakes in them.
     pub(super) fn rights(
         &mut self,
         raw: &RawRights,
@@ -78,7 +79,8 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Warns about rights in an ecosystem that is not secured: they are not enforced.
+    /// Warns if the file defines rights although the ecosystem is not secured: then they are not
+    /// enforced.
     fn warn_unenforced_rights(&mut self, agents: usize) {
         if self.is_in_file("security") {
             return;
@@ -136,7 +138,7 @@ impl Interpreter<'_> {
         self.about_value(path, |span| Diagnostic::error(span, message).with_help(help));
     }
 
-    /// Whether the ecosystem's file sets this path.
+    /// Whether the ecosystem file sets the key at `path`.
     fn is_in_file(&self, path: &str) -> bool {
         self.layers.get(1).is_some_and(|file| file.places.contains_key(path))
     }

@@ -1,4 +1,4 @@
-//! Times and bounds: checks that they fit together.
+//! The times and bounds of an ecosystem: checks that they are consistent with each other.
 
 use std::time::Duration;
 
@@ -9,13 +9,14 @@ use super::Interpreter;
 use crate::config::DEFAULTS_NAME;
 use crate::config::raw::{RawLimits, RawTiming};
 
-/// A rule about two times: the longer, the shorter, whether they may be equal, and why.
+/// A rule that one time must be longer than another: the key and value of the longer one, the key
+/// and value of the shorter one, whether they may be equal, and the reason.
 type TimingRule<'t> = (&'t str, Duration, &'t str, Duration, bool, &'t str);
 
 // === impl Meaning ===
 
 impl Interpreter<'_> {
-    /// Returns the times and bounds for all agents, and reports wrong ones.
+    /// Returns the times and bounds that all agents use. Reports those that are inconsistent.
     pub(super) fn settings(&mut self, timing: &RawTiming, limits: &RawLimits) -> AgentSettings {
         let settings = settings(timing, limits);
         let errors_before = self.report.findings().len();

@@ -1,4 +1,4 @@
-//! Daemons that enter, leave and crash in a folder of the test's own.
+//! Tests with daemons that enter, leave and crash, in a folder that each test creates.
 
 use std::collections::BTreeSet;
 use std::os::unix::fs::PermissionsExt as _;
@@ -21,8 +21,8 @@ async fn come(folder: &TempDir, name: &str) -> PresenceGuard {
     register_daemon(folder.path(), &daemon(name)).await.expect("the folder is ours")
 }
 
-/// Ends a daemon as a crash does: its ticket and its link stay, the lock is released. Returns the
-/// link.
+/// Ends a daemon as a crash does: its ticket and its symbolic link stay, and its lock is released.
+/// Returns the path of the symbolic link.
 fn kill(folder: &TempDir, name: &str, stay: PresenceGuard) -> PathBuf {
     let ticket = folder.path().join(name).with_extension(PRESENCE_EXTENSION);
     let (said, target) = (fs::read(&ticket).expect("it lived"), stay.life.clone());
@@ -32,7 +32,7 @@ fn kill(folder: &TempDir, name: &str, stay: PresenceGuard) -> PathBuf {
     target
 }
 
-/// Returns the names of the daemons to which a daemon connects.
+/// Returns the names of the daemons to which the daemon of `stay` connects.
 fn called(stay: &PresenceGuard) -> Vec<&str> {
     let names = stay.others.iter().filter_map(|path| path.file_stem()?.to_str());
     names.collect()

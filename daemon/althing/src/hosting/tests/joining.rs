@@ -1,5 +1,6 @@
-//! An agent that could do better joins while a plan runs: a much cheaper plan is adopted and the
-//! old commitments are cancelled; a slightly cheaper one does not replace the plan under way.
+//! Tests in which an agent that offers a cheaper plan joins while a plan runs. If its plan is much
+//! cheaper, it is adopted, and the old commitments are cancelled; if it is only slightly cheaper,
+//! the running plan continues.
 
 use std::time::Duration;
 
@@ -9,7 +10,7 @@ use super::strangers::{Conduct, Script, Stranger};
 use super::{MODES, Office, Person, entry};
 use acl::content::Keep;
 
-/// A robot in the conference room that carries a thermometer.
+/// Returns the entries of a robot in the conference room that carries a thermometer.
 fn robot() -> [String; 2] {
     [
         entry("turtlebot-1", "turtlebot", "{ start = \"conf-room\" }"),
@@ -17,7 +18,7 @@ fn robot() -> [String; 2] {
     ]
 }
 
-/// A thermometer in office2 that reports the temperature at this cost.
+/// Returns the script of a thermometer in office2 that reports the temperature at the cost `cost`.
 fn thermometer(cost: f64) -> Script {
     let plan = "(report-temperature guest office2)\n".to_owned();
     Script {
@@ -34,7 +35,8 @@ fn thermometer(cost: f64) -> Script {
     }
 }
 
-/// Waits until the robot is on its way to office2. Returns the cost of its plan.
+/// Requests the temperature of office2, and waits until the robot is on its way there. Returns the
+/// cost of the plan.
 async fn set_out(office: &Office, person: &mut Person) -> f64 {
     person.wish("(known-temperature office2)", Keep::Achieve).await;
     let plan = person.hears_of("a plan of").await;

@@ -1,4 +1,4 @@
-//! Wrong input: each case ends with a clear reason for the sender, in bounded time.
+//! Tests of wrong input: in each case the sender gets a clear reason, in bounded time.
 
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ use crate::hosting::supervisor;
 
 const DONE_AT_ONCE: Conduct = Conduct::Confirms(Duration::ZERO);
 
-/// An agent that blesses rooms, which no other agent can.
+/// Returns the script of an agent that blesses rooms, which no other agent can do.
 fn blesser(name: &str, cost: f64, conduct: Conduct) -> Script {
     Script {
         model: format!(
@@ -42,7 +42,8 @@ fn offer(conjunct: &str, plan: &str, cost: f64) -> (String, String, f64) {
     (conjunct.to_owned(), format!("{plan}\n"), cost)
 }
 
-/// Requests a goal that cannot be reached. Returns the last report, and how long it took.
+/// Requests a goal that cannot be reached. Returns the text of the last report, and the time until
+/// it came.
 async fn last_word(person: &mut Person, goal: &str) -> (String, Duration) {
     let begun = Instant::now();
     assert!(!person.reaches(goal).await, "{:#?}", person.lines);
@@ -112,7 +113,7 @@ async fn a_full_mailbox_is_told_and_tried_again() {
     }
 }
 
-/// An agent that requests a number of goals, all at one instant, and forwards the answers.
+/// An agent that requests many goals at one instant, and forwards the answers to the test.
 struct Flood {
     asks: usize,
     heard: mpsc::UnboundedSender<String>,
@@ -177,7 +178,8 @@ async fn what_overflows_a_mailbox_is_refused_at_once_and_the_rest_is_served() {
 
 // === a model that changes under a running plan ===
 
-/// An agent that needs candles before it blesses; fetching them takes five seconds.
+/// Returns the script of an agent that needs candles before it can bless a room. Each of its
+/// actions, such as fetching the candles, takes five seconds.
 fn careful(more: &str, before: &str) -> Script {
     let conduct = Conduct::Confirms(Duration::from_secs(5));
     let plan = "(fetch guest)\n(bless guest office1)";
@@ -203,7 +205,7 @@ const BLESS: &str = "(:action bless :agent ?s - temperature-sensor :parameters (
     :precondition (and (candles ?s) BEFORE)
     :effect (and (blessed ?r) (increase (total-cost) 1)))";
 
-/// Waits until the guest is fetching candles.
+/// Requests a blessing, and waits until the guest is fetching candles for it.
 async fn until_it_fetches(person: &mut Person, guest: &Stranger) {
     person.wish("(blessed office1)", Keep::Achieve).await;
     while guest.asked() != ["fetch"] {
@@ -274,7 +276,8 @@ async fn who_withdraws_an_action_under_a_running_plan_is_named() {
 
 // === an actuator that confirms what is not true ===
 
-/// An agent that confirms that it moved, and reports facts that contradict it.
+/// Returns the script of an agent that confirms that it has moved, and then reports facts that
+/// contradict it.
 fn stuck(name: &str, cost: f64) -> Script {
     Script {
         model: format!(

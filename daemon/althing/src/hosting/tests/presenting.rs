@@ -1,5 +1,5 @@
-//! Figure 1 of the paper: a screen is plugged in, presents, fails during a meeting, and the
-//! video-collaboration robot takes over.
+//! Test of Figure 1 of the paper: a screen is plugged in, presents slides, and fails during a
+//! meeting; then the video-collaboration robot takes over.
 
 use ::building::{BuildingEvent, DeviceFault, Truth};
 use acl::content::Keep;

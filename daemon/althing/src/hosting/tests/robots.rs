@@ -1,10 +1,11 @@
-//! Robots with a battery, a dock and poses of their own.
+//! Tests of robots with a battery, a dock, and poses of their own.
 
 use ::building::BuildingEvent;
 
 use super::{MODES, Mode, Office, entry};
 
-/// A robot with a range of 10 m: from the corridor to a room at 4 m and back, and no further.
+/// Returns the entry of a robot with a range of 10 m: enough to drive from the corridor to a room 4
+/// m away and back, and no further.
 fn robot(more: &str) -> [String; 1] {
     let config = format!(
         "{{ start = \"corridor\", dock = \"corridor\", battery = {{ range = 10.0{more} }}, \
@@ -95,7 +96,7 @@ async fn it_goes_home_by_itself_before_its_battery_is_empty() {
     }
 }
 
-/// A robot that visits the corridor every minute, and carries a thermometer.
+/// Returns the entries of a robot that visits the corridor every minute, and carries a thermometer.
 fn patrol() -> [String; 2] {
     let config = "{ start = \"office2\", patrol = { places = [\"corridor\"], every = \"1m\" } }";
     [

@@ -1,4 +1,4 @@
-//! Test agents that behave as the test sets, whatever their action model declares.
+//! Test agents that do what the test sets, whatever their action models declare.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -16,30 +16,31 @@ use super::Office;
 /// The behaviour of a test agent when it is asked to act.
 #[derive(Clone, Copy)]
 pub(super) enum Conduct {
-    /// Refuses.
+    /// Refuses each request, with this reason.
     Refuses(Reason),
-    /// Refuses this many times, and then confirms.
+    /// Refuses this many requests, with this reason, and confirms all later ones.
     RefusesAtFirst(usize, Reason),
-    /// Agrees, and sends nothing more.
+    /// Agrees to the request, and sends nothing more.
     FallsSilent,
-    /// Confirms after this time, whether or not it has done anything.
+    /// Confirms the request after this time, whether or not it has done anything.
     Confirms(Duration),
 }
 
 /// The declarations and the behaviour of a test agent.
 pub(super) struct Script {
-    /// The body of its action model, without the head.
+    /// The action model of the test agent, without its head.
     pub(super) model: String,
-    /// The facts in its heartbeats.
+    /// The facts in the heartbeats of the test agent.
     pub(super) facts: String,
     pub(super) conduct: Conduct,
-    /// Its proposals, each for one conjunct: the conjunct, the plan, the cost.
+    /// The proposals of the test agent, each for one conjunct: the conjunct, the plan, and the
+    /// cost.
     pub(super) offers: Vec<(String, String, f64)>,
-    /// The actions it was asked for.
+    /// The actions that the test agent has been asked for.
     pub(super) asked: Vec<String>,
 }
 
-/// Handle of a test agent.
+/// A handle by which a test changes a running test agent and reads what it has been asked for.
 #[derive(Clone)]
 pub(super) struct Stranger(Arc<Mutex<Script>>);
 
@@ -54,12 +55,12 @@ impl Stranger {
         stranger
     }
 
-    /// Reads or changes its script.
+    /// Reads or changes the script of the test agent.
     pub(super) fn script<T>(&self, look: impl FnOnce(&mut Script) -> T) -> T {
         look(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// The names of the actions it was asked for.
+    /// Returns the names of the actions that the test agent has been asked for.
     pub(super) fn asked(&self) -> Vec<String> {
         let name = |action: &String| {
             let inner = action.trim_start_matches('(');

@@ -1,4 +1,4 @@
-//! The simulated building continues when the process that served it is gone.
+//! Test that the simulated building continues when the process that served it is gone.
 
 use std::collections::BTreeMap;
 
@@ -9,8 +9,8 @@ use crate::hosting::building_takeover::{record_robots, serve};
 
 const ROBOT: &str = r#"{ start = "corridor", dock = "corridor", battery = { range = 900.0 } }"#;
 
-/// The robot stands where it was last seen, with the charge that was left, and all clients see the
-/// same new building.
+/// After a take-over the robot stands where it was last seen, with the charge that it had left, and
+/// all processes see the same new building.
 #[tokio::test]
 async fn a_building_is_served_on_with_its_robots_where_they_were() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,6 +1,6 @@
-//! No single point of failure: reasoning agents run on two daemons, and one of them is the leader.
-//! It is killed in the middle of a plan, or all are, and every accepted goal continues, with
-//! nothing done twice.
+//! Tests that there is no single point of failure. Reasoning agents run on two daemons, one of
+//! which hosts the leaders. That daemon is killed in the middle of a plan, or all are. Every
+//! accepted goal continues, and nothing is done twice.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -16,7 +16,7 @@ use super::*;
 const REASONING: [&str; 4] =
     ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
 
-/// An office on several daemons.
+/// The paper's office, running on several daemons.
 struct City {
     building: Building,
     network: Network,
@@ -27,23 +27,25 @@ struct City {
 }
 
 impl City {
-    /// `alpha` and `beta` host the reasoning agents; `gamma` has a robot that carries a
-    /// thermometer, and a person.
+    /// Opens the office: `alpha` and `beta` host the reasoning agents and a Journal each; `gamma`
+    /// hosts a robot that carries a thermometer, and a person's keyboard.
     async fn open(mode: Mode) -> City {
         City::with(&REASONING, mode).await
     }
 
-    /// The same, without Journals.
+    /// Opens the office as [`City::open`] does, without Journals.
     async fn without_journals(mode: Mode) -> City {
         City::kept(&REASONING, &[], mode).await
     }
 
-    /// The agents in `on_both` run on `alpha` and `beta`, the others on `gamma`.
+    /// Opens the office with the reasoning agents of `on_both` on `alpha` and `beta`, and all
+    /// others on `gamma`.
     async fn with(on_both: &[&str], mode: Mode) -> City {
         City::kept(on_both, &["alpha", "beta"], mode).await
     }
 
-    /// The same, with a Journal on each of these daemons.
+    /// Opens the office as [`City::with`] does, with a Journal on each of the daemons in
+    /// `journals`.
     async fn kept(on_both: &[&str], journals: &[&str], mode: Mode) -> City {
         let folder = tempfile::tempdir().expect("a folder");
         let mut text = String::new();
@@ -96,7 +98,7 @@ impl City {
             .insert(name.to_owned(), node.unwrap_or_else(|error| panic!("failed to {error}")));
     }
 
-    /// Ends a daemon as a SIGKILL of its process does.
+    /// Ends a daemon as SIGKILL would end its process.
     async fn kill(&mut self, name: &str) {
         self.network.kill(&DaemonId::new(name).expect("a name"));
         let node = self.nodes.remove(name).expect("it runs");
@@ -105,7 +107,7 @@ impl City {
         node.drain().await;
     }
 
-    /// Ends a daemon as a SIGTERM does.
+    /// Ends a daemon as SIGTERM would end its process.
     async fn stop(&mut self, name: &str) {
         let node = self.nodes.remove(name).expect("it runs");
         assert!(node.drain().await, "all that it did is given up");
@@ -118,14 +120,14 @@ impl City {
         Person { terminal, lines: Vec::new() }
     }
 
-    /// Returns the daemon that hosts the leader of this name.
+    /// Returns the daemon that hosts the leader of the replicas named `agent`.
     fn acting(&self, agent: &str) -> String {
         let id = AgentId::new(agent).expect("a name");
         let found = self.nodes["gamma"].switchboard().find(&id);
         found.map_or_else(String::new, |resident| resident.daemon.to_string())
     }
 
-    /// The moves that robots made, in their order.
+    /// Returns the moves that robots made, in the order in which they made them.
     fn moves(&self) -> Vec<String> {
         let truth = self.building.truth();
         let moves = truth.occurrences().filter_map(|occurrence| match &occurrence.event {

@@ -1,4 +1,4 @@
-//! The camera: its pictures, its observations, and scenario 3 of the paper.
+//! Tests of the camera: its pictures, its observations, and scenario 3 of the paper.
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ use substrate::memory::Network;
 
 use super::{MODES, Office, PATIENCE, entry};
 
-/// A camera in the corridor that sees the entry and office1.
+/// Returns the entry of a camera in the corridor that sees the entry and office1.
 fn camera(more: &str) -> String {
     let config = format!(
         "{{ location = \"corridor\", folder = \"{{folder}}/pictures\", record-seconds = 1.0, \
@@ -23,7 +23,7 @@ fn camera(more: &str) -> String {
     entry("camera-1", "ptz-camera", &config)
 }
 
-/// A robot with a screen at which people log in.
+/// Returns the entry of a robot with a screen at which people log in.
 fn robot(login: &str) -> String {
     let config = format!("{{ start = \"office2\", login = {{ {login} }} }}");
     entry("turtlebot-1", "turtlebot", &config)
@@ -74,7 +74,7 @@ async fn what_moves_is_known_by_itself_and_only_while_it_moves() {
 
 // === scenario 3 ===
 
-/// A person at a keyboard that answers each question with the next of these answers.
+/// A person at a keyboard that answers each question with the next text in `answers`.
 struct Visitor {
     answers: VecDeque<&'static str>,
 }
@@ -125,7 +125,8 @@ async fn who_enters_is_seen_and_validated_at_the_robot() {
     }
 }
 
-/// Requests validation while two people give these answers. Returns `true` if it was reached.
+/// Requests that a person is validated, while two people answer with `first` and `second`. Returns
+/// `true` if the goal was reached.
 async fn validates(login: &str, first: &[&'static str], second: &[&'static str]) -> bool {
     let office = Office::open(&[robot(login)], Mode::Decentralized).await;
     visit(&office, "terminal-1", first);
@@ -176,8 +177,8 @@ async fn a_question_that_somebody_has_answered_is_closed_elsewhere() {
     office.close().await;
 }
 
-/// A foreign tool on the network of an ecosystem without keys receives every message, also the one
-/// by which a person answers a question of another keyboard.
+/// In an ecosystem without keys, a foreign tool on the network receives every message, also the
+/// message by which a person answers a question that another keyboard has received.
 #[tokio::test(start_paused = true)]
 async fn a_pin_is_nowhere_in_what_is_overheard() {
     const PIN: &str = "31415";

@@ -1,4 +1,4 @@
-//! Requests to an office of the tests, and their answers.
+//! Helpers that send requests to an office of the tests, and return the answers.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use tokio::sync::mpsc;
 use crate::scenario::launched::{self, LaunchedScenario, ScenarioSubstrate};
 use crate::scenario::temperatures;
 
-/// Sends one request, and forwards the answers up to the final one.
+/// An agent that sends one request, and forwards the answers up to the final one to the test.
 struct Asker {
     to: &'static str,
     protocol: Protocol,
@@ -41,7 +41,7 @@ impl Agent for Asker {
     }
 }
 
-/// Returns whether an answer is the final one, and its text.
+/// Returns whether a message is the final answer, and its text.
 fn words(message: &Message) -> (bool, String) {
     if message.performative == Performative::Confirm {
         let report: Report = message.content_as().expect("a report");
@@ -51,12 +51,13 @@ fn words(message: &Message) -> (bool, String) {
     (true, format!("{}: {}", message.performative, refusal.detail))
 }
 
-/// Sends a request for `who` to the Domain Maintainer. Returns its answer.
+/// Sends a request to the Domain Maintainer, from a new agent named `who`. Returns the answer.
 pub(super) async fn change(set: &LaunchedScenario, who: &str, request: Request) -> String {
     ask(set, who, "domain-maintainer", Protocol::StateChange, request).await.remove(0)
 }
 
-/// Sends a request for `who` to the agent `to`. Returns all answers up to the final one.
+/// Sends a request to the agent `to`, from a new agent named `who`. Returns all answers up to the
+/// final one.
 pub(super) async fn ask(
     set: &LaunchedScenario,
     who: &str,
@@ -91,7 +92,7 @@ pub(super) async fn read<T: serde::de::DeserializeOwned>(
     serde_json::from_slice(answers.first().expect("an answer")).expect("it is one")
 }
 
-/// The paper's office, and the name of one of its sensors.
+/// Opens the paper's office. Returns it, and the name of one of its sensors.
 pub(super) async fn office(mode: Mode) -> (LaunchedScenario, String) {
     let scenario = Layout::seeded(0);
     let set = launched::launch_scenario(

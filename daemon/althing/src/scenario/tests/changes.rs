@@ -1,5 +1,5 @@
-//! Changes by request in a running ecosystem: the Domain Maintainer's answers, its state, and that
-//! changes reach the actuators' own maintainers.
+//! Tests of changes that are requested in a running ecosystem: how the Domain Maintainer answers,
+//! that its state changes, and that the changes reach the Domain Maintainers of the actuators.
 
 use std::time::Duration;
 
@@ -56,7 +56,7 @@ async fn what_is_changed_by_request_reaches_those_who_plan_alone() {
     assert!(!local.problem.contains("(known-humidity office2)"));
 }
 
-/// Forwards the Domain Maintainer's announcements of requests.
+/// An agent that forwards to the test each change that the Domain Maintainer announces.
 struct Listener(mpsc::UnboundedSender<EpochChange>);
 
 impl Agent for Listener {

@@ -1,4 +1,4 @@
-//! Explanations for users if there is no plan, in a whole ecosystem.
+//! Tests of the explanations that users get if there is no plan, in a whole ecosystem.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use crate::scenario::launched::LaunchedScenario;
 const REASONING: &[&str] =
     &["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
 
-/// Requests a goal. Returns the final report.
+/// Requests a goal from a new keyboard named `who`. Returns the text of the final report.
 async fn wish(set: &LaunchedScenario, who: &str, goal: &str) -> String {
     let achieve = Achieve::new(goal, Keep::Achieve, 0);
     let request = Request::Achieve(achieve);

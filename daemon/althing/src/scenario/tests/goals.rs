@@ -1,4 +1,4 @@
-//! Several goals at once, in the paper's office.
+//! Tests of several goals at the same time, in the paper's office.
 
 use std::time::Duration;
 
@@ -13,13 +13,14 @@ use super::MODES;
 use crate::scenario::launched::{self, LaunchedScenario, ScenarioSubstrate};
 use crate::scenario::temperatures;
 
-/// Longer than any goal here takes, in the building's time.
+/// How long a test waits for a report: longer than any of its goals takes, in the building's time.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// Most attempts to wait for the devices: they arrive within milliseconds.
+/// Most attempts to find out whether all devices are there: devices arrive within milliseconds.
 const ARRIVALS_MAX: usize = 50;
 
-/// The office, and one keyboard per user, so that each receives only the reports of its own goal.
+/// The paper's office, and the users in it. Each user has a keyboard, so that each receives only
+/// the reports of one goal.
 struct Office {
     set: LaunchedScenario,
     users: Vec<User>,
@@ -56,7 +57,7 @@ impl Office {
         panic!("the devices never came: {:#?}", office.users.last().map(|user| &user.heard));
     }
 
-    /// Requests a goal for a new user. Returns the user's index.
+    /// Requests a goal from the keyboard of a new user. Returns the index of the user.
     async fn ask(&mut self, goal: &str, keep: Keep, priority: i32) -> usize {
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(&format!("user-{}", self.users.len())).expect("a name");
@@ -68,7 +69,7 @@ impl Office {
         self.users.len() - 1
     }
 
-    /// Returns the next report that a user receives.
+    /// Waits for the next report that a user receives. Returns its outcome and its text.
     async fn hears(&mut self, user: usize) -> (Outcome, String) {
         let User { terminal, goal, heard } = &mut self.users[user];
         loop {
@@ -89,12 +90,12 @@ impl Office {
         }
     }
 
-    /// Waits until a user receives a report with these words.
+    /// Waits until a user receives a report that contains `words`.
     async fn until(&mut self, user: usize, words: &str) {
         while !self.hears(user).await.1.contains(words) {}
     }
 
-    /// Waits until a goal holds or has ended.
+    /// Waits until the goal of a user holds or has ended, and returns the outcome.
     async fn end_of(&mut self, user: usize) -> Outcome {
         loop {
             let (outcome, _) = self.hears(user).await;
@@ -104,7 +105,7 @@ impl Office {
         }
     }
 
-    /// Returns the true place of the robot.
+    /// Returns the name of the place where the robot really is.
     fn robot(&self) -> String {
         self.place_of("turtlebot-1")
     }

@@ -1,4 +1,4 @@
-//! Agents that are not part of the building, and that do not do what they announce.
+//! Test agents that are not part of the building, and that do not do what they announce.
 
 use std::time::Duration;
 
@@ -49,7 +49,7 @@ fn enter(node: &DaemonNode, conduct: Conduct) {
     node.launch(id, Guest { conduct, beats: 0 }, "smart-office");
 }
 
-/// An agent that announces that it can measure office1.
+/// An agent that announces that it can measure the temperature in office1.
 struct Guest {
     conduct: Conduct,
     beats: u64,

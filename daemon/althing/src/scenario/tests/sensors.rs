@@ -1,5 +1,5 @@
-//! A lab with a sensor of every quantity: reported values are true, motion is seen at once, and a
-//! sensor that failed recovers.
+//! Tests in a laboratory room with a sensor of every quantity: reported values are true, motion is
+//! reported at once, and a sensor that has failed recovers.
 
 use std::time::Duration;
 
@@ -22,7 +22,8 @@ const ONTOLOGY: &str = include_str!("../../../../../domains/smart-office/domain.
 const MAP: &str = "(define (problem lab) (:domain smart-office) (:objects lab den - room)
     (:init (= (total-cost) 0)) (:goal (and)) (:metric minimize (total-cost)))";
 
-/// Longer than a failed sensor rests, and longer than its action is avoided.
+/// How long a test waits for a report: longer than a failed sensor rests, and longer than its
+/// action is avoided.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 struct Lab {
@@ -88,7 +89,8 @@ impl Lab {
         self.terminal.requests.send(UserRequest::RequestGoal(wish)).await.expect("a keyboard");
     }
 
-    /// Receives reports until the goal is reached or holds. Returns the observations up to then.
+    /// Receives reports until the goal is reached or holds. Returns the observations in all these
+    /// reports.
     async fn until_it_holds(&mut self) -> Result<String, String> {
         let mut observed = String::new();
         loop {
