@@ -1,15 +1,15 @@
-//! Growth policy for long arrays: they grow by a quarter, and the memory that the growth takes is known
+//! How long arrays grow: by a quarter of their length, and with the memory for the growth known
 //! beforehand.
 //!
 //! While an array grows, the old and the new allocation exist at once. Code that enforces a memory
 //! limit must count both before the growth happens, because an allocation that fails ends the process.
 
-/// Size in bytes from which on an array grows by a quarter instead of doubling: from here on, saved
-/// memory counts more than saved copying.
+/// Size in bytes from which on an array grows by a quarter instead of doubling: in arrays of this size,
+/// saved memory counts more than saved copying.
 const LONG: usize = 64 << 20;
 
-/// Makes room for `more` items. A long array grows by a quarter of its length (by `more` if that is
-/// greater); a shorter one grows as [`Vec`] does.
+/// Makes room for `more` further items. A long array grows by a quarter of its length, or by `more`
+/// items if that is greater; a shorter one grows as [`Vec`] does.
 #[inline]
 pub(crate) fn make_room<T>(items: &mut Vec<T>, more: usize) {
     if items.len() + more > items.capacity() && is_long(items) {
@@ -17,8 +17,8 @@ pub(crate) fn make_room<T>(items: &mut Vec<T>, more: usize) {
     }
 }
 
-/// Returns the bytes that the array takes. If it has no room for `more` items, the bytes of the array
-/// that it will grow to are added.
+/// Returns the number of bytes that the array takes. If the array has no room for `more` further items,
+/// the size of the array that it will grow to is added.
 #[inline]
 pub(crate) fn bytes<T>(items: &Vec<T>, more: usize) -> usize {
     let (length, capacity) = (items.len(), items.capacity());

@@ -1,34 +1,37 @@
 //! Evaluation of axioms: computes the derived facts of a state, stratum by stratum.
 //!
-//! Within a stratum every axiom counts its body literals that are still missing, so that each literal
-//! is visited once (Dowling and Gallier, 1984).
+//! Within a stratum, the evaluator keeps for every axiom the number of body literals that are still
+//! missing, so that each literal is visited once (Dowling and Gallier, 1984).
 
 use crate::rows::Rows;
 use crate::state::{State, holds, is_true, set};
 use crate::task::{FactId, Literal, Task};
 
-/// Axioms of a task, indexed by the facts in their bodies. Contains scratch space.
+/// Evaluator of a task's axioms, which are indexed by the facts in their bodies. Contains scratch
+/// space.
 #[derive(Debug)]
 pub(crate) struct AxiomEvaluator {
-    /// Index of the first derived fact; all facts from here on are derived.
+    /// Index of the first derived fact; this fact and all after it are derived.
     first_derived: usize,
-    /// One past the last axiom of each stratum.
+    /// Per stratum: the index of its last axiom, plus one.
     strata: Vec<u32>,
     heads: Vec<FactId>,
-    /// Per axiom, in one array: body literals that are known before its stratum is evaluated. `ends` has
-    /// their end per axiom.
+    /// Body literals of all axioms in one array. Per axiom, they are the literals that are decided
+    /// before the stratum of the axiom is evaluated. `ends` contains the end of each axiom's literals.
     known: Vec<Literal>,
     ends: Vec<u32>,
-    /// Per axiom: number of its body facts that are derived in its own stratum.
+    /// Per axiom: number of facts in its body that are derived in the axiom's own stratum.
     own: Vec<u32>,
     /// Per fact: axioms of the fact's own stratum that have it in their body.
     waiting: Rows,
-    /// Scratch, per axiom: number of body facts of its own stratum that are not yet derived.
+    /// Scratch space, per axiom: number of facts in its body that belong to the axiom's own stratum and
+    /// are not derived yet.
     missing: Vec<u32>,
     queue: Vec<FactId>,
 }
 
-/// Value of `missing` for an axiom that cannot fire, because one of its known literals does not hold.
+/// Value of `missing` for an axiom that cannot fire, because one of its literals in `known` does not
+/// hold.
 const DEAD: u32 = u32::MAX;
 
 // === impl Axioms ===
@@ -110,7 +113,7 @@ impl AxiomEvaluator {
     }
 }
 
-/// Clears all bits from the bit `first` on.
+/// Clears the bit with the index `first` and all bits after it.
 fn clear_from(state: &mut State, first: usize) {
     let (word, bit) = (first / 64, first % 64);
     if let Some((head, tail)) = state.get_mut(word..).and_then(<[u64]>::split_first_mut) {

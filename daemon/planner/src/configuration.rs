@@ -1,4 +1,4 @@
-//! Search configurations that a caller can choose by name: the one table that defines them.
+//! Search configurations that a caller can choose by name, defined in one table.
 
 use crate::heuristic::Admissible;
 use crate::search::lazy::List;
@@ -6,13 +6,14 @@ use crate::search::lazy::List;
 /// A search configuration; an entry of [`CONFIGURATIONS`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Configuration {
-    /// Name by which it is chosen.
+    /// Name by which a caller chooses the configuration.
     pub name: &'static str,
-    /// Description in one line.
+    /// Description of the configuration in one line.
     pub summary: &'static str,
-    /// Names of the heuristics that it uses; entries of [`HEURISTICS`](crate::HEURISTICS).
+    /// Names of the heuristics that the configuration uses, each an entry of
+    /// [`HEURISTICS`](crate::HEURISTICS).
     pub heuristics: &'static [&'static str],
-    /// Whether the first plan that it finds is a cheapest one.
+    /// Whether the first plan that the search finds is always a cheapest one.
     pub optimal: bool,
     pub(crate) method: SearchMethod,
 }
@@ -20,15 +21,15 @@ pub struct Configuration {
 /// Search algorithm of a configuration, with its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SearchMethod {
-    /// Lazy greedy search with several open lists that alternate; with `climb`, enforced hill climbing
-    /// is tried first.
+    /// Lazy greedy search with several open lists that alternate. If `climb` is set, enforced hill
+    /// climbing is tried before it.
     Lists { climb: bool, lists: &'static [List] },
     /// A* with an admissible heuristic.
     AStar { heuristic: Admissible },
 }
 
-/// All configurations, the default first. All are complete: if one ends without a plan and without
-/// reaching a limit, no plan exists.
+/// All configurations, the default first. Each is complete: if its search ends without a plan and
+/// without reaching a limit, no plan exists.
 pub const CONFIGURATIONS: &[Configuration] = &[
     Configuration {
         name: "althing",
@@ -98,11 +99,12 @@ pub const CONFIGURATIONS: &[Configuration] = &[
     },
 ];
 
-/// Open lists of the second search, which runs beside the configured one if two threads are asked for.
+/// Open lists of the second search, which runs beside the search of the chosen configuration if two
+/// threads are asked for.
 pub(crate) const EXPLORATION_LISTS: &[List] =
     &[List::Ff, List::Novel, List::Landmarks, List::Types];
 
-/// Returns the configuration of this name, or `None` if there is none.
+/// Returns the configuration with this name, or `None` if no configuration has it.
 pub fn configuration(name: &str) -> Option<&'static Configuration> {
     CONFIGURATIONS.iter().find(|one| one.name == name)
 }

@@ -17,16 +17,16 @@ use crate::validate::model::Model;
 ///
 /// - `forall` is expanded over the objects of the problem, nested conjunctions are flattened, and a
 ///   disjunction stays one conjunct.
-/// - A derived fact stays one conjunct if any of several conditions makes it true. Otherwise it is
-///   replaced by the conjuncts that it is derived from: “no lamp in the room is on” becomes one
-///   conjunct per lamp, so that different agents can each achieve one.
-/// - Of the state in `world`, only the objects and the static facts (which no action changes) matter.
+/// - A derived fact stays one conjunct if any one of several conditions is enough to make it true.
+///   Otherwise it is replaced by the conjuncts that it is derived from: “no lamp in the room is on”
+///   becomes one conjunct per lamp, so that different agents can each achieve one.
+/// - Of the state in `world`, only the objects and the static facts (which no action changes) are read.
 pub fn conjuncts(world: &World, goal: &Condition) -> Vec<Condition> {
     conjuncts_but(world, goal, &|_| false)
 }
 
-/// As [`conjuncts`], but a derived fact stays one conjunct if `stays` returns `true` for it. Callers
-/// use this for facts of which more is known than their axioms say.
+/// Splits a goal as [`conjuncts`] does, except that a derived fact stays one conjunct if `stays`
+/// returns `true` for it. Callers use this for facts about which they know more than the axioms say.
 pub fn conjuncts_but(
     world: &World,
     goal: &Condition,
@@ -41,8 +41,8 @@ pub fn conjuncts_but(
 
 /// Returns the positions of the conditions that no reachable state satisfies.
 ///
-/// This is a proof by the delete relaxation. A condition that is not listed may be unreachable all the
-/// same.
+/// Each result is proved by the delete relaxation. A condition may be unreachable although its position
+/// is not returned.
 pub fn unreachable(
     domain: &Domain,
     problem: &Problem,
@@ -79,10 +79,10 @@ fn is_unreachable(
     Ok(evaluator.evaluate(&initial).is_none())
 }
 
-/// A state, and the predicate that decides which derived facts stay one conjunct.
+/// A state, and the function that returns `true` for derived facts that stay one conjunct.
 type SplitContext<'w> = (&'w World, &'w dyn Fn(&Atom) -> bool);
 
-/// Adds the conjuncts of a condition, or of its negation where `positive` is false.
+/// Adds the conjuncts of `condition`, or those of its negation if `positive` is false, to `parts`.
 fn split(
     (world, stays): SplitContext<'_>,
     condition: &Condition,
@@ -116,7 +116,7 @@ fn split(
     }
 }
 
-/// Adds the conjuncts of every instance of a quantified condition.
+/// Adds the conjuncts of every instance of a quantified condition to `parts`.
 fn expand(
     (world, stays): SplitContext<'_>,
     variables: &[pddl::Typed],
@@ -135,8 +135,8 @@ fn expand(
     }
 }
 
-/// Returns the conjuncts of the axioms that derive an atom, or that make it false where `positive` is
-/// false. Returns `None` if the atom itself is one conjunct.
+/// Returns the conjuncts that make a derived atom true, or those that make it false if `positive` is
+/// false. Returns `None` if the atom itself stays one conjunct.
 fn derive(
     (world, stays): SplitContext<'_>,
     atom: &Atom,
@@ -211,7 +211,8 @@ fn truth(is_true: bool) -> Condition {
     if is_true { Condition::And(Vec::new()) } else { Condition::Or(Vec::new()) }
 }
 
-/// Builds a conjunction or disjunction without the parts that make no difference to it.
+/// Builds a conjunction or disjunction of `parts`, and leaves out the parts that do not affect its
+/// truth.
 fn joined(parts: impl Iterator<Item = Condition>, is_and: bool) -> Condition {
     let mut kept = Vec::new();
     for part in parts {

@@ -1,13 +1,13 @@
-//! A hash table that holds ids only; the values that they stand for are kept by the caller.
+//! A hash table that contains ids only; the caller keeps the values that the ids stand for.
 //!
-//! States and tuples are stored in flat arenas. This table finds the id of an equal value without
-//! storing anything twice. Lookups never iterate over the table, so no result depends on its order.
+//! States and tuples are stored in flat arenas. This table finds the id of an equal state or tuple
+//! without a second copy of it. The table is never iterated over, so no result depends on its order.
 
 use std::hash::Hasher;
 
 use rustc_hash::FxHasher;
 
-/// Marks a free slot.
+/// Value of a slot that is free.
 const FREE: u32 = u32::MAX;
 
 /// Hash table of ids with open addressing. At most 7 of 8 slots are occupied.
@@ -20,8 +20,8 @@ pub(crate) struct IdTable {
 // === impl IdTable ===
 
 impl IdTable {
-    /// Returns the id with this hash for which `is_it` returns `true`; `None` if there is no such id.
-    /// `is_it` is also called for ids with other hashes that occupy the same slots.
+    /// Returns the id with the hash `hash` for which `is_it` returns `true`; `None` if the table has no
+    /// such id. `is_it` may also be called for ids with other hashes.
     pub(crate) fn find(&self, hash: u64, mut is_it: impl FnMut(u32) -> bool) -> Option<u32> {
         if self.places.is_empty() {
             return None;
@@ -37,8 +37,8 @@ impl IdTable {
         }
     }
 
-    /// Adds an id that is not in the table. `hash_of` returns the hash of an id that is in the table;
-    /// it is called when the table grows.
+    /// Adds the id `id`, which must not be in the table yet. `hash_of` returns the hash of an id that
+    /// is in the table; it is called when the table grows.
     pub(crate) fn insert(&mut self, hash: u64, id: u32, hash_of: impl Fn(u32) -> u64) {
         if self.is_full() {
             let grown = self.grown();
@@ -51,8 +51,8 @@ impl IdTable {
         self.count += 1;
     }
 
-    /// Returns the bytes that the table takes. If it is full, the bytes of the table that it will grow
-    /// to are added.
+    /// Returns the number of bytes that the table takes. If the table is full, the size of the table
+    /// that it will grow to is added.
     pub(crate) fn bytes(&self) -> usize {
         let grown = if self.is_full() { self.grown() } else { 0 };
         (self.places.len() + grown) * size_of::<u32>()
@@ -75,8 +75,8 @@ impl IdTable {
         self.places[place] = id;
     }
 
-    /// Returns the first slot to probe for a hash. It is taken from the upper bits of a product, which
-    /// are the best mixed.
+    /// Returns the first slot that is searched for a hash. The slot is taken from the upper bits of a
+    /// product, which are the best mixed.
     fn home(&self, hash: u64) -> usize {
         let bits = self.places.len().trailing_zeros();
         (hash.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> (64 - bits)) as usize

@@ -1,15 +1,15 @@
-//! Planning in-process: from PDDL texts to validated plans.
+//! Planning within the process of the caller: from PDDL texts to validated plans.
 //!
 //! Start reading at [`plan()`], then `task`, then `search`.
 //!
 //! - `normalize` replaces names by numbers and rejects features that are not supported. `ground`
 //!   instantiates the `task`. `state`, `successors`, `heuristic` and `search` solve it.
-//! - [`mod@validate`] checks plans against the texts themselves. It shares no code with the modules
-//!   above.
-//! - [`order`] computes which steps of a plan must wait for which. [`goal`] splits goals into
-//!   conjuncts. [`explain`] computes what is missing where there is no plan.
+//! - [`mod@validate`] checks plans against the PDDL texts themselves. It shares no code with the
+//!   modules above.
+//! - [`order`] computes which steps of a plan must wait for which others. [`goal`] splits goals into
+//!   conjuncts. [`explain`] computes what is missing if there is no plan.
 //!
-//! Left to others: composing domains (`capability`), executing plans (the Plan Executor), running other
+//! Other crates compose domains (`capability`), execute plans (the Plan Executor) and run other
 //! planners (`engines`).
 //!
 //! **Invariants:** no async function, no clock, no randomness, no environment variables, no logging.

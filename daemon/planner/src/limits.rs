@@ -1,6 +1,9 @@
-//! Limits of the work that one planning call may do, and the flag by which its caller stops it.
+//! Limits of the work that one planning call may do, and the flag by which the caller stops the call.
 //!
-//! - [`Budget`] counts work, never time: the same task and budget give the same answer on every
+//! - [`Budget`] limits work, never time: the same task and budget give the same answer on every
+//!   machine.
+//! - [`Cancel`] is a flag that stops a call. A caller with a deadline sets the flag when the deadline
+//!   has passed by the caller's own clock.
 //!   machine.
 //! - [`Cancel`] is a flag that stops a call. A caller with a deadline sets it by its own clock.
 
@@ -9,55 +12,57 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::configuration::{CONFIGURATIONS, Configuration};
 
-/// Caps on work and memory of one call.
+/// Caps on the work and the memory of one planning call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// States that the search may expand.
+    /// Maximum number of states that the search may expand.
     pub expansions_max: u64,
-    /// Candidate tuples that grounding may look at.
+    /// Maximum number of candidate tuples that grounding may look at.
     pub join_steps_max: u64,
-    /// Bytes that the tables of grounding and the states of the search may take. The estimate is a
-    /// lower bound of what they really take.
+    /// Maximum number of bytes that the tables of grounding and the states of the search may take. The
+    /// planner's estimate of these bytes is a lower bound of the memory that they really take.
     pub memory_max_bytes: usize,
 }
 
 /// Budget and effort of a planning call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// Caps on work and memory.
+    /// Caps on the work and the memory of the call.
     pub budget: Budget,
-    /// Expansions of the cost-optimal search that follows the first plan on small tasks; 0 disables it.
+    /// Maximum number of states that the cost-optimal search may expand. This search follows the first
+    /// plan on small tasks; 0 disables it.
     pub optimal_expansions_max: u64,
-    /// Search configuration for the first plan.
+    /// Search configuration by which the first plan is searched for.
     pub configuration: &'static Configuration,
-    /// Whether to go on for better plans after the first one.
+    /// Required quality of the plan, which decides whether better plans are searched for after the
+    /// first one.
     pub effort: Effort,
-    /// Number of searches that run in parallel, 1 or 2. The result depends on this number, but is the
-    /// same in every run with it.
+    /// Number of searches that run in parallel: 1 or 2. The plan that is found depends on this number,
+    /// but is the same in every run with the same number.
     pub threads: u32,
 }
 
 /// Required quality of the plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Effort {
-    /// Return the first plan; the cheapest one where finding it takes little work.
+    /// Returns the first plan that is found, or a cheapest plan if finding one takes little work.
     #[default]
     First,
-    /// Search for cheaper and cheaper plans until a limit is reached.
+    /// Searches for cheaper and cheaper plans until a limit is reached.
     Anytime,
-    /// Search for the cheapest plan with a proof, however long it takes.
+    /// Searches for a cheapest plan and the proof that none is cheaper, however long it takes.
     Optimal,
 }
 
-/// Asks a running call to stop. Clones share one flag.
+/// A flag that asks a running planning call to stop. Clones share one flag.
 #[derive(Clone, Debug, Default)]
 pub struct Cancel(Arc<AtomicBool>);
 
 // === impl Budget ===
 
 impl Default for Budget {
-    /// No practical cap on expansions; grounding stops at two billion candidates (a few minutes);
-    /// memory is capped at 2 GiB, the limit that planner comparisons commonly use.
+    /// Returns the default caps: no practical cap on expansions; two billion candidate tuples for
+    /// grounding (a few minutes); and 2 GiB of memory, the limit that planner comparisons commonly use.
     fn default() -> Budget {
         Budget {
             expansions_max: u64::MAX,
@@ -68,8 +73,8 @@ impl Default for Budget {
 }
 
 impl Default for Options {
-    /// 20,000 expansions of optimal search: enough for the tasks of a building, which take
-    /// milliseconds.
+    /// Returns the default options, with 20,000 expansions for the optimal search: enough for the tasks
+    /// of a building, which take milliseconds.
     fn default() -> Options {
         Options {
             budget: Budget::default(),
@@ -84,17 +89,17 @@ impl Default for Options {
 // === impl Cancel ===
 
 impl Cancel {
-    /// Returns a flag that is not set.
+    /// Creates a flag that is not set.
     pub fn new() -> Cancel {
         Cancel::default()
     }
 
-    /// Asks the calls that share this flag to stop. The flag cannot be unset.
+    /// Asks the calls that share this flag to stop. Once set, the flag stays set.
     pub fn set(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether [`Cancel::set`] was called on this flag or a clone of it.
+    /// Whether [`Cancel::set`] was called on this flag or on a clone of this flag.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

@@ -1,24 +1,26 @@
 //! Ground actions in flat arrays, read through small structs of references.
 //!
-//! A task may have millions of operators: each costs a few numbers here and no allocation of its own.
-//! `ground` first fills a table over its raw facts, and then the table of the task.
+//! A task may have millions of operators: each takes a few numbers here and has no allocation of its
+//! own. `ground` first fills an operator table over raw facts, and then the operator table of the task.
 
 use crate::task::{FactId, Literal, NumericChange, ObjectId};
 
-/// A ground action.
+/// An operator: a ground action, read from the arrays of an [`OperatorTable`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GroundOperator<'t> {
-    /// Index of the action schema that it instantiates.
+    /// Index of the action schema that the operator instantiates.
     pub(crate) schema: u32,
-    /// Objects for the parameters of the schema; the agent, if any, comes first.
+    /// Objects for the parameters of the schema. If one of them is the agent that executes the action,
+    /// it comes first.
     pub(crate) arguments: &'t [ObjectId],
-    /// Literals that must hold, sorted.
+    /// Literals that must hold before the operator is applied, sorted.
     pub(crate) preconditions: &'t [Literal],
-    /// Unconditional effect.
+    /// Changes that happen whenever the operator is applied.
     pub(crate) effect: Changes<'t>,
-    /// Conditional effects; all their conditions are evaluated in the state before the operator.
+    /// Conditional effects of the operator; all their conditions are evaluated in the state before the
+    /// operator.
     pub(crate) conditional: ConditionalEffects<'t>,
-    /// Cost, in units of [`Task::cost_unit`](crate::task::Task::cost_unit).
+    /// Cost of the operator, in units of [`Task::cost_unit`](crate::task::Task::cost_unit).
     pub(crate) cost: u64,
 }
 
@@ -31,7 +33,7 @@ pub(crate) struct Changes<'t> {
     pub(crate) numeric: &'t [NumericChange],
 }
 
-/// Changes that happen if the conditions hold in the state before the operator.
+/// A conditional effect: changes that happen if the conditions hold in the state before the operator.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ConditionalEffect<'t> {
     pub(crate) conditions: &'t [Literal],
@@ -49,7 +51,7 @@ pub(crate) struct ConditionalEffects<'t> {
 /// All operators of a task.
 #[derive(Clone, Debug)]
 pub(crate) struct OperatorTable {
-    /// Per operator, the end of its part in each array. The first row is a sentinel of zeros.
+    /// Per operator: the end of its entries in each array. The first row is a sentinel of zeros.
     rows: Vec<OperatorRow>,
     arguments: Vec<ObjectId>,
     preconditions: Vec<Literal>,
@@ -68,9 +70,9 @@ struct OperatorRow {
 
 #[derive(Clone, Debug)]
 struct ChangesTable {
-    /// Per entry, the end of its part in each array. The first row is a sentinel of zeros.
+    /// Per effect: the end of its entries in each array. The first row is a sentinel of zeros.
     rows: Vec<ChangesRow>,
-    /// Adds of each entry, followed by its deletes.
+    /// Facts that each effect adds, followed by the facts that it deletes.
     facts: Vec<FactId>,
     numeric: Vec<NumericChange>,
 }
@@ -84,28 +86,30 @@ struct ChangesRow {
 
 #[derive(Clone, Debug)]
 struct ConditionalTable {
-    /// Per effect, the end of its conditions. The first entry is a sentinel of zero.
+    /// Per conditional effect: the end of its conditions. The first entry is a sentinel of zero.
     ends: Vec<u32>,
     conditions: Vec<Literal>,
     effects: ChangesTable,
 }
 
-/// A filter and mapping of operators, effects and facts, for [`OperatorTable::renumber`].
+/// What [`OperatorTable::renumber`] does: which operators, effects and facts it keeps, and the new
+/// number of each fact.
 pub(crate) trait Renumbering {
-    /// Whether an operator is kept. It is passed with its old fact numbers.
+    /// Whether an operator is kept. The facts of `operator` still have their old numbers.
     fn keeps(&self, operator: GroundOperator<'_>) -> bool;
 
-    /// Whether a conditional effect is kept; asked only for operators that are kept.
+    /// Whether a conditional effect is kept. This is asked only for effects of operators that are kept.
     fn keeps_effect(&self, conditions: &[Literal], effect: Changes<'_>) -> bool;
 
-    /// Returns the renumbered literal, or `None` if the literal is always true and is dropped.
+    /// Returns the literal with its new fact number, or `None` if the literal is dropped because it is
+    /// always true.
     fn literal(&self, literal: Literal) -> Option<Literal>;
 
-    /// Returns the renumbered fact, or `None` if the fact is irrelevant and is dropped.
+    /// Returns the new number of a fact, or `None` if the fact is dropped because it is irrelevant.
     fn fact(&self, fact: FactId) -> Option<FactId>;
 }
 
-/// How much of a [`ChangesTable`] has been kept so far, while it is compacted.
+/// How much of a [`ChangesTable`] has been kept so far, while the table is compacted.
 #[derive(Debug)]
 struct CompactionProgress {
     rows: Vec<ChangesRow>,
@@ -119,7 +123,7 @@ impl Default for CompactionProgress {
     }
 }
 
-/// Renumbers literals in place, moves them behind those kept already, and sorts them.
+/// Renumbers literals in place, moves them behind the literals that are kept already, and sorts them.
 fn renumber_literals(
     all: &mut [Literal],
     read: std::ops::Range<usize>,
@@ -136,7 +140,7 @@ fn renumber_literals(
     all[start..*kept].sort_unstable();
 }
 
-/// Converts a length into the end of a row. The caps on memory keep lengths below the limit of `u32`.
+/// Returns a length as the end of a row. The caps on memory keep lengths below the limit of `u32`.
 fn end(length: usize) -> u32 {
     u32::try_from(length).unwrap_or(u32::MAX)
 }
@@ -161,7 +165,7 @@ impl OperatorTable {
         self.costs.len()
     }
 
-    /// Returns the operator at an index below [`OperatorTable::len`].
+    /// Returns the operator at `index`, which must be below [`OperatorTable::len`].
     #[inline]
     pub(crate) fn get(&self, index: usize) -> GroundOperator<'_> {
         let (from, to) = (&self.rows[index], &self.rows[index + 1]);
@@ -184,7 +188,7 @@ impl OperatorTable {
         (0..self.len()).map(|index| self.get(index))
     }
 
-    /// Adds an operator with no effect and a cost of zero.
+    /// Adds an operator, for now without effects and with a cost of zero.
     pub(crate) fn push(
         &mut self,
         schema: u32,
@@ -203,7 +207,7 @@ impl OperatorTable {
         self.costs.push(0);
     }
 
-    /// Adds a copy of an operator of another table, with other preconditions.
+    /// Adds a copy of an operator of another table, with `preconditions` in place of its own.
     pub(crate) fn push_with(
         &mut self,
         operator: GroundOperator<'_>,
@@ -225,7 +229,7 @@ impl OperatorTable {
         self.set_cost(operator.cost);
     }
 
-    /// Sets the unconditional effect of the last operator. It must not have been set before.
+    /// Sets the unconditional effect of the last operator, which must not have one yet.
     pub(crate) fn set_effect(
         &mut self,
         adds: impl IntoIterator<Item = FactId>,
@@ -265,8 +269,8 @@ impl OperatorTable {
         &mut self.costs
     }
 
-    /// Drops operators and parts of them, and renumbers facts. The long arrays are compacted in place:
-    /// the write position never overtakes the read position.
+    /// Drops and renumbers operators, effects and facts as `by` decides. The long arrays are compacted
+    /// in place: the write position never overtakes the read position.
     pub(crate) fn renumber(&mut self, by: &impl Renumbering) {
         let mut rows = vec![OperatorRow::default()];
         let (mut effects, mut conditional) =
@@ -312,7 +316,7 @@ impl OperatorTable {
         self.shrink();
     }
 
-    /// Returns the bytes that the table takes.
+    /// Returns the number of bytes that the table takes.
     pub(crate) fn bytes(&self) -> usize {
         let rows = self.rows.capacity() * size_of::<OperatorRow>() + self.costs.capacity() * 8;
         let pools = (self.arguments.capacity() + self.preconditions.capacity()) * 4;
@@ -399,7 +403,7 @@ impl ChangesTable {
         self.rows.push(ChangesRow { adds, deletes, numeric });
     }
 
-    /// Renumbers an entry and moves it behind those kept already.
+    /// Renumbers the effect at `index` and moves it behind the effects that are kept already.
     fn keep(&mut self, index: usize, kept: &mut CompactionProgress, by: &impl Renumbering) {
         let (from, to) = (self.rows[index], self.rows[index + 1]);
         let mut keep = |read: std::ops::Range<u32>| {
@@ -482,7 +486,8 @@ mod tests {
         assert_eq!(conditional[1].effect.deletes, facts(&[9]));
     }
 
-    /// Drops the first operator, effects that add nothing, and fact 9; adds 10 to all other facts.
+    /// A renumbering that drops the first operator, effects that add nothing, and fact 9, and adds 10
+    /// to the numbers of all other facts.
     struct Shift;
 
     impl Renumbering for Shift {

@@ -1,24 +1,25 @@
-//! Deordering: computes which steps of a plan must wait for which, so that the others can run in
+//! Deordering: computes which steps of a plan must wait for which others, so that the rest can run in
 //! parallel.
 //!
 //! Two steps keep their order if one of them may write what the other reads or writes (in any branch,
 //! through an axiom, or as a number), or if the same agent executes both. Every linearization that
-//! respects this order leads to the same end state (tests try them all). It is not a minimal
-//! deordering, which is hard to compute; it is an order that is always sound.
+//! respects this order leads to the same end state (tests try all linearizations). The order is always
+//! sound, but may contain more waits than a minimal deordering, which is hard to compute.
 
 use pddl::PlanStep;
 
 use crate::validate::{Footprint, World};
 
-/// The steps of a plan, each with the steps it must wait for.
+/// The steps of a plan, each with the steps that it must wait for.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PartialOrder {
-    /// Per step, in the order of the plan: the steps it directly waits for, sorted. Steps that are
-    /// already predecessors of those are left out (transitive reduction).
+    /// Per step, in the order of the plan: the steps that it directly waits for, sorted. A step that is
+    /// already waited for through another one is left out (transitive reduction).
     pub predecessors: Vec<Vec<usize>>,
 }
 
-/// Computes the partial order of the steps of a plan. The facts of the state in `world` do not matter.
+/// Computes the partial order of the steps of a plan. The facts of the state in `world` do not affect
+/// the result.
 pub fn deorder(world: &World, steps: &[PlanStep]) -> PartialOrder {
     let footprints: Vec<Footprint> = steps.iter().map(|step| world.footprint(step)).collect();
     let must_wait =
@@ -26,7 +27,7 @@ pub fn deorder(world: &World, steps: &[PlanStep]) -> PartialOrder {
     PartialOrder::reduced(footprints.len(), must_wait)
 }
 
-/// Returns the positions of the first two steps, one of each plan, that may depend on their order.
+/// Returns the positions of the first pair of steps, one of each plan, for which the order may matter.
 /// Returns `None` if the two plans can run in parallel, however their steps interleave.
 pub fn interference(
     world: &World,
@@ -50,7 +51,7 @@ pub fn interference(
 // === impl PartialOrder ===
 
 impl PartialOrder {
-    /// Returns the steps that are not done and have only predecessors that are done.
+    /// Returns the steps that can begin: those that are not done and wait only for steps that are done.
     pub fn ready(&self, done: &[bool]) -> Vec<usize> {
         let is_done = |step: &usize| done.get(*step).copied().unwrap_or(false);
         let steps = 0..self.predecessors.len();
@@ -59,7 +60,8 @@ impl PartialOrder {
             .collect()
     }
 
-    /// Builds the transitive reduction of a relation between later and earlier steps.
+    /// Builds the partial order of `count` steps. `must_wait` returns whether a later step must wait
+    /// for an earlier one.
     fn reduced(count: usize, must_wait: impl Fn(usize, usize) -> bool) -> PartialOrder {
         // Per step: all its predecessors, direct or indirect.
         let mut before: Vec<Vec<bool>> = Vec::with_capacity(count);

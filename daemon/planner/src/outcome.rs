@@ -1,4 +1,4 @@
-//! Result of a planning call: a plan, or the reason why there is none, with statistics.
+//! Result of a planning call: a plan or the reason why there is none, and statistics.
 //!
 //! “Unsolvable” (proved) and “gave up” (limit reached) are different reasons: only
 //! [`StopReason::Unsolvable`] is a proof.
@@ -9,49 +9,49 @@ use pddl::{Diagnostic, Plan, Span};
 
 use crate::validate::Fault;
 
-/// The result of one call. There is always a reason and always statistics.
+/// The result of one planning call. It always has a stop reason and statistics.
 #[derive(Clone, Debug)]
 pub struct PlanningOutcome {
-    /// Plan that the independent validator has accepted, with its cost.
+    /// Plan with its cost, accepted by the independent validator; `None` if the call found no plan.
     pub plan: Option<Plan>,
-    /// Why the call ended; [`StopReason::GoalReached`] if and only if there is a plan.
+    /// Reason why the call ended; [`StopReason::GoalReached`] if and only if there is a plan.
     pub stop_reason: StopReason,
-    /// Why the plan is not proved to be a cheapest one although [`crate::Effort::Optimal`] was asked
-    /// for: a limit, or [`StopReason::Exhausted`] where the costs allow no proof. `None` if it is
-    /// proved, or if there is no plan or a proof was not asked for.
+    /// Reason why the plan is not proved to be a cheapest one although [`crate::Effort::Optimal`] was
+    /// asked for: a limit, or [`StopReason::Exhausted`] if the costs allow no proof. `None` if the plan
+    /// is proved to be a cheapest one, if there is no plan, or if no proof was asked for.
     pub unproven: Option<StopReason>,
-    /// Property of the costs that makes a proof of optimality impossible. Always set if it is the
-    /// reason why [`PlanningOutcome::unproven`] is [`StopReason::Exhausted`].
+    /// Property of the costs that makes a proof of optimality impossible. Always set if this property
+    /// is why [`PlanningOutcome::unproven`] is [`StopReason::Exhausted`].
     pub unprovable: Option<Unprovable>,
-    /// Work that the call did.
+    /// Work that the planning call did.
     pub statistics: Statistics,
-    /// Warnings: constructs in the domain or problem that its author probably did not intend.
+    /// Warnings: constructs in the domain or the problem that the author probably did not intend.
     pub warnings: Vec<Diagnostic>,
 }
 
-/// Progress event of a running call.
+/// Progress event of a running planning call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum PlanningProgress<'n> {
     /// Grounding is finished; the search begins.
     Ground {
-        /// As [`Statistics::facts`].
+        /// Number of facts, as in [`Statistics::facts`].
         facts: usize,
-        /// As [`Statistics::operators`].
+        /// Number of operators, as in [`Statistics::operators`].
         operators: usize,
     },
-    /// The search makes progress.
+    /// The search goes on.
     Searching {
-        /// States expanded by the current search. The count begins again with each search; there are
-        /// several if better plans are asked for.
+        /// Number of states expanded by the current search. The count begins again with each search;
+        /// there are several searches if better plans are asked for.
         expansions: u64,
     },
-    /// A validated plan that is cheaper than those before it. There is more than one only if
-    /// [`crate::Options::effort`] asks for better plans.
+    /// A validated plan was found that is cheaper than all plans before it. The event occurs more than
+    /// once only if [`crate::Options::effort`] asks for better plans.
     Plan(&'n Plan),
 }
 
-/// Why a call ended.
+/// Reason why a planning call ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum StopReason {
@@ -59,27 +59,29 @@ pub enum StopReason {
     GoalReached,
     /// No plan exists. This is a proof.
     Unsolvable {
-        /// Whether the delete relaxation of the initial state already proved it.
+        /// Whether the delete relaxation of the initial state was already enough to prove that no plan
+        /// exists.
         before_search: bool,
     },
-    /// The search ran out of states under pruning or a bound. This is *not* a proof.
+    /// No state was left to expand, but pruning or a cost bound had excluded some. This is *not* a
+    /// proof that there is no plan.
     Exhausted,
     /// The cap on expansions was reached.
     ExpansionLimit {
-        /// The cap.
+        /// Cap on the number of expansions.
         limit: u64,
     },
     /// The cap on grounding work was reached.
     JoinStepLimit {
-        /// The cap.
+        /// Cap on the number of join steps (candidate tuples).
         limit: u64,
     },
     /// The cap on memory was reached.
     MemoryLimit {
-        /// The cap, in bytes.
+        /// Cap on memory, in bytes.
         limit: usize,
     },
-    /// The caller set [`crate::Cancel`].
+    /// The caller set the [`crate::Cancel`] flag.
     Cancelled,
 }
 
@@ -99,62 +101,66 @@ pub enum Unprovable {
     TooLarge,
 }
 
-/// Work that a call did. Counts, not times: they are the same in every run.
+/// Work that a planning call did. All values are counts, not times: they are the same in every run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
-    /// Facts of the ground task, without those that cannot change.
+    /// Number of facts of the ground task, without facts that cannot change.
     pub facts: usize,
-    /// Operators of the ground task.
+    /// Number of operators of the ground task.
     pub operators: usize,
-    /// Candidate tuples that grounding looked at.
+    /// Number of candidate tuples that grounding looked at.
     pub join_steps: u64,
-    /// States expanded by the first search.
+    /// Number of states that the first search expanded.
     pub expansions: u64,
-    /// States evaluated by the first search.
+    /// Number of states that the first search evaluated.
     pub evaluations: u64,
-    /// States expanded by the optimal search that followed.
+    /// Number of states that the optimal search expanded after the first search.
     pub optimal_expansions: u64,
-    /// Whether it is proved that no cheaper plan exists, and no shorter plan of the same cost.
+    /// Whether it is proved that no plan is cheaper than the one returned, and that no plan of the same
+    /// cost has fewer steps.
     pub proven_optimal: bool,
 }
 
-/// Why a call could not plan at all.
+/// Error that kept a planning call from producing an outcome.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum PlanError {
-    /// The texts use a feature that this planner does not support; it never ignores such a feature.
+    /// The texts use a feature that this planner does not support. The planner never ignores such a
+    /// feature.
     Unsupported(Unsupported),
     /// The texts contain errors. Errors of the problem are reported only if the domain has none.
     BadInput(Vec<Diagnostic>),
-    /// The validator rejected a plan of this planner: a defect of the planner.
+    /// The validator rejected a plan that this planner made: a defect of the planner.
     Internal(Box<Fault>),
 }
 
 /// A feature of PDDL that this planner does not support.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unsupported {
-    /// Name of the feature, in the terms of PDDL.
+    /// Name of the unsupported feature, in the terms of PDDL.
     pub feature: String,
-    /// Place in the text where it is used.
+    /// Place in the text where the feature is used.
     pub span: Span,
-    /// Text that `span` refers to.
+    /// Text that `span` refers to: the domain or the problem.
     pub text: InputText,
 }
 
-/// Selects one of the two texts.
+/// Which of the two input texts is meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputText {
-    /// The domain.
+    /// The text of the domain.
     Domain,
-    /// The problem.
+    /// The text of the problem.
     Problem,
 }
 
 // === impl Outcome ===
 
 impl PlanningOutcome {
-    /// Returns the process exit code, as Fast Downward uses it. A plan that was to be proved a cheapest
-    /// one and is not has its own codes: 1 if memory was the limit, 2 if time was, 4 otherwise.
+    /// Returns the process exit code for the outcome. The codes are those of Fast Downward, with one
+    /// exception: if a plan was found but the proof that it is a cheapest one was asked for and is
+    /// missing, the code is 1 if a memory limit was the reason, 2 if the call was cancelled, and 4
+    /// otherwise.
     pub fn exit_code(&self) -> u8 {
         match self.unproven {
             None => self.stop_reason.exit_code(),
@@ -168,12 +174,12 @@ impl PlanningOutcome {
 // === impl StopReason ===
 
 impl StopReason {
-    /// Whether it is a limit that grounding can reach.
+    /// Whether the stop reason is a limit that grounding can reach.
     pub(crate) fn is_limit_of_grounding(self) -> bool {
         matches!(self, StopReason::MemoryLimit { .. } | StopReason::JoinStepLimit { .. })
     }
 
-    /// Returns the process exit code, as Fast Downward uses it.
+    /// Returns the process exit code for the stop reason, as Fast Downward defines it.
     pub fn exit_code(self) -> u8 {
         match self {
             StopReason::GoalReached => 0,
@@ -258,7 +264,7 @@ impl From<Unsupported> for PlanError {
 // === impl Unsupported ===
 
 impl Unsupported {
-    /// Whether the feature's name is a plural, so that a sentence about it needs `are`.
+    /// Whether the name of the feature is a plural, so that a sentence about the feature needs `are`.
     pub fn is_plural(&self) -> bool {
         let is_one = self.feature.starts_with("a ") || self.feature.starts_with("an ");
         self.feature.ends_with('s') && !is_one

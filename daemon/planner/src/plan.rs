@@ -1,4 +1,4 @@
-//! Entry point of the planner: from texts to a validated plan.
+//! Entry point of the planner: from PDDL texts to a validated plan.
 //!
 //! Pipeline: normalize → ground → [`crate::solve`] → validation. Every plan is checked by the
 //! independent validator; a plan that fails the check is reported as a defect of the planner.
@@ -16,11 +16,11 @@ use crate::search::SearchProgress;
 use crate::solve::Solver;
 use crate::validate::{FaultPlace, World, cost_from};
 
-/// Plans for a problem.
+/// Searches for a plan for a problem.
 ///
-/// The function is pure: it reads no clock, opens no file, writes nothing. Unless `cancel` is set, the
-/// same texts and budget give the same outcome on every machine. A caller with a deadline sets
-/// `cancel`.
+/// The function is pure: it reads no clock, opens no file and writes nothing. Unless `cancel` is set,
+/// the same texts and budget give the same outcome on every machine. A caller with a deadline sets
+/// `cancel` when the deadline has passed.
 pub fn plan(
     domain: &Domain,
     problem: &Problem,
@@ -30,8 +30,8 @@ pub fn plan(
     plan_with_progress(domain, problem, options, cancel, &mut |_| ())
 }
 
-/// As [`plan()`], but also calls `tell` with the progress, and with every plan as soon as it is found
-/// and validated.
+/// Plans as [`plan()`] does, and also calls `tell` with the progress, and with every plan as soon as
+/// the plan is found and validated.
 pub fn plan_with_progress(
     domain: &Domain,
     problem: &Problem,
@@ -73,8 +73,9 @@ pub fn plan_with_progress(
     judge.outcome(reason, options.effort, statistics, task.unprovable, grounded.warnings)
 }
 
-/// Grounds a task. If it has wide actions and its grounding reaches a limit, it is ground again in a
-/// form that applies these actions piecewise (one parameter at a time).
+/// Grounds a task. If the task has wide actions (actions with many parameters) and grounding reaches a
+/// limit, the task is ground again in a form that applies these actions piecewise (one parameter at a
+/// time).
 fn ground_whole_or_piecewise(
     lifted: &Lifted,
     budget: Budget,
@@ -102,7 +103,8 @@ fn ground_whole_or_piecewise(
     }
 }
 
-/// Whether [`plan()`] decomposes a part of the texts because it is too wide, or may do so.
+/// Whether [`plan()`] decomposes actions or conditions of the texts because they have too many
+/// variables, or may do so.
 pub(crate) fn is_decomposed(domain: &Domain, problem: &Problem) -> Result<bool, PlanError> {
     let mut lifted = normalize(domain, problem)?;
     let axioms = lifted.axioms.len();
@@ -110,11 +112,11 @@ pub(crate) fn is_decomposed(domain: &Domain, problem: &Problem) -> Result<bool, 
     Ok(lifted.axioms.len() > axioms || is_wide(&lifted))
 }
 
-/// Validates plans against the texts, and keeps the cheapest.
+/// Validates plans against the PDDL texts, and keeps the best of them by the metric.
 pub(crate) struct PlanJudge<'j> {
     domain: &'j Domain,
     problem: &'j Problem,
-    /// Initial state; `None` until it is needed for the first time.
+    /// Initial state of the problem; `None` until it is needed for the first time.
     pub(crate) world: Option<World>,
     pub(crate) best: Option<Plan>,
     pub(crate) defect: Option<PlanError>,
@@ -127,7 +129,8 @@ impl<'j> PlanJudge<'j> {
         PlanJudge { domain, problem, world: None, best: None, defect: None }
     }
 
-    /// Validates a plan. If it is the best so far, keeps it, calls `found` and returns `true`.
+    /// Validates a plan. If the plan is the best so far, keeps it, calls `found` with it and returns
+    /// `true`.
     pub(crate) fn submit(&mut self, plan: Plan, found: &mut dyn FnMut(&Plan)) -> bool {
         match self.validated(plan) {
             // Where costs depend on the state, the search may report a plan that is in truth more
@@ -145,7 +148,7 @@ impl<'j> PlanJudge<'j> {
         }
     }
 
-    /// Returns the plan with the cost that the validator computes.
+    /// Validates a plan, and returns it with the cost that the validator computes.
     fn validated(&mut self, plan: Plan) -> Result<Plan, PlanError> {
         let world = match self.world.take() {
             Some(world) => world,
@@ -162,7 +165,7 @@ impl<'j> PlanJudge<'j> {
         }
     }
 
-    /// Whether the metric prefers `plan` to `best`.
+    /// Whether `plan` is better than `best` by the metric of the problem.
     fn is_better(&self, plan: &Plan, best: &Plan) -> bool {
         let metric = self.problem.metric.as_ref();
         match metric.is_some_and(|metric| metric.direction == MetricDirection::Maximize) {
@@ -171,7 +174,7 @@ impl<'j> PlanJudge<'j> {
         }
     }
 
-    /// Builds the outcome of a search that ended for `reason`.
+    /// Builds the outcome of a planning call after a search that ended for `reason`.
     pub(crate) fn outcome(
         self,
         reason: StopReason,
@@ -208,14 +211,14 @@ impl<'j> PlanJudge<'j> {
     }
 }
 
-/// Returns an error if the texts contain errors. If the domain has errors, only those are returned, so
-/// that all diagnostics of one answer refer to one text.
+/// Returns an error if one of the texts contains errors. If the domain has errors, only those are
+/// returned, so that all diagnostics of one answer refer to one text.
 pub(crate) fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), PlanError> {
     refuse(pddl::check_domain(domain))?;
     refuse_mistakes_of_problem(domain, problem)
 }
 
-/// As [`refuse_mistakes`], for a domain that has been checked before.
+/// Checks the texts as [`refuse_mistakes`] does, if the domain has been checked before.
 pub(crate) fn refuse_mistakes_of_problem(
     domain: &Domain,
     problem: &Problem,
@@ -223,7 +226,8 @@ pub(crate) fn refuse_mistakes_of_problem(
     refuse(pddl::check_problem(domain, problem))
 }
 
-/// As [`refuse_mistakes`], for a domain and problem that have been checked before with another goal.
+/// Checks the texts as [`refuse_mistakes`] does, if the domain and the problem have been checked before
+/// with another goal.
 pub(crate) fn refuse_mistakes_of_goal(domain: &Domain, problem: &Problem) -> Result<(), PlanError> {
     refuse(pddl::check::check_condition(domain, problem, &problem.goal))
 }

@@ -1,8 +1,9 @@
-//! Size of a planning problem: the numbers of its facts, operators and axioms once it is ground,
-//! without a search.
+//! Size of a planning problem: the numbers of facts, operators and axioms that grounding produces. No
+//! search is needed to determine them.
 //!
-//! The steps are [`prepare`], [`NormalizedProblem::ground`], then [`GroundProblem::extent`] or [`GroundProblem::groups`]. They
-//! are separate calls so that a caller with a clock can measure each.
+//! The steps are [`prepare`], [`NormalizedProblem::ground`], then [`GroundProblem::extent`] or
+//! [`GroundProblem::groups`]. They are separate calls so that a caller with a clock can measure the
+//! time of each.
 
 use pddl::{Domain, Problem};
 
@@ -26,39 +27,40 @@ pub struct GroundProblem {
     join_steps: u64,
 }
 
-/// Size of the mutex groups of a problem. Counts, not times: they are the same in every run.
+/// Number and use of the mutex groups of a problem. All values are counts, not times: they are the same
+/// in every run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MutexGroupCounts {
     /// Number of mutex groups: sets of two or more facts of which at most one is true in any reachable
     /// state.
     pub groups: usize,
     /// Number of finite-domain variables that suffice to encode all facts, if each variable stands for
-    /// the facts of one group.
+    /// the facts of one mutex group.
     pub variables: usize,
 }
 
-/// Size of a ground problem. Counts, not times: they are the same in every run.
+/// Size of a ground problem. All values are counts, not times: they are the same in every run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ProblemSize {
-    /// Basic facts: those that operators change. Facts that cannot change or are irrelevant are not
-    /// counted.
+    /// Number of basic facts: those that operators change. Facts that cannot change or are irrelevant
+    /// are not counted.
     pub facts: usize,
-    /// Derived facts, which follow from axioms.
+    /// Number of derived facts, which follow from axioms.
     pub derived: usize,
-    /// Comparison facts, which follow from numeric fluents.
+    /// Number of comparison facts, which follow from the values of numeric fluents.
     pub comparisons: usize,
-    /// Numeric fluents that operators change.
+    /// Number of numeric fluents that operators change.
     pub fluents: usize,
-    /// Ground actions.
+    /// Number of ground actions.
     pub operators: usize,
-    /// Conditional effects of all operators together.
+    /// Number of conditional effects of all operators together.
     pub conditional_effects: usize,
-    /// Ground axioms.
+    /// Number of ground axioms.
     pub axioms: usize,
-    /// Join steps: candidate tuples that grounding looked at.
+    /// Number of join steps: candidate tuples that grounding looked at.
     pub join_steps: u64,
-    /// Why grounding ended without a ground problem: a cap, or a proof that no plan exists. `None` if
-    /// there is a ground problem.
+    /// Reason why grounding ended without a ground problem: a cap, or a proof that no plan exists.
+    /// `None` if there is a ground problem.
     pub stop_reason: Option<StopReason>,
 }
 
@@ -74,7 +76,7 @@ pub fn prepare(domain: &Domain, problem: &Problem) -> Result<NormalizedProblem, 
 
 impl NormalizedProblem {
     /// Grounds the problem within `budget`. A limit or a proof of unsolvability is not an error here;
-    /// it is the stop reason of the `NeighborhoodLimits`.
+    /// it becomes the [`ProblemSize::stop_reason`].
     pub fn ground(&self, budget: Budget, cancel: &Cancel) -> Result<GroundProblem, PlanError> {
         let mut join_steps = 0;
         let task = match ground(&self.0, budget, cancel, &mut join_steps) {
@@ -97,8 +99,8 @@ impl GroundProblem {
         ProblemSize { join_steps: self.join_steps, ..extent }
     }
 
-    /// Finds the mutex groups with at most `work_max` units of work; one unit takes about ten
-    /// nanoseconds.
+    /// Searches for the mutex groups with at most `work_max` units of work, and returns their numbers.
+    /// One unit takes about ten nanoseconds.
     pub fn groups(&self, work_max: u64, cancel: &Cancel) -> MutexGroupCounts {
         let Ok(task) = &self.task else { return MutexGroupCounts::default() };
         let found = MutexGroups::find(task, work_max, cancel);

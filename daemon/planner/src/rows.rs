@@ -1,6 +1,6 @@
-//! A list of lists of numbers in two flat arrays: like a `Vec<Vec<u32>>`, with fewer allocations.
+//! Lists of numbers, stored in two flat arrays: like a `Vec<Vec<u32>>`, with fewer allocations.
 
-/// Lists of `u32`, indexed by number.
+/// Lists of `u32`; each list has an index.
 #[derive(Clone, Debug)]
 pub(crate) struct Rows {
     starts: Vec<u32>,
@@ -16,7 +16,8 @@ impl Default for Rows {
 }
 
 impl Rows {
-    /// Groups pairs of list number and item into `count` lists; each keeps the order of its pairs.
+    /// Builds `count` lists from pairs of list index and item. In each list, the items keep the order
+    /// of their pairs.
     pub(crate) fn collect(count: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Rows {
         let mut starts = vec![0u32; count + 1];
         for (row, _) in pairs.clone() {
@@ -35,7 +36,8 @@ impl Rows {
         Rows { starts, items }
     }
 
-    /// Returns the inverse: per item below `count`, the numbers of the lists that contain it.
+    /// Returns the inverse lists: for each item below `count`, the indices of the lists that contain
+    /// it.
     pub(crate) fn inverted(&self, count: usize) -> Rows {
         let rows = 0..self.len() as u32;
         Rows::collect(
@@ -44,7 +46,7 @@ impl Rows {
         )
     }
 
-    /// Adds a list at the end.
+    /// Adds a list after the last one.
     pub(crate) fn push(&mut self, items: &[u32]) {
         self.items.extend_from_slice(items);
         self.starts.push(self.items.len() as u32);
@@ -55,7 +57,7 @@ impl Rows {
         self.starts.len() - 1
     }
 
-    /// Returns the number of items in all lists.
+    /// Returns the number of items in all lists together.
     pub(crate) fn item_count(&self) -> usize {
         self.items.len()
     }
@@ -65,20 +67,20 @@ impl Rows {
         &self.items[self.range(row)]
     }
 
-    /// Returns an item by its position among the items of all lists.
+    /// Returns the item at this position among the items of all lists.
     #[inline]
     pub(crate) fn item(&self, index: usize) -> u32 {
         self.items[index]
     }
 
-    /// Returns the positions of a list's items among the items of all lists.
+    /// Returns the range of positions that the items of a list have among the items of all lists.
     #[inline]
     pub(crate) fn range(&self, row: u32) -> std::ops::Range<usize> {
         let row = row as usize;
         self.starts[row] as usize..self.starts[row + 1] as usize
     }
 
-    /// Returns the bytes that the lists take.
+    /// Returns the number of bytes that the lists take.
     pub(crate) fn bytes(&self) -> usize {
         (self.starts.len() + self.items.len()) * size_of::<u32>()
     }

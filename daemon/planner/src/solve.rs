@@ -1,13 +1,13 @@
-//! Solves a ground task: finds a first plan, then better ones as far as the options ask for them.
+//! Solves a ground task: finds a first plan, then better plans as far as the options ask for them.
 //!
 //! 1. Enforced hill climbing (`search::climbing`), which solves most tasks of a building.
 //! 2. Pruning of facts and operators that no plan can use (`prune`).
 //! 3. Search with several open lists (`search::lazy`), on one thread or on two in parallel
-//!    (`search::lanes`).
+//!    (`search::portfolio`).
 //! 4. Removal of steps that the plan does not need (`search::improve`).
-//! 5. On small tasks, search for a cheapest plan (`search::optimal`), with a proof. 6. Anytime:
-//!    searches with smaller and smaller weights, each for a cheaper plan than the last, and
-//!    between them searches for shortcuts (`search::neighborhood`).
+//! 5. On small tasks, search for a cheapest plan (`search::optimal`), with a proof.
+//! 6. If better plans are asked for: searches with smaller and smaller weights, each for a cheaper plan
+//!    than the last, and between them searches for shortcuts (`search::neighborhood`).
 
 use crate::configuration::SearchMethod;
 use crate::heuristic::{Admissible, FastForward, LandmarkCut, Weights};
@@ -22,30 +22,31 @@ use crate::search::{Search, SearchProgress, improve, neighborhood, portfolio, ru
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Cap on the work of the optimal search that follows a first plan without being asked for, in
-/// explorations times the size of the relaxation. It takes about a tenth of a second, and suffices for
-/// the problems of a building.
+/// Cap on the work of the optimal search that follows a first plan if no proof was asked for. The work
+/// is the number of explorations of the delete relaxation times the size of the relaxation. The cap
+/// allows about a tenth of a second, and suffices for the problems of a building.
 const OPTIMAL_WORK_MAX: u64 = 5_000_000;
 
-/// Weights of the heuristic in the searches for better plans: LAMA's sequence (Richter and Westphal,
-/// 2010). `None` is greedy search.
+/// Weights of the heuristic in the searches for better plans, in the order of the searches: LAMA's
+/// sequence (Richter and Westphal, 2010). `None` stands for greedy search.
 const WEIGHTS: [Option<u32>; 5] = [None, Some(5), Some(3), Some(2), Some(1)];
 
-/// Cap on the work of pruning after hill climbing has failed, in words of pairs: about half a second.
+/// Cap on the work of pruning that follows hill climbing, in words of 64 pairs of literals: about half
+/// a second.
 const PRUNING_MAX: u64 = 300_000_000;
 
-/// Smallest cap on the expansions of one search for a better plan, after which the next one follows.
-/// The cap is greater if the searches so far made more expansions.
+/// Smallest cap on the expansions of one search for a better plan; the next search begins when the cap
+/// is reached. The cap is greater if the searches so far made more expansions.
 const STAGE_MIN: u64 = 10_000;
 
-/// Join steps of the search for shortcuts per expansion of the searches between: such a step takes a
-/// hundredth of the time of an expansion with its evaluation.
+/// Number of steps that the search for shortcuts may make per expansion of the searches before it. Such
+/// a step takes a hundredth of the time of an expansion with its evaluation.
 const SHORTCUTS_PER_EXPANSION: u64 = 8;
 
-/// Open lists of the searches for better plans.
+/// Open lists of the searches for better plans, as in the planner LAMA.
 const LAMA: &[List] = &[List::Ff, List::FfPreferred, List::Landmarks, List::LandmarksPreferred];
 
-/// Solves one task.
+/// Solver of one task.
 pub(crate) struct Solver<'t> {
     task: &'t Task,
     generator: SuccessorGenerator,
@@ -68,7 +69,7 @@ impl<'t> Solver<'t> {
     }
 
     /// Runs all stages. Calls `tell` with the progress and with every plan that is an improvement.
-    /// Returns why there is no plan, or no further one.
+    /// Returns the reason why there is no plan, or no better plan than the last one.
     pub(crate) fn run(&mut self, tell: &mut dyn FnMut(SearchProgress<'_>)) -> StopReason {
         let first = match self.climb() {
             ClimbingOutcome::Plan(plan) if self.options.effort == Effort::First => {
@@ -97,12 +98,13 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Whether a cheapest plan of the task is also a cheapest plan of the texts.
+    /// Whether a cheapest plan of the ground task is also a cheapest plan of the PDDL texts.
     fn is_provable(&self) -> bool {
         self.task.unprovable.is_none()
     }
 
-    /// Runs hill climbing, if the configuration has it.
+    /// Runs hill climbing if the configuration asks for it; otherwise returns
+    /// [`ClimbingOutcome::GaveUp`].
     fn climb(&mut self) -> ClimbingOutcome {
         if !matches!(self.options.configuration.method, SearchMethod::Lists { climb: true, .. }) {
             return ClimbingOutcome::GaveUp;
@@ -115,7 +117,8 @@ impl<'t> Solver<'t> {
         climbed
     }
 
-    /// Continues on the pruned task: searches for a first plan unless one is known, then finishes.
+    /// Continues on the pruned task: searches for a first plan unless `first` is one, then for better
+    /// plans.
     fn solve_pruned(
         &mut self,
         first: Option<Vec<OperatorId>>,
@@ -127,7 +130,7 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Searches for a first plan by the method of the configuration.
+    /// Searches for a first plan by the search method of the configuration.
     fn first(
         &mut self,
         tell: &mut dyn FnMut(SearchProgress<'_>),
@@ -138,7 +141,8 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Reports a first plan after removing superfluous steps, then searches for better ones.
+    /// Removes superfluous steps from a first plan and reports the plan, then searches for better
+    /// plans.
     fn finish(
         &mut self,
         first: Vec<OperatorId>,
@@ -166,7 +170,7 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Searches with several alternating open lists.
+    /// Searches for a first plan with several open lists that take turns, on one or two threads.
     fn search(
         &mut self,
         lists: &'static [List],
@@ -209,8 +213,8 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Returns a cheapest plan, if it is asked for or can be found with little work; otherwise `first`.
-    /// Also returns why the search for it ended.
+    /// Returns a cheapest plan if such a plan is asked for or can be found with little work; otherwise
+    /// `first`. Also returns the reason why the search for a cheapest plan ended.
     fn cheapest(
         &mut self,
         first: Vec<OperatorId>,
@@ -249,8 +253,8 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Searches for shortcuts near the plan, then near each plan found, until there are none. Calls
-    /// `tell` with each plan that costs less.
+    /// Searches for shortcuts near the plan, then near each plan that is found, until there are no more
+    /// shortcuts. Calls `tell` with each plan that costs less than the one before it.
     fn take_shortcuts(
         &mut self,
         best: &mut Vec<OperatorId>,
@@ -272,7 +276,7 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Searches for cheaper plans until there is none or a limit is reached.
+    /// Searches for cheaper and cheaper plans until there is none or a limit is reached.
     fn improve(
         &mut self,
         mut best: Vec<OperatorId>,

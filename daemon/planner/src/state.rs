@@ -1,7 +1,8 @@
-//! States, stored as packed bits and numbers in one arena, and the progression of operators.
+//! States, stored as packed bits and numbers in one arena, and the application of operators to states.
 //!
 //! A state is a sequence of words: one bit per fact, then one word per numeric fluent. Comparisons and
-//! derived facts follow from the others; they are stored too, so that they are not derived twice.
+//! derived facts follow from the basic facts and the numbers; they are stored with them so that they
+//! are derived only once.
 
 use pddl::Assignment;
 
@@ -10,14 +11,14 @@ use crate::axioms::AxiomEvaluator;
 use crate::id_table::{IdTable, hash_words};
 use crate::task::{Changes, ConditionalEffect, FactId, GroundOperator, Literal, OperatorId, Task};
 
-/// Index of a state in one [`StateSpace`].
+/// Index of a state in its [`StateSpace`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct StateId(pub(crate) u32);
 
-/// Words of one state.
+/// The words of one state: the bits of its facts, then its numbers.
 pub(crate) type State = [u64];
 
-/// Every state that the search has generated, each once, with the step that led to it.
+/// Every state that a search has generated, each stored once, with the step that led to it.
 #[derive(Debug)]
 pub(crate) struct StateSpace {
     width: usize,
@@ -26,15 +27,16 @@ pub(crate) struct StateSpace {
     ways: Vec<Transition>,
 }
 
-/// Parent and operator that lead to a state. For the initial state they have no meaning.
+/// The step that leads to a state: the state before it and the operator. For the initial state these
+/// values have no meaning.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Transition {
     pub(crate) parent: StateId,
     pub(crate) operator: OperatorId,
 }
 
-/// Applies operators, then evaluates comparisons and axioms. Contains scratch space, so each search has
-/// its own.
+/// Computes successor states: applies operators, then evaluates comparisons and axioms. Contains
+/// scratch space, so each search has a `Progression` of its own.
 #[derive(Debug)]
 pub(crate) struct Progression<'t> {
     task: &'t Task,
@@ -82,7 +84,7 @@ pub(crate) fn set(state: &mut State, fact: FactId, truth: bool) {
 // === impl StateSpace ===
 
 impl StateSpace {
-    /// Returns a space that contains the initial state only.
+    /// Creates a space that contains the initial state only.
     pub(crate) fn new(initial: &State) -> StateSpace {
         let mut space = StateSpace {
             width: initial.len(),
@@ -104,7 +106,8 @@ impl StateSpace {
         &self.words[start..start + self.width]
     }
 
-    /// Inserts a state unless it is there already. Returns its id, and whether it is new.
+    /// Inserts a state unless the space already contains it. Returns the id of the state, and whether
+    /// the state is new.
     pub(crate) fn insert(
         &mut self,
         state: &State,
@@ -129,7 +132,7 @@ impl StateSpace {
         (StateId(id), true)
     }
 
-    /// Replaces the parent and operator of a state.
+    /// Replaces the step that leads to a state: the state before it and the operator.
     pub(crate) fn reparent(&mut self, id: StateId, parent: StateId, operator: OperatorId) {
         self.ways[id.0 as usize] = Transition { parent, operator };
     }
@@ -139,7 +142,7 @@ impl StateSpace {
         (id.0 != 0).then(|| self.ways[id.0 as usize])
     }
 
-    /// Returns the operators that lead from the initial state to this one.
+    /// Returns the operators that lead from the initial state to this state.
     pub(crate) fn path(&self, mut id: StateId) -> Vec<OperatorId> {
         let mut path = Vec::new();
         while id.0 != 0 {
@@ -151,7 +154,8 @@ impl StateSpace {
         path
     }
 
-    /// Returns the bytes that the space takes, including those that inserting one more state may add.
+    /// Returns the number of bytes that the space takes, including the bytes that inserting one more
+    /// state may add.
     pub(crate) fn bytes(&self) -> usize {
         arena::bytes(&self.words, self.width) + arena::bytes(&self.ways, 1) + self.ids.bytes()
     }
@@ -169,7 +173,7 @@ impl<'t> Progression<'t> {
         }
     }
 
-    /// Returns the initial state.
+    /// Computes the initial state.
     pub(crate) fn initial(&mut self) -> Vec<u64> {
         let mut state = vec![0; self.fact_words];
         for fact in &self.task.initial {
@@ -181,7 +185,7 @@ impl<'t> Progression<'t> {
     }
 
     /// Writes the successor state of an applicable operator into `to`. Returns `false` if the operator
-    /// does not apply after all: a number that it needs is undefined, or it changes one number in
+    /// cannot be applied after all: a number that it needs is undefined, or it changes one number in
     /// contradictory ways.
     pub(crate) fn apply(
         &mut self,
@@ -243,8 +247,8 @@ impl<'t> Progression<'t> {
     }
 }
 
-/// Returns the value of a fluent after several simultaneous changes; `None` if they contradict each
-/// other or the result is not finite.
+/// Returns the value of a fluent after several simultaneous changes; `None` if the changes contradict
+/// each other or the result is not finite.
 fn combine(old: f64, group: &[(u32, Assignment, f64)]) -> Option<f64> {
     let kind = |assignment: Assignment| match assignment {
         Assignment::Assign => 0,

@@ -1,17 +1,18 @@
-//! Successor generator: finds the applicable operators of a state without testing all of them.
+//! Successor generator: finds the operators that are applicable in a state without testing all
+//! operators.
 //!
-//! Every operator is indexed under one of its positive preconditions, the one that the fewest operators
-//! share. Only operators that are indexed under a fact that is true are tested.
+//! Every operator is indexed under one of its positive preconditions: the one that the fewest operators
+//! share. Only operators that are indexed under a fact that is true in the state are tested.
 
 use crate::state::{State, all_hold, true_facts};
 use crate::task::{OperatorId, Task};
 
-/// Operators, indexed by one of their preconditions.
+/// Index of the operators of a task: each is entered under one of its positive preconditions.
 #[derive(Debug)]
 pub(crate) struct SuccessorGenerator {
     fact_count: usize,
     waiting: Vec<Vec<OperatorId>>,
-    /// Operators without a positive precondition.
+    /// Operators without a positive precondition, which are tested in every state.
     always: Vec<OperatorId>,
 }
 
@@ -40,7 +41,7 @@ impl SuccessorGenerator {
         generator
     }
 
-    /// Collects the applicable operators of `state` into `found`.
+    /// Appends the operators that are applicable in `state` to `found`.
     pub(crate) fn applicable(&self, task: &Task, state: &State, found: &mut Vec<OperatorId>) {
         found.clear();
         let applies = |id: &&OperatorId| all_hold(state, task.operator(**id).preconditions);

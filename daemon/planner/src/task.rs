@@ -1,6 +1,6 @@
 //! The ground planning task: facts, operators, axioms and goal, with the original names.
 //!
-//! - Built by `ground` and read by all search code. It is never changed afterwards.
+//! - The task is built by `ground` and read by all search code. It is never changed afterwards.
 //! - A [`FactId`] or [`OperatorId`] is valid in one task only. It is never sent in a message.
 
 pub(crate) use crate::operators::{Changes, ConditionalEffect, GroundOperator, OperatorTable};
@@ -9,12 +9,13 @@ use pddl::{Comparison, Name, Number, Operator as Arithmetic, Plan, PlanStep};
 
 use crate::outcome::Unprovable;
 
-/// Index of an object.
+/// Index of an object in one task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct ObjectId(u32);
 
-/// Index of a ground fact in one task: a *basic* fact that operators change, a *comparison* that
-/// follows from numbers, or a *derived* fact that follows from axioms, in this order.
+/// Index of a ground fact in one task. The indices of *basic* facts, which operators change, come
+/// first; then those of *comparisons*, which follow from numbers; then those of *derived* facts, which
+/// follow from axioms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct FactId(pub(crate) u32);
 
@@ -22,7 +23,7 @@ pub(crate) struct FactId(pub(crate) u32);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct OperatorId(pub(crate) u32);
 
-/// A fact that must be true, or one that must be false.
+/// A literal: a fact that must be true, or a fact that must be false.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct Literal(u32);
 
@@ -34,7 +35,7 @@ pub(crate) struct NumericChange {
     pub(crate) value: GroundExpression,
 }
 
-/// An expression over numeric fluents.
+/// An expression over the values of numeric fluents.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum GroundExpression {
     Number(f64),
@@ -43,7 +44,7 @@ pub(crate) enum GroundExpression {
     Apply(Arithmetic, Vec<GroundExpression>),
 }
 
-/// A comparison of numbers; its truth is a fact of its own.
+/// A comparison of two numeric expressions. Its truth is a fact of the task.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct GroundComparison {
     pub(crate) comparison: Comparison,
@@ -59,11 +60,11 @@ pub(crate) struct GroundAxiom {
     pub(crate) stratum: u32,
 }
 
-/// Atoms of facts: predicate and arguments.
+/// The atoms of the basic facts of a task: predicate and arguments of each fact.
 #[derive(Clone, Debug)]
 pub(crate) struct Atoms {
     predicates: Vec<u32>,
-    /// Per fact, the end of its arguments. The first entry is a sentinel of zero.
+    /// Per fact: the end of its arguments. The first entry is a sentinel of zero.
     ends: Vec<u32>,
     arguments: Vec<ObjectId>,
 }
@@ -71,13 +72,13 @@ pub(crate) struct Atoms {
 /// A ground planning task.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Task {
-    /// Number of facts of all three kinds.
+    /// Number of facts of all three kinds: basic facts, comparisons and derived facts.
     pub(crate) fact_count: usize,
     /// Number of basic facts; their indices are the lowest.
     pub(crate) basic_count: usize,
     /// Atoms of the basic facts.
     pub(crate) atoms: Atoms,
-    /// Comparisons; their facts follow the basic ones.
+    /// Comparisons; the indices of their facts follow those of the basic facts.
     pub(crate) comparisons: Vec<GroundComparison>,
     pub(crate) operators: OperatorTable,
     /// Axioms, sorted by stratum.
@@ -89,10 +90,10 @@ pub(crate) struct Task {
     pub(crate) values: Vec<f64>,
     /// Size of one unit of [`GroundOperator::cost`], in units of the metric.
     pub(crate) cost_unit: f64,
-    /// Why no plan can be proved a cheapest one by these costs. If `None`, every cost is a whole
-    /// multiple of the unit, and no step has a negative cost.
+    /// Reason why the costs allow no proof that a plan is a cheapest one. If `None`, every cost is a
+    /// whole multiple of [`Task::cost_unit`], and no step has a negative cost.
     pub(crate) unprovable: Option<Unprovable>,
-    /// Whether all operators have the same cost, greater than zero.
+    /// Whether all operators have the same cost, and this cost is greater than zero.
     pub(crate) costs_equal: bool,
     pub(crate) schema_names: Vec<Name>,
     pub(crate) object_names: Vec<Name>,
@@ -167,14 +168,14 @@ impl Default for Atoms {
 }
 
 impl Atoms {
-    /// Adds the atom of the next fact.
+    /// Adds the atom of the fact that follows the last one.
     pub(crate) fn push(&mut self, predicate: u32, arguments: &[ObjectId]) {
         self.predicates.push(predicate);
         self.arguments.extend_from_slice(arguments);
         self.ends.push(self.arguments.len() as u32);
     }
 
-    /// Returns the number of basic facts.
+    /// Returns the number of facts that have an atom: the basic facts.
     pub(crate) fn len(&self) -> usize {
         self.predicates.len()
     }
@@ -189,7 +190,8 @@ impl Atoms {
 // === impl GroundExpression ===
 
 impl GroundExpression {
-    /// Returns the value; NaN if a fluent is undefined or a division is by zero.
+    /// Returns the value of the expression, given the values of the fluents. The value is NaN if a
+    /// fluent is undefined or a division is by zero.
     pub(crate) fn evaluate(&self, values: &dyn Fn(u32) -> f64) -> f64 {
         match self {
             GroundExpression::Number(number) => *number,
@@ -204,7 +206,7 @@ impl GroundExpression {
         }
     }
 
-    /// Whether the expression may be undefined although all its fluents are defined.
+    /// Whether the value of the expression may be undefined although all its fluents are defined.
     pub(crate) fn may_fail(&self) -> bool {
         match self {
             GroundExpression::Number(_) | GroundExpression::Fluent(_) => false,
@@ -239,7 +241,7 @@ impl Task {
         self.operators.len()
     }
 
-    /// Returns the operator as a step of a plan, with the names of the texts.
+    /// Returns the operator as a step of a plan, with the names that the PDDL texts use.
     pub(crate) fn step(&self, id: OperatorId) -> PlanStep {
         let operator = self.operator(id);
         let arguments =
@@ -247,13 +249,13 @@ impl Task {
         PlanStep::new(self.schema_names[operator.schema as usize].clone(), arguments)
     }
 
-    /// Returns the operators as a plan with its cost.
+    /// Returns a sequence of operators as a plan with its cost.
     pub(crate) fn plan(&self, operators: &[OperatorId]) -> Plan {
         let steps = operators.iter().map(|id| self.step(*id)).collect();
         Plan { steps, cost: Some(Number(self.cost(operators) as f64 * self.cost_unit)) }
     }
 
-    /// Returns a copy of the task with other operators.
+    /// Returns a copy of the task with `operators` in place of its own operators.
     pub(crate) fn with_operators(&self, operators: OperatorTable) -> Task {
         Task {
             fact_count: self.fact_count,

@@ -12,26 +12,26 @@ use crate::search::SearchProgress;
 use crate::solve::Solver;
 use crate::task::Task;
 
-/// Parses a domain and a problem.
+/// Parses a domain and a problem from their texts.
 pub(crate) fn parsed(domain: &str, problem: &str) -> (Domain, Problem) {
     let domain = pddl::parse_domain(domain).into_result().expect("a domain");
     let problem = pddl::parse_problem(problem).into_result().expect("a problem");
     (domain, problem)
 }
 
-/// Returns the lifted task of two texts.
+/// Returns the lifted task of a domain text and a problem text.
 pub(crate) fn lifted(domain: &str, problem: &str) -> Lifted {
     let (domain, problem) = parsed(domain, problem);
     normalize(&domain, &problem).expect("supported")
 }
 
-/// Returns the ground task of two texts; `None` if its goal is unreachable.
+/// Returns the ground task of a domain text and a problem text; `None` if its goal is unreachable.
 pub(crate) fn grounded(domain: &str, problem: &str) -> Option<Task> {
     let lifted = lifted(domain, problem);
     ground(&lifted, Budget::default(), &Cancel::new(), &mut 0).expect("no limit").task
 }
 
-/// Returns a cheapest plan with its cost; `None` if there is no plan.
+/// Returns a cheapest plan of a lifted task, with its cost; `None` if there is no plan.
 pub(crate) fn cheapest(lifted: &Lifted) -> Option<Plan> {
     let cancel = Cancel::new();
     let task = ground(lifted, Budget::default(), &cancel, &mut 0).expect("no limit").task?;
@@ -50,21 +50,22 @@ pub(crate) fn task(domain: &str, problem: &str) -> Task {
     grounded(domain, problem).expect("a goal in reach")
 }
 
-/// Generates action bodies and initial facts for [`reached`].
+/// Generates the arguments of [`reached`]: bodies of actions, and initial facts.
 pub(crate) fn texts() -> impl Strategy<Value = (Vec<String>, Vec<&'static str>)> {
     let initial =
         prop_oneof![Just("(z)"), Just("(p a)"), Just("(q b)"), Just("(r a b)"), Just("(r b a)"),];
     (proptest::collection::vec(action(), 1..4), proptest::collection::vec(initial, 0..4))
 }
 
-/// Returns the ground task of such texts; `None` if its goal is unreachable. Every fact is relevant to
-/// some part of the goal, and most such goals are reachable in the delete relaxation.
+/// Returns the ground task with these action bodies and initial facts; `None` if its goal is
+/// unreachable. The goal is chosen so that every fact is relevant to some part of it, and so that it is
+/// mostly reachable in the delete relaxation.
 pub(crate) fn reached(actions: &[String], initial: &[&str]) -> Option<Task> {
     let goal = "(or (z) (not (z)) (exists (?x ?y) (and (p ?x) (q ?x) (r ?x ?y))))";
     with_goal(actions, initial, goal)
 }
 
-/// As [`reached`], with a given goal.
+/// Returns the ground task as [`reached`] does, with the goal `goal`.
 pub(crate) fn with_goal(actions: &[String], initial: &[&str], goal: &str) -> Option<Task> {
     let named = actions.iter().enumerate();
     let actions: Vec<String> =
@@ -78,7 +79,7 @@ pub(crate) fn with_goal(actions: &[String], initial: &[&str], goal: &str) -> Opt
     grounded(&domain, &problem)
 }
 
-/// Generates an atom from a small set; its arguments are constants or the parameter `?v0`.
+/// Generates an atom from a small set; its arguments are constants or the parameters `?v0` and `?v1`.
 fn atom() -> impl Strategy<Value = String> {
     let term = || prop_oneof![Just("?v0"), Just("?v1"), Just("a"), Just("b")];
     prop_oneof![
@@ -94,7 +95,8 @@ fn literal() -> impl Strategy<Value = String> {
         .prop_map(|(atom, not)| if not { format!("(not {atom})") } else { atom })
 }
 
-/// Generates an action that mostly moves: it deletes only facts that are among its preconditions.
+/// Generates the body of an action. Its unconditional deletes are mostly facts that are among its
+/// preconditions, as if the action moved things.
 fn action() -> impl Strategy<Value = String> {
     let conditional = (literal(), atom(), atom())
         .prop_map(|(when, gone, new)| format!("(when {when} (and (not {gone}) {new}))"));

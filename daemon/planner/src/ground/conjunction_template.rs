@@ -1,7 +1,7 @@
-//! Conditions, split into literals that are ground directly and parts that are ground as a tree.
+//! Conditions, split into literals that are ground directly and parts that are ground as trees.
 //!
-//! Most conditions are conjunctions of literals: those go straight into an array. Only disjunctions,
-//! quantifiers and comparisons of numbers become a [`GroundFormula`].
+//! Most conditions are conjunctions of literals; their ground literals are written straight into an
+//! array. Only disjunctions, quantifiers and comparisons of numbers become a [`GroundFormula`].
 
 use super::formula_template::{FormulaGrounder, FormulaTemplate, LiteralTruth};
 use super::ground_formula::GroundFormula;
@@ -11,7 +11,7 @@ use crate::normalize::lifted::{Formula, LiftedAtom, LiftedTerm, TypeIndex};
 use crate::outcome::StopReason;
 use crate::task::{Literal, ObjectId};
 
-/// A conjunction ready for grounding.
+/// A condition that is prepared for grounding: its literals, and its other parts.
 #[derive(Debug, Default)]
 pub(super) struct ConjunctionTemplate {
     equalities: Vec<(bool, LiftedTerm, LiftedTerm)>,
@@ -22,8 +22,8 @@ pub(super) struct ConjunctionTemplate {
 // === impl Condition ===
 
 impl ConjunctionTemplate {
-    /// Compiles a formula. `is_joined` means that a join has already tested its equalities and static
-    /// literals.
+    /// Prepares a formula for grounding. `is_joined` means that a join has already tested the
+    /// equalities and static literals in the formula.
     pub(super) fn compile(
         catalog: &mut Catalog<'_>,
         frame: &[TypeIndex],
@@ -60,8 +60,9 @@ impl ConjunctionTemplate {
         }
     }
 
-    /// Appends the literals under a binding to `literals`, sorted, and returns the parts that are not
-    /// literals. Returns [`GroundFormula::False`] if the condition can never hold.
+    /// Grounds the condition under a binding. Writes its literals to `literals`, sorted, and returns
+    /// the parts that are not literals. Returns [`GroundFormula::False`] if the condition can never
+    /// hold.
     #[inline]
     pub(super) fn ground(
         &self,
@@ -108,7 +109,8 @@ impl ConjunctionTemplate {
     }
 }
 
-/// Sorts literals and removes duplicates. Returns `false` if two of them contradict each other.
+/// Sorts literals and removes duplicates. Returns `false` if one of the literals is the negation of
+/// another.
 pub(super) fn tidy(literals: &mut Vec<Literal>) -> bool {
     literals.sort_unstable();
     literals.dedup();

@@ -1,23 +1,24 @@
-//! A draft of the operators for one binding of a schema.
+//! A draft of the operators that one binding of a schema gives.
 
 use rustc_hash::FxHashMap;
 
 use crate::task::{FactId, Literal, NumericChange, ObjectId, OperatorTable};
 
-/// Preconditions, effects and cost collected so far. One draft is used for all bindings, to reuse its
-/// buffers.
+/// Preconditions, effects and cost of the current binding, as far as they have been collected. One
+/// draft is used for all bindings, so that its buffers are used again.
 #[derive(Default)]
 pub(super) struct OperatorDraft {
     pub(super) preconditions: Vec<Literal>,
     pub(super) always: ChangesDraft,
     conditional: Vec<(Vec<Literal>, ChangesDraft)>,
-    /// Position of each condition in `conditional`; filled only if there are many.
+    /// Position of each condition in `conditional`; filled only if there are more than
+    /// [`FEW_CONDITIONS`].
     positions: FxHashMap<Vec<Literal>, usize>,
     pub(super) cost: f64,
     combined: ChangesDraft,
 }
 
-/// An effect under construction.
+/// An effect that is being collected: the facts that it adds and deletes, and its numeric changes.
 #[derive(Clone, Default)]
 pub(super) struct ChangesDraft {
     pub(super) adds: Vec<FactId>,
@@ -25,7 +26,7 @@ pub(super) struct ChangesDraft {
     pub(super) numeric: Vec<NumericChange>,
 }
 
-/// Up to this number, conditions are compared one by one instead of hashed.
+/// Maximal number of conditions that are compared one by one; if there are more, they are hashed.
 const FEW_CONDITIONS: usize = 8;
 
 // === impl Draft ===
@@ -39,7 +40,8 @@ impl OperatorDraft {
         self.cost = 0.0;
     }
 
-    /// Returns the changes under a sorted condition; an empty condition means the unconditional effect.
+    /// Returns the changes that happen under a condition, given as sorted literals. The empty condition
+    /// stands for the unconditional effect.
     pub(super) fn under(&mut self, conditions: &[Literal]) -> &mut ChangesDraft {
         if conditions.is_empty() {
             return &mut self.always;
@@ -57,8 +59,8 @@ impl OperatorDraft {
         &mut self.conditional[position].1
     }
 
-    /// Fills the map when the number of conditions exceeds [`FEW_CONDITIONS`], and keeps it complete
-    /// from then on.
+    /// Fills `positions` as soon as the number of conditions exceeds [`FEW_CONDITIONS`], and keeps the
+    /// map complete from then on.
     fn note_positions(&mut self) {
         let count = self.conditional.len();
         let new = match count.cmp(&(FEW_CONDITIONS + 1)) {
@@ -71,7 +73,8 @@ impl OperatorDraft {
         }
     }
 
-    /// Adds the operator with exactly these preconditions.
+    /// Adds an operator with exactly these preconditions, and with the effects and the cost of the
+    /// draft.
     pub(super) fn operator(
         &mut self,
         schema: u32,
@@ -134,8 +137,8 @@ impl ChangesDraft {
         self.adds.is_empty() && self.deletes.is_empty() && self.numeric.is_empty()
     }
 
-    /// Sorts the changes, and drops deletes that an add overrules. Facts in `added` are added anyway,
-    /// so their adds are dropped too.
+    /// Sorts the changes, and drops deletes of facts that the effect also adds. The facts in `added`
+    /// are added by another effect in any case, so the adds of these facts are dropped as well.
     fn tidy(&mut self, added: &[FactId]) {
         self.adds.retain(|fact| added.binary_search(fact).is_err());
         self.adds.sort_unstable();

@@ -1,5 +1,5 @@
-//! Builds the task from raw facts: facts that never change are folded away, facts and operators that
-//! are irrelevant to the goal are dropped, and the remaining facts are numbered without gaps.
+//! Builds the task from raw facts: constant facts are removed from all conditions, facts and operators
+//! that are irrelevant to the goal are dropped, and the remaining facts are numbered without gaps.
 
 use super::ground_fluents::GroundFluents;
 use super::grounding_meter::GroundingMeter;
@@ -11,17 +11,17 @@ use crate::operators::{OperatorTable, Renumbering};
 use crate::outcome::{StopReason, Unprovable};
 use crate::task::{Changes, FactId, GroundAxiom, GroundOperator, Literal, Task};
 
-/// Greatest cost that is counted exactly. Searches multiply costs by [`STEPS_PER_COST`] and add them
-/// up.
+/// Greatest cost that is represented exactly. It leaves room for searches, which multiply costs by
+/// [`STEPS_PER_COST`] and add them up.
 const COST_MAX: f64 = (u64::MAX / STEPS_PER_COST / 2) as f64;
 
-/// Value that the greatest cost is scaled to if some cost exceeds [`COST_MAX`]: a million such steps
-/// can still be added up.
+/// Value to which the greatest cost is scaled down if some cost exceeds [`COST_MAX`]. A million costs
+/// of this value can still be added up.
 const COST_ROUNDED_MAX: f64 = COST_MAX / 1e6;
 
-/// Initial state, over raw facts.
+/// Initial state of the task, with raw fact numbers.
 pub(super) struct RawInitialState {
-    /// Per row of a relation: whether it holds initially.
+    /// Per row of a relation: whether the fact is true in the initial state.
     pub(super) initial: Vec<bool>,
     /// Per dense index: whether the fact is known to be false in every reachable state.
     pub(super) never: Vec<bool>,
@@ -29,7 +29,7 @@ pub(super) struct RawInitialState {
     pub(super) values: Vec<f64>,
 }
 
-/// Builds the task. Returns `None` if the goal can never hold.
+/// Builds the task from raw facts and operators. Returns `None` if the goal can never hold.
 pub(super) fn finish(
     lifted: &Lifted,
     relations: &[Relation],
@@ -98,8 +98,8 @@ pub(super) fn finish(
     Ok(Some(task))
 }
 
-/// Converts the costs from bits of `f64` into whole multiples of the largest decimal unit that fits all
-/// of them, at the least a millionth.
+/// Converts the costs, which are bits of `f64` values, into whole multiples of one unit. The unit is
+/// the largest power of ten, from one down to a millionth, of which all costs are multiples.
 fn set_costs(task: &mut Task, is_unit: bool) {
     task.cost_unit = 1.0;
     let all = task.operators.costs_mut();
@@ -131,8 +131,9 @@ fn set_costs(task: &mut Task, is_unit: bool) {
     task.costs_equal = first > 0 && !has_negative && all.iter().all(|cost| *cost == first);
 }
 
-/// Returns the scale by which costs become whole numbers, and why that loses precision, if it does.
-/// `exact` is a scale under which all costs are whole numbers, if there is one.
+/// Returns the factor by which costs are multiplied to become whole numbers. Also returns the reason
+/// why the conversion loses precision, if it does. `exact` is a factor that makes all costs whole
+/// numbers, if there is one.
 fn countable(exact: Option<f64>, costs: &[u64]) -> (f64, Option<Unprovable>) {
     let largest = costs.iter().map(|cost| f64::from_bits(*cost)).fold(0.0, f64::max);
     let scale = exact.unwrap_or(1e6);
@@ -143,15 +144,16 @@ fn countable(exact: Option<f64>, costs: &[u64]) -> (f64, Option<Unprovable>) {
     (scale, exact.is_none().then_some(Unprovable::TooFine))
 }
 
-/// Properties of every raw fact, by dense index: rows of relations, comparisons, auxiliaries.
+/// Properties of every raw fact. Their dense indices number first the rows of relations, then
+/// comparisons, then auxiliary facts.
 struct RawFacts<'l> {
     layout: &'l FactLayout,
-    /// End of the rows of relations.
+    /// Dense index after the last row of a relation.
     basic_end: usize,
     comparison_end: usize,
     end: usize,
     derived: Vec<bool>,
-    /// Per row of a relation: whether it holds initially.
+    /// Per row of a relation: whether the fact is true in the initial state.
     initial: Vec<bool>,
     /// Per dense index: whether the fact is true in every state.
     always: Vec<bool>,
@@ -162,7 +164,7 @@ struct RawFacts<'l> {
 // === impl Start ===
 
 impl RawInitialState {
-    /// Returns the initial state that the relations were filled from.
+    /// Returns the initial state from which the relations were filled.
     pub(super) fn initial(
         lifted: &Lifted,
         relations: &[Relation],
@@ -208,7 +210,8 @@ impl<'l> RawFacts<'l> {
         facts
     }
 
-    /// Finds the constant facts: basic facts that hold initially and that no operator deletes.
+    /// Finds the constant facts: basic facts that are true in the initial state and that no operator
+    /// deletes.
     fn find_constant(&mut self, operators: &OperatorTable) {
         let holds = self.initial.iter().zip(&self.derived);
         self.always = holds.map(|(initial, derived)| *initial && !derived).collect();
@@ -236,12 +239,13 @@ impl<'l> RawFacts<'l> {
         if literal.is_positive() { self.never[index] } else { self.always[index] }
     }
 
-    /// Whether a fact has the same truth in every state.
+    /// Whether a fact has the same truth value in every state.
     fn is_constant(&self, index: usize) -> bool {
         self.always[index] || self.never[index]
     }
 
-    /// Removes literals that hold in every state. Returns `None` if one is false in every state.
+    /// Removes literals that hold in every state. Returns `None` if one of the literals is false in
+    /// every state.
     fn fold(&self, literals: &[Literal]) -> Option<Vec<Literal>> {
         let mut kept = Vec::with_capacity(literals.len());
         for &literal in literals {
@@ -261,7 +265,8 @@ fn all_changes(operator: GroundOperator<'_>) -> impl Iterator<Item = Changes<'_>
     std::iter::once(operator.effect).chain(operator.conditional.iter().map(|one| one.effect))
 }
 
-/// Relevance analysis, backwards from the goal: finds the relevant facts, by dense index.
+/// Relevance analysis, backwards from the goal: finds the relevant facts, which are marked by dense
+/// index.
 struct Relevance {
     facts: Vec<bool>,
     waiting: Vec<usize>,
@@ -301,7 +306,8 @@ impl Relevance {
         Ok(relevance)
     }
 
-    /// Marks all conditions of an operator as relevant, unless it is never applicable.
+    /// Marks the facts in all conditions of an operator as relevant, unless the operator is never
+    /// applicable.
     fn want_of(&mut self, facts: &RawFacts<'_>, operator: GroundOperator<'_>) {
         if facts.never_applies(operator) {
             return;
@@ -325,14 +331,14 @@ impl Relevance {
     }
 }
 
-/// Per fact, the axioms and operators that can change it. For a comparison, the operators that change a
-/// number it depends on.
+/// Per fact: the axioms and the operators that can change it. An operator can change a comparison if it
+/// changes a number that the comparison depends on.
 struct Changers {
     axioms: ChangerRows,
     operators: ChangerRows,
 }
 
-/// Lists of `u32` in one array.
+/// Lists of `u32`, one per fact, in one array.
 struct ChangerRows {
     starts: Vec<u32>,
     items: Vec<u32>,
@@ -372,7 +378,7 @@ impl Changers {
     }
 }
 
-/// Returns, per numeric fluent, the comparisons that read it.
+/// Returns, per numeric fluent, the indices of the comparisons that read it.
 fn readers(facts: &RawFacts<'_>, raw: &RawTask) -> Vec<Vec<usize>> {
     let mut readers: Vec<Vec<usize>> = Vec::new();
     let mut note = |fluent: u32, comparison: Option<usize>| {
@@ -394,8 +400,8 @@ fn readers(facts: &RawFacts<'_>, raw: &RawTask) -> Vec<Vec<usize>> {
 // === impl Rows ===
 
 impl ChangerRows {
-    /// Builds the lists from pairs of list and item. `each` passes all pairs to its argument; it is
-    /// called twice and must pass the same pairs each time.
+    /// Builds the lists from pairs of list index and item. `each` passes all pairs to its argument, one
+    /// by one; `each` is called twice and must pass the same pairs each time.
     fn new(count: usize, each: impl Fn(&mut dyn FnMut(usize, u32))) -> ChangerRows {
         let mut starts = vec![0u32; count + 1];
         each(&mut |key, _| starts[key] += 1);
@@ -418,12 +424,12 @@ impl ChangerRows {
     }
 }
 
-/// New fact numbers: basic facts first, then comparisons, then derived facts.
+/// New numbers of the facts that are kept: basic facts first, then comparisons, then derived facts.
 struct Numbering<'f> {
     facts: &'f RawFacts<'f>,
     fact_count: usize,
     basic_count: usize,
-    /// Per dense index: the new number; `None` for facts that are dropped.
+    /// Per dense index: the new number of the fact; `None` for facts that are dropped.
     ids: Vec<Option<FactId>>,
 }
 
@@ -447,7 +453,7 @@ impl<'f> Numbering<'f> {
         Numbering { facts, fact_count, basic_count, ids }
     }
 
-    /// Renumbers literals, and drops those of irrelevant facts.
+    /// Renumbers literals, and drops the literals of irrelevant facts.
     fn literals(&self, literals: &[Literal]) -> Vec<Literal> {
         literals.iter().filter_map(|literal| self.literal(*literal)).collect()
     }
@@ -459,7 +465,7 @@ impl<'f> Numbering<'f> {
 }
 
 impl Renumbering for Numbering<'_> {
-    /// Keeps operators that may be applicable and change something relevant.
+    /// Whether an operator is kept: it may be applicable and changes something relevant.
     fn keeps(&self, operator: GroundOperator<'_>) -> bool {
         let mut conditional = operator.conditional.iter();
         (self.matters(operator.effect)

@@ -1,7 +1,7 @@
-//! Lifted conditions, compiled for grounding: every quantifier has a join plan.
+//! Lifted conditions, compiled for grounding: every quantifier gets a join plan.
 //!
-//! An `exists` visits only objects for which the facts it requires can hold; a `forall` visits only
-//! objects for which its exceptions can hold.
+//! To ground an `exists`, only objects are visited for which the facts that it requires can hold; to
+//! ground a `forall`, only objects for which its body can fail.
 
 use pddl::Comparison;
 use rustc_hash::FxHashMap;
@@ -18,7 +18,7 @@ use crate::normalize::lifted::{
 use crate::outcome::StopReason;
 use crate::task::{FactId, GroundComparison, GroundExpression, Literal, ObjectId};
 
-/// A compiled condition.
+/// A lifted condition that is compiled for grounding.
 #[derive(Debug)]
 pub(super) enum FormulaTemplate {
     Constant(bool),
@@ -30,15 +30,15 @@ pub(super) enum FormulaTemplate {
     Quantified { existential: bool, plan: JoinPlan, inner: Box<FormulaTemplate> },
 }
 
-/// Grounding context of conditions: the data that is read, and the comparisons found.
+/// Context for the grounding of conditions: the data that is read, and the comparisons found so far.
 pub(super) struct FormulaGrounder<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g [Relation],
     pub(super) sets: &'g ObjectSets,
-    /// Per relation: the raw fact of its first row.
+    /// Per relation: the number of the raw fact of its first row.
     pub(super) offsets: &'g [usize],
     pub(super) values: &'g mut GroundFluents,
-    /// Comparisons found so far; their raw facts begin at `comparison_offset`.
+    /// Comparisons found so far; their raw fact numbers begin at `comparison_offset`.
     pub(super) comparisons: &'g mut Comparisons,
     pub(super) comparison_offset: usize,
 }
@@ -47,7 +47,7 @@ pub(super) struct FormulaGrounder<'g> {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Comparisons {
     pub(super) all: Vec<GroundComparison>,
-    /// Index of each comparison, by its debug text.
+    /// Index of each comparison; the key is the comparison's debug text.
     known: FxHashMap<String, usize>,
 }
 
@@ -60,7 +60,8 @@ pub(super) enum LiteralTruth {
     Open(Literal),
 }
 
-/// Raw fact numbers reserved for comparisons, as their number is not known in advance.
+/// Number of raw fact numbers that are reserved for comparisons, as the number of comparisons is not
+/// known in advance.
 pub(super) const COMPARISONS_MAX: usize = 1 << 24;
 
 // === impl Node ===
@@ -133,8 +134,8 @@ impl FormulaTemplate {
 }
 
 /// Plans a join that binds `slots` to all objects for which the truth of `formula` is open. Objects are
-/// skipped for which it is certainly false (for an `exists` or a `when`) or certainly true (for a
-/// `forall`).
+/// skipped if the formula is certainly false for them (for an `exists` or a `when`, with `existential`)
+/// or certainly true (for a `forall`).
 pub(super) fn enumeration(
     catalog: &mut Catalog<'_>,
     frame: &[TypeIndex],
@@ -149,8 +150,9 @@ pub(super) fn enumeration(
     JoinPlan::compile(catalog, frame, parts, &[], slots, bound)
 }
 
-/// Collects the atoms that must be true for a conjunction to be true; for a `forall`, those that must
-/// be true for a disjunction to be false.
+/// Collects atoms that restrict the objects to visit: with `existential`, atoms that must be true for a
+/// conjunction to be true; otherwise (for a `forall`), atoms that must be true for a disjunction to be
+/// false.
 fn collect_guards(
     formula: &Formula,
     existential: bool,
@@ -181,7 +183,7 @@ fn collect_guards(
 // === impl Grounder ===
 
 impl FormulaGrounder<'_> {
-    /// Grounds a condition under a binding.
+    /// Grounds a condition under a binding, and returns it as a tree.
     pub(super) fn tree(
         &mut self,
         node: &FormulaTemplate,
@@ -234,7 +236,7 @@ impl FormulaGrounder<'_> {
         })
     }
 
-    /// Grounds a condition under each binding of a join.
+    /// Grounds a condition under each binding that a join finds.
     fn instances(
         &mut self,
         plan: &JoinPlan,
@@ -252,8 +254,8 @@ impl FormulaGrounder<'_> {
         Ok(trees)
     }
 
-    /// Appends all bindings of a join to `found`, one after the other. `binding` must have at least one
-    /// entry, even if there is no variable.
+    /// Appends all bindings that a join finds to `found`, one after the other. `binding` must have at
+    /// least one entry, even if there is no variable.
     pub(super) fn bindings(
         &self,
         plan: &JoinPlan,
@@ -270,7 +272,7 @@ impl FormulaGrounder<'_> {
         })
     }
 
-    /// Returns the raw fact of an atom; `None` if the atom is unreachable.
+    /// Returns the raw fact of an atom under a binding; `None` if the atom is unreachable.
     #[inline]
     pub(super) fn fact(&self, atom: &LiftedAtom, binding: &[ObjectId]) -> Option<FactId> {
         let row = self.relations[atom.predicate].find_terms(&atom.arguments, binding)?;
@@ -336,7 +338,7 @@ impl FormulaGrounder<'_> {
 // === impl Comparisons ===
 
 impl Comparisons {
-    /// Returns the index of a comparison, and adds it if it is new.
+    /// Returns the index of a comparison. Adds the comparison if it is not known yet.
     fn index(&mut self, comparison: GroundComparison) -> usize {
         let Comparisons { all, known } = self;
         *known.entry(format!("{comparison:?}")).or_insert_with(|| {

@@ -1,5 +1,5 @@
-//! Numbers during grounding: static functions are replaced by their values, fluents become part of the
-//! state.
+//! Functions during grounding: static functions are replaced by their values, numeric fluents become
+//! part of the state.
 
 use pddl::Operator as Arithmetic;
 
@@ -9,34 +9,34 @@ use crate::normalize::lifted::{
 };
 use crate::task::{GroundComparison, GroundExpression, ObjectId};
 
-/// Values of `:init`, and the numeric fluents found so far.
+/// The values that `:init` gives to functions, and the numeric fluents found so far.
 #[derive(Debug)]
 pub(super) struct GroundFluents {
-    /// Per function: its table.
+    /// Per function: the table of its tuples and values.
     tables: Vec<FunctionTable>,
     fluent_functions: Vec<bool>,
-    /// Initial values of the fluents; NaN where a fluent is undefined.
+    /// Initial values of the numeric fluents; NaN where a fluent is undefined.
     pub(super) fluents: Vec<f64>,
 }
 
-/// Tuples of one function, with value and fluent number of each.
+/// The argument tuples of one function, with the value and the fluent number of each tuple.
 #[derive(Debug)]
 struct FunctionTable {
     tuples: Relation,
-    /// Initial values; NaN where there is none.
+    /// Per tuple: the initial value of the function; NaN if there is none.
     values: Vec<f64>,
-    /// Numbers of the fluents; `None` for tuples that are not fluents.
+    /// Per tuple: the number of its numeric fluent; `None` if the tuple is not a fluent.
     fluents: Vec<Option<u32>>,
 }
 
-/// Result of grounding an expression.
+/// Result of grounding a numeric expression.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum ExpressionValue {
-    /// Undefined in every state.
+    /// The expression is undefined in every state.
     Undefined,
-    /// The same value in every state.
+    /// The expression has this value in every state.
     Fixed(f64),
-    /// A value that depends on the state.
+    /// The value of the expression depends on the state.
     Varying(GroundExpression),
 }
 
@@ -63,9 +63,9 @@ impl GroundFluents {
         values
     }
 
-    /// Adds the values of an extended task. Returns `false` if they contradict the earlier ones: a
-    /// tuple of the first `objects` objects gets its first value, or a function becomes or ceases to be
-    /// a numeric fluent.
+    /// Adds the function values of an extended task. Returns `false` if they do not fit what was ground
+    /// before: a function gets a first value for a tuple of old objects (the first `objects` objects),
+    /// or a function becomes or ceases to be a numeric fluent.
     pub(super) fn add_values(&mut self, lifted: &Lifted, objects: usize) -> bool {
         for (function, arguments, value) in &lifted.values {
             let table = &mut self.tables[*function];
@@ -82,14 +82,15 @@ impl GroundFluents {
         matters.eq(self.fluent_functions.iter().copied())
     }
 
-    /// Whether all these tuples are known.
+    /// Whether all argument tuples in `values` are known.
     pub(super) fn has_tuples(&self, values: &[(FunctionIndex, Vec<ObjectId>, f64)]) -> bool {
         { values.iter() }
             .all(|(function, arguments, _)| self.tables[*function].tuples.find(arguments).is_some())
     }
 
-    /// Whether these values, of the objects that are `present`, leave all ground expressions valid:
-    /// fluents are defined where they were, and all other relevant functions have the same values.
+    /// Whether all ground expressions stay valid if the functions have these values for the objects
+    /// that are `present`: the same tuples of numeric fluents are defined as before, and all other
+    /// relevant functions have the same values as before.
     pub(super) fn keeps_expressions_valid(
         &self,
         lifted: &Lifted,
@@ -125,7 +126,7 @@ impl GroundFluents {
         known.sum::<usize>() == told
     }
 
-    /// Returns the values of the fluents in a state.
+    /// Returns the values of the numeric fluents in a state.
     pub(super) fn fluent_values(
         &self,
         lifted: &Lifted,
@@ -148,7 +149,7 @@ impl GroundFluents {
         all
     }
 
-    /// Returns the value of a function in the initial state; `None` if it has none.
+    /// Returns the value of a function in the initial state; `None` if the function has no value there.
     pub(super) fn initially(&self, fluent: &LiftedFluent, binding: &[ObjectId]) -> Option<f64> {
         let table = &self.tables[fluent.function];
         let row = table.tuples.find_terms(&fluent.arguments, binding)?;
@@ -172,7 +173,7 @@ impl GroundFluents {
         value.is_finite().then_some(value)
     }
 
-    /// Grounds an expression under a binding.
+    /// Grounds a numeric expression under a binding.
     pub(super) fn ground(
         &mut self,
         expression: &LiftedExpression,
@@ -203,7 +204,7 @@ impl GroundFluents {
         value.is_finite().then_some(value)
     }
 
-    /// Returns the number of a numeric fluent, and creates it if needed.
+    /// Returns the number of a numeric fluent. Numbers the fluent if it is new.
     pub(super) fn fluent(&mut self, fluent: &LiftedFluent, binding: &[ObjectId]) -> u32 {
         let table = &mut self.tables[fluent.function];
         let row = table.tuples.find_terms(&fluent.arguments, binding).unwrap_or_else(|| {
@@ -257,7 +258,7 @@ fn is_total_cost(lifted: &Lifted, function: FunctionIndex) -> bool {
 // === impl Table ===
 
 impl FunctionTable {
-    /// Sets the value of a tuple, and returns its row. A later value replaces an earlier one.
+    /// Sets the value of a tuple, and returns the tuple's row. A later value replaces an earlier one.
     fn set(&mut self, arguments: &[ObjectId], value: f64) -> usize {
         if let Some(row) = self.tuples.find(arguments) {
             self.values[row] = value;
@@ -271,7 +272,8 @@ impl FunctionTable {
 }
 
 impl GroundComparison {
-    /// Whether the comparison holds; `false` if a side is undefined.
+    /// Whether the comparison holds, given the values of the fluents; `false` if one of its sides is
+    /// undefined.
     pub(crate) fn holds(&self, values: &dyn Fn(u32) -> f64) -> bool {
         self.comparison.holds(self.left.evaluate(values), self.right.evaluate(values))
     }

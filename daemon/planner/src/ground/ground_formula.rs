@@ -1,14 +1,15 @@
 //! Ground conditions as trees: simplified while they are built, then expanded into conjunctions of
 //! literals.
 //!
-//! A disjunction is multiplied out while that stays small; beyond that it becomes an auxiliary fact,
-//! derived by one axiom per alternative. Equal disjunctions share one fact.
+//! A disjunction is multiplied out while the result stays small; beyond that, the disjunction becomes
+//! an auxiliary fact, derived by one axiom per alternative. Equal disjunctions share one fact.
 
 use rustc_hash::FxHashMap;
 
 use crate::task::{FactId, Literal};
 
-/// A ground condition. `And` and `Or` have at least two parts, and no part has the kind of its parent.
+/// A ground condition. `And` and `Or` have at least two parts; no part of an `And` is an `And`, and no
+/// part of an `Or` is an `Or`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum GroundFormula {
     True,
@@ -18,7 +19,7 @@ pub(super) enum GroundFormula {
     Or(Vec<GroundFormula>),
 }
 
-/// An axiom over raw facts.
+/// A ground axiom, with raw fact numbers.
 #[derive(Clone, Debug)]
 pub(super) struct RawAxiom {
     pub(super) head: FactId,
@@ -63,7 +64,7 @@ impl GroundFormula {
         GroundFormula::tidy(flat, GroundFormula::False, GroundFormula::Or)
     }
 
-    /// Returns the negation.
+    /// Returns the negation of the condition.
     pub(super) fn negated(&self) -> GroundFormula {
         match self {
             GroundFormula::True => GroundFormula::False,
@@ -107,7 +108,8 @@ impl GroundFormula {
 // === impl Auxiliaries ===
 
 impl Auxiliaries {
-    /// Returns an empty set; new facts are numbered from `next` on.
+    /// Creates an empty set of auxiliary facts. The facts that are added to it are numbered from `next`
+    /// on.
     pub(super) fn new(next: usize) -> Auxiliaries {
         Auxiliaries { known: FxHashMap::default(), next, axioms: Vec::new() }
     }
@@ -117,12 +119,12 @@ impl Auxiliaries {
         self.known.len()
     }
 
-    /// Returns the end of the fact numbers.
+    /// Returns the number after that of the last auxiliary fact.
     pub(super) fn end(&self) -> usize {
         self.next
     }
 
-    /// Sorts the axioms by head, and removes duplicates.
+    /// Sorts the axioms by the facts that they derive, and removes duplicates.
     pub(super) fn tidy(&mut self) {
         let key = |axiom: &RawAxiom| (axiom.head, axiom.stratum);
         self.axioms.sort_by(|left, right| {
@@ -131,8 +133,9 @@ impl Auxiliaries {
         self.axioms.dedup_by(|left, right| key(left) == key(right) && left.body == right.body);
     }
 
-    /// Expands a tree into at most `alternatives_max` conjunctions, of which at least one holds exactly
-    /// where the tree holds. Axioms made for this purpose get `stratum`.
+    /// Expands a tree into at most `alternatives_max` conjunctions. The tree holds exactly where at
+    /// least one of the conjunctions holds. Axioms that are made for this purpose get the stratum
+    /// `stratum`.
     pub(super) fn conjunctions(
         &mut self,
         tree: &GroundFormula,
@@ -179,7 +182,7 @@ impl Auxiliaries {
         }
     }
 
-    /// Returns the auxiliary fact of a disjunction, and creates it if needed.
+    /// Returns the auxiliary fact of a disjunction. Creates the fact if there is none yet.
     fn fact(&mut self, parts: &[GroundFormula], stratum: usize) -> Literal {
         let key = (stratum, parts.to_vec());
         if let Some(&fact) = self.known.get(&key) {
@@ -197,10 +200,11 @@ impl Auxiliaries {
     }
 }
 
-/// Up to this number, parts are compared pairwise; beyond it, they are hashed.
+/// Maximal number of parts of a formula that are compared pairwise; if there are more, they are hashed.
 const FEW_PARTS: usize = 8;
 
-/// Maximal number of conjunctions for one part of a disjunction, before it gets an auxiliary fact too.
+/// Maximal number of conjunctions into which one part of a disjunction is expanded; beyond it,
+/// disjunctions inside that part get auxiliary facts of their own.
 const AUXILIARY_ALTERNATIVES_MAX: usize = 4;
 
 #[cfg(test)]
@@ -211,7 +215,7 @@ mod tests {
         GroundFormula::Literal(Literal::new(FactId::from_index(fact), true))
     }
 
-    /// `(a0 or b0) and (a1 or b1) and …`
+    /// Builds the conjunction `(a0 or b0) and (a1 or b1) and …` of `count` disjunctions.
     fn pairs(count: usize) -> GroundFormula {
         GroundFormula::and(
             (0..count).map(|index| GroundFormula::or([literal(2 * index), literal(2 * index + 1)])),

@@ -1,25 +1,27 @@
-//! Counts the work of grounding, and stops it at the limits.
+//! Counts the work of grounding, and stops grounding at the limits.
 
 use crate::limits::{Budget, Cancel};
 use crate::outcome::StopReason;
 
-/// Counter of work and memory, with the limits.
+/// Counter of the work and the memory of grounding, with the limits.
 pub(super) struct GroundingMeter<'c> {
-    /// Join steps: candidate tuples looked at.
+    /// Number of join steps so far: candidate tuples looked at.
     pub(super) steps: u64,
     budget: Budget,
     cancel: &'c Cancel,
-    /// Number of the step at which the limits are checked next.
+    /// Number of the join step at which the limits are checked next.
     next_look: u64,
     breaths: u32,
-    /// Bytes of finished data structures that are kept.
+    /// Number of bytes of data structures that are finished and kept.
     held: usize,
 }
 
-/// Interval of the checks of the caller's flag, in join steps. A step takes about ten nanoseconds.
+/// Number of join steps between two checks of the caller's [`Cancel`] flag. A step takes about ten
+/// nanoseconds.
 const STEPS_BETWEEN_CANCEL_CHECKS: u64 = 1 << 14;
 
-/// The same for units of other work, which take about a hundred nanoseconds each.
+/// Number of units of other work between two checks of the caller's [`Cancel`] flag. A unit takes about
+/// a hundred nanoseconds.
 const UNITS_BETWEEN_CANCEL_CHECKS: u32 = 1 << 12;
 
 // === impl Work ===
@@ -35,7 +37,8 @@ impl<'c> GroundingMeter<'c> {
         if self.steps < self.next_look { Ok(()) } else { self.check_limits() }
     }
 
-    /// Checks the limits now, for work that is not counted in steps.
+    /// Checks the limits at once. Called regularly by `step`, and also during work that is not counted
+    /// in join steps.
     #[cold]
     pub(super) fn check_limits(&mut self) -> Result<(), StopReason> {
         let limit = self.budget.join_steps_max;
@@ -47,8 +50,8 @@ impl<'c> GroundingMeter<'c> {
         if self.cancel.is_set() { Err(StopReason::Cancelled) } else { Ok(()) }
     }
 
-    /// Checks the caller's flag once in a while, for work that is no join, such as one operator or
-    /// axiom. It is not counted.
+    /// Notes one unit of work that is no join, such as one operator or axiom, and checks the caller's
+    /// [`Cancel`] flag once in a while. Such units do not count towards the limits.
     #[inline]
     pub(super) fn count_unit(&mut self) -> Result<(), StopReason> {
         self.breaths = self.breaths.wrapping_add(1);
@@ -58,12 +61,12 @@ impl<'c> GroundingMeter<'c> {
         Ok(())
     }
 
-    /// Adds bytes of data that is finished and stays; `check_memory` includes them from now on.
+    /// Adds the bytes of data that is finished and kept; `check_memory` includes them from now on.
     pub(super) fn add_finished_bytes(&mut self, bytes: usize) {
         self.held += bytes;
     }
 
-    /// Returns an error if `bytes`, together with the bytes held, exceed the limit.
+    /// Returns an error if `bytes`, together with the bytes of finished data, exceed the memory limit.
     #[inline]
     pub(super) fn check_memory(&self, bytes: usize) -> Result<(), StopReason> {
         let limit = self.budget.memory_max_bytes;

@@ -1,9 +1,9 @@
 //! Horn rules of the delete relaxation.
 //!
-//! - [`rules`] makes one rule per disjunct of a condition. A condition without a Horn form is assumed
-//!   to hold: this errs on the side of reachable, never of unreachable.
-//! - [`AxiomRule::narrow`] uses static facts to restrict the objects that a variable can stand for. A
-//!   variable with a single object left is replaced by it, and atoms that only expressed the
+//! - [`rules`] makes one rule per disjunct of a condition. A part of a condition that has no Horn form
+//!   is assumed to hold: facts may be called reachable by mistake, but never unreachable.
+//! - [`HornRule::narrow`] uses static facts to restrict the objects that a variable can stand for. A
+//!   variable with a single object left is replaced by this object, and atoms that only expressed the
 //!   restriction are dropped.
 
 use super::action_relation;
@@ -14,34 +14,36 @@ use super::relation::Relation;
 use crate::normalize::lifted::{Formula, Lifted, LiftedAtom, LiftedTerm, SlotIndex, TypeIndex};
 use crate::task::ObjectId;
 
-/// Maximal number of alternatives of one condition. Beyond it, a disjunction is assumed to hold.
+/// Maximal number of alternatives that one condition is expanded into. Beyond it, a disjunction is
+/// assumed to hold.
 const DISJUNCTS_MAX: usize = 8;
 
-/// Cap on the rows of static facts that narrowing reads in total: about a tenth of a second.
+/// Cap on the rows of static facts that narrowing reads for all rules together: about a tenth of a
+/// second.
 pub(super) const NARROWING_ROWS_MAX: u64 = 20_000_000;
 
 /// Maximal number of narrowing passes over the atoms of a rule.
 const NARROWING_PASSES_MAX: usize = 4;
 
-/// `head(terms) :- body`
+/// A Horn rule, `head(terms) :- body`: the head is reachable if everything in the body is.
 #[derive(Clone, Debug)]
 pub(super) struct HornRule {
     pub(super) head: LiftedAtom,
-    /// Per slot: the set of objects that it ranges over.
+    /// Per slot (variable): the set of objects that it ranges over.
     pub(super) frame: Vec<TypeIndex>,
     pub(super) body: Conjunct,
-    /// Variables of the head that no atom of the body may bind.
+    /// Variables that must be bound even if no atom of the body contains them.
     pub(super) wanted: Vec<SlotIndex>,
 }
 
-/// A conjunction of atoms and tests.
+/// Body of a rule: a conjunction of atoms and tests.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Conjunct {
     pub(super) atoms: Vec<LiftedAtom>,
     pub(super) filters: Vec<JoinFilter>,
 }
 
-/// Narrowing context: the data that is read, and the sets that are added.
+/// Context for narrowing rules: the data that is read, and the store to which object sets are added.
 pub(super) struct Narrowing<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g mut [Relation],
@@ -51,7 +53,7 @@ pub(super) struct Narrowing<'g> {
 }
 
 /// Returns the rules of all schemas, conditional effects and axioms. Unconditional effects need no
-/// rules; they follow directly from the tuples of their schema.
+/// rules; their facts follow directly from the tuples of their schema.
 pub(super) fn rules(lifted: &Lifted) -> Vec<HornRule> {
     let mut rules = Vec::new();
     for (index, schema) in lifted.schemas.iter().enumerate() {
@@ -82,7 +84,7 @@ pub(super) fn rules(lifted: &Lifted) -> Vec<HornRule> {
     rules
 }
 
-/// Returns Horn bodies of which at least one holds wherever the formula can hold.
+/// Returns rule bodies of which at least one holds wherever the formula can hold.
 pub(super) fn relax(lifted: &Lifted, formula: &Formula) -> Vec<Conjunct> {
     match formula {
         Formula::Constant(true) | Formula::Forall(..) => vec![Conjunct::default()],
@@ -179,7 +181,8 @@ impl Conjunct {
 // === impl Rule ===
 
 impl HornRule {
-    /// Narrows the sets of the variables. Returns `false` if the rule can never fire.
+    /// Narrows the sets of objects that the variables range over. Returns `false` if the rule can never
+    /// fire.
     pub(super) fn narrow(&mut self, known: &mut Narrowing<'_>) -> bool {
         self.merge_equal(known);
         for _ in 0..NARROWING_PASSES_MAX {
@@ -216,7 +219,7 @@ impl HornRule {
         }
     }
 
-    /// Replaces a variable by a term.
+    /// Replaces the variable `slot` by the term `by` in the whole rule.
     fn substitute(&mut self, slot: SlotIndex, by: LiftedTerm) {
         let mut put = |term: &mut LiftedTerm| {
             if *term == LiftedTerm::Variable(slot) {
@@ -235,7 +238,7 @@ impl HornRule {
         }
     }
 
-    /// Replaces variables with a single object left by that object, and removes atoms that become
+    /// Replaces variables that have a single object left by that object, and removes atoms that become
     /// duplicates.
     fn put_single_objects(&mut self, known: &Narrowing<'_>) {
         let mut slots = Vec::new();
@@ -256,7 +259,7 @@ impl HornRule {
         });
     }
 
-    /// Calls `visit` for every variable of head and body.
+    /// Calls `visit` for every variable of the head and the body.
     fn slots(&self, visit: &mut dyn FnMut(SlotIndex)) {
         let atoms = self.body.atoms.iter().chain([&self.head]);
         for term in atoms.flat_map(|atom| &atom.arguments) {
@@ -268,8 +271,8 @@ impl HornRule {
         self.wanted.iter().for_each(|slot| visit(*slot));
     }
 
-    /// Narrows variables by each static atom. Atoms with at most one variable are then implied and are
-    /// dropped.
+    /// Narrows the variables by each static atom. Atoms with at most one variable are then implied, and
+    /// are dropped. Returns `false` if the rule can never fire.
     fn narrow_by_atoms(&mut self, known: &mut Narrowing<'_>) -> bool {
         let mut position = 0;
         while position < self.body.atoms.len() {
@@ -300,7 +303,7 @@ impl HornRule {
         true
     }
 
-    /// Adds variables of a dropped atom to `wanted` if a filter still uses them.
+    /// Adds the variables of an atom that is dropped to `wanted`, if a filter still uses them.
     fn want(&mut self, variables: &[SlotIndex]) {
         for slot in variables {
             let mut is_used = false;
@@ -312,7 +315,8 @@ impl HornRule {
         }
     }
 
-    /// Narrows by filters with at most one variable, and drops them.
+    /// Narrows the variables by the filters that have at most one variable, and drops these filters.
+    /// Returns `false` if the rule can never fire.
     fn narrow_by_filters(&mut self, known: &mut Narrowing<'_>) -> bool {
         let mut binding = vec![ObjectId::from_index(0); self.frame.len()];
         let mut position = 0;
@@ -370,8 +374,8 @@ pub(super) fn variables(atom: &LiftedAtom) -> Vec<SlotIndex> {
 // === impl Narrowing ===
 
 impl Narrowing<'_> {
-    /// Returns the sets that the facts of a static atom allow for its variables. Returns `None` if some
-    /// set is empty, or if an atom without variables is false.
+    /// Returns, per variable of a static atom, the set of objects that the facts of the atom allow.
+    /// Returns `None` if one of the sets is empty, or if the atom has no variables and is false.
     fn supported(
         &mut self,
         atom: &LiftedAtom,

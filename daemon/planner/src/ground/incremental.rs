@@ -1,11 +1,11 @@
-//! Incremental grounding: a ground problem that is kept while its texts change. Removed objects and
-//! actions are masked; only additions are ground.
+//! Incremental grounding: a ground problem that is kept while its texts change. Objects and actions
+//! that are removed are masked; only additions are ground.
 //!
-//! - No fact is static here, as the world may change any of them, and nothing is dropped as irrelevant.
-//!   [`IncrementalGrounding::task`] simplifies for one state and goal, in one pass.
-//! - Objects, predicates and schemas keep their numbers; new ones get the numbers after them.
-//! - Each predicate has room for more facts than it has now. If the room is used up, or if a change
-//!   cannot be expressed this way, the result is [`NeedsRegrounding`], and the caller grounds the texts afresh.
+//! - No fact is static here, as the world may change any fact, and nothing is dropped as irrelevant.
+//!   [`IncrementalGrounding::task`] simplifies the problem for one state and goal, in one pass.
+//! - Objects, predicates and schemas keep their numbers; new ones get the next higher numbers.
+//!   cannot be made by masks and additions, the result is [`NeedsRegrounding`], and the caller grounds
+//!   the texts afresh.
 
 use pddl::{Atom, InitElement, Term};
 
@@ -29,7 +29,7 @@ use crate::operators::OperatorTable;
 use crate::outcome::StopReason;
 use crate::task::{Literal, ObjectId, Task};
 
-/// A ground problem that follows changes of its texts.
+/// A ground problem that is updated when its texts change.
 #[derive(Debug)]
 pub(crate) struct IncrementalGrounding {
     lifted: Lifted,
@@ -41,47 +41,48 @@ pub(crate) struct IncrementalGrounding {
     relevance_index: Option<RelevanceIndex>,
     /// Whether some condition quantifies over objects. If so, objects cannot be masked.
     is_quantified: bool,
-    /// Number of comparisons and auxiliaries of the texts; those of goals are numbered after them.
+    /// Number of comparisons and auxiliary facts that the texts need; those that goals need are
+    /// numbered after them.
     invented_facts: usize,
 }
 
-/// Mask: which objects, schemas and predicates exist now.
+/// Mask that says which objects, schemas and predicates exist now.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct PresenceMask {
-    /// Per object: whether it exists.
+    /// Per object: whether the object exists.
     pub(crate) objects: Vec<bool>,
-    /// Per schema: whether it exists.
+    /// Per schema: whether the schema exists.
     pub(crate) schemas: Vec<bool>,
-    /// Per declared predicate: whether it exists.
+    /// Per declared predicate: whether the predicate exists.
     pub(crate) predicates: Vec<bool>,
 }
 
-/// Initial state of a problem (`:init`), as numbers.
+/// Initial state of a problem (`:init`), with numbers in place of names.
 #[derive(Debug, Default)]
 pub(crate) struct InitialState {
-    /// Facts, each as a predicate and a row of its relation.
+    /// Facts that are true, each as a predicate and a row of the predicate's relation.
     facts: Vec<(PredicateIndex, usize)>,
     values: Vec<(usize, Vec<ObjectId>, f64)>,
 }
 
-/// The change cannot be followed by masks and additions; the problem must be ground afresh.
+/// Error: the change cannot be made by masks and additions, so the problem must be ground afresh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct NeedsRegrounding;
 
-/// Spare facts per predicate, in addition to twice the present number.
+/// Number of spare facts per predicate, in addition to twice the present number of its facts.
 const ROOM: usize = 8;
 
 /// Cap on comparisons, disjunctions and types that earlier goals have left behind; beyond it, the
-/// problem is ground afresh. It keeps a caller with ever new goals from filling the memory.
+/// problem is ground afresh. Without the cap, a caller with ever new goals could fill the memory.
 const LEFTOVERS_MAX: usize = 1_000;
 
-/// Room for facts of predicates that are declared later.
+/// Number of spare facts for all predicates together that are declared later.
 const ROOM_FOR_PREDICATES: usize = 512;
 
 // === impl Standing ===
 
 impl IncrementalGrounding {
-    /// Grounds a lifted task. `join_steps` is set to the work done in any case.
+    /// Grounds a lifted task. `join_steps` is set to the work that was done, even if grounding fails.
     pub(crate) fn new(
         mut lifted: Lifted,
         symbols: SymbolTable,
@@ -116,7 +117,7 @@ impl IncrementalGrounding {
         })
     }
 
-    /// Returns the number of an object; `None` if it is unknown.
+    /// Returns the number of the object with this name; `None` if the name is unknown.
     pub(crate) fn object(&self, name: &pddl::Name) -> Option<ObjectId> {
         self.symbols.known_object(name)
     }
@@ -131,13 +132,14 @@ impl IncrementalGrounding {
         !self.is_quantified
     }
 
-    /// Whether all values in `:init` belong to functions and objects that had a value when this was
-    /// ground.
+    /// Whether all function values in `:init` belong to functions and objects that also had a value
+    /// when the problem was ground.
     pub(crate) fn has_known_values(&self, now: &InitialState) -> bool {
         self.values.has_tuples(&now.values)
     }
 
-    /// Converts `:init`. Returns `None` if it has facts or values that are unknown here.
+    /// Converts `:init` into numbers. Returns `None` if `:init` contains facts or values that are
+    /// unknown here.
     pub(crate) fn convert_initial_state(
         &mut self,
         problem: &pddl::Problem,
@@ -169,14 +171,16 @@ impl IncrementalGrounding {
         symbols.take_problems().is_empty().then_some(InitialState { facts, values })
     }
 
-    /// Whether the operators are still valid under these values: numeric fluents may have other values,
-    /// but must have one where they had one; all other functions must have the same values.
+    /// Whether the operators are still valid with the function values of `now`: numeric fluents may
+    /// have new values, but must be defined for the same objects; all other functions must have the
+    /// same values as before.
     pub(crate) fn keeps_operators_valid(&self, now: &InitialState, present: &PresenceMask) -> bool {
         !self.lifted.costs.varies
             && self.values.keeps_expressions_valid(&self.lifted, &now.values, &present.objects)
     }
 
-    /// Grounds additions. `lifted` repeats the known parts in the same order, followed by the new ones.
+    /// Grounds what was added to the texts. `lifted` repeats the known parts in the same order,
+    /// followed by the new ones.
     pub(crate) fn extend(
         &mut self,
         mut lifted: Lifted,
@@ -240,8 +244,8 @@ impl IncrementalGrounding {
     }
 
     /// Builds the task of one state and goal. Returns `None` if the goal can never hold. Returns
-    /// [`NeedsRegrounding`] if the goal reads numbers that are not followed, or if earlier goals have left too
-    /// much behind.
+    /// [`NeedsRegrounding`] if the goal reads functions that have no place in the state, or if earlier
+    /// goals have left too much behind.
     pub(crate) fn task(
         &mut self,
         now: &InitialState,
@@ -284,7 +288,8 @@ impl IncrementalGrounding {
         finish(&self.lifted, relations, start, raw, &mut work).map(Ok)
     }
 
-    /// Returns, per fact, whether it is relaxed reachable. Unknown facts are not.
+    /// Returns, for each of `facts`, whether it is reachable in the delete relaxation. Unknown facts
+    /// are not.
     pub(crate) fn reaches(
         &mut self,
         now: &InitialState,
@@ -299,8 +304,8 @@ impl IncrementalGrounding {
         facts.iter().map(can).collect()
     }
 
-    /// Converts a condition that is a single fact into numbers; `None` for other conditions and unknown
-    /// names.
+    /// Converts a condition that is a single fact into a predicate number and object numbers. Returns
+    /// `None` for other conditions and for unknown names.
     pub(crate) fn fact(&mut self, condition: &pddl::Condition) -> Option<(usize, Vec<ObjectId>)> {
         let pddl::Condition::Atom(atom) = condition else { return None };
         let objects = atom.arguments.iter().map(|term| match term {
@@ -313,7 +318,8 @@ impl IncrementalGrounding {
         Some((predicate?, objects))
     }
 
-    /// Returns the layout, the facts that hold, by raw fact, and what is relaxed reachable from them.
+    /// Returns the layout of the fact numbers, the facts that hold (by raw fact number), and what is
+    /// reachable from them in the delete relaxation.
     fn possible(
         &mut self,
         now: &InitialState,
@@ -334,7 +340,7 @@ impl IncrementalGrounding {
         (layout, holds, possible)
     }
 
-    /// Returns the operators that are relaxed applicable and relevant to the goal.
+    /// Returns the operators that are relevant to the goal and applicable in the delete relaxation.
     fn wanted(
         &mut self,
         layout: &FactLayout,
@@ -351,7 +357,8 @@ impl IncrementalGrounding {
         chosen(operators, wanted.into_iter())
     }
 
-    /// Whether some relaxed-applicable operator has a negative cost, relevant or not.
+    /// Whether some operator that is applicable in the delete relaxation has a negative cost. Operators
+    /// that are irrelevant to the goal are included.
     fn pays(&self, possible: &RelaxedReachable) -> bool {
         let mut all = self.instances.operators.iter().zip(&possible.operators);
         all.any(|(operator, can)| *can && f64::from_bits(operator.cost) < 0.0)
@@ -379,7 +386,8 @@ impl IncrementalGrounding {
         drawn
     }
 
-    /// Returns, per operator, whether its schema or one of its objects no longer exists.
+    /// Returns, per operator, whether the operator is masked: its schema or one of its objects no
+    /// longer exists.
     fn masked(&self, present: &PresenceMask) -> Vec<bool> {
         let is_here = |object: &ObjectId| present.objects[object.index()];
         let all = self.instances.operators.iter();
@@ -390,7 +398,7 @@ impl IncrementalGrounding {
     }
 }
 
-/// Returns the maximal number of facts of a predicate that has `facts` now.
+/// Returns the maximal number of facts that are planned for a predicate with `facts` facts now.
 fn room(facts: usize) -> usize {
     2 * facts + ROOM
 }
@@ -402,7 +410,7 @@ fn make_changeable(lifted: &mut Lifted) {
     }
 }
 
-/// Returns a table with some of the operators, by their numbers.
+/// Returns a table with the operators that have these numbers.
 fn chosen(operators: &OperatorTable, numbers: impl Iterator<Item = usize>) -> OperatorTable {
     let mut chosen = OperatorTable::default();
     for operator in numbers.map(|number| operators.get(number)) {
@@ -411,18 +419,18 @@ fn chosen(operators: &OperatorTable, numbers: impl Iterator<Item = usize>) -> Op
     chosen
 }
 
-/// Whether all facts that an axiom requires to be true are reachable.
+/// Whether an axiom may fire: all facts that it requires to be true are marked as reachable in `facts`.
 fn is_possible(layout: &FactLayout, facts: &[bool], axiom: &RawAxiom) -> bool {
     let mut asked = axiom.body.iter().filter(|literal| literal.is_positive());
     asked.all(|literal| facts[layout.dense(literal.fact())])
 }
 
-/// Whether the operators of a schema's old tuples are still right after predicates, and perhaps the set
-/// of objects, have grown.
+/// Whether the operators that are ground for a schema are still right after some predicates, and
+/// perhaps the set of objects, have grown.
 ///
-/// The facts that a tuple's precondition requires existed when the tuple was found, and so did the
-/// facts that it adds. Facts in negative or conditional parts, and facts that it deletes, may exist
-/// only now.
+/// When a tuple of the schema was found, the facts that its precondition requires and the facts that it
+/// adds existed already. Facts in negative or conditional parts, and facts that the tuple deletes, may
+/// be new.
 fn is_settled(schema: &LiftedSchema, grew: &[bool], objects_grew: bool) -> bool {
     let mut required = Vec::new();
     let mut is_settled = settled_conjunct(&schema.precondition, grew, objects_grew, &mut required);
@@ -442,7 +450,8 @@ fn is_settled(schema: &LiftedSchema, grew: &[bool], objects_grew: bool) -> bool 
     is_settled && !(objects_grew && is_universal)
 }
 
-/// As [`is_settled`], for a part of a precondition. Collects the atoms that it requires in any case.
+/// Decides what [`is_settled`] decides, for a part of a precondition. Collects the atoms that this part
+/// requires in any case.
 fn settled_conjunct<'s>(
     formula: &'s Formula,
     grew: &[bool],
@@ -478,7 +487,7 @@ fn ranges(formula: &Formula) -> bool {
     }
 }
 
-/// Whether some quantifier could refer to an object that no longer exists.
+/// Whether some quantifier of the task could refer to an object that no longer exists.
 fn is_quantified(lifted: &Lifted) -> bool {
     let in_schema = |schema: &LiftedSchema| {
         let mut effects = schema.effects.iter();

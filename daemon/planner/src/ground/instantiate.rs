@@ -1,5 +1,5 @@
-//! Instantiation: each tuple of a schema becomes an operator, each binding of an axiom's variables an
-//! axiom.
+//! Instantiation: each tuple of a schema becomes an operator, and each binding of an axiom's variables
+//! becomes a ground axiom.
 
 use std::sync::Arc;
 
@@ -19,11 +19,12 @@ use crate::normalize::lifted::{
 use crate::outcome::StopReason;
 use crate::task::{FactId, GroundExpression, Literal, NumericChange, ObjectId, OperatorTable};
 
-/// Maximal number of conjunctions that a precondition is expanded into. Beyond it, disjunctions in it
-/// become auxiliary facts.
+/// Maximal number of conjunctions that a precondition is expanded into. Beyond it, disjunctions in the
+/// precondition become auxiliary facts.
 const PRECONDITION_ALTERNATIVES_MAX: usize = 8;
 
-/// The same for the condition of an effect; each conjunction repeats the effect.
+/// Maximal number of conjunctions that the condition of an effect is expanded into; the effect is
+/// repeated for each conjunction. Beyond it, disjunctions in the condition become auxiliary facts.
 const CONDITION_ALTERNATIVES_MAX: usize = 4;
 
 /// State of the instantiation: the inputs, the outputs, and buffers that are used again.
@@ -34,19 +35,19 @@ pub(super) struct Instantiation<'g, 'w, 'c> {
     pub(super) axioms: &'g mut Vec<RawAxiom>,
     pub(super) warnings: &'g mut Vec<Diagnostic>,
     pub(super) work: &'w mut GroundingMeter<'c>,
-    /// Stratum above those of all axioms, for auxiliary facts of preconditions.
+    /// Stratum of the auxiliary facts of preconditions: one above the strata of all axioms.
     pub(super) top: usize,
-    /// Bytes taken by axioms.
+    /// Number of bytes that the ground axioms take.
     pub(super) bytes: usize,
     pub(super) draft: OperatorDraft,
     pub(super) literals: Vec<Literal>,
     pub(super) bindings: Vec<ObjectId>,
 }
 
-/// Callback for every binding of an effect's variables.
+/// Callback that is called for every binding of the variables of an effect.
 type BindingCallback<'f, I> = &'f mut dyn FnMut(&mut I, &mut [ObjectId]) -> Result<(), StopReason>;
 
-/// A schema, compiled for instantiation.
+/// An action schema, compiled for instantiation.
 pub(super) struct SchemaTemplate<'s> {
     pub(super) index: usize,
     schema: &'s LiftedSchema,
@@ -55,16 +56,17 @@ pub(super) struct SchemaTemplate<'s> {
     numeric: Vec<EffectTemplate<'s, LiftedNumeric>>,
 }
 
-/// A part of an effect, with its condition.
+/// A part of a schema's effect, with the condition under which it happens.
 struct EffectTemplate<'s, T> {
-    /// Join that binds the variables of the effect's own quantifiers; `None` if it has none.
+    /// Join that binds the variables of the effect's own quantifiers; `None` if the effect has no
+    /// quantifiers.
     plan: Option<JoinPlan>,
     condition: ConjunctionTemplate,
     part: &'s T,
 }
 
-/// One alternative of an axiom, compiled. Each binding of its parameters and outer `exists` gives an
-/// axiom.
+/// One alternative of an axiom's body, compiled. Each binding of the axiom's parameters and the
+/// outermost `exists` gives a ground axiom.
 pub(super) struct AxiomTemplate {
     head: usize,
     parameter_count: usize,
@@ -75,8 +77,8 @@ pub(super) struct AxiomTemplate {
     stratum: usize,
 }
 
-/// Compiles every disjunct of every axiom's body as an alternative of its own, with its outer `exists`
-/// removed.
+/// Compiles every disjunct of every axiom's body as an alternative. The outermost `exists` of the
+/// disjunct is removed, so that a join binds its variables.
 pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<AxiomTemplate> {
     let mut ready = Vec::new();
     for axiom in &catalog.lifted.axioms {
@@ -105,8 +107,9 @@ pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<AxiomTemplate> {
     ready
 }
 
-/// Removes the `exists` from a formula that is one, or from the first one in a conjunction. Returns its
-/// variables and the formula without it; no variables if there is none.
+/// Removes the `exists` from a formula that is an `exists`, or the first `exists` from a conjunction.
+/// Returns the variables of the `exists` and the formula without it. If there is no `exists`, returns
+/// no variables and the formula itself.
 fn open(formula: &Formula) -> (Vec<SlotIndex>, Formula) {
     match formula {
         Formula::Exists(slots, inner) => (slots.clone(), inner.as_ref().clone()),
@@ -268,7 +271,8 @@ impl Instantiation<'_, '_, '_> {
         })
     }
 
-    /// Grounds a condition. The literals are left in `self.literals`; the other parts are returned.
+    /// Grounds a condition. The literals are left in `self.literals`; the parts that are not literals
+    /// are returned.
     fn condition(
         &mut self,
         condition: &ConjunctionTemplate,
@@ -356,13 +360,14 @@ impl Instantiation<'_, '_, '_> {
         })
     }
 
-    /// Returns the condition that was ground last as one tree; `rest` is its part that is not literals.
+    /// Returns the condition that was ground last, as one tree. Its literals are taken from
+    /// `self.literals`; `rest` contains its other parts.
     fn whole(&self, rest: GroundFormula) -> GroundFormula {
         let literals = self.literals.iter().map(|literal| GroundFormula::Literal(*literal));
         GroundFormula::and(literals.chain([rest]))
     }
 
-    /// Calls `found` for every binding of an effect's variables.
+    /// Calls `found` for every binding of the variables of an effect.
     fn each(
         &mut self,
         plan: Option<&JoinPlan>,
@@ -439,9 +444,9 @@ impl Instantiation<'_, '_, '_> {
     }
 }
 
-/// Whether repeating a change by a fixed amount can exceed the range of `f64` within any plan that fits
-/// into memory. If so, the fluent must be followed, because an operator is not applicable if the result
-/// is undefined.
+/// Whether repeating a change by a fixed amount can exceed the range of `f64` within a plan that fits
+/// into memory. If so, the value of the fluent must be part of the state, because an operator is not
+/// applicable if its result is undefined.
 fn may_outgrow(assignment: Assignment, amount: &ExpressionValue) -> bool {
     let &ExpressionValue::Fixed(amount) = amount else { return false };
     match assignment {
@@ -452,8 +457,8 @@ fn may_outgrow(assignment: Assignment, amount: &ExpressionValue) -> bool {
     }
 }
 
-/// Returns what a change of a fluent by an amount adds to the cost of a plan; zero for assignments and
-/// scalings.
+/// Returns how much a change of a fluent by `amount` adds to the cost of a plan; zero for assignments
+/// and scalings.
 fn cost(
     lifted: &Lifted,
     fluent: &LiftedFluent,

@@ -1,9 +1,10 @@
-//! Joins: find all bindings under which a set of atoms holds, without enumerating all combinations of
-//! objects.
+//! Joins: find all bindings of variables under which a set of atoms holds, without enumerating all
+//! combinations of objects.
 //!
-//! - [`JoinPlan::compile`] fixes the order once: first atoms with all arguments bound, then those that
-//!   leave few choices; the objects of a type are enumerated only for variables that no atom binds.
-//! - [`Join::run`] executes the plan, and counts every candidate in [`WorkBudget`].
+//! - [`JoinPlan::compile`] fixes the order in which atoms are joined: first atoms with all arguments
+//!   bound, then those that leave few choices. The objects of a type are enumerated only for variables
+//!   that no atom binds.
+//! - [`Join::run`] executes the plan, and counts every candidate tuple in the [`GroundingMeter`].
 
 use super::ground_fluents::GroundFluents;
 use super::grounding_meter::GroundingMeter;
@@ -15,7 +16,7 @@ use crate::normalize::lifted::{
 use crate::outcome::StopReason;
 use crate::task::ObjectId;
 
-/// A test that is evaluated as soon as its variables are bound.
+/// A test within a join, which is evaluated as soon as its variables are bound.
 #[derive(Clone, Debug)]
 pub(super) enum JoinFilter {
     Equal {
@@ -23,9 +24,10 @@ pub(super) enum JoinFilter {
         left: LiftedTerm,
         right: LiftedTerm,
     },
-    /// The atom is false in the initial state, and no action deletes facts of its predicate.
+    /// Tests that an atom is false in the initial state. Such a test is sufficient because no action
+    /// deletes facts of the atom's predicate.
     NotInitially(LiftedAtom),
-    /// A comparison of static functions.
+    /// Tests a comparison of static functions.
     Compare {
         comparison: pddl::Comparison,
         sides: Box<(LiftedExpression, LiftedExpression)>,
@@ -40,14 +42,14 @@ pub(super) struct JoinPlan {
 
 #[derive(Clone, Debug)]
 enum JoinStep {
-    /// Binds variables from the rows that match the bound arguments.
+    /// Binds variables from the rows of a relation that match the arguments bound so far.
     Probe(IndexProbe),
-    /// Tests whether a fully bound tuple is in the relation.
+    /// Tests whether a tuple with all arguments bound is in the relation.
     Contains {
         atom: LiftedAtom,
         is_new_to: bool,
     },
-    /// Binds a variable to every object of its set in turn.
+    /// Binds a variable to every object of its object set in turn.
     Enumerate(SlotIndex),
     Check(JoinFilter),
 }
@@ -62,12 +64,12 @@ struct IndexProbe {
     is_new_to: bool,
 }
 
-/// An atom in a join.
+/// An atom that a join matches with the rows of a relation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct JoinAtom<'r> {
     pub(super) atom: &'r LiftedAtom,
-    /// Whether the triggering tuple is excluded for this atom. The bindings in which it matches here
-    /// are found by another join, which the same tuple triggers at this atom.
+    /// Whether the tuple that triggered the join is excluded for this atom. The bindings in which this
+    /// atom matches the tuple are found by another join, which the same tuple triggers at this atom.
     pub(super) is_new_to: bool,
 }
 
@@ -77,26 +79,26 @@ pub(super) struct Join<'g> {
     pub(super) relations: &'g [Relation],
     pub(super) sets: &'g ObjectSets,
     pub(super) values: &'g GroundFluents,
-    /// Per slot: the set of objects that it ranges over.
+    /// Per slot (variable): the set of objects that it ranges over.
     pub(super) frame: &'g [TypeIndex],
-    /// Relation and row of the tuple that triggered the join; `None` if there is none.
+    /// Relation and row of the tuple that triggered the join; `None` if no tuple did.
     pub(super) cause: Option<(usize, usize)>,
 }
 
-/// Data that planning a join reads.
+/// Data that is read while a join is planned.
 pub(super) struct Catalog<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g mut [Relation],
     pub(super) sets: &'g ObjectSets,
-    /// Whether the relations are complete, so that their sizes are meaningful.
+    /// Whether the relations are complete. Only then do their sizes serve as estimates.
     pub(super) is_complete: bool,
 }
 
 // === impl JoinPlan ===
 
 impl JoinPlan {
-    /// Plans a join over `parts` that binds all slots in `wanted`. `bound` holds which slots are bound
-    /// before, and is updated.
+    /// Plans a join over the atoms in `parts` that binds all slots in `wanted`. `bound` says which
+    /// slots are bound before the join, and is updated.
     pub(super) fn compile<'r>(
         catalog: &mut Catalog<'_>,
         frame: &[TypeIndex],
@@ -126,7 +128,8 @@ impl JoinPlan {
         plan
     }
 
-    /// Appends the filters that have all their variables bound.
+    /// Appends the filters that have all their variables bound to the plan, and removes them from
+    /// `filters`.
     fn check_ready(&mut self, filters: &mut Vec<&JoinFilter>, bound: &[bool]) {
         filters.retain(|filter| {
             let mut is_ready = true;
@@ -146,7 +149,7 @@ fn is_bound(term: &LiftedTerm, bound: &[bool]) -> bool {
     }
 }
 
-/// Estimates the number of rows that an atom matches, given the bound slots.
+/// Estimates the number of rows that an atom matches, given which slots are bound.
 fn estimate(catalog: &Catalog<'_>, frame: &[TypeIndex], atom: &LiftedAtom, bound: &[bool]) -> f64 {
     let open = atom.arguments.iter().enumerate().filter_map(|(column, term)| match term {
         LiftedTerm::Variable(slot) if !bound[*slot as usize] => Some((column, *slot)),
@@ -180,12 +183,12 @@ fn estimate(catalog: &Catalog<'_>, frame: &[TypeIndex], atom: &LiftedAtom, bound
     if is_open { rows } else { 0.0 }
 }
 
-/// Whether a relation belongs to a static predicate: its facts never change.
+/// Whether a relation belongs to a static predicate, of which no action changes the facts.
 pub(super) fn is_static(lifted: &Lifted, relation: usize) -> bool {
     lifted.predicates.get(relation).is_some_and(|predicate| predicate.is_static())
 }
 
-/// Returns the step that joins an atom, and marks its variables as bound.
+/// Returns the step that joins an atom, and marks the atom's variables as bound.
 fn probe(relations: &mut [Relation], part: JoinAtom<'_>, bound: &mut [bool]) -> JoinStep {
     let JoinAtom { atom, is_new_to } = part;
     let (mut columns, mut key) = (Vec::new(), Vec::new());
@@ -244,7 +247,7 @@ impl JoinFilter {
         }
     }
 
-    /// Whether a binding of all its variables satisfies the filter.
+    /// Whether a binding satisfies the filter. All variables of the filter must be bound.
     pub(super) fn passes(
         &self,
         relations: &[Relation],
@@ -272,13 +275,13 @@ impl JoinFilter {
 // === impl Join ===
 
 impl Join<'_> {
-    /// Whether an object is in the set of a slot.
+    /// Whether an object belongs to the set of objects that a slot ranges over.
     #[inline]
     pub(super) fn fits(&self, slot: SlotIndex, object: ObjectId) -> bool {
         self.sets.get(self.frame[slot as usize]).contains(object)
     }
 
-    /// Calls `found` for every binding that satisfies the plan.
+    /// Calls `found` for every binding that satisfies the join plan.
     pub(super) fn run<'c, F>(
         &self,
         plan: &JoinPlan,
@@ -341,7 +344,8 @@ impl Join<'_> {
         Ok(())
     }
 
-    /// Binds the variables of an atom to a row. Returns `false` if the row does not match.
+    /// Binds the variables of an atom to the objects of a row. Returns `false` if the row does not
+    /// match.
     #[inline]
     fn take(
         &self,

@@ -1,9 +1,9 @@
 //! Grounding: from the lifted task to facts and operators.
 //!
-//! 1. [`axiom_rules`] states the Horn rules of the delete relaxation. [`reach`] finds every relaxed-reachable
-//!    tuple by joins.
-//! 2. [`instantiate`] turns each tuple of an action into operators; [`raw_instances`] holds them.
-//! 3. [`finish`] drops facts that never change and facts and operators that are irrelevant.
+//! 1. [`horn_rules`] builds the Horn rules of the delete relaxation. [`reach`] finds every tuple that
+//!    is reachable in the relaxation, by joins.
+//! 2. [`instantiate`] turns each tuple of an action into operators; [`raw_instances`] stores them.
+//!    goal.
 //!
 //! Work is counted in join steps, so the same task reaches a limit at the same point on every machine.
 
@@ -39,7 +39,7 @@ use crate::normalize::lifted::Lifted;
 use crate::outcome::StopReason;
 use crate::task::Task;
 
-/// A ground task, and warnings about constructs that the author probably did not intend.
+/// A ground task, and warnings about constructs that the author of the texts probably did not intend.
 pub(crate) struct Grounded {
     /// Ground task; `None` if the goal is unreachable in the delete relaxation, which proves that there
     /// is no plan.
@@ -47,8 +47,8 @@ pub(crate) struct Grounded {
     pub(crate) warnings: Vec<Diagnostic>,
 }
 
-/// Grounds a lifted task. Returns the reason if a cap is reached or the caller cancels. `join_steps` is
-/// set to the work done in any case.
+/// Grounds a lifted task. Returns the stop reason if a cap is reached or the caller cancels.
+/// `join_steps` is set to the work that was done, even if grounding fails.
 pub(crate) fn ground(
     lifted: &Lifted,
     budget: Budget,
@@ -70,7 +70,7 @@ fn grounded(lifted: &Lifted, work: &mut GroundingMeter<'_>) -> Result<Grounded, 
     Ok(Grounded { task: finish::finish(lifted, &reached.relations, start, raw, work)?, warnings })
 }
 
-/// Returns the relation of a schema's applicable bindings.
+/// Returns the index of the relation that contains the applicable bindings of a schema.
 fn action_relation(lifted: &Lifted, schema: usize) -> usize {
     lifted.predicates.len() + schema
 }

@@ -1,10 +1,11 @@
-//! Sets of objects that variables range over, stored without duplicates.
+//! Sets of objects that variables range over. Equal sets are stored once.
 
 use rustc_hash::FxHashMap;
 
 use crate::normalize::lifted::{Lifted, TypeIndex, TypeSet};
 
-/// The sets of all types, under their type numbers, followed by sets that static facts narrow down.
+/// Store of object sets: first the sets of all types, under their type numbers, then the smaller sets
+/// that narrowing by static facts produces.
 #[derive(Debug)]
 pub(super) struct ObjectSets {
     sets: Vec<TypeSet>,
@@ -18,7 +19,7 @@ impl ObjectSets {
         ObjectSets::of(lifted.types.clone())
     }
 
-    /// Creates a store with these sets, numbered in this order.
+    /// Creates a store with these sets, numbered in the given order.
     pub(super) fn of(sets: Vec<TypeSet>) -> ObjectSets {
         let known = sets.iter().enumerate().map(|(index, set)| (set.bits().to_vec(), index));
         ObjectSets { known: known.collect(), sets }
@@ -29,7 +30,7 @@ impl ObjectSets {
         &self.sets[index]
     }
 
-    /// Returns the number of the set with these bits, and adds it if it is new.
+    /// Returns the number of the set with these bits. Adds the set if it is new.
     pub(super) fn intern(&mut self, bits: Vec<u64>) -> TypeIndex {
         if let Some(&known) = self.known.get(&bits) {
             return known;
@@ -39,7 +40,7 @@ impl ObjectSets {
         self.sets.len() - 1
     }
 
-    /// Returns the number of the intersection of two sets.
+    /// Returns the number of the intersection of two sets. Adds the intersection if it is new.
     pub(super) fn both(&mut self, left: TypeIndex, right: TypeIndex) -> TypeIndex {
         let (left, right) = (self.get(left).bits(), self.get(right).bits());
         let bits = left.iter().zip(right).map(|(left, right)| left & right).collect();

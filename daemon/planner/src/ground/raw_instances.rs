@@ -1,8 +1,8 @@
-//! Ground operators and axioms over raw facts, made from reachable tuples. More can be added to them
-//! later.
+//! Ground operators and axioms with raw fact numbers, made from reachable tuples. More operators and
+//! axioms can be added later.
 //!
-//! A *raw* fact is a row of a relation, a comparison, or an auxiliary. `finish` keeps those that are
-//! relevant, and renumbers them.
+//! A *raw* fact is a row of a relation, a comparison, or an auxiliary fact. `finish` keeps the raw
+//! facts that are relevant to the goal, and renumbers them.
 
 use pddl::Diagnostic;
 
@@ -21,43 +21,44 @@ use crate::normalize::lifted::{Closed, Lifted, LiftedSchema};
 use crate::outcome::StopReason;
 use crate::task::{FactId, GroundComparison, Literal, OperatorTable};
 
-/// The ground task over raw facts.
+/// The ground task, with raw fact numbers.
 pub(super) struct RawTask {
-    /// Operators. Their costs are the bits of `f64` values, in units of the metric.
+    /// Ground operators. Their costs are stored as the bits of `f64` values, in units of the metric.
     pub(super) operators: OperatorTable,
     pub(super) axioms: Vec<RawAxiom>,
     pub(super) comparisons: Vec<GroundComparison>,
-    /// Goal; `None` if it can never hold.
+    /// Literals of the goal; `None` if the goal can never hold.
     pub(super) goal: Option<Vec<Literal>>,
     pub(super) layout: FactLayout,
-    /// Whether some operator that is not in `operators`, because it is irrelevant to the goal, has a
-    /// negative cost.
+    /// Whether an operator has a negative cost among those that are not in `operators` because they are
+    /// irrelevant to the goal.
     pub(super) has_negative_cost: bool,
     pub(super) warnings: Vec<Diagnostic>,
 }
 
-/// Layout of the raw fact numbers.
+/// Layout of the raw fact numbers: where the rows of each predicate, the comparisons and the auxiliary
+/// facts begin and end.
 pub(super) struct FactLayout {
-    /// Per predicate: the raw fact of its first row. The last entry is the end of all rows.
+    /// Per predicate: the raw fact number of its first row. The last entry is the end of all rows.
     pub(super) offsets: Vec<usize>,
     pub(super) comparison_offset: usize,
     pub(super) auxiliary_offset: usize,
-    /// End of the auxiliaries.
+    /// Raw fact number after the last auxiliary fact.
     pub(super) end: usize,
-    /// Number of comparisons.
+    /// Number of comparisons that exist so far.
     pub(super) comparisons: usize,
 }
 
-/// Operators and axioms ground so far, over raw facts. The numbers of raw facts do not change.
+/// Operators and axioms that have been ground so far. The numbers of raw facts never change here.
 #[derive(Debug)]
 pub(super) struct RawInstances {
     pub(super) operators: OperatorTable,
     pub(super) auxiliaries: Auxiliaries,
     pub(super) comparisons: Comparisons,
     pub(super) warnings: Vec<Diagnostic>,
-    /// Axioms of the domain; `auxiliaries` has those that derive auxiliaries.
+    /// Axioms of the domain. The axioms that derive auxiliary facts are in `auxiliaries`.
     axioms: Vec<RawAxiom>,
-    /// Per predicate: the raw fact of its first row. The last entry is the end of all rows.
+    /// Per predicate: the raw fact number of its first row. The last entry is the end of all rows.
     offsets: Vec<usize>,
     comparison_offset: usize,
 }
@@ -79,18 +80,18 @@ pub(super) fn instantiate_all(
 // === impl Layout ===
 
 impl FactLayout {
-    /// Returns the end of the comparisons, as a dense index.
+    /// Returns the dense index after the last comparison.
     pub(super) fn comparison_end(&self) -> usize {
         self.comparison_offset + self.comparisons
     }
 
-    /// Returns the end of the dense indices of rows, comparisons and auxiliaries.
+    /// Returns the dense index after the last raw fact of any kind.
     pub(super) fn dense_end(&self) -> usize {
         self.comparison_end() + (self.end - self.auxiliary_offset)
     }
 
-    /// Returns the dense index of a raw fact: its number without the gap that is reserved for more
-    /// comparisons.
+    /// Returns the dense index of a raw fact: the raw fact number without the gap that is reserved for
+    /// more comparisons.
     #[inline]
     pub(super) fn dense(&self, fact: FactId) -> usize {
         let index = fact.index();
@@ -105,8 +106,8 @@ impl FactLayout {
 // === impl Drawn ===
 
 impl RawInstances {
-    /// Returns an empty set. `room` is the maximal number of facts of each predicate, and `spare` that
-    /// of all predicates that are added later.
+    /// Creates an empty set of instances. `room` gives the maximal number of facts of each predicate;
+    /// `spare` is the maximal number of facts of all predicates together that are added later.
     pub(super) fn new(room: impl Iterator<Item = usize>, spare: usize) -> RawInstances {
         let mut offsets = vec![0];
         offsets.extend(room.scan(0, |end, room| {
@@ -125,8 +126,8 @@ impl RawInstances {
         }
     }
 
-    /// Whether each predicate has room for this number of facts. New predicates are given room by
-    /// `room`.
+    /// Whether each predicate has room for its number of facts in `facts`. A new predicate gets as much
+    /// room as `room` returns for its number of facts.
     pub(super) fn has_room(
         &mut self,
         facts: impl Iterator<Item = usize>,
@@ -144,7 +145,8 @@ impl RawInstances {
         self.offsets.last().is_some_and(|end| *end <= self.comparison_offset)
     }
 
-    /// Grounds the tuples of each schema from the row on that `rows` gives, and all axioms again.
+    /// Grounds the new tuples of each schema, which begin at the row that `rows` gives, and grounds all
+    /// axioms again.
     pub(super) fn add_instances(
         &mut self,
         lifted: &Lifted,
@@ -175,7 +177,7 @@ impl RawInstances {
         Ok(())
     }
 
-    /// Grounds a goal. Returns `None` if it can never hold.
+    /// Grounds a goal. Returns `None` if the goal can never hold.
     pub(super) fn ground_goal(
         &mut self,
         lifted: &Lifted,
@@ -226,7 +228,7 @@ impl RawInstances {
         }
     }
 
-    /// Returns the number of raw facts that are not rows of relations: comparisons and auxiliaries.
+    /// Returns the number of raw facts that are not rows of relations: comparisons and auxiliary facts.
     pub(super) fn invented_fact_count(&self) -> usize {
         self.comparisons.all.len() + self.auxiliaries.len()
     }
@@ -243,7 +245,7 @@ impl RawInstances {
         }
     }
 
-    /// Iterates over the axioms of auxiliaries and of the domain.
+    /// Iterates over all ground axioms: those of auxiliary facts, then those of the domain.
     pub(super) fn axioms(&self) -> impl Iterator<Item = &RawAxiom> {
         self.auxiliaries.axioms.iter().chain(&self.axioms)
     }

@@ -1,7 +1,8 @@
 //! Relaxed reachability: finds all facts and applicable actions of the delete relaxation.
 //!
-//! Every new tuple is joined once with the tuples before it (semi-naive evaluation of the
-//! [`super::rules`]). A rule without variables only counts its missing atoms.
+//! Every new tuple is joined once with the tuples found before it (semi-naive evaluation of the
+//! [`super::horn_rules`]). For a rule without variables, only the atoms that are still missing are
+//! counted.
 
 use super::action_relation;
 use super::ground_fluents::GroundFluents;
@@ -15,18 +16,18 @@ use crate::normalize::lifted::{Lifted, LiftedAtom, LiftedTerm, SlotIndex, TypeIn
 use crate::outcome::StopReason;
 use crate::task::ObjectId;
 
-/// All relaxed-reachable tuples.
+/// All tuples that are reachable in the delete relaxation.
 #[derive(Debug)]
 pub(super) struct ReachableTuples {
-    /// Relations of the predicates, followed by one relation per schema.
+    /// Relations of the predicates, followed by one relation per schema with its applicable bindings.
     pub(super) relations: Vec<Relation>,
     pub(super) sets: ObjectSets,
 }
 
-/// Interval of the memory checks, in tuples.
+/// Number of new tuples between two checks of the memory limit.
 const TUPLES_BETWEEN_MEMORY_CHECKS: usize = 1 << 12;
 
-/// State of an evaluation.
+/// State of one evaluation of the Horn rules.
 struct Reachability<'g, 'w, 'c> {
     lifted: &'g Lifted,
     values: &'g GroundFluents,
@@ -35,18 +36,18 @@ struct Reachability<'g, 'w, 'c> {
     sets: ObjectSets,
     rules: Vec<HornRule>,
     triggers: Triggers,
-    /// Per schema: the atoms that it adds unconditionally.
+    /// Per schema: the atoms that the schema adds unconditionally.
     adds: Vec<Vec<&'g LiftedAtom>>,
     binding: Vec<ObjectId>,
-    /// Buffer for tuples of one head.
+    /// Buffer for the tuples that one evaluation of a rule finds for its head.
     found: Relation,
-    /// Bytes of all relations when they were counted last.
+    /// Number of bytes of all relations when they were last counted.
     bytes: usize,
-    /// Buffer for the triggers of the current tuple.
+    /// Buffer for the triggers that the current tuple may match.
     due: Vec<usize>,
 }
 
-/// Computes all relaxed-reachable tuples.
+/// Computes all tuples that are reachable in the delete relaxation.
 pub(super) fn reach(
     lifted: &Lifted,
     values: &GroundFluents,
@@ -75,9 +76,9 @@ pub(super) fn reach(
     reach.finish()
 }
 
-/// Continues an evaluation after additions to the task. New facts are in `relations`, not yet indexed;
-/// new objects and schemas follow the old ones in `lifted`; no fact is static. Rules are not narrowed,
-/// because narrowed rules could not be widened later.
+/// Continues an earlier evaluation after additions to the task. New facts are in `relations`, not yet
+/// indexed; new objects and schemas follow the old ones in `lifted`; no fact is static. Rules are not
+/// narrowed, because narrowed rules could not be widened later.
 pub(super) fn reach_on(
     lifted: &Lifted,
     values: &GroundFluents,
@@ -91,7 +92,7 @@ pub(super) fn reach_on(
     reach.finish()
 }
 
-/// Numbers of objects and schemas of the evaluation that is continued.
+/// Numbers of objects and schemas in the earlier evaluation that is continued.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PreviousCounts {
     pub(super) objects: usize,
@@ -115,8 +116,8 @@ pub(super) fn initial_relations(lifted: &Lifted) -> Vec<Relation> {
     relations
 }
 
-/// Finds the schemas for which no tuple can be found twice: those with one rule in which all variables
-/// are parameters. Their relations need no duplicate check.
+/// Marks the schemas for which no tuple can be found twice, which are those with one rule in which all
+/// variables are parameters. Their relations need no duplicate check.
 fn set_distinct(lifted: &Lifted, rules: &[HornRule], relations: &mut [Relation]) {
     let mut counts = vec![0; relations.len()];
     let mut is_seen_twice = vec![false; relations.len()];
@@ -172,7 +173,7 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         Ok(ReachableTuples { relations: self.relations, sets: self.sets })
     }
 
-    /// Registers the triggers of each rule, and fires rules without fluent atoms.
+    /// Registers the triggers of each rule, and fires the rules of which all atoms are static.
     fn start(&mut self) -> Result<(), StopReason> {
         for index in 0..self.rules.len() {
             let rule = &self.rules[index];
@@ -188,8 +189,9 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         Ok(())
     }
 
-    /// Registers the triggers of each rule, and fires those with further consequences of already
-    /// indexed tuples: new rules, and old rules with variables that range over new objects.
+    /// Registers the triggers of each rule. Fires the rules that may draw further conclusions from
+    /// tuples that are indexed already: new rules, and old rules with variables that range over new
+    /// objects.
     fn resume(&mut self, before: PreviousCounts) -> Result<(), StopReason> {
         let first_new = action_relation(self.lifted, before.schemas);
         let objects_grew = self.lifted.objects.len() > before.objects;
@@ -217,7 +219,7 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         Ok(())
     }
 
-    /// Fires a rule for all indexed tuples.
+    /// Fires a rule for all bindings that the indexed tuples allow.
     fn fire_all(&mut self, rule: usize) -> Result<(), StopReason> {
         let plan = self.plan(rule, None);
         self.binding.clear();
@@ -225,7 +227,7 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         self.fire(rule, &plan, None)
     }
 
-    /// Processes every tuple that is not indexed yet, until there is none.
+    /// Processes the tuples that are not indexed yet, until none is left.
     fn saturate(&mut self) -> Result<(), StopReason> {
         let mut is_waiting = true;
         while is_waiting {
@@ -250,7 +252,7 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         self.work.check_memory(self.bytes)
     }
 
-    /// Draws all conclusions from a tuple and the tuples indexed before it.
+    /// Draws all conclusions from a tuple together with the tuples that were indexed before it.
     fn conclude(&mut self, relation: usize, row: usize) -> Result<(), StopReason> {
         let schema = relation.checked_sub(self.lifted.predicates.len());
         if let Some(adds) = schema.map(|schema| &self.adds[schema]) {
@@ -307,8 +309,8 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         }
     }
 
-    /// Whether the parts of a rule without variables that no trigger counts hold: its tests and static
-    /// atoms. They remain in the rule if the last narrowing pass made them variable-free.
+    /// Whether the tests and the static atoms of a rule without variables hold. No trigger counts these
+    /// parts of the rule. They remain in a rule if the last narrowing pass removed their variables.
     fn passes(&self, rule: usize) -> bool {
         let Conjunct { atoms, filters } = &self.rules[rule].body;
         let is_static = |atom: &&LiftedAtom| is_static(self.lifted, atom.predicate);
@@ -324,7 +326,8 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
             })
     }
 
-    /// Plans the join of a rule's body. The atom at `cause` is left out; its variables are bound already.
+    /// Plans the join of a rule's body. The atom at the position `cause` is left out, because its
+    /// variables are bound already.
     fn plan(&mut self, rule: usize, cause: Option<usize>) -> JoinPlan {
         let HornRule { frame, body, wanted, .. } = &self.rules[rule];
         let mut bound = vec![false; frame.len()];
@@ -346,7 +349,7 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         JoinPlan::compile(&mut catalog, frame, parts, &body.filters, wanted, &mut bound)
     }
 
-    /// Adds the tuples of the head for every binding that the join finds.
+    /// Adds a tuple of the rule's head for every binding that the join finds.
     fn fire(
         &mut self,
         rule: usize,
@@ -372,7 +375,8 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         result
     }
 
-    /// Runs a join and writes the head's tuples into `found`, which none of its atoms reads.
+    /// Runs a join and writes the tuples of the rule's head into `found`, a relation that no atom of
+    /// the join reads.
     fn collect(
         &mut self,
         rule: usize,
@@ -391,7 +395,8 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
     }
 }
 
-/// Binds the variables of an atom to a tuple. Returns `false` if the tuple does not match.
+/// Binds the variables of an atom to the objects of a tuple. Returns `false` if the tuple does not
+/// match.
 fn unify(
     sets: &ObjectSets,
     frame: &[TypeIndex],

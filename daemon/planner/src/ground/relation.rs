@@ -1,4 +1,4 @@
-//! Relations: sets of tuples of objects, with indices over any of their columns.
+//! Relations: sets of tuples of objects, each with indices over some of its columns.
 
 use std::cell::OnceCell;
 
@@ -7,7 +7,7 @@ use crate::id_table::IdTable;
 use crate::normalize::lifted::LiftedTerm;
 use crate::task::ObjectId;
 
-/// End of a list of rows.
+/// Marks the end of a list of rows in an index.
 const END: u32 = u32::MAX;
 
 /// A relation: the tuples of one predicate, or of one action.
@@ -16,28 +16,28 @@ pub(super) struct Relation {
     arity: usize,
     flat: Vec<ObjectId>,
     count: usize,
-    /// Set that prevents duplicate tuples; `None` if the source of the tuples cannot produce
+    /// Set of all tuples, which prevents duplicates; `None` if the source of the tuples cannot produce
     /// duplicates.
     set: Option<IdTable>,
     indices: Vec<Index>,
-    /// Number of rows that are in the indices. Later rows are not processed yet.
+    /// Number of rows that have been entered into the indices. Later rows have not been processed yet.
     indexed: usize,
-    /// Number of rows that hold in the initial state; they come first.
+    /// Number of rows that hold in the initial state; these rows come first.
     pub(super) initial: usize,
-    /// Number of different values per column; computed on first use.
+    /// Per column: the number of different values in it; computed on first use.
     distinct: Vec<OnceCell<usize>>,
 }
 
-/// An index: lists of the rows that agree in some columns.
+/// An index over some columns: lists of the rows that have the same values in these columns.
 #[derive(Clone, Debug)]
 struct Index {
     columns: Vec<usize>,
-    /// First row of each list.
+    /// Table of the first row of each list.
     heads: IdTable,
     next: Vec<u32>,
 }
 
-/// Number of an index within its relation.
+/// Number of an index among the indices of one relation.
 pub(super) type IndexId = usize;
 
 // === impl Relation ===
@@ -56,13 +56,14 @@ impl Relation {
         }
     }
 
-    /// Returns a relation without a duplicate check. The caller must not add a tuple twice, and tuples
-    /// cannot be looked up.
+    /// Creates a relation that does not check for duplicates. The caller must not add a tuple twice,
+    /// and tuples cannot be looked up.
     pub(super) fn of_distinct(arity: usize) -> Relation {
         Relation { set: None, ..Relation::new(arity) }
     }
 
-    /// Removes all tuples. Only for a relation without set and indices.
+    /// Removes all tuples, and sets the number of columns to `arity`. Only for a relation without set
+    /// and indices.
     pub(super) fn clear(&mut self, arity: usize) {
         self.arity = arity;
         self.flat.clear();
@@ -82,8 +83,8 @@ impl Relation {
         self.count
     }
 
-    /// Returns the bytes that the relation takes, including those that one more tuple may add. Small
-    /// fixed parts are not counted.
+    /// Returns the number of bytes that the relation takes, including the bytes that one more tuple may
+    /// add. Small fixed parts are not counted.
     pub(super) fn bytes(&self) -> usize {
         let indices =
             self.indices.iter().map(|index| index.heads.bytes() + arena::bytes(&index.next, 1));
@@ -96,14 +97,16 @@ impl Relation {
         &self.flat[row * self.arity..(row + 1) * self.arity]
     }
 
-    /// Returns the row of a tuple; `None` if it is not there, or the relation has no set.
+    /// Returns the row of a tuple; `None` if the relation does not contain the tuple, or cannot look it
+    /// up because it has no set.
     pub(super) fn find(&self, tuple: &[ObjectId]) -> Option<usize> {
         let key = hash(tuple.iter().copied());
         let found = self.set.as_ref()?.find(key, |id| self.row(id as usize) == tuple);
         found.map(|id| id as usize)
     }
 
-    /// Returns the row of the tuple that terms stand for under a binding.
+    /// Returns the row of the tuple that `terms` stand for under a binding; `None` if the relation does
+    /// not contain the tuple, or has no set.
     #[inline]
     pub(super) fn find_terms(&self, terms: &[LiftedTerm], binding: &[ObjectId]) -> Option<usize> {
         let key = hash(terms.iter().map(|term| term.object(binding)));
@@ -116,7 +119,7 @@ impl Relation {
         row.zip(terms).all(|(object, term)| *object == term.object(binding))
     }
 
-    /// Adds a tuple, unless it is there.
+    /// Adds a tuple, unless the relation already contains it.
     pub(super) fn insert(&mut self, tuple: &[ObjectId]) {
         debug_assert_eq!(tuple.len(), self.arity);
         if self.set.is_some() {
@@ -142,7 +145,7 @@ impl Relation {
         });
     }
 
-    /// Adds the tuple that terms stand for under a binding, unless it is there.
+    /// Adds the tuple that `terms` stand for under a binding, unless the relation already contains it.
     #[inline]
     pub(super) fn insert_terms(&mut self, terms: &[LiftedTerm], binding: &[ObjectId]) {
         if self.set.is_some() {
@@ -161,7 +164,7 @@ impl Relation {
         self.count += 1;
     }
 
-    /// Enters the row that is added next into the set.
+    /// Enters the row that is about to be added into the set of tuples. `key` is the hash of the row.
     fn note(&mut self, key: u64) {
         let Relation { arity, flat, set, count, .. } = self;
         let row_hash =
@@ -171,7 +174,7 @@ impl Relation {
         }
     }
 
-    /// Whether a tuple is there and has already been indexed.
+    /// Whether the relation contains the tuple that `terms` stand for, and has already indexed it.
     pub(super) fn has_indexed(&self, terms: &[LiftedTerm]) -> bool {
         self.find_terms(terms, &[]).is_some_and(|row| self.is_indexed(row))
     }
@@ -181,18 +184,18 @@ impl Relation {
         self.indexed
     }
 
-    /// Whether a row has already been processed and entered into the join indices.
+    /// Whether a row has already been processed and entered into the indices.
     #[inline]
     pub(super) fn is_indexed(&self, row: usize) -> bool {
         row < self.indexed
     }
 
-    /// Returns the next row that is not indexed; `None` if all are.
+    /// Returns the first row that is not indexed yet; `None` if all rows are.
     pub(super) fn next_unindexed(&self) -> Option<usize> {
         (self.indexed < self.count).then_some(self.indexed)
     }
 
-    /// Enters the next row into the indices.
+    /// Enters the first row that is not indexed yet into the indices.
     pub(super) fn index_next(&mut self) {
         let row = self.indexed;
         self.indexed += 1;
@@ -201,14 +204,14 @@ impl Relation {
         }
     }
 
-    /// Enters all remaining rows into the indices.
+    /// Enters all rows that are not indexed yet into the indices.
     pub(super) fn index_all(&mut self) {
         while self.next_unindexed().is_some() {
             self.index_next();
         }
     }
 
-    /// Returns the index over these columns, and builds it if there is none.
+    /// Returns the number of the index over these columns. Builds the index if there is none yet.
     pub(super) fn index(&mut self, columns: &[usize]) -> IndexId {
         if let Some(found) = self.indices.iter().position(|index| index.columns == columns) {
             return found;
@@ -220,8 +223,8 @@ impl Relation {
         self.indices.len() - 1
     }
 
-    /// Returns the rows that have these values in the indexed columns: the row that was indexed first, then
-    /// the others in reverse order.
+    /// Returns the rows that have the values `key`, under a binding, in the indexed columns: first the
+    /// row that was indexed first, then the others in reverse order.
     #[inline]
     pub(super) fn matching(
         &self,
@@ -295,7 +298,8 @@ impl Index {
     }
 }
 
-/// A cheap hash; sufficient because the table multiplies once more.
+/// Returns a cheap hash of a tuple. A better one is not needed, because the hash table multiplies the
+/// hash once more.
 #[inline]
 fn hash(objects: impl Iterator<Item = ObjectId>) -> u64 {
     objects.fold(0, |hash: u64, object| {

@@ -1,7 +1,9 @@
-//! Relaxed reachability from a state, over raw facts and operators that have been ground before.
+//! Reachability from a state in the delete relaxation, by operators that have been ground before, with
+//! raw fact numbers.
 //!
-//! Every operator, conditional effect and axiom counts its unreached preconditions (Dowling and
-//! Gallier, 1984), so each literal is visited once per query. The index is built once for many states.
+//! For every operator, conditional effect and axiom, the preconditions that are not reached yet are
+//! counted (Dowling and Gallier, 1984), so each literal is visited once per query. The index is built
+//! once and used for many states.
 
 use super::ground_formula::RawAxiom;
 use super::raw_instances::FactLayout;
@@ -9,16 +11,17 @@ use crate::operators::OperatorTable;
 use crate::rows::Rows;
 use crate::task::{FactId, Literal};
 
-/// Index of the delete relaxation: which facts each step requires and adds.
+/// Index of the delete relaxation. Contains the facts that each step (operator, conditional effect or
+/// axiom) requires and adds.
 #[derive(Debug)]
 pub(super) struct RelaxationIndex {
-    /// Per fact: the steps that require it.
+    /// Per fact: the steps that require the fact.
     waiting: Rows,
-    /// Per step: the number of facts that it requires.
+    /// Per step: the number of facts that the step requires.
     needs: Vec<u32>,
-    /// Per step: the facts that it adds.
+    /// Per step: the facts that the step adds.
     adds: Rows,
-    /// Per step: the operator it belongs to, or [`NO_OPERATOR`] for axioms.
+    /// Per step: the operator that the step belongs to, or [`NO_OPERATOR`] if the step is an axiom.
     operators: Vec<u32>,
     facts: usize,
     operator_count: usize,
@@ -26,13 +29,14 @@ pub(super) struct RelaxationIndex {
 
 const NO_OPERATOR: u32 = u32::MAX;
 
-/// Relaxed-reachable facts, by dense index, and relaxed-applicable operators.
+/// What is reachable in the delete relaxation: per fact (by dense index) and per operator, whether it
+/// is.
 pub(super) struct RelaxedReachable {
     pub(super) facts: Vec<bool>,
     pub(super) operators: Vec<bool>,
 }
 
-/// Steps under construction.
+/// The steps of a [`RelaxationIndex`] that is being built.
 struct StepIndexBuilder<'l> {
     layout: &'l FactLayout,
     preconditions: Rows,
@@ -81,12 +85,13 @@ impl RelaxationIndex {
         }
     }
 
-    /// Whether the index still covers all facts and operators.
+    /// Whether the index still covers all facts and operators, so that it need not be built again.
     pub(super) fn covers(&self, layout: &FactLayout, operators: &OperatorTable) -> bool {
         self.facts == layout.dense_end() && self.operator_count == operators.len()
     }
 
-    /// Computes what is relaxed reachable from a state, without the operators that are `masked`.
+    /// Computes the facts and operators that are reachable from a state in the delete relaxation,
+    /// without the operators that are `masked`.
     pub(super) fn relaxed_reachable(
         &self,
         layout: &FactLayout,

@@ -1,8 +1,8 @@
-//! Relevance analysis over raw facts and operators that have been ground before: goes backwards from a
-//! goal through the steps that [`super::possible`] goes forwards through.
+//! Relevance analysis of operators that have been ground before, with raw fact numbers. It goes
+//! backwards from a goal through the steps that [`super::relaxed_reachability`] goes forwards through.
 //!
-//! `finish` also drops irrelevant operators, and more of them, but visits every operator it is given.
-//! Of a thousand actions of a building, a goal may need one.
+//! `finish` also drops irrelevant operators, and recognises more of them, but visits every operator
+//! that is passed to it. Of a thousand actions of a building, a goal may need one.
 
 use super::ground_formula::RawAxiom;
 use super::raw_instances::FactLayout;
@@ -10,15 +10,16 @@ use crate::operators::OperatorTable;
 use crate::rows::Rows;
 use crate::task::{FactId, Literal};
 
-/// Index for relevance: which steps change each fact, and which facts each step has in its conditions.
+/// Index for relevance: contains which steps change each fact, and which facts each step has in its
+/// conditions.
 #[derive(Debug)]
 pub(super) struct RelevanceIndex {
-    /// Per fact, by dense index: the steps that change it.
+    /// Per fact, by dense index: the steps that change the fact.
     changers: Rows,
-    /// Per step (operators before axioms): the facts in all its conditions.
+    /// Per step (first the operators, then the axioms): the facts in all conditions of the step.
     asked: Rows,
-    /// Operators that change numbers. They are always relevant: a comparison, a cost or another numeric
-    /// change may depend on the number, or on whether it is defined.
+    /// Operators that change numbers. Such operators are always relevant: a comparison, a cost or
+    /// another numeric change may depend on the number, or on whether the number is defined.
     counting: Vec<u32>,
     operator_count: usize,
 }
@@ -60,13 +61,13 @@ impl RelevanceIndex {
         RelevanceIndex { changers, asked, counting, operator_count: operators.len() }
     }
 
-    /// Whether the index still covers all facts and operators.
+    /// Whether the index still covers all facts and operators, so that it need not be built again.
     pub(super) fn covers(&self, layout: &FactLayout, operators: &OperatorTable) -> bool {
         self.changers.len() == layout.dense_end() && self.operator_count == operators.len()
     }
 
-    /// Returns the operators that are relevant to a goal, in ascending order, among those that `can` be
-    /// applied in the relaxation.
+    /// Returns the operators that are relevant to a goal, in ascending order. Only operators for which
+    /// `can` is true are considered: those that are applicable in the delete relaxation.
     pub(super) fn wanted(&self, layout: &FactLayout, goal: &[Literal], can: &[bool]) -> Vec<usize> {
         let mut facts = vec![false; self.changers.len()];
         let mut steps = vec![false; self.asked.len()];

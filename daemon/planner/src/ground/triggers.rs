@@ -1,4 +1,4 @@
-//! Triggers: which rules have to be evaluated for a new tuple.
+//! Triggers: which Horn rules have to be evaluated for a new tuple.
 
 use rustc_hash::FxHashMap;
 
@@ -7,42 +7,43 @@ use super::join::JoinPlan;
 use crate::normalize::lifted::LiftedTerm;
 use crate::task::ObjectId;
 
-/// A trigger: what to do for a new tuple of some relation.
+/// A trigger: which rule to evaluate for a new tuple of some relation, and how.
 #[derive(Debug)]
 pub(super) struct Trigger {
     pub(super) rule: usize,
-    /// Position of the atom in the rule's body that the tuple matches.
+    /// Position in the rule's body of the atom that the new tuple matches.
     pub(super) position: usize,
     pub(super) action: TriggerAction,
 }
 
-/// How a rule is evaluated, given a tuple for one of its atoms.
+/// How a rule is evaluated when a tuple for one of its atoms is found.
 #[derive(Debug)]
 pub(super) enum TriggerAction {
-    /// By a join over the other atoms; planned when it is first needed.
+    /// Evaluates the rule by a join over its other atoms. The join is planned when it is first needed.
     Join(Option<Box<JoinPlan>>),
-    /// By counting: the rule has no variables, and fires when all its atoms have been found.
+    /// Counts the rule's atoms that are found. The rule has no variables, and fires when all its atoms
+    /// have been found.
     Count,
 }
 
-/// All triggers.
+/// The triggers of all rules, by relation.
 #[derive(Debug)]
 pub(super) struct Triggers {
     all: Vec<Trigger>,
-    /// Per relation: its triggers.
+    /// Per relation: the triggers that its new tuples may match.
     waiting: Vec<RelationTriggers>,
-    /// Per rule without variables: the number of its atoms that are still missing.
+    /// Per rule without variables: the number of its atoms that have not been found yet.
     missing: FxHashMap<usize, usize>,
 }
 
 /// The triggers of one relation.
 #[derive(Debug, Default)]
 struct RelationTriggers {
-    /// Triggers that any tuple may match.
+    /// Triggers that require no certain object in any column.
     open: Vec<usize>,
     /// Columns in which some trigger requires a certain object.
     columns: Vec<usize>,
-    /// Triggers that require an object in a column.
+    /// Triggers that require a certain object in a column; the key is the column and the object.
     fixed: FxHashMap<(usize, ObjectId), Vec<usize>>,
 }
 
@@ -61,7 +62,7 @@ impl Triggers {
         &mut self.all[id]
     }
 
-    /// Adds one trigger of a rule for each of these atoms.
+    /// Adds one trigger of a rule for each atom of its body at these positions.
     pub(super) fn add(&mut self, index: usize, rule: &HornRule, positions: &[usize]) {
         let has_variables = !rule.wanted.is_empty()
             || rule.body.atoms.iter().any(|atom| !variables(atom).is_empty());
@@ -90,7 +91,7 @@ impl Triggers {
         }
     }
 
-    /// Collects the triggers that a tuple may match.
+    /// Appends the triggers that a new tuple may match to `due`.
     pub(super) fn due(&self, relation: usize, tuple: &[ObjectId], due: &mut Vec<usize>) {
         let waiting = &self.waiting[relation];
         due.extend_from_slice(&waiting.open);
@@ -101,7 +102,8 @@ impl Triggers {
         }
     }
 
-    /// Counts one atom of a rule without variables. Returns whether it was the last one missing.
+    /// Counts one atom of a rule without variables as found. Returns whether it was the last atom
+    /// missing.
     pub(super) fn count_down(&mut self, rule: usize) -> bool {
         let Some(missing) = self.missing.get_mut(&rule) else { return false };
         *missing -= 1;

@@ -1,8 +1,9 @@
 //! The additive heuristic h_add: in the delete relaxation, a conjunction costs the sum of the costs of
-//! its parts (Bonet and Geffner, 2001). It is not admissible; here it chooses the best supporters of
-//! the FF heuristic.
+//! its parts (Bonet and Geffner, 2001). The heuristic is not admissible; here it chooses the best
+//! supporters for the FF heuristic.
 //!
-//! A search spends almost all its time here, so data that is used together is stored together.
+//! A search spends almost all its time in this module, so data that is used together is stored
+//! together.
 
 use rustc_hash::FxHashMap;
 
@@ -11,49 +12,55 @@ use super::relaxation::Relaxation;
 use crate::rows::Rows;
 use crate::state::State;
 
-/// Cost of a proposition that is not reached.
+/// Cost value of a proposition that is not reached.
 const UNREACHED: u32 = u32::MAX;
 
-/// Costs saturate at this value, so that the sum of two of them does not overflow.
+/// Greatest cost of a proposition; greater costs are set to this value, so that the sum of two costs
+/// does not overflow.
 const COST_MAX: u32 = 1 << 30;
 
-/// Supporter of propositions that hold in the state: no relaxed operator has reached them.
+/// Supporter value of propositions that hold in the state, and are thus reached without a relaxed
+/// operator.
 pub(super) const NO_SUPPORTER: u32 = u32::MAX;
 
 const NOT_YET: ReachedCost = ReachedCost { cost: UNREACHED, supporter: NO_SUPPORTER };
 
-/// Costs and best supporters of propositions, for the state explored last. Contains scratch space.
+/// Costs and best supporters of propositions, for the state that was explored last. Contains scratch
+/// space.
 #[derive(Debug)]
 pub(super) struct AdditiveHeuristic {
     reached: Vec<ReachedCost>,
     /// Per proposition: the relaxed operators that have it as their only precondition.
     alone: Rows,
-    /// Per proposition: its clique, if it is in one.
+    /// Per proposition: the clique that contains it, if one does.
     cliques: Cliques,
-    /// Per proposition: the counters of the relaxed operators that have it as one of several
-    /// preconditions.
+    /// Per proposition: the counters of the relaxed operators that have the proposition as one of
+    /// several preconditions.
     among: Rows,
-    /// Per counter: its relaxed operator.
+    /// Per counter: the relaxed operator that it belongs to.
     counted: Vec<u32>,
     counters: Vec<Counter>,
     /// Initial values of the counters, before any proposition is reached.
     fresh: Vec<Counter>,
     base_costs: Vec<u32>,
     is_goal: Vec<bool>,
-    /// Per numeric step: the number of its repetitions. Empty if the relaxation has no numeric steps.
+    /// Per numeric step: how often its operator must be repeated. Empty if the relaxation has no
+    /// numeric steps.
     repetitions: Vec<u32>,
     initial: Vec<u32>,
     queue: CostQueue,
 }
 
-/// Lowest cost at which a proposition is reached, and the relaxed operator that reaches it so.
+/// Lowest cost at which a proposition is reached, and the relaxed operator that reaches it at this
+/// cost.
 #[derive(Clone, Copy, Debug)]
 struct ReachedCost {
     cost: u32,
     supporter: u32,
 }
 
-/// Number of unreached preconditions of a relaxed operator, and the sum of the costs so far.
+/// Counter of a relaxed operator: the number of its preconditions that are not reached, and the sum of
+/// the operator's cost and the costs of the preconditions that are.
 #[derive(Clone, Copy, Debug)]
 struct Counter {
     missing: u32,
@@ -95,7 +102,7 @@ impl AdditiveHeuristic {
         }
     }
 
-    /// Returns the bytes that the tables take.
+    /// Returns the number of bytes that the tables take.
     pub(super) fn bytes(&self) -> usize {
         let rows = self.alone.bytes() + self.among.bytes() + self.base_costs.len() * 4;
         self.reached.len() * 9 + self.counters.len() * 16 + rows
@@ -178,7 +185,7 @@ impl AdditiveHeuristic {
     }
 
     /// Counts a reached proposition for the relaxed operators that have it as a precondition, and fires
-    /// those without missing preconditions.
+    /// the operators of which all preconditions are now reached.
     #[inline]
     fn open<const NUMBERS: bool>(&mut self, relaxation: &Relaxation, proposition: u32, cost: u32) {
         if self.cliques.enter(proposition) {
@@ -201,7 +208,7 @@ impl AdditiveHeuristic {
     }
 
     /// Updates the costs of the propositions that a relaxed operator adds. `cost` includes one
-    /// application of the operator; repetitions are added.
+    /// application of the operator; the cost of further applications is added here.
     #[inline]
     fn fire<const NUMBERS: bool>(&mut self, relaxation: &Relaxation, relaxed: u32, cost: u32) {
         if NUMBERS {
@@ -244,7 +251,7 @@ fn alone(relaxation: &Relaxation) -> Rows {
     Rows::collect(relaxation.proposition_count(), pairs)
 }
 
-/// Returns, per proposition, the counters of the relaxed operators that have it among several
+/// Returns, per proposition, the counters of the relaxed operators that have it as one of several
 /// preconditions.
 fn among(relaxation: &Relaxation, counted: &[u32]) -> Rows {
     let pairs = counted.iter().zip(0..).flat_map(|(relaxed, index)| {
@@ -253,12 +260,13 @@ fn among(relaxation: &Relaxation, counted: &[u32]) -> Rows {
     Rows::collect(relaxation.proposition_count(), pairs)
 }
 
-/// Cliques: sets of propositions from each of which all others are reached at the same cost, such as
-/// places that are all adjacent. Once one proposition of a clique is reached, the others need not fire
-/// their operators: what these add has been reached from the first, at no greater cost.
+/// Cliques: sets of propositions in which each proposition leads to all others at the same cost, such
+/// as places that are all adjacent. Once one proposition of a clique is reached, the others need not
+/// fire their operators: what these operators add has been reached from the first proposition, at no
+/// greater cost.
 #[derive(Debug)]
 struct Cliques {
-    /// Per proposition: its clique, or [`NO_CLIQUE`].
+    /// Per proposition: the clique that contains it, or [`NO_CLIQUE`].
     of: Vec<u32>,
     entered: Vec<bool>,
 }
@@ -285,7 +293,8 @@ impl Cliques {
         Cliques { of, entered: vec![false; known.len()] }
     }
 
-    /// Returns `true` if the proposition is in no clique, or is the first of its clique to be reached.
+    /// Whether operators of a reached proposition must fire: the proposition is in no clique, or is the
+    /// first of its clique to be reached. Records that the clique is reached.
     #[inline]
     fn enter(&mut self, proposition: u32) -> bool {
         match self.of[proposition as usize] {
@@ -295,9 +304,9 @@ impl Cliques {
     }
 }
 
-/// Returns the cost of the operators with this proposition as their only precondition, and the set of
-/// the proposition and all that they add. Returns `None` if there is no such operator or their costs
-/// differ.
+/// Returns the common cost of the relaxed operators that have `proposition` as their only precondition,
+/// and the set of `proposition` and all propositions that they add. Returns `None` if there is no such
+/// operator or the costs differ.
 fn members(
     relaxation: &Relaxation,
     alone: &Rows,

@@ -1,16 +1,17 @@
 //! A priority queue for Dijkstra's algorithm, for costs that are mostly small.
 //!
-//! Small costs have a bucket each; large ones share a heap. A pushed cost must not be smaller than the
-//! last one popped. After the queue has been found empty, it must be cleared before the next push.
+//! Small costs have a bucket each; large costs share a heap. A cost that is pushed must not be smaller
+//! than the cost that was popped last. After the queue has been found empty, it must be cleared before
+//! the next push.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Costs below this have buckets. Relaxed plans of a hundred thousand steps are rare.
+/// Costs below this value have buckets. Relaxed plans of a hundred thousand steps are rare.
 const BUCKETS_MAX: u64 = 100_000;
 
-/// As [`BUCKETS_MAX`], for tasks with mostly great costs, where creating and scanning many empty
-/// buckets would be wasted time.
+/// Value in place of [`BUCKETS_MAX`] for tasks with mostly great costs, where creating and scanning
+/// many empty buckets would waste time.
 const BUCKETS_WHERE_COSTS_ARE_GREAT_MAX: u64 = 1_000;
 
 #[derive(Debug)]
@@ -18,7 +19,7 @@ pub(super) struct CostQueue {
     buckets_max: u64,
     buckets: Vec<Vec<u32>>,
     current: usize,
-    /// One past the highest bucket that was filled since the queue was last cleared.
+    /// Number of buckets up to the highest one that was filled since the queue was last cleared.
     filled: usize,
     large: BinaryHeap<Reverse<(u64, u32)>>,
 }
@@ -38,7 +39,7 @@ impl Default for CostQueue {
 // === impl CostQueue ===
 
 impl CostQueue {
-    /// Returns a queue for costs that are mostly great.
+    /// Creates a queue for costs that are mostly great.
     pub(super) fn of_great_costs() -> CostQueue {
         CostQueue { buckets_max: BUCKETS_WHERE_COSTS_ARE_GREAT_MAX, ..CostQueue::default() }
     }
@@ -87,8 +88,8 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// Items come out by ascending cost, and among equal costs the last one pushed comes first.
-        /// This also holds after the queue was cleared with items in it.
+        /// Items are popped by ascending cost; among equal costs, the item that was pushed last comes
+        /// first. This also holds after the queue was cleared with items in it.
         #[test]
         fn it_is_a_stack_for_each_cost(
             rounds in prop::collection::vec(

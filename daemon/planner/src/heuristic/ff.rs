@@ -1,5 +1,5 @@
-//! The FF heuristic: the size of a plan for the delete relaxation (Hoffmann and Nebel, 2001), with
-//! best supporters by h_add (Keyder and Geffner, 2008).
+//! The FF heuristic: the cost of a plan for the delete relaxation (Hoffmann and Nebel, 2001), with best
+//! supporters chosen by h_add (Keyder and Geffner, 2008).
 
 use super::Evaluator;
 use super::additive::{AdditiveHeuristic, NO_SUPPORTER};
@@ -7,28 +7,27 @@ use super::relaxation::{Relaxation, Weights};
 use crate::state::{State, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// Maximal length of the relaxed plan that is stored. A longer one would not be executable as it is
-/// anyway.
+/// Maximal length of the relaxed plan that is stored. A longer one could hardly be executed as it is.
 const PLAN_MAX: usize = 10_000;
 
-/// Number of times that an operator occurs in a relaxed plan.
+/// How often an operator occurs in a relaxed plan.
 #[derive(Clone, Copy, Debug, Default)]
 struct OperatorMark {
-    /// Number of the evaluation that set the mark; older marks count as zero.
+    /// Number of the evaluation that set the mark; a mark of an earlier evaluation counts as zero.
     evaluation: u32,
     times: u32,
 }
 
-/// The FF heuristic.
+/// The FF heuristic of a task.
 #[derive(Debug)]
 pub(crate) struct FastForward<'t> {
     task: &'t Task,
     relaxation: Relaxation,
     additive: AdditiveHeuristic,
     preferred: Vec<OperatorId>,
-    /// Relaxed plan, unordered; an operator occurs as often as its repetitions require.
+    /// Last relaxed plan, unordered. An operator occurs in it as often as it must be repeated.
     plan: Vec<OperatorId>,
-    /// Per proposition: number of the evaluation that last visited it.
+    /// Per proposition: number of the last evaluation that visited the proposition.
     marks: Vec<u32>,
     operator_marks: Vec<OperatorMark>,
     evaluation: u32,
@@ -58,7 +57,7 @@ impl<'t> FastForward<'t> {
         self.relaxation.size()
     }
 
-    /// Returns the delete relaxation that it evaluates.
+    /// Returns the delete relaxation of which the heuristic computes plans.
     pub(crate) fn relaxation(&self) -> &Relaxation {
         &self.relaxation
     }
@@ -69,14 +68,14 @@ impl<'t> FastForward<'t> {
     }
 
     /// Returns the propositions that the last relaxed plan makes true and that do not hold in the
-    /// state.
+    /// evaluated state.
     pub(crate) fn relaxed_propositions(&self) -> Vec<u32> {
         let marked = (0..self.marks.len()).filter(|one| self.marks[*one] == self.evaluation);
         marked.map(|one| one as u32).filter(|one| !self.is_given(*one)).collect()
     }
 
-    /// Returns the h_add cost of the most expensive positive precondition of an operator. Sorting by it
-    /// orders a relaxed plan.
+    /// Returns the h_add cost of the most expensive positive precondition of an operator. Operators
+    /// that are sorted by this cost form an ordered relaxed plan.
     pub(crate) fn depth(&self, operator: OperatorId) -> u64 {
         let preconditions = self.task.operator(operator).preconditions.iter();
         let costs = preconditions
@@ -93,8 +92,8 @@ impl<'t> FastForward<'t> {
         }
     }
 
-    /// Extracts the relaxed plan backwards from the goal. Returns its cost, and collects its operators
-    /// that are applicable in `state` as preferred operators.
+    /// Extracts the relaxed plan backwards from the goal, and returns its cost. Operators of the plan
+    /// that are applicable in `state` become the preferred operators.
     fn extract(&mut self, state: &State) -> u64 {
         let mut size: u64 = 0;
         self.evaluation += 1;
@@ -129,7 +128,7 @@ impl<'t> FastForward<'t> {
         size
     }
 
-    /// Whether a proposition holds in the state, so that it needs no supporter.
+    /// Whether a proposition holds in the evaluated state, so that it needs no supporter.
     fn is_given(&self, proposition: u32) -> bool {
         self.additive.supporter(proposition) == NO_SUPPORTER
     }

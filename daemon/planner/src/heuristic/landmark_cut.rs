@@ -1,13 +1,13 @@
-//! LM-cut: the sum of the costs of disjunctive action landmarks, sets of operators of which every plan
-//! contains at least one (Helmert and Domshlak, 2009). It is admissible. Unlike h_max, it accounts for
-//! several goals that each have a cost.
+//! LM-cut: the sum of the costs of disjunctive action landmarks, which are sets of operators of which
+//! every plan contains at least one (Helmert and Domshlak, 2009). The heuristic is admissible. Unlike
+//! h_max, it adds up the costs of several goals.
 //!
-//! A landmark of a state is also a landmark of its successor, unless it contains the operator that
-//! leads there. So most landmarks of an evaluation are taken over from the parent state (Pommerening
-//! and Helmert, 2013).
+//! A landmark of a state is also a landmark of a successor state, unless it contains the operator that
+//! leads to the successor. Most landmarks of an evaluation are thus taken over from the parent state
+//! (Pommerening and Helmert, 2013).
 //!
-//! Relaxed operators of one operator share its cost, so that an action with several conditional effects
-//! is not charged twice for one application.
+//! Relaxed operators that come from one operator share the cost of this operator, so that an action
+//! with several conditional effects is not charged twice for one application.
 
 use super::cost_queue::CostQueue;
 use super::relaxation::{Relaxation, UNREACHED, Weights};
@@ -18,24 +18,25 @@ use crate::rows::Rows;
 use crate::state::{State, StateId, Transition};
 use crate::task::Task;
 
-/// LM-cut, with costs that count first and steps second. Contains scratch space.
+/// The LM-cut heuristic of a task. Cost counts first; the number of steps decides between equal costs.
+/// Contains scratch space.
 #[derive(Debug)]
 pub(crate) struct LandmarkCut {
     relaxation: Relaxation,
     /// Per proposition: the relaxed operators that add it.
     adding: Rows,
-    /// Per operator: its cost minus what earlier cuts were charged.
+    /// Per operator: its cost minus what earlier cuts were charged for.
     remaining: Vec<u64>,
     costs: Vec<u64>,
     missing: Vec<u32>,
-    /// Per relaxed operator: its supporter, a precondition of greatest h_max cost.
+    /// Per relaxed operator: its supporter, which is the precondition with the greatest h_max cost.
     supporters: Vec<u32>,
-    /// Per relaxed operator: the cost of its supporter.
+    /// Per relaxed operator: the h_max cost of its supporter.
     supported: Vec<u64>,
-    /// Per relaxed operator: the operator that it shares the cost of. Axioms share an additional entry of
-    /// cost zero.
+    /// Per relaxed operator: the operator that it comes from, with which it shares the cost. Axioms
+    /// share an additional entry of cost zero.
     origins: Vec<u32>,
-    /// Per operator: its relaxed operators.
+    /// Per operator: the relaxed operators that come from it.
     parts: Rows,
     charged: Vec<u32>,
     queue: CostQueue,
@@ -49,36 +50,36 @@ pub(crate) struct LandmarkCut {
     known: LandmarkStore,
 }
 
-/// Landmarks of evaluated states, as far as memory allows to keep them.
+/// Landmarks of evaluated states, as far as the cap on memory allows keeping them.
 #[derive(Debug, Default)]
 struct LandmarkStore {
-    /// Per state: the range of its landmarks.
+    /// Per state: the range of its landmarks in `prices`.
     ranges: Vec<(u32, u32)>,
-    /// Per landmark: its cost, and the end of its operators. They begin where those of the previous one
-    /// end.
+    /// Per landmark: its cost, and the end of its operators in `operators`. They begin where the
+    /// operators of the previous landmark end.
     prices: Vec<(u64, u32)>,
     operators: Vec<u32>,
 }
 
-/// Cap on the operators of kept landmarks in total, about 64 MiB. Landmarks of later states are not
-/// kept.
+/// Cap on the number of operators in all stored landmarks together: about 64 MiB. When the cap is
+/// reached, the landmarks of later states are not stored.
 const KEPT_MAX: usize = 1 << 24;
 
-/// Zone of a proposition in the justification graph, relative to a cut.
+/// Zone that a proposition belongs to in the justification graph, relative to a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Zone {
     Unseen,
-    /// Goal zone: the goal is reached from here at no further cost.
+    /// Goal zone: from the proposition, the goal is reached at no further cost.
     Goal,
-    /// Before zone: reached from the state without crossing the cut.
+    /// Before zone: the proposition is reached from the state without crossing the cut.
     Before,
 }
 
-/// Cap on the cuts of one evaluation: far more than the goals of a task that is small enough for
-/// LM-cut.
+/// Cap on the number of cuts in one evaluation. It far exceeds the number of goals in a task that is
+/// small enough for LM-cut.
 const CUTS_MAX: u64 = 500;
 
-/// Supporter of relaxed operators without preconditions.
+/// Supporter value of relaxed operators without preconditions.
 const NOTHING: u32 = u32::MAX;
 
 // === impl LandmarkCut ===
@@ -125,7 +126,7 @@ impl LandmarkCut {
         self.remaining[self.origins[relaxed as usize] as usize]
     }
 
-    /// Computes h_max with the remaining costs.
+    /// Computes the h_max costs of all propositions, with the remaining costs of the operators.
     fn explore(&mut self) {
         self.costs.clear();
         self.costs.resize(self.relaxation.proposition_count(), UNREACHED);
@@ -155,7 +156,8 @@ impl LandmarkCut {
         }
     }
 
-    /// Updates h_max after some costs were reduced: only propositions that become cheaper are visited.
+    /// Updates the h_max costs after some operators have become cheaper: only propositions that become
+    /// cheaper are visited.
     fn explore_again(&mut self) {
         self.queue.clear();
         for index in 0..self.charged.len() {
@@ -181,7 +183,7 @@ impl LandmarkCut {
         }
     }
 
-    /// Chooses the supporter of a relaxed operator again, after its old supporter has become cheaper.
+    /// Chooses a new supporter for a relaxed operator, after its old supporter has become cheaper.
     fn support_again(&mut self, relaxed: u32) {
         let preconditions = self.relaxation.preconditions(relaxed).iter();
         let dearest = preconditions.map(|one| (self.costs[*one as usize], *one)).max();
@@ -207,7 +209,8 @@ impl LandmarkCut {
         }
     }
 
-    /// Returns the goal proposition of greatest h_max cost, and that cost. `None` if there is no goal.
+    /// Returns the greatest h_max cost of a goal proposition, and this proposition. Returns `None` if
+    /// there is no goal.
     fn most_expensive_goal(&self) -> Option<(u64, u32)> {
         let goal = self.relaxation.goal().iter();
         goal.map(|goal| (self.costs[*goal as usize], *goal)).max()
@@ -233,7 +236,7 @@ impl LandmarkCut {
         }
     }
 
-    /// Collects the cut: the relaxed operators that lead from the before zone into the goal zone.
+    /// Finds the cut: the relaxed operators that lead from the before zone into the goal zone.
     fn find_cut(&mut self) {
         self.cut.clear();
         for index in 0..self.initial.len() {
@@ -272,7 +275,8 @@ impl LandmarkCut {
         }
     }
 
-    /// Subtracts the cost of the cut, its cheapest operator, from its operators. Returns that cost.
+    /// Subtracts the cost of the cut, which is the cost of its cheapest operator, from the remaining
+    /// cost of each of its operators. Returns the cost of the cut.
     fn charge(&mut self) -> u64 {
         let price = self.cut.iter().map(|relaxed| self.cost(*relaxed)).min().unwrap_or(0);
         self.charged.clear();
@@ -285,8 +289,8 @@ impl LandmarkCut {
         price
     }
 
-    /// Finds cuts with the remaining costs until the goal costs nothing, and adds their costs to
-    /// `total`. Returns `None` for a dead end.
+    /// Finds cuts with the remaining costs until the goal costs nothing, and adds the costs of the cuts
+    /// to `total`. Returns the sum, or `None` for a dead end.
     fn cuts(&mut self, mut total: u64) -> Option<u64> {
         self.explorations = 0;
         loop {
@@ -320,15 +324,15 @@ impl LandmarkCut {
         }
     }
 
-    /// Prepares the evaluation of a state with the full costs.
+    /// Prepares the evaluation of a state: every operator has its full cost again.
     fn start(&mut self, state: &State) {
         self.initial.clear();
         self.relaxation.initial(state, &mut self.initial);
         self.relaxation.weights(&mut self.remaining);
     }
 
-    /// Takes over the landmarks of the parent state that do not contain the operator of `way`. Returns
-    /// the sum of their costs.
+    /// Takes over the landmarks of the parent state that do not contain the operator of `way`, the step
+    /// from the parent state. Returns the sum of their costs.
     fn inherit(&mut self, way: Transition) -> u64 {
         let mut total: u64 = 0;
         for landmark in self.known.of(way.parent) {
@@ -384,18 +388,18 @@ impl Evaluator for LandmarkCut {
 // === impl Landmarks ===
 
 impl LandmarkStore {
-    /// Returns the range of a state's landmarks; empty if they are not kept.
+    /// Returns the range of a state's landmarks; empty if the landmarks of the state are not stored.
     fn of(&self, state: StateId) -> Range<usize> {
         let (start, end) = self.ranges.get(state.0 as usize).copied().unwrap_or((0, 0));
         start as usize..end as usize
     }
 
-    /// Returns the cost of a landmark and its operators.
+    /// Returns the cost of a landmark, and its operators.
     fn get(&self, landmark: usize) -> (u64, &[u32]) {
         (self.prices[landmark].0, &self.operators[self.place(landmark)])
     }
 
-    /// Returns the range of a landmark's operators.
+    /// Returns the range that a landmark's operators have in `operators`.
     fn place(&self, landmark: usize) -> Range<usize> {
         let start = landmark.checked_sub(1).map_or(0, |before| self.prices[before].1);
         start as usize..self.prices[landmark].1 as usize
@@ -406,13 +410,14 @@ impl LandmarkStore {
         self.prices.push((price, self.operators.len() as u32));
     }
 
-    /// Adds a copy of a landmark.
+    /// Adds a copy of a stored landmark.
     fn push_again(&mut self, landmark: usize) {
         self.operators.extend_from_within(self.place(landmark));
         self.prices.push((self.prices[landmark].0, self.operators.len() as u32));
     }
 
-    /// Assigns the landmarks from `first` on to a state. Drops them instead if the cap is exceeded.
+    /// Assigns the landmarks with the index `first` and all after it to a state. If the cap is
+    /// exceeded, drops these landmarks instead.
     fn keep(&mut self, state: StateId, first: u32) {
         if self.operators.len() > KEPT_MAX {
             self.prices.truncate(first as usize);

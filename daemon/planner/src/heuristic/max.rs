@@ -1,12 +1,13 @@
 //! h_max: the cost of the most expensive goal proposition in the delete relaxation, where a conjunction
-//! costs as much as its most expensive part (Bonet and Geffner, 2001). It is admissible and consistent.
+//! costs as much as its most expensive part (Bonet and Geffner, 2001). The heuristic is admissible and
+//! consistent.
 
 use super::Evaluator;
 use super::relaxation::{Exploration, Relaxation, Weights};
 use crate::state::State;
 use crate::task::Task;
 
-/// h_max, with costs that count first and steps second.
+/// The h_max heuristic of a task. Cost counts first; the number of steps decides between equal costs.
 #[derive(Debug)]
 pub(crate) struct MaxHeuristic {
     relaxation: Relaxation,

@@ -1,7 +1,7 @@
 //! Heuristics: estimates of the distance from a state to the goal.
 //!
-//! All of them use the delete relaxation. If the relaxation has no plan, the task has none either, so a
-//! dead end found here is a proof.
+//! All heuristics here use the delete relaxation. If the relaxation has no plan, the task has none
+//! either, so a dead end that is found here is a proof.
 
 mod additive;
 mod cost_queue;
@@ -22,14 +22,15 @@ pub(crate) use relaxation::{STEPS_PER_COST, Weights};
 use crate::state::{State, StateId, Transition};
 use crate::task::{OperatorId, Task};
 
-/// Estimates the cost from a state to the nearest goal state.
+/// An evaluator: estimates the cost from a state to the nearest goal state.
 pub(crate) trait Evaluator {
-    /// Estimates the cost from `state` to the goal. Returns `None` for a dead end: no plan passes
-    /// through it.
+    /// Returns an estimate of the cost from `state` to the goal. Returns `None` for a dead end: no plan
+    /// passes through `state`.
     fn evaluate(&mut self, state: &State) -> Option<u64>;
 
-    /// As [`Evaluator::evaluate`], for a state that was reached by the step `transition`. `id` names the state
-    /// for later calls. Findings about the parent state may be used again.
+    /// Estimates the cost as [`Evaluator::evaluate`] does, for a state that was reached by the step
+    /// `transition`. `id` identifies the state in later calls. Findings about the parent state may be
+    /// used again.
     fn evaluate_after(
         &mut self,
         state: &State,
@@ -39,27 +40,28 @@ pub(crate) trait Evaluator {
         self.evaluate(state)
     }
 
-    /// Limits the next evaluation to `explorations_max` explorations of the relaxation. It may also
-    /// stop as soon as the estimate is at least `enough`. Fewer explorations give a lower estimate.
+    /// Limits the next evaluation to `explorations_max` explorations of the relaxation. The evaluation
+    /// may also stop as soon as the estimate is at least `enough`. Fewer explorations give a lower
+    /// estimate.
     fn limit(&mut self, _explorations_max: u64, _enough: u64) {}
 
-    /// Returns how often the last evaluation explored the relaxation; this is the unit of its work.
+    /// Returns how often the last evaluation explored the relaxation, which is the measure of its work.
     fn explorations(&self) -> u64 {
         1
     }
 
-    /// Returns the preferred operators of the state evaluated last.
+    /// Returns the preferred operators of the state that was evaluated last.
     fn preferred(&self) -> &[OperatorId] {
         &[]
     }
 
-    /// Returns about how many bytes the evaluator takes.
+    /// Returns roughly the number of bytes that the evaluator takes.
     fn bytes(&self) -> usize {
         0
     }
 }
 
-/// A heuristic that A* can search with: it never overestimates.
+/// A heuristic that A* can use, because it never overestimates the cost to the goal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Admissible {
     Blind,
@@ -68,7 +70,7 @@ pub(crate) enum Admissible {
 }
 
 impl Admissible {
-    /// Name of its entry in [`HEURISTICS`].
+    /// Returns the name of the heuristic's entry in [`HEURISTICS`].
     #[cfg(test)]
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -78,7 +80,7 @@ impl Admissible {
         }
     }
 
-    /// Builds its evaluator for a task.
+    /// Builds the evaluator of this heuristic for a task.
     pub(crate) fn evaluator(self, task: &Task) -> Box<dyn Evaluator + '_> {
         match self {
             Admissible::Blind => Box::new(BlindHeuristic),
@@ -88,16 +90,17 @@ impl Admissible {
     }
 }
 
-/// An entry of [`HEURISTICS`].
+/// Description of a heuristic; an entry of [`HEURISTICS`].
 #[derive(Clone, Copy, Debug)]
 pub struct Heuristic {
-    /// Name by which it is chosen.
+    /// Name of the heuristic, as search configurations refer to it.
     pub name: &'static str,
-    /// Description in one line.
+    /// Description of the heuristic in one line.
     pub summary: &'static str,
-    /// Whether it is admissible: it never overestimates.
+    /// Whether the heuristic is admissible: it never overestimates the cost to the goal.
     pub admissible: bool,
-    /// Whether it is consistent: along a step it never drops by more than the cost of the step.
+    /// Whether the heuristic is consistent: along a step, its estimate never drops by more than the
+    /// cost of the step.
     pub consistent: bool,
 }
 

@@ -1,41 +1,41 @@
-//! Balance check: whether all operators keep a set of facts at one true fact at most.
+//! Balance check: whether every operator keeps the number of true facts of a set at one or less.
 //!
-//! The proof is by induction. At most one fact of the set is true before an operator. An effect that
-//! adds a fact of the set must then require another fact of the set and delete it, or require the same
-//! fact. Two effects that add different facts must not happen together.
+//! The proof is by induction: at most one fact of the set is true before an operator. An effect that
+//! adds a fact of the set must then require another fact of the set and delete it, or require the fact
+//! that it adds. Two effects that add different facts of the set must not happen together.
 
 use crate::task::{FactId, GroundOperator, Literal, Task};
 
 /// Checks sets of facts against all operators of a task.
 pub(super) struct BalanceCheck<'t> {
     task: &'t Task,
-    /// Per fact: start of its list in `adders`.
+    /// Per fact: start of its operators in `adders`.
     starts: Vec<u32>,
-    /// Operators that may add a fact, in one array.
+    /// Operators that may add each fact: the lists of all facts, in one array.
     adders: Vec<u32>,
-    /// Work done so far: the number of effect parts visited.
+    /// Work done so far, as the number of effect parts visited.
     pub(super) work: u64,
 }
 
-/// Result of the check of a set.
+/// Result of the check of one set of facts.
 #[derive(Debug)]
 pub(super) enum BalanceResult {
     Holds,
-    /// Some operator may add two facts of the set at once.
+    /// Some operator may add two facts of the set at the same time.
     TooHeavy,
-    /// Some operator adds a fact of the set and deletes none. `deleted` are the facts that it requires
-    /// and deletes.
+    /// Some operator adds a fact of the set and deletes none. `deleted` contains all facts, whether in
+    /// the set or not, that the effect requires and deletes.
     Unbalanced {
         deleted: Vec<FactId>,
     },
 }
 
-/// An effect that adds a fact of the set.
+/// An effect of an operator that adds a fact of the set under check.
 struct Addition<'t> {
     fact: FactId,
     /// Conditions of the effect, in addition to the operator's precondition.
     conditions: &'t [Literal],
-    /// Deletes of the effect, in addition to those of the unconditional effect.
+    /// Facts that the effect deletes, in addition to those that the unconditional effect deletes.
     deletes: &'t [FactId],
 }
 
@@ -66,7 +66,8 @@ impl<'t> BalanceCheck<'t> {
         BalanceCheck { task, starts, adders, work: 0 }
     }
 
-    /// Checks the set `facts`: the facts with the entry `instance` in `instance_of`.
+    /// Checks the set of the facts in `facts`. They are the facts with the value `instance` in
+    /// `instance_of`.
     pub(super) fn check(
         &mut self,
         facts: &[FactId],
@@ -90,7 +91,8 @@ impl<'t> BalanceCheck<'t> {
     }
 }
 
-/// Finds the effects of an operator that add a fact of the set. Returns the number of parts visited.
+/// Finds the effects of an operator that add a fact of the set. Returns the number of effect parts
+/// visited.
 fn collect<'t>(
     operator: GroundOperator<'t>,
     is_in: &impl Fn(FactId) -> bool,
@@ -149,7 +151,7 @@ fn judge(
     BalanceResult::Holds
 }
 
-/// Number of facts of the set that an addition requires.
+/// The facts of the set under check that an addition requires: none, one, or at least two.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum RequiredFacts {
     Nothing,
@@ -157,7 +159,8 @@ enum RequiredFacts {
     Two,
 }
 
-/// Whether two additions cannot happen together, because they require different facts of the set.
+/// Whether two additions cannot happen together, because they require different facts of the set under
+/// check.
 fn excludes(left: RequiredFacts, right: RequiredFacts) -> bool {
     match (left, right) {
         (RequiredFacts::One(left), RequiredFacts::One(right)) => left != right,
@@ -170,8 +173,8 @@ fn contradict(left: &[Literal], right: &[Literal]) -> bool {
     left.iter().any(|literal| right.contains(&literal.negated()))
 }
 
-/// Whether a fact is deleted whenever an addition happens. If another effect adds it again, that effect
-/// is an addition itself.
+/// Whether `fact` is deleted whenever the addition happens. The fact may be added again by another
+/// effect, but that effect is then checked as an addition of its own.
 fn is_deleted(operator: GroundOperator<'_>, addition: &Addition<'_>, fact: FactId) -> bool {
     let follows = |literal: &Literal| {
         addition.conditions.contains(literal) || operator.preconditions.contains(literal)
@@ -184,7 +187,7 @@ fn is_deleted(operator: GroundOperator<'_>, addition: &Addition<'_>, fact: FactI
             .any(|one| one.effect.deletes.contains(&fact) && one.conditions.iter().all(follows))
 }
 
-/// Returns the facts that an addition requires and that are deleted when it happens.
+/// Returns the facts that an addition requires and that are deleted whenever the addition happens.
 fn deleted(operator: GroundOperator<'_>, addition: &Addition<'_>) -> Vec<FactId> {
     let all = operator.preconditions.iter().chain(addition.conditions);
     let positive = all.filter(|literal| literal.is_positive()).map(|literal| literal.fact());

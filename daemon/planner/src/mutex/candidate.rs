@@ -4,25 +4,28 @@ use rustc_hash::FxHashSet;
 
 use crate::task::{Atoms, FactId, ObjectId};
 
-/// A candidate invariant: of all facts of its parts with the same parameters, at most one is true.
+/// A candidate for a lifted invariant: several atoms with common parameters. For each choice of objects
+/// for the parameters, at most one of the facts that match the atoms is supposed to be true.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) struct InvariantCandidate {
-    /// Parts, sorted; at most one per predicate.
+    /// Atoms of the candidate, sorted; at most one per predicate.
     pub(super) parts: Vec<InvariantAtom>,
 }
 
-/// An atom with the parameters as arguments, in some order, and at most one counted argument.
+/// An atom of a candidate invariant. Its arguments are the parameters, in some order, and at most one
+/// counted argument, which may be any object.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) struct InvariantAtom {
     pub(super) predicate: u32,
-    /// Per parameter: its argument position.
+    /// Per parameter: the position of the argument that it stands for.
     places: Vec<usize>,
 }
 
 // === impl Candidate ===
 
 impl InvariantCandidate {
-    /// Returns the initial candidates of one predicate: without a counted argument, or with one.
+    /// Returns the initial candidates for one predicate: one without a counted argument, and one for
+    /// each argument as the counted one.
     pub(super) fn seeds(predicate: u32, arity: usize) -> impl Iterator<Item = InvariantCandidate> {
         (0..=arity).map(move |counted| {
             let places = (0..arity).filter(|place| *place != counted).collect();
@@ -30,14 +33,15 @@ impl InvariantCandidate {
         })
     }
 
-    /// Returns the parameters of the instance that a fact belongs to.
+    /// Returns the objects that the parameters stand for in the instance that `fact` belongs to.
     pub(super) fn key(&self, atoms: &Atoms, fact: FactId) -> Vec<ObjectId> {
         let (predicate, arguments) = atoms.get(fact);
         let part = self.parts.iter().find(|part| part.predicate == predicate);
         part.map_or_else(Vec::new, |part| part.key(arguments))
     }
 
-    /// Collects the candidates that also cover `fact`, in the instance with the parameters `key`.
+    /// Adds to `refined` the candidates that have one more atom than this one, so that the instance
+    /// with the parameters `key` also covers `fact`.
     pub(super) fn refinements(
         &self,
         atoms: &Atoms,
@@ -75,7 +79,7 @@ impl InvariantCandidate {
 // === impl Part ===
 
 impl InvariantAtom {
-    /// Returns the parameters, given all arguments of an atom.
+    /// Returns the objects of the parameters, given all arguments of a fact that matches the atom.
     pub(super) fn key(&self, arguments: &[ObjectId]) -> Vec<ObjectId> {
         self.places.iter().map(|place| arguments[*place]).collect()
     }

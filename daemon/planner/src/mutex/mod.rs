@@ -2,10 +2,10 @@
 //! initial state.
 //!
 //! Candidates are lifted invariants (Helmert, 2009): atoms that share parameters, each with at most one
-//! counted argument. Helmert's synthesis proves a candidate on the schemas, for all its instances at
-//! once. Here [`balance`] proves each instance on the ground operators: an instance that fails does not
-//! invalidate the others, and static facts are taken into account. If an operator adds to an instance
-//! without deleting from it, its other deletes suggest which atom to add to the candidate.
+//! counted argument. Helmert's synthesis proves a candidate on the schemas, for all instances at once.
+//! Here, [`balance`] proves each instance on the ground operators: an instance that fails does not
+//! invalidate the others, and static facts are taken into account. If an operator adds a fact of an
+//! instance without deleting another one, its other deletes suggest which atom to add to the candidate.
 //!
 //! Groups hold for states that are reachable from the initial state. A state that comes from elsewhere,
 //! such as a report from outside, may violate them.
@@ -25,27 +25,28 @@ use crate::task::{FactId, Task};
 /// Mutex groups of a task.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MutexGroups {
-    /// All groups found; none is a subset of another.
+    /// All mutex groups that were found; none is a subset of another.
     groups: Vec<Vec<FactId>>,
-    /// A partition of the basic facts: subsets of groups, chosen greedily, the largest first, then the
-    /// remaining facts as groups of one.
+    /// A partition of the basic facts into subsets of mutex groups. The subsets are chosen greedily,
+    /// the largest first; each fact that remains is a group of its own.
     variables: Vec<Vec<FactId>>,
 }
 
-/// Maximal number of candidates to check.
+/// Maximal number of candidate invariants to check.
 const CANDIDATES_MAX: usize = 2_000;
 
-/// Maximal number of atoms in one candidate.
+/// Maximal number of atoms in one candidate invariant.
 const PARTS_MAX: usize = 16;
 
-/// Marks facts that belong to no instance.
+/// Value for facts that belong to no instance of the candidate.
 const NONE: u32 = u32::MAX;
 
 // === impl MutexGroups ===
 
 impl MutexGroups {
-    /// Searches for groups until all candidates are checked or `work_max` effect parts have been
-    /// visited; one takes about ten nanoseconds. The groups found until then are valid.
+    /// Searches for mutex groups until all candidates are checked or `work_max` effect parts have been
+    /// visited; a visit takes about ten nanoseconds. If the search ends early, the groups found so far
+    /// are valid.
     pub(crate) fn find(task: &Task, work_max: u64, cancel: &Cancel) -> MutexGroups {
         let mut finder = MutexGroupSearch::new(task, work_max, cancel);
         finder.search();
@@ -54,23 +55,24 @@ impl MutexGroups {
         MutexGroups { groups, variables }
     }
 
-    /// Returns all groups found. Each is sorted; none is a subset of another.
+    /// Returns all mutex groups that were found. Each is sorted; none is a subset of another.
     pub(crate) fn groups(&self) -> &[Vec<FactId>] {
         &self.groups
     }
 
-    /// Returns a partition of the basic facts into sorted groups; many of them have one fact only.
+    /// Returns a partition of the basic facts into sorted mutex groups, many of which have one fact
+    /// only.
     pub(crate) fn variables(&self) -> &[Vec<FactId>] {
         &self.variables
     }
 }
 
-/// State of a search for groups.
+/// State of a search for mutex groups.
 struct MutexGroupSearch<'t> {
     task: &'t Task,
     cancel: &'t Cancel,
     balance: BalanceCheck<'t>,
-    /// Per predicate: its basic facts.
+    /// Per predicate: the basic facts with this predicate.
     facts: FxHashMap<u32, Vec<FactId>>,
     is_initial: Vec<bool>,
     waiting: VecDeque<InvariantCandidate>,
@@ -123,7 +125,8 @@ impl<'t> MutexGroupSearch<'t> {
         }
     }
 
-    /// Keeps the instances of a candidate that hold, and queues refinements for those that do not.
+    /// Keeps the instances of a candidate that are proved, and queues refined candidates for those that
+    /// are not.
     fn examine(&mut self, candidate: &InvariantCandidate) {
         let mut keys = FxHashMap::default();
         let mut instances: Vec<Vec<FactId>> = Vec::new();
@@ -170,7 +173,7 @@ impl<'t> MutexGroupSearch<'t> {
     }
 }
 
-/// Removes groups that are subsets of others.
+/// Removes mutex groups that are subsets of other groups.
 fn without_parts(mut groups: Vec<Vec<FactId>>, facts: usize) -> Vec<Vec<FactId>> {
     groups.sort_unstable_by(|left, right| right.len().cmp(&left.len()).then(left.cmp(right)));
     groups.dedup();
@@ -189,8 +192,8 @@ fn without_parts(mut groups: Vec<Vec<FactId>>, facts: usize) -> Vec<Vec<FactId>>
     kept
 }
 
-/// Partitions the facts greedily: repeatedly takes the group with the most facts that are not yet
-/// taken.
+/// Partitions the facts greedily: repeatedly takes the mutex group with the most facts that are in no
+/// part of the partition yet.
 fn cover(groups: &[Vec<FactId>], facts: usize) -> Vec<Vec<FactId>> {
     let mut of: Vec<Vec<usize>> = vec![Vec::new(); facts];
     for (index, group) in groups.iter().enumerate() {

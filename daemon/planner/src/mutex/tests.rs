@@ -1,4 +1,5 @@
-//! Mutex groups of small, well-known tasks, and random walks that must not violate them.
+//! Tests with small, well-known tasks: their mutex groups are as expected, and random walks never
+//! violate a group.
 
 use proptest::prelude::*;
 
@@ -11,7 +12,7 @@ fn find(task: &Task) -> MutexGroups {
     MutexGroups::find(task, u64::MAX, &Cancel::new())
 }
 
-/// Checks the sizes of all groups, the largest first, and the number of variables.
+/// Checks the sizes of all mutex groups of a task, the largest first, and the number of variables.
 #[track_caller]
 fn check(domain: &str, problem: &str, sizes: &[usize], variables: usize) {
     let task = task(domain, problem);

@@ -7,11 +7,12 @@ use super::pairs::{LiteralPairs, LiteralSet};
 use super::{Prune, WorkBudget, WorkExceeded};
 use crate::task::Literal;
 
-/// Regression from the goal, through pairs that are forward reachable.
+/// Backward direction of the analysis: regression from the goal, through pairs that are forward
+/// reachable.
 pub(super) struct Backward<'a>(pub(super) &'a LiteralPairs);
 
-/// Computes the pairs that lead to the goal, among the forward-`reached` ones. Returns `None` if the
-/// initial state does not lead to the goal.
+/// Computes the pairs from which the goal is reachable, among the pairs in `reached`, which are forward
+/// reachable. Returns `None` if the goal is unreachable from the initial state.
 pub(super) fn reach(
     prune: &Prune<'_>,
     reached: &LiteralPairs,

@@ -1,4 +1,4 @@
-//! Fixpoint iteration: applies operators repeatedly until none of them adds a pair.
+//! Fixpoint iteration: applies operators repeatedly until none of them adds a pair of literals.
 
 use super::operator_views::OperatorView;
 use super::pairs::{LiteralPairs, LiteralSet};
@@ -8,39 +8,41 @@ use crate::task::Literal;
 /// Result of the reachability analysis in one direction.
 pub(super) struct ReachablePairs {
     pub(super) pairs: LiteralPairs,
-    /// Per operator: whether it can be used.
+    /// Per operator: whether it can be used in a plan, as far as this direction shows.
     pub(super) fired: Vec<bool>,
 }
 
 /// Direction of the analysis: forward or backward.
 pub(super) trait AnalysisDirection {
-    /// Pairs that may be added.
+    /// Returns the pairs of literals that the analysis may add.
     fn allowed(&self) -> &LiteralPairs;
 
-    /// Literals that an operator requires in this direction. It can add nothing new until their pairs
-    /// change.
+    /// Returns the literals that an operator requires in this direction. The operator can add nothing
+    /// new until the pairs of one of these literals change.
     fn needed<'v>(&self, operator: &OperatorView<'v>) -> &'v [Literal];
 
-    /// Literals that may be true together on the far side of an operator; `None` if the operator cannot
-    /// be used.
+    /// Returns the literals that may be true on the far side of an operator: after it in the forward
+    /// direction, before it in the backward direction. Returns `None` if the operator cannot be used.
     fn reachable_literals(
         &self,
         operator: &OperatorView<'_>,
         pairs: &LiteralPairs,
     ) -> Option<LiteralSet>;
 
-    /// Literals that an operator may change; only for them are pairs added.
+    /// Returns the literals that an operator may change in this direction. Pairs are added for these
+    /// literals only.
     fn changed<'v>(&self, operator: &OperatorView<'v>) -> impl Iterator<Item = &'v Literal>;
 }
 
-/// Logical clock: when the pairs of each literal last changed, and when each operator was last applied.
+/// Logical clock: contains when the pairs of each literal last changed, and when each operator was last
+/// applied.
 struct Clock {
     now: u64,
     changed: Vec<u64>,
     looked: Vec<Option<u64>>,
 }
 
-/// Extends `pairs` to the fixpoint under all useful operators, which are applied in this `order`.
+/// Extends `pairs` to the fixpoint under all useful operators, which are applied in the given `order`.
 pub(super) fn extend_to_fixpoint(
     prune: &Prune<'_>,
     direction: &impl AnalysisDirection,
@@ -78,8 +80,9 @@ pub(super) fn extend_to_fixpoint(
 // === impl Clock ===
 
 impl Clock {
-    /// Whether the pairs of one of `literals` have changed since the operator was last applied; without
-    /// literals, whether any pair has. If so, records that it is applied now.
+    /// Whether `operator` must be applied again, because the pairs of one of `literals` have changed
+    /// since it was last applied; if `literals` is empty, because any pair has changed. If so, records
+    /// that the operator is applied now.
     fn must_reapply(&mut self, operator: usize, literals: &[Literal]) -> bool {
         let changed = literals.iter().map(|one| self.changed[one.index()]).max();
         let changed = changed.unwrap_or(self.now);
@@ -90,7 +93,7 @@ impl Clock {
         must
     }
 
-    /// Records that a literal has a new partner.
+    /// Records that a literal has become part of a new pair.
     fn change(&mut self, literal: Literal) {
         self.now += 1;
         self.changed[literal.index()] = self.now;

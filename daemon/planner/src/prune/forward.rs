@@ -6,7 +6,8 @@ use super::pairs::{LiteralPairs, LiteralSet};
 use super::{Prune, WorkBudget, WorkExceeded};
 use crate::task::Literal;
 
-/// Progression from the initial state, through pairs that are alive.
+/// Forward direction of the analysis: progression from the initial state, through pairs that are alive
+/// (that may be true together on the way to the goal).
 struct Forward<'a>(&'a LiteralPairs);
 
 /// Computes the pairs that are reachable through alive pairs. Returns `None` if the goal is

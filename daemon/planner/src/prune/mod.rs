@@ -3,15 +3,14 @@
 //!
 //! 1. [`forward`]: the pairs of literals that can be true together in a reachable state. This is the
 //!    fixpoint of h² (Haslum and Geffner, “Admissible Heuristics for Optimal Planning”, 2000).
-//! 2. [`backward`]: those of the pairs from which the goal is reachable.
-//! 3. Both are repeated, each with the results of the other, until nothing more is pruned.
+//! 2. [`backward`]: among these pairs, those from which the goal is reachable.
 //!
-//! After Alcázar and Torralba, “A Reminder about the Importance of Computing and Exploiting Invariants
-//! in Planning” (2015). Literals take the place of finite-domain values: that `f` is implied means that
-//! `not f` is impossible.
+//! The method is that of Alcázar and Torralba, “A Reminder about the Importance of Computing and
+//! Exploiting Invariants in Planning” (2015), with literals in place of finite-domain values. A fact
+//! `f` is implied if `not f` is impossible.
 //!
 //! Derived facts and comparisons are not analysed, and a conditional effect counts as one that may or
-//! may not happen. So less is pruned, but the result is sound.
+//! may not happen. Less is pruned for these reasons, but the result is sound.
 
 mod backward;
 mod fixpoint;
@@ -27,44 +26,45 @@ use self::fixpoint::AnalysisDirection as _;
 use self::operator_views::OperatorViews;
 use self::pairs::{LiteralPairs, LiteralSet};
 
-/// Maximal number of rounds in both directions. The second round usually finds the last changes.
+/// Maximal number of rounds of forward and backward analysis. The second round usually finds the last
+/// changes.
 const ROUNDS_MAX: usize = 8;
 
 /// Result of pruning.
 #[derive(Debug)]
 pub(crate) enum Pruned {
-    /// Nothing was pruned, or the task is too large for the limits.
+    /// The whole task remains: nothing was pruned, or the task is too large for the limits.
     Everything,
-    /// A smaller task with the same plans.
+    /// A smaller task remains, which has the same plans.
     Smaller(Box<PrunedTask>),
-    /// No plan exists; this is a proof.
+    /// Nothing remains, because no plan exists; this is a proof.
     Nothing,
 }
 
-/// A task with the same plans as the original one, with fewer operators or stronger preconditions.
+/// A task with the same plans as the original task, but with fewer operators or stronger preconditions.
 #[derive(Debug)]
 pub(crate) struct PrunedTask {
     pub(crate) task: Task,
-    /// Per operator: its id in the original task.
+    /// Per operator of this task: its id in the original task.
     origins: Vec<OperatorId>,
 }
 
-/// Remaining work, in words of 64 pairs.
+/// Work that pruning may still do, in words of 64 pairs of literals.
 #[derive(Debug)]
 pub(super) struct WorkBudget<'c> {
     left: u64,
     cancel: &'c Cancel,
 }
 
-/// The cap on work is exceeded, or the call was cancelled.
+/// Error: the cap on work is exceeded, or the call was cancelled.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct WorkExceeded;
 
-/// Maximal number of pair sets that exist at the same time.
+/// Maximal number of sets of pairs that exist at the same time.
 const SETS: u64 = 4;
 
-/// Prunes a task within `bytes_max` of memory. `work_max` counts words of 64 pairs; one takes a
-/// nanosecond or two.
+/// Prunes a task, with at most `bytes_max` bytes of memory and `work_max` units of work. A unit is a
+/// word of 64 pairs and takes a nanosecond or two.
 pub(crate) fn prune(task: &Task, work_max: u64, bytes_max: usize, cancel: &Cancel) -> Pruned {
     let words = LiteralPairs::words(task.basic_count).saturating_mul(SETS);
     if words > work_max / 2 || words.saturating_mul(8) > bytes_max as u64 {
@@ -78,22 +78,23 @@ pub(crate) fn prune(task: &Task, work_max: u64, bytes_max: usize, cancel: &Cance
 struct Prune<'t> {
     task: &'t Task,
     view: OperatorViews,
-    /// Per operator: whether a plan may use it, as far as is known.
+    /// Per operator: whether a plan may use it, as far as is known so far.
     is_useful: Vec<bool>,
-    /// Pairs that may be true together in a state on the way to the goal, as far as is known.
+    /// Pairs of literals that may be true together in a state on the way to the goal, as far as is
+    /// known so far.
     alive: LiteralPairs,
 }
 
 // === impl Smaller ===
 
 impl PrunedTask {
-    /// Translates a plan of the smaller task into operators of the original one.
+    /// Translates a plan of this task into operators of the original task.
     pub(crate) fn original(&self, plan: &[OperatorId]) -> Vec<OperatorId> {
         plan.iter().map(|id| self.origins[id.index()]).collect()
     }
 
-    /// Translates a plan of the original task into this one. Returns `None` if one of its operators was
-    /// removed.
+    /// Translates a plan of the original task into operators of this task. Returns `None` if this task
+    /// lacks one of the plan's operators.
     pub(crate) fn translate(&self, plan: &[OperatorId]) -> Option<Vec<OperatorId>> {
         let place = |id: &OperatorId| self.origins.binary_search(id).ok();
         plan.iter().map(|id| place(id).map(|place| OperatorId(place as u32))).collect()
@@ -103,8 +104,8 @@ impl PrunedTask {
 // === impl Work ===
 
 impl WorkBudget<'_> {
-    /// Subtracts work that is about to be done. Returns an error if the cap is exceeded or the call is
-    /// cancelled.
+    /// Subtracts `words` of work, before the work is done. Returns an error if the cap is exceeded or
+    /// the call is cancelled.
     fn spend(&mut self, words: u64) -> Result<(), WorkExceeded> {
         let left = self.left.checked_sub(words).filter(|_| !self.cancel.is_set());
         self.left = left.ok_or(WorkExceeded)?;
@@ -144,7 +145,7 @@ impl<'t> Prune<'t> {
         self.is_useful.iter().filter(|is_useful| **is_useful).count()
     }
 
-    /// Builds the smaller task; `reached` are the pairs of the first forward pass.
+    /// Builds the smaller task. `reached` contains the pairs of the first forward analysis.
     fn smaller(&self, reached: &LiteralPairs) -> Pruned {
         let alive = self.alive.possible();
         let mut operators = OperatorTable::default();
@@ -168,8 +169,8 @@ impl<'t> Prune<'t> {
         Pruned::Smaller(Box::new(PrunedTask { task, origins }))
     }
 
-    /// Returns the facts that are true whenever a plan uses an operator, except its preconditions and
-    /// the facts that these imply in every reachable state.
+    /// Returns the facts that are true whenever a plan uses the operator. Its preconditions are left
+    /// out, and so are facts that these imply in every reachable state.
     fn implied(&self, operator: usize, reached: &LiteralPairs, alive: &LiteralSet) -> Vec<Literal> {
         let view = self.view.operator(operator);
         let Some(mut before) = Backward(reached).reachable_literals(&view, &self.alive) else {

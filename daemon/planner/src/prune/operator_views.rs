@@ -1,4 +1,5 @@
-//! View of the operators for both directions: their literals of basic facts, before and after.
+//! Views of operators for the forward and the backward analysis: the literals of basic facts before and
+//! after each operator.
 
 use crate::task::{FactId, GroundOperator, Literal, Task};
 
@@ -7,7 +8,7 @@ use crate::task::{FactId, GroundOperator, Literal, Task};
 pub(super) struct OperatorViews {
     fact_count: usize,
     literals: Vec<Literal>,
-    /// Per operator, the end of its parts. The first row is a sentinel of zeros.
+    /// Per operator: the ends of its lists of literals. The first row is a sentinel of zeros.
     rows: Vec<ViewRow>,
     pub(super) initial: Vec<Literal>,
     pub(super) goal: Vec<Literal>,
@@ -22,19 +23,20 @@ struct ViewRow {
     free: usize,
 }
 
-/// View of one operator.
+/// View of one operator: lists of literals of basic facts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OperatorView<'v> {
-    /// Preconditions.
+    /// Literals that must hold before the operator is applied.
     pub(super) preconditions: &'v [Literal],
-    /// Literals that it makes true in any case.
+    /// Literals that the operator makes true whenever it is applied.
     pub(super) sure: &'v [Literal],
-    /// Literals that it may make true, by conditional effects.
+    /// Literals that the operator may make true, by conditional effects.
     pub(super) possible: &'v [Literal],
-    /// Literals that hold after it: those of `sure`, and preconditions that it does not change.
+    /// Literals that hold after the operator: those in `sure`, and preconditions that it does not
+    /// change.
     pub(super) after: &'v [Literal],
-    /// Both literals of facts that it may change and that are not in its precondition: either may hold
-    /// before it.
+    /// For each fact that the operator may change and that is not in its precondition: the fact and its
+    /// negation. Either may hold before the operator.
     pub(super) free: &'v [Literal],
 }
 
@@ -98,8 +100,8 @@ impl OperatorViews {
     }
 }
 
-/// Returns the literals that an operator makes true in any case, and those that it may make true; each
-/// sorted.
+/// Returns two sorted lists: the literals that an operator makes true whenever it is applied, and the
+/// literals that it may make true.
 fn outcomes(operator: GroundOperator<'_>) -> (Vec<Literal>, Vec<Literal>) {
     let literals = |facts: &[FactId], positive| -> Vec<Literal> {
         facts.iter().map(|fact| Literal::new(*fact, positive)).collect()
@@ -133,7 +135,8 @@ fn outcomes(operator: GroundOperator<'_>) -> (Vec<Literal>, Vec<Literal>) {
 // === impl OperatorView ===
 
 impl OperatorView<'_> {
-    /// Returns roughly the number of rows of pairs that one application of it reads and writes.
+    /// Returns roughly the number of rows of pairs that one application of the operator reads and
+    /// writes.
     pub(super) fn size(&self) -> usize {
         self.preconditions.len() + self.after.len() + self.possible.len() + self.free.len() + 2
     }

@@ -1,4 +1,4 @@
-//! Tests that pruned tasks have the same plans.
+//! Tests that pruned tasks have the same plans as the original tasks.
 
 use std::collections::VecDeque;
 
@@ -12,7 +12,7 @@ fn pruned(task: &Task) -> Pruned {
     prune(task, u64::MAX, usize::MAX, &Cancel::new())
 }
 
-/// Returns a shortest plan, found by breadth-first search over all states.
+/// Returns a shortest plan of a task, found by breadth-first search over all states.
 fn shortest(task: &Task) -> Option<Vec<OperatorId>> {
     let mut progression = Progression::new(task);
     let mut space = StateSpace::new(&progression.initial());
@@ -35,7 +35,7 @@ fn shortest(task: &Task) -> Option<Vec<OperatorId>> {
     None
 }
 
-/// A robot paints the floor next to it, and never moves onto painted floor.
+/// A domain in which a robot paints the floor next to it, and never moves onto painted floor.
 const FLOOR: &str =
     "(define (domain floor) (:predicates (at ?x) (clear ?x) (painted ?x) (up ?x ?y))
   (:action walk-up :parameters (?x ?y) :precondition (and (at ?x) (up ?x ?y) (clear ?y))

@@ -1,42 +1,42 @@
-//! Hill climbing before the search, for problems that are easier than they seem. Each round applies the
-//! relaxed plan, or as much of it as leads nearer to the goal (Vidal, 2004). If that does not help, it
-//! does a step of enforced hill climbing (Hoffmann and Nebel, 2001).
+//! Hill climbing, which is tried before the search because many problems are easier than they seem.
+//! Each round applies the relaxed plan, or as much of it as leads nearer to the goal (Vidal, 2004). If
+//! that does not help, the round does a step of enforced hill climbing (Hoffmann and Nebel, 2001).
 //!
-//! Neither is complete; both give up after little work.
+//! Neither method is complete; both give up after little work.
 
 use crate::heuristic::{Evaluator, FastForward};
 use crate::limits::Cancel;
 use crate::state::{Progression, State, StateId, StateSpace, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// Cap on the states of one breadth-first search for a better state.
+/// Cap on the number of states in one breadth-first search for a better state.
 const PLATEAU_MAX: usize = 100;
 
-/// Cap on the work of the whole climb, in evaluations times the size of the relaxation: some hundredths
-/// of a second.
+/// Cap on the work of the whole climb: the number of evaluations times the size of the relaxation. The
+/// cap allows some hundredths of a second.
 const WORK_MAX: usize = 20_000_000;
 
-/// Climbs from the initial state towards the goal.
+/// Hill climbing from the initial state of a task towards the goal.
 pub(crate) struct HillClimbing<'t, 'h> {
     task: &'t Task,
     ff: &'h mut FastForward<'t>,
     progression: Progression<'t>,
-    /// States evaluated so far.
+    /// Number of states evaluated so far.
     pub(crate) evaluations: u64,
-    /// States expanded so far.
+    /// Number of states expanded so far.
     pub(crate) expansions: u64,
 }
 
-/// Steps, the state after them, and the estimate of that state.
+/// Operators to apply, the state after them, and the heuristic estimate of that state.
 type ClimbingStep = (Vec<OperatorId>, Vec<u64>, u64);
 
-/// Result of the climb.
+/// Result of hill climbing.
 pub(crate) enum ClimbingOutcome {
-    /// A plan.
+    /// A plan was found: these operators lead to the goal.
     Plan(Vec<OperatorId>),
     /// The goal is unreachable in the delete relaxation. This is a proof that there is no plan.
     DeadEnd,
-    /// No plan found within the caps. This is no proof.
+    /// No plan was found within the caps; a plan may exist all the same.
     GaveUp,
 }
 
@@ -83,8 +83,8 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
         self.ff.evaluate(state)
     }
 
-    /// Applies the steps of the last relaxed plan, one after the other, as long as some are applicable.
-    /// Returns `None` if they do not lead to a better estimate.
+    /// Applies the operators of the last relaxed plan, one after the other, as long as one of them is
+    /// applicable. Returns `None` if they do not lead to a state with a better estimate.
     fn apply_relaxed_plan(&mut self, from: &State, estimate: u64) -> Option<ClimbingStep> {
         let mut left: Vec<OperatorId> = self.ff.relaxed_plan().to_vec();
         left.sort_by_key(|operator| (self.ff.depth(*operator), *operator));
@@ -111,7 +111,7 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
         Some((steps, state, better))
     }
 
-    /// Searches breadth first, by preferred operators only, for a state with a better estimate.
+    /// Searches breadth first for a state with a better estimate, by preferred operators only.
     fn search_better_state(
         &mut self,
         from: &State,

@@ -4,10 +4,11 @@ use crate::limits::Cancel;
 use crate::state::{Progression, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// Plans with more steps than this are not checked, because the check is quadratic.
+/// Maximal number of steps of a plan that is checked for superfluous steps. The check takes quadratic
+/// time.
 const STEPS_MAX: usize = 1_000;
 
-/// Returns the plan without superfluous steps. It never costs more than the given plan.
+/// Returns the plan without superfluous steps. The result never costs more than the given plan.
 pub(crate) fn eliminate(
     task: &Task,
     mut plan: Vec<OperatorId>,
@@ -27,8 +28,8 @@ pub(crate) fn eliminate(
     plan
 }
 
-/// Returns the plan without one step and without all later steps that are then no longer applicable.
-/// Returns `None` if the rest does not reach the goal.
+/// Returns the plan without one step and without all later steps that are not applicable after this
+/// removal. Returns `None` if the remaining steps do not reach the goal.
 fn without(
     task: &Task,
     progression: &mut Progression<'_>,

@@ -1,15 +1,16 @@
 //! Best-first search with deferred evaluation and several open lists that alternate.
 //!
 //! The open lists are those of NOLAN (Corrêa and Seipp, 2025): one by the FF heuristic for all
-//! operators; two for preferred operators only, by the FF heuristic and by landmark count (LAMA:
-//! Richter and Westphal, 2010); and one by novelty, partitioned by landmark count. Two more can be
-//! added: LAMA's landmark count for all operators, for tasks where the FF heuristic is uninformative,
-//! and type-based buckets, for tasks where all heuristics mislead. Lists of preferred operators get a
-//! boost of a thousand turns at each progress.
+//! The open lists are those of NOLAN (Corrêa and Seipp, 2025): one sorted by the FF heuristic, for all
+//! operators; two for preferred operators only, sorted by the FF heuristic and by landmark count (LAMA:
+//! Richter and Westphal, 2010); and one sorted by novelty, partitioned by landmark count. Two more can
+//! be added: LAMA's landmark count for all operators, for tasks where the FF heuristic is
+//! uninformative, and type-based buckets, for tasks where all heuristics mislead. Whenever the search
+//! makes progress, the lists of preferred operators get a thousand additional turns.
 //!
 //! Without a weight the search is greedy and ends with its first plan. With a weight, path costs count,
-//! states that are reached again at a lower cost are evaluated again, and only plans below a bound are
-//! returned: this is one stage of LAMA's anytime search.
+//! states that are reached again at a lower cost are evaluated again, and only plans below a cost bound
+//! are returned: this is one stage of LAMA's anytime search.
 
 use super::open::{OpenEntry, OpenList};
 use super::types::TypeList;
@@ -22,31 +23,32 @@ use crate::state::{Progression, StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Turns by which the lists of preferred operators are boosted at each progress.
+/// Number of additional turns that the lists of preferred operators get whenever the search makes
+/// progress.
 const BOOST: i64 = 1_000;
 
-/// An open list.
+/// An open list: how its states are sorted, and which of their operators are applied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum List {
-    /// Sorted by the FF heuristic, all operators.
+    /// Sorted by the FF heuristic; all operators are applied.
     Ff,
-    /// Sorted by the FF heuristic, preferred operators only.
+    /// Sorted by the FF heuristic; only preferred operators are applied.
     FfPreferred,
-    /// Sorted by landmark count, preferred operators only.
+    /// Sorted by landmark count; only preferred operators are applied.
     LandmarksPreferred,
     /// Sorted by novelty among the states with the same landmark count. States that are not novel are
     /// not added.
     Novel,
-    /// Sorted by landmark count, all operators.
+    /// Sorted by landmark count; all operators are applied.
     Landmarks,
-    /// Type-based: a random state of a random type.
+    /// Type-based: each turn takes a random state of a random type.
     Types,
 }
 
-/// Number of open lists that are sorted by a key.
+/// Number of kinds of open lists that are sorted by a key.
 const SORTED: usize = 5;
 
-/// Number of all open lists.
+/// Number of all kinds of open lists.
 const LISTS: usize = 6;
 
 /// Cap on the work of finding mutex groups: some hundredths of a second.
@@ -57,12 +59,13 @@ const MUTEX_WORK_MAX: u64 = 5_000_000;
 pub(crate) struct SearchParameters {
     /// Weights of operators in path costs and in the FF heuristic.
     pub(crate) weights: Weights,
-    /// Factor of the estimate relative to the path cost. `None` means greedy search: path costs do not
-    /// count.
+    /// Factor of the heuristic estimate relative to the path cost. `None` means greedy search, which
+    /// ignores path costs.
     pub(crate) weight: Option<u32>,
-    /// Only plans that cost less than this are returned, in units of the task.
+    /// Cost bound, in units of the task: only plans that cost less are returned.
     pub(crate) bound: u64,
-    /// Open lists; the first one goes first if several have had the same number of turns.
+    /// Open lists of the search. If several have had the same number of turns, the one listed first
+    /// goes first.
     pub(crate) lists: &'static [List],
 }
 
@@ -76,11 +79,11 @@ pub(crate) struct LazySearch<'t> {
     landmarks: LandmarkCount,
     novelty: Novelty,
     space: StateSpace,
-    /// Per state: its landmark status.
+    /// Per state: its landmark status, that is, which landmarks have been achieved.
     statuses: Vec<u64>,
-    /// Per state: its landmark count, which is its partition for novelty.
+    /// Per state: its landmark count, which is also its partition for novelty.
     counts: Vec<u32>,
-    /// Per state: the cost of the path to it, in units of the task, and its weight.
+    /// Per state: the cost of the path to the state, in units of the task, and the weight of the path.
     spent: Vec<PathCost>,
     preferred: Preferred,
     sorted: [OpenList; SORTED],
@@ -101,7 +104,7 @@ struct PathCost {
     weight: u64,
 }
 
-/// Preferred operators of every state.
+/// Preferred operators of every evaluated state.
 #[derive(Debug, Default)]
 struct Preferred {
     ranges: Vec<(u32, u32)>,
@@ -111,7 +114,7 @@ struct Preferred {
 // === impl Manner ===
 
 impl SearchParameters {
-    /// Returns the parameters of greedy search for a first plan: every step weighs one.
+    /// Returns the parameters of a greedy search for a first plan, in which every step weighs one.
     pub(crate) fn greedy(lists: &'static [List]) -> SearchParameters {
         SearchParameters { weights: Weights::Unit, weight: None, bound: u64::MAX, lists }
     }
@@ -163,7 +166,7 @@ impl<'t> LazySearch<'t> {
         }
     }
 
-    /// Returns the counts of expansions and evaluations so far.
+    /// Returns the statistics of the search, with the numbers of expansions and evaluations so far.
     pub(crate) fn statistics(&self) -> Statistics {
         let (expansions, evaluations) = (self.expansions, self.evaluations);
         Statistics { expansions, evaluations, ..Statistics::default() }
@@ -195,7 +198,7 @@ impl<'t> LazySearch<'t> {
         SearchStep::InProgress
     }
 
-    /// Pops an entry from the open list that has had the fewest turns. Returns `None` if all lists are
+    /// Takes an entry from the open list that has had the fewest turns. Returns `None` if all lists are
     /// empty.
     fn next(&mut self) -> Option<OpenEntry> {
         let LazySearch { sorted, types, manner, turns, space, generator, task, preferred, .. } =
@@ -226,7 +229,7 @@ impl<'t> LazySearch<'t> {
         }
     }
 
-    /// Stores landmark status, landmark count and path cost of a new state.
+    /// Stores the landmark status, the landmark count and the path cost of a new state.
     fn enter(&mut self, id: StateId, parent: StateId, spent: PathCost) {
         let state = self.space.state(id);
         let relaxation = self.ff.relaxation();
@@ -236,7 +239,7 @@ impl<'t> LazySearch<'t> {
         self.spent.push(spent);
     }
 
-    /// Evaluates a state and adds it to the open lists, unless it is a dead end.
+    /// Evaluates a state and adds it to the open lists, unless the state is a dead end.
     fn evaluate(&mut self, id: StateId, parent: StateId) {
         self.evaluations += 1;
         match self.ff.evaluate(self.space.state(id)) {
@@ -287,7 +290,7 @@ impl<'t> LazySearch<'t> {
         self.novelty.evaluate(self.space.state(id), count(id), before)
     }
 
-    /// Returns the cost and weight of the path that extends the path to `parent` by one operator.
+    /// Returns the cost and the weight of the path to `parent`, extended by one operator.
     fn spent(&self, parent: StateId, operator: OperatorId) -> PathCost {
         let operator = self.task.operator(operator);
         let before = self.spent[parent.0 as usize];
@@ -345,8 +348,8 @@ impl Search for LazySearch<'_> {
             + self.ff.bytes()
     }
 
-    /// Only dead ends of the relaxation and paths at or above the bound are pruned. So empty open lists
-    /// prove that there is no plan below the bound.
+    /// Only dead ends of the relaxation and paths at or above the cost bound are pruned. Empty open
+    /// lists thus prove that there is no plan below the bound.
     fn exhausted(&self) -> StopReason {
         if self.manner.bound == u64::MAX {
             StopReason::Unsolvable { before_search: self.dead_end_at_start }

@@ -1,7 +1,7 @@
 //! Search: from a ground task to a sequence of operators.
 //!
-//! A search implements [`PlacementSearch::step`]. The loop around it, with its limits, is the same for all
-//! searches and is [`run`].
+//! A search implements [`Search::step`]. The loop around it, with its limits, is the same for all
+//! searches; it is [`run`].
 //!
 //! - [`climbing`] is quick and incomplete; [`lazy`] is complete.
 //! - [`portfolio`] runs two searches in lockstep.
@@ -24,9 +24,9 @@ use crate::task::OperatorId;
 /// Result of one step of a search.
 #[derive(Debug)]
 pub(crate) enum SearchStep {
-    /// Neither a plan nor a proof so far.
+    /// The search has found neither a plan nor a proof yet.
     InProgress,
-    /// A plan.
+    /// The search has found a plan.
     Solved(Vec<OperatorId>),
     /// No state is left to expand.
     Exhausted,
@@ -35,13 +35,13 @@ pub(crate) enum SearchStep {
 /// Progress event of a search.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum SearchProgress<'p> {
-    /// The search goes on; it has expanded this number of states.
+    /// The search goes on and has expanded this number of states.
     Searching(u64),
-    /// A plan is found.
+    /// The search has found this plan.
     Found(&'p [OperatorId]),
 }
 
-/// Expansions between two progress events.
+/// Number of expansions between two progress events.
 const TELL_EVERY: u64 = 1_000;
 
 /// A search that runs step by step.
@@ -49,13 +49,14 @@ pub(crate) trait Search {
     /// Expands at most one state.
     fn step(&mut self) -> SearchStep;
 
-    /// States expanded so far.
+    /// Returns the number of states expanded so far.
     fn expansions(&self) -> u64;
 
-    /// Bytes that the search takes so far.
+    /// Returns the number of bytes that the search takes now.
     fn bytes(&self) -> usize;
 
-    /// Returns what it means that no state is left to expand.
+    /// Returns the stop reason that applies when no state is left to expand: [`StopReason::Unsolvable`]
+    /// if this proves that no plan exists, otherwise another reason.
     fn exhausted(&self) -> StopReason;
 }
 

@@ -1,9 +1,9 @@
 //! Plan neighborhood graph search: finds shortcuts between the states of a plan (Nakhost and Müller,
 //! 2010).
 //!
-//! First the states near those of the plan are gathered, breadth first from all of them at once, as
-//! many as the limits allow. Then the cheapest path through the gathered states is taken. No heuristic
-//! is used, so none can mislead: where a plan makes a detour, this finds the shortcut.
+//! First, states near those of the plan are gathered, breadth first from all states of the plan at
+//! once, as many as the limits allow. Then the cheapest path through the gathered states is taken. No
+//! heuristic is used, so none can mislead: if a plan makes a detour, this search finds the shortcut.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -16,10 +16,10 @@ use crate::state::{Progression, StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Limits of the neighborhood.
+/// Limits of the search for shortcuts near a plan.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NeighborhoodLimits {
-    /// Maximal number of transitions to generate.
+    /// Maximal number of transitions (states with one of their operators applied) to generate.
     pub(crate) steps_max: u64,
     /// Maximal number of bytes for states and transitions.
     pub(crate) bytes_max: usize,
@@ -29,14 +29,14 @@ pub(crate) struct NeighborhoodLimits {
 struct Neighborhood<'t> {
     task: &'t Task,
     space: StateSpace,
-    /// Per expanded state, in the order of ids: the start of its transitions. The last entry is the end
-    /// of all.
+    /// Per expanded state, in the order of ids: the index of its first transition. The last entry is
+    /// the end of all transitions.
     starts: Vec<usize>,
     steps: Vec<(StateId, OperatorId)>,
 }
 
-/// Returns a plan that is cheaper, or as cheap and shorter, within the neighborhood of the given plan;
-/// `None` if there is none.
+/// Searches the neighborhood of `plan`, and returns a plan that is cheaper, or as cheap with fewer
+/// steps. Returns `None` if the neighborhood has no such plan.
 pub(crate) fn cheaper(
     task: &Task,
     generator: &SuccessorGenerator,
@@ -92,14 +92,14 @@ impl<'t> Neighborhood<'t> {
         gathered
     }
 
-    /// Returns the bytes that the neighborhood takes, including those that Dijkstra's algorithm will
-    /// need.
+    /// Returns the number of bytes that the neighborhood takes, including the bytes that Dijkstra's
+    /// algorithm will need.
     fn bytes(&self) -> usize {
         let per_state = size_of::<u64>() + 2 * size_of::<(u64, StateId)>();
         self.space.bytes() + self.space.len() * per_state + arena::bytes(&self.steps, 1)
     }
 
-    /// Returns the cheapest path to a goal state, if it weighs less than `bound`.
+    /// Returns the cheapest path to a goal state, if this path weighs less than `bound`.
     fn cheapest(mut self, bound: u64, cancel: &Cancel) -> Option<Vec<OperatorId>> {
         let mut weights = vec![u64::MAX; self.space.len()];
         let mut open = BinaryHeap::from([Reverse((0, StateId(0)))]);
@@ -151,8 +151,8 @@ mod tests {
         cheaper(task, &SuccessorGenerator::new(task), plan, extent, &Cancel::new())
     }
 
-    /// Returns the plan of a random walk that `choices` decide, or `None` if it does not reach the
-    /// goal.
+    /// Returns the plan that a random walk finds, or `None` if the walk does not reach the goal.
+    /// `choices` decide which operator each step takes.
     fn strolled(task: &Task, choices: &[usize]) -> Option<Vec<OperatorId>> {
         let generator = SuccessorGenerator::new(task);
         let mut progression = Progression::new(task);
@@ -173,8 +173,8 @@ mod tests {
     }
 
     proptest! {
-        /// With no limits, the result is a cheapest plan; there is no result if the given plan is one
-        /// already.
+        /// Without limits, the result is a cheapest plan; there is no result if the given plan is
+        /// already a cheapest one.
         #[test]
         fn the_whole_neighborhood_has_the_cheapest_plan(
             (actions, initial) in texts(),

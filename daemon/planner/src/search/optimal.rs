@@ -1,7 +1,8 @@
-//! A* with an admissible heuristic: finds a cheapest plan, and a shortest one among the cheapest.
+//! A* with an admissible heuristic: finds a cheapest plan, and among the cheapest plans one with the
+//! fewest steps.
 //!
-//! With a bound, only better plans are searched for. If none is left, the plan with the weight of the
-//! bound is optimal.
+//! With a bound, only plans that weigh less than the bound are searched for. If there is none, the plan
+//! with the weight of the bound is optimal.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -13,34 +14,34 @@ use crate::state::{Progression, StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Entry of the open list: `f`, then `h`, then the newest state; last, the `g` under which it was
-/// queued.
+/// Entry of the open list. Entries are sorted by `f`, then by `h`, then newest state first; the last
+/// number is the `g` with which the state was queued.
 type AStarEntry = Reverse<(u64, u64, Reverse<StateId>, u64)>;
 
-/// Estimate of a state that has not been evaluated.
+/// Value of `estimates` for a state that has not been evaluated.
 const UNKNOWN: u64 = u64::MAX;
 
-/// Estimate of a dead end.
+/// Value of `estimates` for a dead end.
 const DEAD_END: u64 = u64::MAX - 1;
 
-/// An A* search for a plan that weighs less than a bound, with a cap on the explorations of the
-/// relaxation.
+/// An A* search for a plan that weighs less than a bound. The number of explorations of the relaxation
+/// is capped.
 pub(crate) struct AStar<'t> {
     task: &'t Task,
     evaluator: Box<dyn Evaluator + 't>,
     progression: Progression<'t>,
     generator: &'t SuccessorGenerator,
     space: StateSpace,
-    /// Per state: the least weight of a path to it so far.
+    /// Per state: the least weight of the paths to it that have been found so far.
     distances: Vec<u64>,
-    /// Per state: its estimate, or [`UNKNOWN`] until it is evaluated.
+    /// Per state: its heuristic estimate, or [`UNKNOWN`] until the state is evaluated.
     estimates: Vec<u64>,
     open: BinaryHeap<AStarEntry>,
     bound: u64,
     explorations_max: u64,
     explorations: u64,
     expansions: u64,
-    /// Whether a state was dropped because its weight exceeds the range of the number.
+    /// Whether a state was dropped because its weight exceeds the range of `u64`.
     has_overflowed: bool,
     successor: Vec<u64>,
     applicable: Vec<OperatorId>,
@@ -94,14 +95,14 @@ impl<'t> AStar<'t> {
         }
     }
 
-    /// Whether a state was dropped although there is no bound, because its weight exceeds the range of
-    /// `u64`.
+    /// Whether a state was dropped because its weight exceeds the range of `u64`, although the search
+    /// has no bound.
     pub(crate) fn has_overflowed(&self) -> bool {
         self.has_overflowed
     }
 
-    /// Returns the estimate of a state that is reached with weight `g`. The evaluator may stop as soon
-    /// as the estimate suffices to reach the bound.
+    /// Returns the heuristic estimate of a state that is reached with weight `g`. The evaluator may
+    /// stop as soon as the estimate is large enough to exclude plans below the bound.
     fn estimate(&mut self, id: StateId, g: u64) -> u64 {
         let known = self.estimates[id.0 as usize];
         if known != UNKNOWN {
@@ -117,8 +118,8 @@ impl<'t> AStar<'t> {
         estimate
     }
 
-    /// Queues a successor under the estimate of its parent minus the weight of the step, which stays a
-    /// lower bound (pathmax). Most states are never evaluated themselves.
+    /// Queues a successor under the estimate of its parent minus the weight of the step. This estimate
+    /// is still a lower bound (pathmax), and most states need no evaluation of their own.
     fn generate(&mut self, parent: StateId, operator: OperatorId, (f, h, g): (u64, u64, u64)) {
         let from = self.space.state(parent);
         let ground = self.task.operator(operator);
@@ -186,7 +187,7 @@ impl Search for AStar<'_> {
         self.space.bytes() + open + per_state + self.evaluator.bytes()
     }
 
-    /// No state is left below the bound; states above it were not searched.
+    /// If no state is left, only states below the bound were searched; plans above the bound may exist.
     fn exhausted(&self) -> StopReason {
         if self.explorations > self.explorations_max {
             StopReason::ExpansionLimit { limit: self.expansions }

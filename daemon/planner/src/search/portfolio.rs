@@ -1,5 +1,5 @@
-//! Two searches in parallel, in lockstep: after every round of steps they wait for each other, so that
-//! the result does not depend on the speed of the machine.
+//! Two searches in parallel, in lockstep: after every round of steps the searches wait for each other,
+//! so that the result does not depend on the speed of the machine.
 
 use super::lazy::{LazySearch, List, SearchParameters};
 use super::{Search, SearchProgress, SearchStep};
@@ -10,13 +10,14 @@ use crate::outcome::{Statistics, StopReason};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Steps of a search per round: some milliseconds of work.
+/// Number of steps of each search per round: some milliseconds of work.
 const ROUND: usize = 500;
 
 type SearchResult = Result<Vec<OperatorId>, StopReason>;
 
-/// Runs the given search and one with the lists of [`CURIOUS`] in parallel. The first to find a plan or
-/// a proof ends both; if both end in the same round, the given one counts.
+/// Runs two searches in parallel: one with the given open lists, and one with [`EXPLORATION_LISTS`].
+/// The first search that finds a plan or a proof ends both; if both end in the same round, the result
+/// of the one with the given lists is taken.
 pub(crate) fn run<'t>(
     task: &'t Task,
     generator: &'t SuccessorGenerator,

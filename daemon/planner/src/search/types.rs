@@ -1,6 +1,6 @@
-//! Type-based exploration: states are grouped by type, first a random type is drawn, then a random
-//! state of it (Xie, Müller, Holte and Imai, 2014). However misleading the heuristics are, all parts of
-//! the known state space are explored.
+//! Type-based exploration: states are grouped by type; first a random type is drawn, then a random
+//! state of this type (Xie, Müller, Holte and Imai, 2014). However misleading the heuristics are, all
+//! parts of the known state space are explored.
 
 use rustc_hash::FxHashMap;
 
@@ -8,13 +8,14 @@ use super::open::OpenEntry;
 use crate::state::StateId;
 use crate::task::OperatorId;
 
-/// States by type: the pair of estimate and path weight.
+/// States grouped by type. The type of a state is the pair of its heuristic estimate and the weight of
+/// the path to it.
 #[derive(Debug)]
 pub(super) struct TypeList {
     of_type: FxHashMap<(u32, u32), usize>,
-    /// Per type: its states, and how many operators of each have been returned.
+    /// Per type: its states, each with the number of its operators that have been returned.
     types: Vec<Vec<(StateId, u32)>>,
-    /// Types that have a state.
+    /// Types that have at least one state.
     open: Vec<usize>,
     count: usize,
     random: u64,
@@ -55,7 +56,8 @@ impl TypeList {
         self.open.is_empty()
     }
 
-    /// Returns the next operator of a random state. Returns `None` if the list is empty.
+    /// Returns the next operator of a random state of a random type. Returns `None` if no state is
+    /// left.
     pub(super) fn pop(
         &mut self,
         mut operators: impl FnMut(StateId, &mut Vec<OperatorId>),
@@ -84,7 +86,7 @@ impl TypeList {
         None
     }
 
-    /// Returns the bytes that the list takes.
+    /// Returns the number of bytes that the list takes.
     pub(super) fn bytes(&self) -> usize {
         self.count * size_of::<(StateId, u32)>() + self.types.len() * 64
     }

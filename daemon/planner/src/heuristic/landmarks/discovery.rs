@@ -1,11 +1,11 @@
 //! Landmark discovery: finds facts that are true at some time in every plan.
 //!
-//! 1. Backchaining (Porteous, Sebastia and Hoffmann, 2001; Richter and Westphal, 2010): a
-//!    precondition shared by all first achievers of a landmark is a landmark. If they have different
-//!    preconditions of one predicate, the disjunction of these is a landmark.
+//! 1. Backchaining (Porteous, Sebastia and Hoffmann, 2001; Richter and Westphal, 2010): a precondition
+//!    that all first achievers of a landmark share is a landmark. If the first achievers have different
+//!    preconditions of one predicate, the disjunction of these preconditions is a landmark.
 //! 2. Each fact of one relaxed plan is removed from the relaxation as a test; if the goal is then
 //!    unreachable, the fact is a landmark (Hoffmann, Porteous and Sebastia, 2004). Every landmark of
-//!    the relaxation occurs in every relaxed plan. So all landmarks that are single facts are found,
+//!    the relaxation occurs in every relaxed plan. Thus all landmarks that are single facts are found,
 //!    unless the cap on work is reached.
 
 use rustc_hash::FxHashMap;
@@ -19,15 +19,15 @@ use crate::task::Atoms;
 /// Maximal number of facts in a disjunctive landmark.
 const DISJUNCTS_MAX: usize = 4;
 
-/// Cap on the work of testing the facts of a relaxed plan, in edges of the relaxation: about half a
-/// second.
+/// Cap on the work of testing the facts of a relaxed plan, as the number of edges of the relaxation
+/// that are visited: about half a second.
 const TEST_WORK_MAX: usize = 60_000_000;
 
-/// Cap on the work of discovery in total, in edges of the relaxation. Landmarks found until then are
-/// used.
+/// Cap on the work of the whole discovery, as the number of edges of the relaxation that are visited.
+/// Landmarks found until the cap is reached are used.
 const WORK_MAX: usize = 200_000_000;
 
-/// Finds the landmarks of a task from its initial state.
+/// Discovery of the landmarks of a task, from its initial state.
 pub(super) struct LandmarkDiscovery<'r> {
     relaxation: &'r Relaxation,
     adding: crate::rows::Rows,
@@ -35,11 +35,11 @@ pub(super) struct LandmarkDiscovery<'r> {
     initial: Vec<bool>,
     initially: Vec<u32>,
     graph: LandmarkGraph,
-    /// Per proposition: the simple landmark of it.
+    /// Per proposition: the landmark that consists of this proposition only.
     simple: FxHashMap<u32, u32>,
-    /// Per proposition: the disjunctive landmark that contains it.
+    /// Per proposition: the disjunctive landmark that contains the proposition.
     part_of: FxHashMap<u32, u32>,
-    /// Landmarks still to be backchained from.
+    /// Landmarks from which backchaining has still to be done.
     waiting: Vec<u32>,
     reached: Vec<bool>,
     missing: Vec<u32>,
@@ -72,7 +72,8 @@ impl<'r> LandmarkDiscovery<'r> {
         }
     }
 
-    /// Runs the discovery; `candidates` are the propositions of a relaxed plan.
+    /// Runs the discovery, and returns the landmarks found. `candidates` are the propositions of a
+    /// relaxed plan.
     pub(super) fn run(mut self, candidates: &[u32], cancel: &Cancel) -> LandmarkGraph {
         for &goal in self.relaxation.goal() {
             let landmark = self.simple_landmark(goal);
@@ -111,7 +112,7 @@ impl<'r> LandmarkDiscovery<'r> {
         }
     }
 
-    /// Computes the propositions that are reachable while the excluded ones never hold.
+    /// Computes the propositions that are reachable if the propositions in `excluded` never hold.
     fn reach_without(&mut self, excluded: &[u32]) {
         let LandmarkDiscovery { relaxation, reached, missing, stack, .. } = self;
         reached.fill(false);
@@ -148,8 +149,8 @@ impl<'r> LandmarkDiscovery<'r> {
         }
     }
 
-    /// Returns the first achievers: relaxed operators that can be the first to achieve one of the
-    /// propositions.
+    /// Returns the first achievers: the relaxed operators that can be the first to make one of
+    /// `propositions` true.
     fn first_achievers(&self, propositions: &[u32]) -> Vec<u32> {
         let all = propositions.iter().flat_map(|proposition| self.adding.row(*proposition));
         let is_first = |relaxed: &&u32| {
@@ -162,7 +163,7 @@ impl<'r> LandmarkDiscovery<'r> {
         achievers
     }
 
-    /// Adds the preconditions shared by all achievers as landmarks, ordered before `landmark`.
+    /// Adds the preconditions that all `achievers` share as landmarks, ordered before `landmark`.
     fn shared_preconditions(&mut self, landmark: u32, achievers: &[u32]) {
         let Some((first, rest)) = achievers.split_first() else { return };
         let mut shared = self.relaxation.preconditions(*first).to_vec();
@@ -180,7 +181,7 @@ impl<'r> LandmarkDiscovery<'r> {
     }
 
     /// Adds disjunctive landmarks, ordered before `landmark`: if every achiever has a precondition of
-    /// the same predicate, one of these facts must be true before it.
+    /// the same predicate, one of these preconditions must be true before `landmark`.
     fn disjunctions(&mut self, landmark: u32, achievers: &[u32]) {
         let Some(first) = achievers.first() else { return };
         let predicate = |one: u32| {

@@ -1,8 +1,8 @@
-//! Landmark counting: the number of landmarks that are still to be achieved, or to be achieved again
+//! Landmark counting: the number of landmarks that have still to be achieved, or to be achieved again
 //! (Richter and Westphal, 2010).
 //!
-//! Which landmarks have been achieved depends on the path to a state. So every state has a *status* of
-//! its own, with one bit per landmark.
+//! Which landmarks have been achieved depends on the path to a state. For this reason every state has a
+//! *status*, with one bit per landmark.
 
 mod discovery;
 mod orders;
@@ -19,10 +19,10 @@ use crate::task::Task;
 struct Landmark {
     propositions: Vec<u32>,
     is_goal: bool,
-    /// Landmarks that must be achieved before (greedy-necessary orders), or should be (reasonable
-    /// orders).
+    /// Landmarks that must be achieved before this one (greedy-necessary orders), or should be achieved
+    /// before it (reasonable orders).
     parents: Vec<u32>,
-    /// Landmarks for which this one must be true immediately before they are first achieved.
+    /// Other landmarks that need this one: it must be true immediately before they are first achieved.
     needed_for: Vec<u32>,
 }
 
@@ -32,7 +32,7 @@ struct LandmarkGraph {
     landmarks: Vec<Landmark>,
 }
 
-/// Landmark-count heuristic.
+/// The landmark-count heuristic of a task.
 #[derive(Debug, Default)]
 pub(crate) struct LandmarkCount {
     landmarks: Vec<Landmark>,
@@ -69,7 +69,7 @@ impl LandmarkGraph {
 // === impl LandmarkCount ===
 
 impl LandmarkCount {
-    /// Finds the landmarks of a task; `candidates` are the propositions of a relaxed plan.
+    /// Finds the landmarks of a task. `candidates` are the propositions of a relaxed plan.
     pub(crate) fn new(
         task: &Task,
         relaxation: &Relaxation,
@@ -85,7 +85,8 @@ impl LandmarkCount {
         LandmarkCount { landmarks: graph.landmarks, words }
     }
 
-    /// Appends the status of the initial state to `statuses`, and returns its landmark count.
+    /// Appends the status of the initial state to `statuses`, and returns the landmark count of the
+    /// initial state.
     pub(crate) fn start(
         &self,
         relaxation: &Relaxation,
@@ -103,8 +104,8 @@ impl LandmarkCount {
         self.count(relaxation, state, &statuses[start..])
     }
 
-    /// Appends the status of a state to `statuses`, and returns its landmark count. `parent` is the
-    /// number of the parent state's status.
+    /// Appends the status of a state to `statuses`, and returns the state's landmark count. `parent` is
+    /// the number of the parent state's status.
     pub(crate) fn progress(
         &self,
         relaxation: &Relaxation,
@@ -133,8 +134,8 @@ impl LandmarkCount {
         self.count(relaxation, state, after)
     }
 
-    /// Counts the landmarks that are not yet achieved, and those that do not hold and are required
-    /// again.
+    /// Returns the number of landmarks that are not achieved yet, plus the number of those that were
+    /// achieved, do not hold now and are required again.
     fn count(&self, relaxation: &Relaxation, state: &State, status: &[u64]) -> u32 {
         let is_past = |index: usize| status[index / 64] >> (index % 64) & 1 == 1;
         let mut count = 0;

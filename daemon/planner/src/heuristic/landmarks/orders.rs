@@ -1,5 +1,5 @@
-//! Reasonable orders: a landmark should be achieved before another if achieving it later would undo the
-//! other (Koehler and Hoffmann, 2000; Richter and Westphal, 2010).
+//! Reasonable orders: one landmark should be achieved before another if achieving it after the other
+//! would undo the other (Koehler and Hoffmann, 2000; Richter and Westphal, 2010).
 
 use super::LandmarkGraph;
 use crate::heuristic::relaxation::Relaxation;
@@ -7,10 +7,12 @@ use crate::mutex::MutexGroups;
 use crate::rows::Rows;
 use crate::task::{FactId, OperatorId, Task};
 
-/// Cap on the work in total: pairs of landmarks that are compared, and edges walked to look for cycles.
+/// Cap on the whole work: the number of pairs of landmarks that are compared, plus the number of edges
+/// that are visited to look for cycles.
 const WORK_MAX: usize = 20_000_000;
 
-/// Adds reasonable orders between simple landmarks, and keeps the graph acyclic.
+/// Adds reasonable orders between landmarks that are single facts, and keeps the landmark graph
+/// acyclic.
 pub(super) fn add_reasonable(
     graph: &mut LandmarkGraph,
     task: &Task,
@@ -35,13 +37,13 @@ pub(super) fn add_reasonable(
 
 struct Orders<'g> {
     graph: &'g mut LandmarkGraph,
-    /// Per fact: the mutex groups that contain it.
+    /// Per fact: the mutex groups that contain the fact.
     groups: Rows,
-    /// Per landmark: its fact, if it is a single fact.
+    /// Per landmark: its fact, if the landmark is a single fact.
     facts: Vec<Option<FactId>>,
-    /// Per landmark: facts that every operator that achieves it also adds.
+    /// Per landmark: the facts that every operator adds that achieves the landmark.
     together: Vec<Vec<FactId>>,
-    /// Per landmark: facts that every operator that achieves it deletes.
+    /// Per landmark: the facts that every operator deletes that achieves the landmark.
     undone: Vec<Vec<FactId>>,
     marks: Vec<u32>,
     mark: u32,
@@ -92,8 +94,9 @@ impl<'g> Orders<'g> {
         self.graph.landmarks[landmark as usize].is_goal
     }
 
-    /// Returns the simple landmarks that are ordered before a common successor: those required
-    /// immediately before a landmark that this one is also required for, and all their predecessors.
+    /// Returns the single-fact landmarks that have a common successor with `landmark`: first those that
+    /// are ordered before a landmark that needs `landmark` immediately before it, then all predecessors
+    /// of these.
     fn rivals(&mut self, landmark: u32) -> Vec<u32> {
         self.mark += 1;
         let mut found = Vec::new();
@@ -119,7 +122,8 @@ impl<'g> Orders<'g> {
         found
     }
 
-    /// Whether achieving the first landmark undoes the second, or must have undone it before.
+    /// Whether achieving the landmark `one` undoes the landmark `other`, or requires that `other` was
+    /// undone before.
     fn interferes(&self, one: u32, other: u32) -> bool {
         let (Some(fact), Some(undone)) = (self.facts[one as usize], self.facts[other as usize])
         else {
@@ -144,7 +148,7 @@ impl<'g> Orders<'g> {
         self.groups.row(one.0).iter().any(|group| others.contains(group))
     }
 
-    /// Orders one landmark before another, unless that would make a cycle.
+    /// Orders the landmark `before` before the landmark `after`, unless this order would make a cycle.
     fn order(&mut self, before: u32, after: u32) {
         if self.graph.landmarks[after as usize].parents.contains(&before)
             || self.comes_before(after, before)
@@ -172,7 +176,7 @@ impl<'g> Orders<'g> {
     }
 }
 
-/// Returns the facts that all operators have in common.
+/// Returns the facts that `of` returns for every one of the operators.
 fn shared<'t>(operators: &[OperatorId], of: impl Fn(OperatorId) -> &'t [FactId]) -> Vec<FactId> {
     let Some((first, rest)) = operators.split_first() else { return Vec::new() };
     let mut shared = of(*first).to_vec();

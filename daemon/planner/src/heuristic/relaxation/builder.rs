@@ -8,18 +8,21 @@ use super::{AXIOM, NO_STEP, Relaxation};
 use crate::rows::Rows;
 use crate::task::{Changes, FactId, GroundOperator, Literal, NumericChange, Task};
 
-/// Collects relaxed operators.
+/// Builder of a delete relaxation: collects relaxed operators.
 pub(super) struct RelaxationBuilder<'t> {
     task: &'t Task,
     negated: Vec<FactId>,
-    /// Per fact: the proposition that it is false, if some condition requires that.
+    /// Per fact: the proposition that the fact is false; `None` if no condition requires the fact to be
+    /// false.
     negations: Vec<Option<u32>>,
-    /// Number of propositions “the body of this axiom fails”; they follow those of the negated facts.
+    /// Number of propositions that stand for “the body of this axiom fails”. They follow the
+    /// propositions of the negated facts.
     failing: usize,
-    /// Per numeric fluent: indices of the comparisons that read it.
+    /// Per numeric fluent: indices of the comparisons that read the fluent.
     comparisons: Vec<Vec<usize>>,
     numbers: NumericSteps,
-    /// Per relaxed operator and proposition that it adds: the numeric step that gives its repetitions.
+    /// Per relaxed operator and proposition that it adds: the numeric step that determines how often
+    /// the operator must be repeated.
     steps: FxHashMap<(u32, u32), u32>,
     preconditions: Rows,
     adds: Rows,
@@ -74,8 +77,9 @@ impl<'t> RelaxationBuilder<'t> {
         }
     }
 
-    /// Registers the negated facts in axiom bodies. A derived fact is false if every body of its axioms
-    /// fails, so its negation also requires the negations of the literals in these bodies.
+    /// Registers the facts that axiom bodies require to be false. A derived fact is false if every body
+    /// of its axioms fails, so its negation also requires the negations of the literals in these
+    /// bodies.
     fn note_negations_of_axioms(&mut self) {
         for literal in self.task.axioms.iter().flat_map(|axiom| &axiom.body) {
             self.note_negation(*literal);
@@ -121,7 +125,8 @@ impl<'t> RelaxationBuilder<'t> {
         }
     }
 
-    /// Adds relaxed operators that derive facts, and those that make negations of derived facts true.
+    /// Adds the relaxed operators that make derived facts true, and those that make their negations
+    /// true.
     pub(super) fn axioms(&mut self) {
         for axiom in &self.task.axioms {
             let body = self.propositions(axiom.body.iter());
@@ -163,7 +168,7 @@ impl<'t> RelaxationBuilder<'t> {
         }
     }
 
-    /// Returns the propositions that changes may make true.
+    /// Returns the propositions that the changes of an effect may make true.
     fn added(&mut self, changes: Changes<'_>) -> Vec<u32> {
         let mut all: Vec<u32> = changes.adds.iter().map(|fact| fact.0).collect();
         all.extend(changes.deletes.iter().filter_map(|fact| self.negations[fact.index()]));
@@ -173,8 +178,8 @@ impl<'t> RelaxationBuilder<'t> {
         all
     }
 
-    /// Adds the propositions of comparisons that numeric changes of the next relaxed operator may make
-    /// true or false.
+    /// Adds the propositions of comparisons that the numeric changes of the next relaxed operator may
+    /// make true or false to `all`.
     fn add_comparisons(&mut self, changes: &[NumericChange], all: &mut Vec<u32>) {
         let read = changes.iter().flat_map(|change| &self.comparisons[change.fluent as usize]);
         let mut read: Vec<usize> = read.copied().collect();
@@ -207,7 +212,8 @@ impl<'t> RelaxationBuilder<'t> {
         self.origins.push(origin);
     }
 
-    /// Returns, per added proposition, its numeric step. Empty if there are no numeric steps.
+    /// Returns, per proposition that a relaxed operator adds, its numeric step. Empty if there are no
+    /// numeric steps.
     fn steps_of(&self, adds: &Rows) -> Vec<u32> {
         if self.numbers.is_empty() {
             return Vec::new();
@@ -217,7 +223,7 @@ impl<'t> RelaxationBuilder<'t> {
         each.map(|key| self.steps.get(&key).copied().unwrap_or(NO_STEP)).collect()
     }
 
-    /// Finishes the relaxation. With `simplify`, dominated additions are left out.
+    /// Finishes the relaxation. If `simplify` is set, dominated additions are left out.
     pub(super) fn finish(mut self, simplify: bool) -> Relaxation {
         let goal = self.propositions(self.task.goal.iter());
         let proposition_count = self.task.fact_count + self.negated.len() + self.failing;
@@ -253,11 +259,11 @@ impl<'t> RelaxationBuilder<'t> {
     }
 }
 
-/// Strongly connected components of derived facts: facts of one component derive each other.
+/// Strongly connected components of derived facts: the facts of one component derive each other.
 struct Components {
     /// Index of the first derived fact.
     first: usize,
-    /// Per derived fact: its component.
+    /// Per derived fact: the number of its component.
     components: Vec<usize>,
 }
 

@@ -1,18 +1,18 @@
-//! Finds dominated additions of relaxed operators: an added proposition that the operator itself
-//! requires, or that another operator adds with no more preconditions at no greater cost.
+//! Finds dominated additions of relaxed operators. An added proposition is dominated if the operator
+//! itself requires it, or if another operator adds it with no more preconditions at no greater cost.
 //!
-//! This follows the simplification of unary operators in Fast Downward (Helmert, 2006), without
-//! splitting operators into unary ones first. Sums and maxima of costs (h_add, h_max) stay the same.
+//! The method follows the simplification of unary operators in Fast Downward (Helmert, 2006), but does
+//! not split operators into unary ones first. Sums and maxima of costs (h_add, h_max) stay the same.
 //! The cheapest relaxed plan may become more expensive, because a proposition that was a side effect of
 //! one operator is now added by another.
 
 use crate::rows::Rows;
 
 /// Maximal number of operators with the same first precondition that one operator is compared with.
-/// More comparisons take longer than they save.
+/// More comparisons would take longer than they save.
 const COMPARED_MAX: usize = 8;
 
-/// Relaxed operators, with sorted rows.
+/// Relaxed operators; the propositions in each row of `preconditions` and `adds` are sorted.
 pub(super) struct RelaxedOperators<'r> {
     pub(super) preconditions: &'r Rows,
     pub(super) adds: &'r Rows,
@@ -22,8 +22,9 @@ pub(super) struct RelaxedOperators<'r> {
 // === impl Operators ===
 
 impl RelaxedOperators<'_> {
-    /// Returns, per operator, its additions that are not dominated, and those that `is_exempt` accepts:
-    /// their costs depend on the state. The costs of propositions stay the same.
+    /// Returns, per operator, the propositions that it adds, without the dominated additions. Additions
+    /// that `is_exempt` accepts are kept in any case, because their costs depend on the state. The
+    /// costs of propositions stay the same.
     pub(super) fn useful_adds(
         &self,
         proposition_count: usize,
@@ -56,9 +57,10 @@ impl RelaxedOperators<'_> {
         Rows::collect(self.adds.len(), useful.iter().copied())
     }
 
-    /// Whether the left operator has a subset of the right one's preconditions and costs no more. Of
-    /// two equal ones the one that adds more dominates, because a relaxed plan with it gets its other
-    /// additions for free.
+    /// Whether the operator `left` dominates `right`: its preconditions are a subset of those of
+    /// `right`, and it costs no more. If both have the same preconditions and cost, the operator that
+    /// adds more dominates, because a relaxed plan with this operator gets the other additions for
+    /// free.
     fn dominates(&self, left: u32, right: u32) -> bool {
         let (asked, other) = (self.preconditions.row(left), self.preconditions.row(right));
         let (cost, other_cost) = (self.base_costs[left as usize], self.base_costs[right as usize]);
@@ -73,7 +75,7 @@ impl RelaxedOperators<'_> {
     }
 }
 
-/// Whether one sorted list contains all items of another.
+/// Whether the sorted list `whole` contains all items of the sorted list `part`.
 fn is_subset(part: &[u32], whole: &[u32]) -> bool {
     let mut rest = whole.iter();
     part.iter().all(|one| rest.any(|other| other == one))

@@ -1,10 +1,11 @@
 //! The delete relaxation of a task in flat arrays, and its exploration from a state.
 //!
 //! A *proposition* is a literal that some condition requires. Every operator becomes one relaxed
-//! operator for its unconditional effect and one per conditional effect; every axiom becomes one at no
-//! cost. A derived fact is false if every axiom that derives it fails, which also costs nothing.
-//! Conditions that cannot be expressed here are assumed to hold: that facts which derive each other are
-//! false, and any comparison once a number in it may change.
+//! operator for its unconditional effect and one per conditional effect; every axiom becomes a relaxed
+//! operator that costs nothing. A derived fact is false if every axiom that derives it fails; making it
+//! false costs nothing either. Two kinds of conditions cannot be expressed here and are assumed to
+//! hold: that facts which derive each other are false, and any comparison once a number in it may
+//! change.
 
 mod builder;
 mod dominance;
@@ -17,42 +18,47 @@ use crate::rows::Rows;
 use crate::state::{State, is_true, true_facts};
 use crate::task::{FactId, GroundOperator, OperatorId, Task};
 
-/// Cost of a proposition that is not reached.
+/// Cost value of a proposition that is not reached.
 pub(super) const UNREACHED: u64 = u64::MAX;
 
-/// Origin of relaxed operators that come from axioms.
+/// Origin value of relaxed operators that come from axioms.
 const AXIOM: u32 = u32::MAX;
 
-/// Numeric step of additions that take a single application.
+/// Step value of additions for which one application of the operator is enough.
 const NO_STEP: u32 = u32::MAX;
 
-/// Weight of an operator in a search or heuristic.
+/// How much an operator weighs in a search or heuristic. If all operators of a task cost the same, each
+/// weighs one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Weights {
     /// Every operator weighs one.
     Unit,
-    /// Cost plus one, so that plans of free operators still have a length.
+    /// An operator weighs its cost plus one, so that plans of operators without cost still have a
+    /// length.
     PlusOne,
-    /// Cost first; the number of steps decides between equal costs.
+    /// An operator weighs [`STEPS_PER_COST`] per unit of cost, plus one: the number of steps decides
+    /// between equal costs.
     CostThenSteps,
 }
 
-/// Weight of one unit of cost, in steps: a plan with fewer steps than this never weighs more than one
-/// that costs one unit more.
+/// Weight of one unit of cost, in steps. A plan with fewer steps than this number never weighs more
+/// than a plan that costs one unit more.
 pub(crate) const STEPS_PER_COST: u64 = 1 << 16;
 
 /// The delete relaxation of a task.
 #[derive(Debug)]
 pub(crate) struct Relaxation {
     fact_count: usize,
-    /// Facts that some condition requires to be false. Their propositions follow those of the facts.
+    /// Facts that some condition requires to be false. The propositions for their negations follow
+    /// those of the facts.
     negated: Vec<FactId>,
     proposition_count: usize,
     /// Per proposition: the relaxed operators that have it as a precondition.
     asking: Rows,
     preconditions: Rows,
     adds: Rows,
-    /// Per addition: the step of `numbers` that gives its repetitions; empty if none is numeric.
+    /// Per addition: the step in `numbers` that determines how often the operator must be repeated;
+    /// empty if no addition is numeric.
     steps: Vec<u32>,
     numbers: NumericSteps,
     base_costs: Vec<u64>,
@@ -64,7 +70,7 @@ pub(crate) struct Relaxation {
     free: Vec<u32>,
 }
 
-/// Costs of propositions by h_max, for one state.
+/// The h_max costs of propositions, computed for one state.
 #[derive(Debug, Default)]
 pub(super) struct Exploration {
     pub(super) costs: Vec<u64>,
@@ -96,8 +102,8 @@ impl Relaxation {
         Relaxation::build(task, weights, false)
     }
 
-    /// As [`Relaxation::new`], but without dominated additions. Only for estimates that need not be
-    /// admissible.
+    /// Builds the relaxation as [`Relaxation::new`] does, but without dominated additions. Only for
+    /// estimates that need not be admissible.
     pub(crate) fn simplified(task: &Task, weights: Weights) -> Relaxation {
         Relaxation::build(task, weights, true)
     }
@@ -116,7 +122,7 @@ impl Relaxation {
         self.preconditions.item_count() + self.adds.item_count() + self.proposition_count
     }
 
-    /// Returns the bytes that the relaxation takes.
+    /// Returns the number of bytes that the relaxation takes.
     pub(super) fn bytes(&self) -> usize {
         let rows = self.asking.bytes() + self.preconditions.bytes() + self.adds.bytes();
         rows + self.base_costs.len() * 16
@@ -152,18 +158,18 @@ impl Relaxation {
         self.adds.row(relaxed)
     }
 
-    /// Whether some additions need repetitions.
+    /// Whether the operators of some additions must be repeated, because the additions are numeric.
     pub(super) fn has_numbers(&self) -> bool {
         !self.numbers.is_empty()
     }
 
-    /// Computes the repetitions of each numeric step in a state.
+    /// Computes how often the operator of each numeric step must be repeated in a state.
     pub(super) fn repetitions(&self, state: &State, found: &mut Vec<u32>) {
         self.numbers.repetitions(&state[self.fact_count.div_ceil(64)..], found);
     }
 
     /// Returns the propositions that a relaxed operator adds, each with the number of applications that
-    /// it takes, given the repetitions of each step.
+    /// the addition takes. `repetitions` contains this number for each numeric step.
     #[inline]
     pub(super) fn adds_with<'r>(
         &'r self,
@@ -180,7 +186,7 @@ impl Relaxation {
         self.adds.inverted(self.proposition_count)
     }
 
-    /// Writes the weight of each operator.
+    /// Writes the weight of each operator to `weights`.
     pub(super) fn weights(&self, weights: &mut [u64]) {
         for (origin, cost) in self.origins.iter().zip(&self.base_costs) {
             if *origin != AXIOM {
@@ -189,7 +195,7 @@ impl Relaxation {
         }
     }
 
-    /// Collects the propositions that hold in a state.
+    /// Appends the propositions that hold in a state to `found`.
     pub(super) fn initial(&self, state: &State, found: &mut Vec<u32>) {
         found.extend(true_facts(state, self.fact_count).map(|fact| fact.0));
         for (index, fact) in self.negated.iter().enumerate() {
@@ -199,7 +205,7 @@ impl Relaxation {
         }
     }
 
-    /// Whether a proposition holds in a state; those that stand for failing axioms never do.
+    /// Whether a proposition holds in a state. Propositions that stand for failing axioms never hold.
     pub(super) fn holds(&self, state: &State, proposition: u32) -> bool {
         match (proposition as usize).checked_sub(self.fact_count) {
             None => is_true(state, FactId(proposition)),
@@ -207,12 +213,12 @@ impl Relaxation {
         }
     }
 
-    /// Returns the fact of a positive proposition; `None` for other propositions.
+    /// Returns the fact that a proposition states to be true; `None` for other propositions.
     pub(super) fn positive(&self, proposition: u32) -> Option<FactId> {
         ((proposition as usize) < self.fact_count).then_some(FactId(proposition))
     }
 
-    /// Whether a proposition is that a fact is true, or that a fact is false.
+    /// Whether a proposition states that a fact is true or that a fact is false.
     pub(super) fn is_literal(&self, proposition: u32) -> bool {
         (proposition as usize) < self.fact_count + self.negated.len()
     }

@@ -1,29 +1,29 @@
-//! Number of times that an operator must be repeated until a comparison holds. This is subgoaling,
-//! after Scala, Haslum, Magazzeni and Thiébaux, “Subgoaling Techniques for Satisficing and Optimal
-//! Numeric Planning” (2020).
+//! How often an operator must be repeated until a comparison holds. The method is subgoaling, after
+//! Scala, Haslum, Magazzeni and Thiébaux, “Subgoaling Techniques for Satisficing and Optimal Numeric
+//! Planning” (2020).
 //!
-//! A comparison is seen as a distance from a bound. An operator with a constant change is repeated as
-//! often as the distance requires. An operator that changes the distance in the wrong direction does
-//! not achieve the comparison. If the change depends on the state, its value in the current state is
-//! used.
+//! A comparison is seen as a distance from a bound. An operator that changes the distance by a constant
+//! amount is repeated as often as the distance requires. An operator that changes the distance in the
+//! wrong direction does not achieve the comparison. If the amount depends on the state, its value in
+//! the current state is used.
 
 use pddl::{Assignment, Comparison, Operator as Arithmetic};
 use rustc_hash::FxHashMap;
 
 use crate::task::{GroundComparison, GroundExpression, NumericChange};
 
-/// Tolerance by which a quotient may miss a whole number and still count as that number. It affects the
-/// estimate only, never reachability.
+/// Tolerance by which a quotient may differ from a whole number and still count as that number. The
+/// tolerance affects the estimate only, never reachability.
 const EPSILON: f64 = 1e-9;
 
-/// Number of repetitions if the change does not lead towards the bound in this state, because other
-/// steps must come first.
+/// Number of repetitions that is assumed if the change does not lead towards the bound in this state,
+/// because other steps must come first.
 const DETOUR: u32 = 10;
 
-/// Cap on repetitions; beyond it one step more makes no difference.
+/// Cap on the number of repetitions; beyond it, one step more makes no difference.
 const REPETITIONS_MAX: u32 = 100_000;
 
-/// Required value of the distance that a comparison stands for.
+/// Value that the distance must have for a comparison to be true (or to be false).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum RequiredDistance {
     AtLeastZero,
@@ -32,36 +32,37 @@ enum RequiredDistance {
     NotZero,
 }
 
-/// A numeric step: an operator as a means to make one comparison true, or false.
+/// A numeric step: an operator as a means to make one comparison true or to make it false.
 #[derive(Clone, Debug)]
 struct NumericStep {
-    /// Index of the comparison.
+    /// Index of the comparison that the step makes true or false.
     comparison: u32,
     wanted: RequiredDistance,
-    /// −1 if the distance has to fall, otherwise 1.
+    /// Direction in which the distance has to change: −1 if it has to fall, otherwise 1.
     sign: f64,
     change: DistanceChange,
 }
 
-/// Change of the distance by an operator.
+/// Amount by which an operator changes the distance of a comparison.
 #[derive(Clone, Debug)]
 enum DistanceChange {
-    /// Always this amount; never zero.
+    /// The amount is always this number, which is never zero.
     Constant(f64),
-    /// Weighted sum of state-dependent changes, as pairs of weight and change number. `is_once` is set
-    /// if an assignment is among them, so that a repetition changes nothing more.
+    /// The amount is a weighted sum of changes that depend on the state; `parts` contains pairs of
+    /// weight and change number. `is_once` is set if one of the changes is an assignment, so that a
+    /// repetition changes nothing more.
     Depends { parts: Box<[(f64, u32)]>, is_once: bool },
-    /// Unknown, because the comparison is not linear.
+    /// The amount is unknown, because the comparison is not linear.
     Unknown,
 }
 
-/// All steps of a relaxation, numbered.
+/// All numeric steps of a relaxation, each with a number.
 #[derive(Clone, Debug, Default)]
 pub(in crate::heuristic) struct NumericSteps {
     comparisons: Vec<GroundComparison>,
     /// Per comparison: the coefficient of each fluent; `None` if the comparison is not linear.
     weights: Vec<Option<FxHashMap<u32, f64>>>,
-    /// Changes that depend on the state. Several steps can share one.
+    /// Changes of fluents by amounts that depend on the state. Several steps can share one change.
     changes: Vec<NumericChange>,
     steps: Vec<NumericStep>,
 }
@@ -85,8 +86,8 @@ impl NumericSteps {
         self.steps.is_empty()
     }
 
-    /// Numbers the changes of one relaxed operator, unless all of them are constant. Returns the first
-    /// number.
+    /// Gives numbers to the changes of one relaxed operator, unless all of the changes are constant.
+    /// Returns the number of the first change.
     pub(super) fn register(&mut self, changes: &[NumericChange]) -> u32 {
         let first = self.changes.len() as u32;
         if changes.iter().any(|change| constant_change(change).is_none()) {
@@ -95,8 +96,9 @@ impl NumericSteps {
         first
     }
 
-    /// Adds the step by which `changes`, registered from `first` on, make a comparison true (or false,
-    /// by `truth`), and returns its number. Returns `None` if they can never do so.
+    /// Adds the step by which `changes` make a comparison true, or false if `truth` is false. Returns
+    /// the number of the step, or `None` if the changes can never do so. `first` is the number under
+    /// which `changes` were registered.
     pub(super) fn step(
         &mut self,
         comparison: usize,
@@ -134,7 +136,8 @@ impl NumericSteps {
         constant.map_or_else(depends, DistanceChange::Constant)
     }
 
-    /// Computes the repetitions of each step from the values of the fluents in a state.
+    /// Computes how often the operator of each step must be repeated, given the values of the fluents
+    /// in a state.
     pub(in crate::heuristic) fn repetitions(&self, values: &[u64], found: &mut Vec<u32>) {
         let value = |fluent: u32| f64::from_bits(values[fluent as usize]);
         let distances: Vec<f64> = { self.comparisons.iter() }
@@ -153,7 +156,8 @@ impl NumericSteps {
 // === impl Step ===
 
 impl NumericStep {
-    /// Returns the repetitions for a distance; `changes` has the current amount of each change.
+    /// Returns how often the step must be repeated to cover `distance`; `changes` contains the current
+    /// amount of each state-dependent change.
     fn repetitions(&self, distance: f64, changes: &[f64]) -> u32 {
         match &self.change {
             DistanceChange::Unknown => 1,
@@ -169,7 +173,7 @@ impl NumericStep {
     }
 }
 
-/// Returns how often a distance must change by `by` until it has the required value.
+/// Returns how often `distance` must change by `by` until it has the value that `wanted` requires.
 fn times(wanted: RequiredDistance, distance: f64, by: f64) -> u32 {
     if distance.is_nan() || by.is_nan() {
         return 1;
@@ -201,7 +205,7 @@ fn wanted(comparison: Comparison, truth: bool) -> (RequiredDistance, f64) {
     }
 }
 
-/// Returns the amount by which a change moves its fluent; `None` if that depends on the state.
+/// Returns the amount by which a change raises its fluent; `None` if the amount depends on the state.
 fn constant_change(change: &NumericChange) -> Option<f64> {
     let GroundExpression::Number(number) = change.value else { return None };
     match change.assignment {
@@ -211,7 +215,7 @@ fn constant_change(change: &NumericChange) -> Option<f64> {
     }
 }
 
-/// Returns the amount by which a change moves its fluent in the current state.
+/// Returns the amount by which a change raises its fluent in the current state.
 fn current_change(change: &NumericChange, value: &dyn Fn(u32) -> f64) -> f64 {
     let (old, operand) = (value(change.fluent), change.value.evaluate(value));
     match change.assignment {
@@ -223,8 +227,8 @@ fn current_change(change: &NumericChange, value: &dyn Fn(u32) -> f64) -> f64 {
     }
 }
 
-/// Adds up the coefficient of each fluent in an expression. Returns `false` if the expression is not
-/// linear.
+/// Adds the coefficient of each fluent in an expression, times `factor`, to `weights`. Returns `false`
+/// if the expression is not linear.
 fn collect(expression: &GroundExpression, factor: f64, weights: &mut FxHashMap<u32, f64>) -> bool {
     match expression {
         GroundExpression::Number(_) => true,
@@ -259,7 +263,7 @@ fn collect(expression: &GroundExpression, factor: f64, weights: &mut FxHashMap<u
     }
 }
 
-/// Returns the value of an expression without fluents; `None` if it has fluents.
+/// Returns the value of an expression without fluents; `None` if the expression contains fluents.
 fn constant(expression: &GroundExpression) -> Option<f64> {
     let mut has_fluent = false;
     expression.fluents(&mut |_| has_fluent = true);
