@@ -2,8 +2,8 @@
 //! can.
 //!
 //! - Removed objects and actions are masked, additions are ground, and the rest is kept
-//!   ([`crate::ground::IncrementalGrounding`]). If that is not possible, the texts are ground afresh; the result
-//!   tells which of these it was.
+//!   ([`crate::ground::IncrementalGrounding`]). If that is not possible, the texts are ground afresh.
+//!   [`GroundingReuse`] in the result tells which of these happened.
 //! - The rest of the old plan is checked from the present state. If it fails, the search may use the
 //!   suffixes of that rest as macro operators (`repair`), besides all other operators.
 //! - The result is the same as from [`crate::plan()`], except that a different one of several equally
