@@ -195,7 +195,8 @@ pub fn explain(
     Ok(explanation)
 }
 
-/// Returns the parts that are reachable without numeric conditions, but not with them.
+/// Returns the parts of the goal that are reachable if numeric conditions are ignored, but unreachable
+/// otherwise.
 fn reached_but_for_numbers(
     known: ExplanationInput<'_>,
     parts: &[Condition],

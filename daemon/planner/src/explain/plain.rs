@@ -394,7 +394,7 @@ impl UnsolvabilityExplainer<'_> {
 }
 
 impl std::fmt::Display for Unsolvability {
-    /// Writes one clause per part, without a period.
+    /// Writes one clause for each unreachable part of the goal, without a period.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         for (number, (part, why)) in self.parts.iter().enumerate() {
             let separator = if number == 0 { "" } else { "\n" };

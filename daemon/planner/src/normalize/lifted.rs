@@ -16,7 +16,7 @@ pub(crate) type PredicateIndex = usize;
 /// Index of a function.
 pub(crate) type FunctionIndex = usize;
 
-/// Index of a set of objects; type expressions stand for such sets.
+/// Index of a set of objects for which a type expression stands.
 pub(crate) type TypeIndex = usize;
 
 /// A variable or an object.

@@ -151,8 +151,9 @@ fn mark_predicates(symbols: &mut SymbolTable, schemas: &[LiftedSchema], axioms: 
     }
 }
 
-/// Finds the functions that change, and the functions with values that must be part of the state: those
-/// that conditions read, and those on which the values that conditions read depend.
+/// Finds the functions that change, and the functions with values that must be part of the state. The
+/// latter are the functions that conditions read, and the functions from which effects compute the
+/// values of these.
 fn mark_functions(
     symbols: &mut SymbolTable,
     schemas: &[LiftedSchema],

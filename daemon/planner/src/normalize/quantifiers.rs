@@ -241,8 +241,8 @@ impl QuantifierRearrangement {
     }
 }
 
-/// Joins the parts into one conjunction or disjunction; a part that is one of the same kind is replaced
-/// by its own parts.
+/// Joins the parts into one conjunction, or one disjunction if `conjunction` is false. A part that is
+/// itself a formula of this kind is replaced by its own parts.
 fn junction(parts: impl IntoIterator<Item = Formula>, conjunction: bool) -> Formula {
     let mut flat = Vec::new();
     for part in parts {

@@ -47,7 +47,7 @@ struct Reads<'m> {
     predicates: &'m RelationTable,
     functions: &'m RelationTable,
     facts: Vec<RelationId>,
-    /// The predicates among `facts` that the axiom reads negated.
+    /// The predicates among `facts` that occur negated in the axiom.
     negated: Vec<RelationId>,
     values: Vec<RelationId>,
     time: bool,

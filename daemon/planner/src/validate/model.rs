@@ -32,7 +32,8 @@ pub(crate) struct Model {
     extensions: FxHashMap<Name, OnceLock<Arc<Extension>>>,
     /// For each position in `actions`: the compiled action.
     schemas: Vec<OnceLock<CompiledAction>>,
-    /// Positions in `actions`, by the name of the action. Several actions may have one name.
+    /// For each name: the positions in `actions` of the actions with this name. Several actions may
+    /// share one name.
     actions_by_name: FxHashMap<Name, Vec<usize>>,
 }
 

@@ -53,8 +53,8 @@ struct ChoicePoint<'w, 'q> {
     choices: Choices<'w, 'q>,
     /// Number of choices tried at this point.
     tried: usize,
-    /// What the current choice has bound, as bits: one per argument of the fact, or bit 0 for the
-    /// variable.
+    /// Bits of the arguments of the fact that the current choice has bound; if it has bound a variable,
+    /// bit 0.
     bound: u64,
     /// Parts of the query that have not been evaluated, as bits.
     open: u64,
