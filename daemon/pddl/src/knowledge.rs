@@ -62,7 +62,7 @@ pub struct Knowledge {
     pub symbols: BTreeMap<Name, AuxiliaryPredicates>,
 }
 
-/// How certain it must be that a condition holds. Conditions are rewritten for one of these.
+/// Certainty that a rewritten condition requires of the original condition.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Certainty {
     /// The rewritten condition requires that the original is known to hold.

@@ -24,7 +24,7 @@ pub(crate) enum LexToken {
     Symbol(usize),
 }
 
-/// Reads one token: `BLANK* ( "(" | ")" | SYMBOL )`. It fails only at the end of the text.
+/// Reads one token: `BLANK* ( "(" | ")" | SYMBOL )`. Fails only at the end of the text.
 pub(crate) fn token(input: LexInput<'_>) -> LexResult<'_, LexToken> {
     let (input, ()) = blanks(input)?;
     match input.first() {

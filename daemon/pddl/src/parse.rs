@@ -68,7 +68,7 @@ pub fn parse_action_model(text: &str) -> Parsed<ActionModel> {
     })
 }
 
-/// Parses a condition that is a text by itself, such as a goal.
+/// Parses a text that is a single condition, such as a goal.
 pub fn parse_condition(text: &str) -> Parsed<Condition> {
     read(text, |reader, roots| grammar::single(reader, roots, "condition", grammar::condition))
 }
@@ -97,8 +97,8 @@ pub fn parse_init_elements(text: &str) -> Parsed<Vec<InitElement>> {
     read(text, |reader, roots| Some(grammar::init_elements(reader, roots)))
 }
 
-/// Parses a plan in the format of the International Planning Competition (IPC), with its comment `;
-/// cost = N` if it has one.
+/// Parses a plan in the format of the International Planning Competition (IPC). A comment with the
+/// cost, `; cost = N`, is read if there is one.
 pub fn parse_plan(text: &str) -> Parsed<Plan> {
     read(text, |reader, roots| {
         let steps = grammar::plan_steps(reader, roots);

@@ -117,7 +117,7 @@ impl<'f> SyntaxNode<'f> {
         }
     }
 
-    /// Whether the node is so deep that a list is not allowed in its place.
+    /// Whether the node has the maximal depth, so that a list in its place would be nested too deep.
     pub(crate) fn is_deepest(self) -> bool {
         usize::from(self.entry().depth) >= NESTING_MAX
     }
@@ -194,7 +194,7 @@ impl<'f> Items<'f> {
         (self.next < self.stop).then_some(SyntaxNode { forest: self.forest, index: self.next })
     }
 
-    /// Returns the items before the first one for which `last` holds.
+    /// Returns the items before the first item for which `last` returns `true`.
     pub(crate) fn until(self, last: impl Fn(SyntaxNode<'f>) -> bool) -> Items<'f> {
         let stop = self.into_iter().find(|node| last(*node)).map_or(self.stop, |node| node.index);
         Items { stop, ..self }

@@ -45,7 +45,7 @@ struct Spelling {
 /// `object` alone and the empty list are equal.
 #[derive(Clone, Debug, Default)]
 pub struct TypeExpr {
-    /// One type, or the alternatives of an `either`, in the author's order.
+    /// The names of the types: one, or the alternatives of an `either` in the author's order.
     pub alternatives: Vec<Name>,
 }
 
@@ -72,7 +72,7 @@ pub enum Term {
 pub struct Atom {
     /// The predicate symbol.
     pub predicate: Name,
-    /// One term per parameter of the predicate.
+    /// The arguments: one term for each parameter of the predicate.
     pub arguments: Vec<Term>,
     /// Place in the text, from `(` to `)`.
     pub span: Span,
@@ -83,7 +83,7 @@ pub struct Atom {
 pub struct FluentTerm {
     /// The function symbol.
     pub function: Name,
-    /// One term per parameter of the function.
+    /// The arguments: one term for each parameter of the function.
     pub arguments: Vec<Term>,
     /// Place in the text, from `(` to `)`.
     pub span: Span,

@@ -208,8 +208,8 @@ impl<'t> Checker<'_, 't> {
         self.types_of_list(parameters, Severity::Warning);
     }
 
-    /// Checks the types of variables. An undeclared type that is not similar to a declared one is
-    /// accepted with a warning: it has no objects.
+    /// Checks the types of variables. An undeclared type has no objects; it is accepted with a warning
+    /// unless it is similar to a declared type.
     fn types_of_variables(&mut self, variables: &'t [Typed]) {
         self.types_of_list(variables, Severity::Error);
     }

@@ -11,11 +11,11 @@ use crate::tree::{
 /// Treatment of facts and values of undeclared symbols, and of a second value for one function.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum UndeclaredSymbols {
-    /// They are warnings: competition problems contain values that their domain does not declare, and
-    /// state some numbers twice.
+    /// Facts and values of undeclared symbols are warnings, and so is a second value: competition
+    /// problems contain values that their domain does not declare, and state some numbers twice.
     Spare,
-    /// As in the map of a building: a fact of an undeclared predicate and a second value are errors. A
-    /// value of an undeclared function is a warning.
+    /// A fact of an undeclared predicate and a second value are errors; a value of an undeclared
+    /// function is a warning. This treatment is for the map of a building.
     Map,
     /// Facts and values of undeclared symbols are errors, and so is a second value.
     Declared,
@@ -79,8 +79,8 @@ impl<'t> Checker<'_, 't> {
         self.contradictions(elements);
     }
 
-    /// Checks for facts that are stated both to be true and to be false. They count as true, as they do
-    /// after an action that both adds and deletes them.
+    /// Checks for facts that are stated both to be true and to be false. Such a fact counts as true, as
+    /// after an action that both adds and deletes it.
     fn contradictions(&mut self, elements: &'t [InitElement]) {
         let mut denied: HashMap<&Atom, &Atom> = HashMap::default();
         for element in elements {

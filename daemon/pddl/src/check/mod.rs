@@ -91,7 +91,7 @@ pub fn check_metric_values(domain: &Domain, problem: &Problem) -> Vec<Diagnostic
     mistakes.collect()
 }
 
-/// Checks a condition that is a text by itself, such as a goal from a user.
+/// Checks a condition that is not part of a problem, such as a goal from a user.
 pub fn check_condition(
     domain: &Domain,
     problem: &Problem,
@@ -103,7 +103,7 @@ pub fn check_condition(
     checker.problems.into_sorted()
 }
 
-/// Checks facts that are a text by themselves, such as a change of the state by a user.
+/// Checks facts that are not part of a problem, such as a change of the state by a user.
 pub fn check_init_elements(
     domain: &Domain,
     problem: &Problem,

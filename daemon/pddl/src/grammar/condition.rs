@@ -114,8 +114,8 @@ const KEYWORDS: &[&str] = &[
     "scale-down",
 ];
 
-/// Reports a predicate that has a list as an argument. If a keyword is similar to the predicate, it is
-/// proposed.
+/// Reports a predicate that has a list as an argument. If the predicate is similar to a keyword, the
+/// keyword is proposed.
 fn nested<T>(
     reader: &mut GrammarReader<'_>,
     head: SyntaxNode<'_>,

@@ -68,7 +68,7 @@ fn goal<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Cond
     condition::condition(reader, node)
 }
 
-/// Parses a metric that is a text by itself: `(:metric minimize|maximize EXPRESSION)`.
+/// Parses a text that is a single metric: `(:metric minimize|maximize EXPRESSION)`.
 pub(crate) fn metric_section<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,

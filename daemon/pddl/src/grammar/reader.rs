@@ -78,8 +78,8 @@ impl<'f> GrammarReader<'f> {
         name.at(span)
     }
 
-    /// Whether `count` more variables may be copied. Copies are limited, so that a short text does not
-    /// become a tree that is too large for the memory.
+    /// Whether `count` more variables may be copied. The number of copies is limited, so that a short
+    /// text does not become a tree that does not fit into memory.
     pub(super) fn afford_copies(&mut self, count: usize) -> bool {
         let left = self.copies_left.checked_sub(count);
         self.copies_left = left.unwrap_or(0);
