@@ -2,8 +2,9 @@
 //!
 //! `cargo run --release -p pddl --example roundtrip -- FOLDER`
 //!
-//! A problem is checked against a domain in its folder or the one above that has the name it refers
-//! to. Exits with 1 if a file has an error or does not come back as the same tree.
+//! A problem is checked against the domain that the problem names, which is searched for in the folder
+//! of the problem and in the folder above. Exits with 1 if a file has an error, or if reading back the
+//! printed text gives a different tree.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -14,7 +15,7 @@ use pddl::{
     text_from_bytes,
 };
 
-/// Number of readings per file: a small file is read faster than the clock can measure.
+/// Number of times that each file is read: a small file is read faster than the clock can measure.
 const REPETITIONS: u32 = 5;
 
 struct File {
@@ -63,8 +64,8 @@ fn collect(folder: &Path, paths: &mut Vec<PathBuf>) {
     }
 }
 
-/// Returns the domain of a problem: in its folder or the one above, of the name that it refers to,
-/// preferably with a similar file name.
+/// Returns the domain that a problem names, from the folder of the problem or the folder above. If
+/// there are several, one with a similar file name is preferred.
 fn domain_of<'a>(file: &File, problem: &Problem, files: &'a [File]) -> Option<&'a Domain> {
     let stem = stem(&file.path);
     let token = stem.split(['-', '_']).next().unwrap_or(stem);

@@ -1,4 +1,4 @@
-//! Arithmetic with decimals, as an author calculates, and exact comparisons.
+//! Arithmetic with decimals, as the author of a text calculates, and exact comparisons.
 //!
 //! The numbers `0.1`, `0.2` and `0.3` have no exact binary form, so `(- 0.3 0.1)` is a little less
 //! than `0.2`. A comparison with a tolerance would hide that, but would also treat different
@@ -11,13 +11,14 @@ use crate::tree::{Assignment, Comparison, Operator};
 /// Number of decimal digits that every 64-bit binary number preserves.
 const DIGITS: i32 = 15;
 
-/// Digits to which a quotient is rounded, if the rounded value differs from it by rounding errors only.
+/// Number of digits to which a quotient is rounded, if the rounded value differs from the quotient by
+/// rounding errors only.
 const QUOTIENT_DIGITS: i32 = 12;
 
-/// Largest number up to which whole numbers are exact.
+/// Largest number up to which a 64-bit binary number represents every whole number exactly.
 const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 
-/// Powers of ten with an exact binary form.
+/// Powers of ten that a 64-bit binary number represents exactly.
 const POWERS: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
     1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
@@ -26,7 +27,7 @@ const POWERS: [f64; 23] = [
 // === impl Operator ===
 
 impl Operator {
-    /// Returns the value of `(OPERATOR left right)`; not finite if there is none.
+    /// Returns the value of `(OPERATOR left right)`. If there is no such value, the result is not finite.
     ///
     /// ```
     /// use pddl::Operator;
@@ -50,7 +51,8 @@ impl Operator {
 // === impl Assignment ===
 
 impl Assignment {
-    /// Returns the value after `(ASSIGNMENT fluent operand)`, if the fluent was `old` before.
+    /// Returns the value that a fluent has after `(ASSIGNMENT fluent operand)`, if it had the value
+    /// `old` before.
     pub fn apply(self, old: f64, operand: f64) -> f64 {
         match self {
             Assignment::Assign => operand,
@@ -65,7 +67,7 @@ impl Assignment {
 // === impl Comparison ===
 
 impl Comparison {
-    /// Whether `(COMPARISON left right)` holds; `false` if either is not a number.
+    /// Whether `(COMPARISON left right)` holds; `false` if either side is not a number.
     pub fn holds(self, left: f64, right: f64) -> bool {
         match self {
             Comparison::Less => left < right,
@@ -76,9 +78,9 @@ impl Comparison {
         }
     }
 
-    /// Returns comparisons of the same two numbers, exactly one of which holds if this one does
-    /// not. If either is not a number, none of them holds: an undefined value satisfies neither a
-    /// comparison nor its negation.
+    /// Returns comparisons with this meaning: for two numbers, exactly one of them holds if this
+    /// comparison does not, and none of them holds otherwise. If either side is not a number, none of
+    /// them holds: an undefined value satisfies neither a comparison nor its negation.
     ///
     /// ```
     /// use pddl::Comparison;
@@ -109,7 +111,8 @@ fn quotient(left: f64, right: f64) -> f64 {
     if (exact - decimal).abs() <= 4.0 * f64::EPSILON * exact.abs() { decimal } else { exact }
 }
 
-/// Rounds `value` to the nearest decimal with `digits` digits at the size of `magnitude`.
+/// Rounds `value` to the nearest decimal. The last digit that is kept is number `digits`, counted from
+/// the first digit of `magnitude`.
 #[inline]
 fn rounded(value: f64, magnitude: f64, digits: i32) -> f64 {
     // In most tasks most numbers are whole.
@@ -129,7 +132,8 @@ fn round_fraction(value: f64, magnitude: f64, digits: i32) -> f64 {
     if scaled.abs() <= WHOLE_MAX { scaled / power } else { value }
 }
 
-/// Rounds small numbers, for which the power of ten is not exact.
+/// Rounds a number to `places` decimal places by way of its text: for small numbers, where the power of
+/// ten is not exact.
 fn of_text(value: f64, places: usize) -> f64 {
     format!("{value:.places$}").parse().unwrap_or(value)
 }

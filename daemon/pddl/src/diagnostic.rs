@@ -1,7 +1,7 @@
 //! Diagnostics: mistakes in a text, as plain data with places in the author's text.
 //!
-//! - Created by the parser and by `check`; displayed by other crates.
-//! - Holds byte offsets; [`line_column`] converts one into the line and column that editors show.
+//! - Diagnostics are created by the parser and by `check`, and displayed by other crates.
+//! - Places are byte offsets; [`line_column`] converts one into the line and column that editors show.
 //! - A diagnostic and its notes refer to the same text.
 
 use std::borrow::Cow;
@@ -29,11 +29,12 @@ pub struct Diagnostic {
     pub message: String,
     /// Place of the mistake.
     pub span: Span,
-    /// Label to print beside the marked place.
+    /// Label to print beside the place of the mistake.
     pub label: Option<String>,
     /// Proposal for a correction: “did you mean `connected`?”.
     pub help: Option<String>,
-    /// The rule in PDDL notation: a production of the grammar, or the declaration concerned.
+    /// The rule that the text violates, in PDDL notation: a production of the grammar, or the
+    /// declaration concerned.
     pub rule: Option<Cow<'static, str>>,
     /// Other places of the same text that are related to the mistake.
     pub notes: Vec<Note>,
@@ -41,38 +42,41 @@ pub struct Diagnostic {
     pub is_unsupported: bool,
 }
 
-/// Another place that a diagnostic refers to.
+/// Another place to which a diagnostic refers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
-    /// The place.
+    /// The other place, in the same text.
     pub span: Span,
-    /// Description of that place.
+    /// Description of the other place.
     pub message: String,
 }
 
-/// Result of parsing: a value as far as one could be made, and every mistake found.
+/// Result of parsing: a value, as far as one could be made, and every mistake that was found.
 #[derive(Clone, Debug)]
 pub struct Parsed<T> {
     /// Value made from the text, without the parts that have an error. `None` if not even the kind
     /// of the text is clear.
     pub value: Option<T>,
-    /// Mistakes in the order of the text.
+    /// Mistakes that were found, in the order of the text.
     pub diagnostics: Vec<Diagnostic>,
 }
 
-/// The mistakes found so far, up to [`DIAGNOSTICS_MAX`]; further ones are only counted.
+/// The mistakes found so far. Up to [`DIAGNOSTICS_MAX`] mistakes are listed; further ones are only
+/// counted.
 #[derive(Debug, Default)]
 pub(crate) struct DiagnosticList {
     list: Vec<Diagnostic>,
     omitted: usize,
 }
 
-/// Most mistakes that are listed. A screenful is 50; a text with a thousand is not PDDL at all.
+/// Maximal number of mistakes that are listed. A screenful is 50, and a text with a thousand mistakes
+/// is not PDDL at all.
 const DIAGNOSTICS_MAX: usize = 1_000;
 
-/// Returns line and column, both from 1, of a byte offset; columns count characters.
+/// Returns the line and the column of a byte offset, both counted from 1. Columns count characters.
 ///
-/// An offset past the end counts as the end; an offset inside a character counts as its first byte.
+/// An offset past the end of the text counts as the end; an offset inside a character counts as the
+/// first byte of the character.
 pub fn line_column(text: &str, offset: usize) -> (usize, usize) {
     let mut offset = offset.min(text.len());
     while !text.is_char_boundary(offset) {
@@ -104,8 +108,8 @@ impl Diagnostic {
         Diagnostic::new(Severity::Error, span, message.into())
     }
 
-    /// Creates an error at `span` for valid PDDL with an unsupported `feature`, in the words of
-    /// PDDL: “preferences are not supported”.
+    /// Creates an error at `span` for valid PDDL with an unsupported `feature`. The feature is given in
+    /// the words of PDDL: “preferences are not supported”.
     pub fn unsupported(span: Span, feature: impl Into<String>) -> Diagnostic {
         Diagnostic { is_unsupported: true, ..Diagnostic::error(span, feature) }
     }
@@ -140,7 +144,7 @@ impl Diagnostic {
         self
     }
 
-    /// Adds the likely intended name as a proposal, if there is one.
+    /// Adds the question whether `name` was meant as a proposal for a correction, if there is a name.
     #[must_use]
     pub fn with_suggestion(mut self, name: Option<&str>) -> Diagnostic {
         if let Some(name) = name {
@@ -149,21 +153,21 @@ impl Diagnostic {
         self
     }
 
-    /// Adds a label to print beside the marked place.
+    /// Adds a label to print beside the place of the mistake.
     #[must_use]
     pub fn with_label(mut self, label: impl Into<String>) -> Diagnostic {
         self.label = Some(label.into());
         self
     }
 
-    /// Adds the rule in PDDL notation.
+    /// Adds the rule that the text violates, in PDDL notation.
     #[must_use]
     pub fn with_rule(mut self, rule: impl Into<Cow<'static, str>>) -> Diagnostic {
         self.rule = Some(rule.into());
         self
     }
 
-    /// Adds a related place of the same text.
+    /// Adds another place of the same text, with a description of that place.
     #[must_use]
     pub fn with_note(mut self, span: Span, message: impl Into<String>) -> Diagnostic {
         self.notes.push(Note { span, message: message.into() });
@@ -208,7 +212,7 @@ impl DiagnosticList {
         }
     }
 
-    /// Whether no more mistakes will be listed, so that the caller can save the work.
+    /// Whether the list is full: further mistakes are not listed, so the caller can save the work.
     pub(crate) fn is_full(&self) -> bool {
         self.list.len() >= DIAGNOSTICS_MAX
     }
@@ -227,7 +231,7 @@ impl DiagnosticList {
 // === impl Parsed ===
 
 impl<T> Parsed<T> {
-    /// Whether there is a value, and no error; warnings and hints do not count.
+    /// Whether there is a value and no error. Warnings and hints do not count as errors.
     pub fn is_ok(&self) -> bool {
         self.value.is_some() && !self.diagnostics.iter().any(Diagnostic::is_error)
     }

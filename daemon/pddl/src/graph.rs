@@ -1,10 +1,12 @@
 //! Strongly connected components of a graph: for cycles of types and of axioms, here and in the planner.
 //!
-//! In linear time and without recursion, because the graphs come from untrusted text.
+//! The components are found in linear time and without recursion, because the graphs come from untrusted
+//! text.
 
-/// Returns a component number for each node; nodes that reach each other share it.
+/// Returns a component number for each node. Two nodes have the same number if and only if they reach
+/// each other.
 ///
-/// `successors` lists the targets of the edges of each node (Kosaraju's algorithm).
+/// `successors` has, for each node, the targets of its edges (Kosaraju's algorithm).
 pub fn components(successors: &[Vec<usize>]) -> Vec<usize> {
     let mut predecessors = vec![Vec::new(); successors.len()];
     for (node, targets) in successors.iter().enumerate() {
@@ -25,7 +27,8 @@ pub fn components(successors: &[Vec<usize>]) -> Vec<usize> {
     components.into_iter().flatten().collect()
 }
 
-/// Returns all nodes, each after every node that it reaches, as far as there is no cycle.
+/// Returns all nodes in an order in which each node comes after every node that it reaches. Within a
+/// cycle the order is arbitrary.
 fn finished_order(successors: &[Vec<usize>]) -> Vec<usize> {
     let mut finished = Vec::with_capacity(successors.len());
     let mut seen = vec![false; successors.len()];
@@ -58,7 +61,8 @@ fn finished_order(successors: &[Vec<usize>]) -> Vec<usize> {
 mod tests {
     use super::components;
 
-    /// `edges` are pairs of nodes; `expected` groups the nodes by component.
+    /// Checks the components of a graph. `edges` are pairs of nodes; `expected` groups the nodes by
+    /// component.
     #[track_caller]
     fn check(nodes: usize, edges: &[(usize, usize)], expected: &[&[usize]]) {
         let mut successors = vec![Vec::new(); nodes];

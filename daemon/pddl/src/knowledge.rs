@@ -28,26 +28,28 @@ use crate::tree::{
 /// The auxiliary predicates of one symbol.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AuxiliaryPredicates {
-    /// For a predicate that is not derived.
+    /// Auxiliary predicates of a predicate that is not derived.
     Predicate {
-        /// Holds for facts that are not known.
+        /// Predicate `unknown-P`, which holds for facts that are not known.
         unknown: Name,
-        /// Holds for facts that the plan has observed; only if some action observes the predicate.
+        /// Predicate `found-S`, which holds for facts that the plan has observed. It exists only if some
+        /// action observes the original predicate.
         found: Option<Name>,
     },
-    /// For a function.
+    /// Auxiliary predicates of a function.
     Function {
-        /// Holds if the value is known.
+        /// Predicate `defined-F`, which holds if the value of the function is known.
         defined: Name,
-        /// Holds if the plan has observed the value; only if some action observes the function.
+        /// Predicate `found-S`, which holds if the plan has observed the value. It exists only if some
+        /// action observes the function.
         found: Option<Name>,
     },
-    /// For a predicate that axioms derive.
+    /// Auxiliary predicates of a predicate that axioms derive.
     Derived {
-        /// Holds for facts that cannot be ruled out.
+        /// Predicate `maybe-D`, which holds for facts that cannot be ruled out.
         maybe: Name,
-        /// Holds for facts that cannot be ruled out because their derivation depends on an agent
-        /// that has left.
+        /// Predicate `unknown-D`, which holds for facts that cannot be ruled out because their derivation
+        /// depends on an agent that has left.
         unknown: Name,
     },
 }
@@ -55,16 +57,17 @@ pub enum AuxiliaryPredicates {
 /// The symbols with facts or values that may be unknown, and their auxiliary predicates.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Knowledge {
-    /// The auxiliary predicates by symbol; no function has the name of a predicate.
+    /// Auxiliary predicates of each symbol, by the name of the symbol. No function has the name of a
+    /// predicate.
     pub symbols: BTreeMap<Name, AuxiliaryPredicates>,
 }
 
-/// Required certainty of a rewritten condition.
+/// Certainty that a rewritten condition requires of the original condition.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Certainty {
-    /// The condition is known to hold.
+    /// The rewritten condition requires that the original is known to hold.
     Sure,
-    /// The condition is not known to be false.
+    /// The rewritten condition requires that the original is not known to be false.
     Possible,
 }
 
@@ -85,9 +88,9 @@ impl AuxiliaryPredicates {
 // === impl Knowledge ===
 
 impl Knowledge {
-    /// Creates the auxiliary predicates of a domain in which facts of the `unknowable` predicates
-    /// may be unknown. Symbols that an action observes, and predicates derived from either, may be
-    /// unknown too.
+    /// Creates the auxiliary predicates of a domain. Facts of the `unknowable` predicates may be
+    /// unknown. Symbols that an action observes may be unknown too, and so may predicates that axioms
+    /// derive from any of these.
     pub fn of(domain: &Domain, unknowable: &BTreeSet<Name>) -> Knowledge {
         let observed: BTreeSet<&Name> = { domain.actions.iter() }
             .flat_map(|action| &action.observe)
@@ -135,7 +138,8 @@ impl Knowledge {
         self.symbols.values().any(|auxiliary| auxiliary.names().any(|name| name == predicate))
     }
 
-    /// Returns the symbol that has unknown facts where `predicate` holds; `None` for other predicates.
+    /// Returns the symbol for which `predicate` is the predicate `unknown-…`; `None` for other
+    /// predicates.
     pub fn unknown_by(&self, predicate: &Name) -> Option<&Name> {
         let is_it = |auxiliary: &AuxiliaryPredicates| match auxiliary {
             AuxiliaryPredicates::Predicate { unknown, .. }
@@ -145,7 +149,8 @@ impl Knowledge {
         self.symbols.iter().find(|(_, auxiliary)| is_it(auxiliary)).map(|(symbol, _)| symbol)
     }
 
-    /// Returns the fact which states that this one is unknown; `None` if it is always known.
+    /// Returns the auxiliary fact with the meaning that `fact` is unknown; `None` if `fact` is always
+    /// known.
     pub fn unknown(&self, fact: &Atom) -> Option<Atom> {
         match self.symbols.get(&fact.predicate)? {
             AuxiliaryPredicates::Predicate { unknown, .. }
@@ -156,7 +161,8 @@ impl Knowledge {
         }
     }
 
-    /// Returns the fact which states that this function has a known value; `None` if that is not tracked.
+    /// Returns the auxiliary fact with the meaning that `fluent` has a known value; `None` if that is
+    /// not tracked.
     pub fn defined(&self, fluent: &FluentTerm) -> Option<Atom> {
         match self.symbols.get(&fluent.function)? {
             AuxiliaryPredicates::Function { defined, .. } => {
@@ -189,7 +195,7 @@ impl Knowledge {
         }
     }
 
-    /// Returns the action with conditions and effects over known facts.
+    /// Returns the action with conditions and effects that refer to known facts.
     pub fn action(&self, action: &ActionSchema) -> ActionSchema {
         let found = action.observe.iter().filter_map(|observed| self.found(observed));
         let found: Vec<Effect> = found.map(Effect::Add).collect();
@@ -206,7 +212,7 @@ impl Knowledge {
         }
     }
 
-    /// Returns the condition which requires that this one is known to hold.
+    /// Returns the condition with the meaning that `condition` is known to hold.
     pub fn known_to_hold(&self, condition: &Condition) -> Condition {
         if !self.touches(condition) {
             return condition.clone();
@@ -214,7 +220,7 @@ impl Knowledge {
         self.rewrite(condition, true, Certainty::Sure)
     }
 
-    /// Returns the original of a rewritten condition, in the author's symbols: as if every fact
+    /// Returns the original of a rewritten condition, with the symbols of the author, as if every fact
     /// were known.
     pub fn original_condition(&self, condition: &Condition) -> Condition {
         match condition {
@@ -255,8 +261,8 @@ impl Knowledge {
         }
     }
 
-    /// Resolves an auxiliary atom as if everything were known and nothing observed: nothing is
-    /// unknown, every function has a value, and `maybe-D` is `D`.
+    /// Replaces an auxiliary atom by what it means if everything is known and nothing has been
+    /// observed: nothing is unknown, every function has a value, and `maybe-D` is `D`.
     fn plain_atom(&self, atom: &Atom) -> Condition {
         let is_it = |name: &Name| *name == atom.predicate;
         for (symbol, auxiliary) in &self.symbols {
@@ -274,8 +280,9 @@ impl Knowledge {
         Condition::Atom(atom.clone())
     }
 
-    /// Whether a condition mentions something that may be unknown, or has a comparison: the
-    /// negation of a comparison with an undefined function would hold otherwise.
+    /// Whether a condition must be rewritten: it mentions a symbol that may be unknown, or has a
+    /// comparison. Without rewriting, the negation of a comparison with an undefined function would
+    /// hold.
     fn touches(&self, condition: &Condition) -> bool {
         condition.parts().any(|part| match part {
             Condition::Atom(atom) => self.symbols.contains_key(&atom.predicate),
@@ -284,7 +291,7 @@ impl Knowledge {
         })
     }
 
-    /// Rewrites a condition, or its negation if `positive` is false.
+    /// Rewrites a condition. If `positive` is false, rewrites the negation of the condition.
     fn rewrite(&self, condition: &Condition, positive: bool, mode: Certainty) -> Condition {
         let all = |parts: &[Condition]| {
             parts.iter().map(|part| self.rewrite(part, positive, mode)).collect()
@@ -388,8 +395,8 @@ impl Knowledge {
         }
     }
 
-    /// Returns the condition that a comparison may be assumed to hold: the plan has observed every
-    /// value that is not known. `None` if nothing in it can be observed.
+    /// Returns the condition under which a comparison may be assumed to hold: the plan has observed
+    /// every value that is not known. Returns `None` if no value in the comparison can be observed.
     fn assumed(&self, compare: &Compare) -> Option<Condition> {
         let tracked = self.tracked(compare);
         let found: Vec<Condition> = { tracked.iter() }
@@ -416,8 +423,8 @@ impl Knowledge {
         }
     }
 
-    /// Returns the condition that a comparison is open, because some value in it is neither known
-    /// nor observed. `None` if every value is always known.
+    /// Returns the condition under which a comparison is undetermined: some value in it is neither
+    /// known nor observed. Returns `None` if every value in it is always known.
     fn undetermined(&self, compare: &Compare) -> Option<Condition> {
         let open: Vec<Condition> = { self.tracked(compare).into_iter() }
             .map(|(fluent, defined, found)| {
@@ -431,8 +438,8 @@ impl Knowledge {
         (!open.is_empty()).then(|| one_or(open))
     }
 
-    /// Returns the functions of a comparison that may have no value: each with the fact that it is
-    /// defined, and the predicate for having observed it.
+    /// Returns the functions of a comparison that may have no value. Each comes with the fact that it
+    /// is defined, and with the predicate for having observed it.
     fn tracked(&self, compare: &Compare) -> Vec<(FluentTerm, Atom, Option<Name>)> {
         let mut fluents: Vec<&FluentTerm> = Vec::new();
         for fluent in compare.left.fluents().chain(compare.right.fluents()) {
@@ -486,7 +493,7 @@ impl Knowledge {
         }
     }
 
-    /// Declares the auxiliary predicates with the parameters of their symbols.
+    /// Declares the auxiliary predicates, with the parameters of the symbols to which they belong.
     fn declare(&self, domain: &mut Domain) {
         let of_predicates = domain.predicates.iter().map(|it| (&it.name, &it.parameters));
         let of_functions = domain.functions.iter().map(|it| (&it.name, &it.parameters));
@@ -503,8 +510,8 @@ impl Knowledge {
         domain.predicates.extend(added);
     }
 
-    /// Returns the axioms for facts that cannot be ruled out because an agent has left: one for
-    /// each derived predicate.
+    /// Returns the axioms for derived facts that cannot be ruled out because an agent has left, one
+    /// axiom for each derived predicate.
     fn departure_axioms(&self, domain: &Domain) -> Vec<Derived> {
         let axiom = |(symbol, auxiliary): (&Name, &AuxiliaryPredicates)| {
             let AuxiliaryPredicates::Derived { maybe, unknown } = auxiliary else { return None };
@@ -544,8 +551,8 @@ fn applied(predicate: &Name, arguments: &[Term], span: Span) -> Atom {
     Atom { predicate: predicate.clone(), arguments: arguments.to_vec(), span }
 }
 
-/// Returns the derived predicates that depend on one of `symbols`, directly or through each other,
-/// and those in `left`.
+/// Returns the derived predicates that depend on one of `symbols`, directly or through other derived
+/// predicates, together with the predicates in `left`.
 fn dependent(
     domain: &Domain,
     symbols: &BTreeMap<Name, AuxiliaryPredicates>,
@@ -568,7 +575,7 @@ fn dependent(
     }
 }
 
-/// Chooses names that are not used elsewhere.
+/// Chooses names that no predicate and no function has.
 struct FreshNames {
     taken: BTreeSet<Name>,
 }
@@ -582,7 +589,8 @@ impl FreshNames {
         FreshNames { taken: predicates.chain(functions).cloned().collect() }
     }
 
-    /// Returns `PREFIX-SYMBOL`, or the first of `PREFIX-SYMBOL-2`, `PREFIX-SYMBOL-3`, … that is free.
+    /// Returns `PREFIX-SYMBOL` if this name is free; otherwise the first free name among
+    /// `PREFIX-SYMBOL-2`, `PREFIX-SYMBOL-3` and so on.
     fn fresh_name(&mut self, prefix: &str, symbol: &Name) -> Name {
         let wanted = format!("{prefix}-{}", symbol.as_str());
         let numbered = (2..).map(|number| Name::new(&format!("{wanted}-{number}")));

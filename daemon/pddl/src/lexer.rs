@@ -1,6 +1,6 @@
 //! Words and parentheses: the only code that reads single bytes.
 //!
-//! - Feeds `sexpr`, which builds the tree of parentheses.
+//! - The tokens go to `parentheses`, which builds the tree that `sexpr` gives access to.
 //! - Every delimiter is ASCII, so a cut between two tokens is a character boundary, whatever else
 //!   the text contains.
 //! - The meaning of a word is not known here: `:action`, `?x`, `5` and `-` are all symbols.
@@ -9,21 +9,22 @@ use nom::bytes::complete::{take, take_till, take_while};
 use nom::combinator::{map, value};
 use nom::{IResult, Parser};
 
-/// The rest of the text to read.
+/// The rest of the text, which has not been read.
 pub(crate) type LexInput<'a> = &'a [u8];
 
 type LexResult<'a, T> = IResult<LexInput<'a>, T, ()>;
 
-/// One token; its place is the difference between the input before and after.
+/// One token, without its place. The place is the difference between the input before and after the
+/// token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LexToken {
     Open,
     Close,
-    /// A word of this many bytes.
+    /// A word with this number of bytes.
     Symbol(usize),
 }
 
-/// `BLANK* ( "(" | ")" | SYMBOL )`; fails only at the end of the text.
+/// Reads one token: `BLANK* ( "(" | ")" | SYMBOL )`. Fails only at the end of the text.
 pub(crate) fn token(input: LexInput<'_>) -> LexResult<'_, LexToken> {
     let (input, ()) = blanks(input)?;
     match input.first() {
@@ -44,7 +45,7 @@ fn word_length(input: LexInput<'_>) -> usize {
     1 + rest.take_while(|byte| !is_delimiter(**byte) && **byte != b'?').count()
 }
 
-/// `BLANK* = (SPACE | COMMENT)*`
+/// Skips blanks and comments: `BLANK* = (SPACE | COMMENT)*`.
 pub(crate) fn blanks(input: LexInput<'_>) -> LexResult<'_, ()> {
     let (mut input, _) = take_while(is_space).parse(input)?;
     while input.first() == Some(&b';') {
@@ -54,7 +55,7 @@ pub(crate) fn blanks(input: LexInput<'_>) -> LexResult<'_, ()> {
     Ok((input, ()))
 }
 
-/// `COMMENT = ";" up to the end of the line`
+/// Skips a comment: `COMMENT = ";" up to the end of the line`.
 fn comment(input: LexInput<'_>) -> LexResult<'_, LexInput<'_>> {
     take_till(|byte| byte == b'\n' || byte == b'\r').parse(input)
 }

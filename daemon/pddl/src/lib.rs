@@ -2,13 +2,13 @@
 //!
 //! - [`tree`] defines the syntax tree. Start reading there.
 //! - [`parse`] makes a tree from a text: `lexer` → `parentheses` → `sexpr` → `grammar`.
-//! - `printer` makes a text from a tree: `Display` of every tree type.
+//! - `printer` makes a text from a tree: it implements `Display` for every tree type.
 //! - `arithmetic` computes the values of [`Operator`], [`Comparison`] and [`Assignment`].
 //! - [`check`] checks whether a tree makes sense, with the help of [`types`], the type hierarchy.
-//! - [`diagnostic`] is the form in which all of them report mistakes.
+//! - [`diagnostic`] defines the form in which all these modules report mistakes.
 //!
-//! Leaves to others: grounding and search (`planner`), composing several models into one domain
-//! (`capability`), drawing diagnostics in color (the binary).
+//! Other crates do the rest: `planner` grounds and searches, `capability` composes several models into
+//! one domain, and the binary draws diagnostics in color.
 //!
 //! **Invariants:** nothing here reads a clock, a file or the environment. Whatever the text, parsing
 //! ends with a value and a list of diagnostics, never with a panic; and what it returns is nested no

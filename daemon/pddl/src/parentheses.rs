@@ -1,9 +1,9 @@
-//! Parentheses: from tokens to a tree, without recursion.
+//! Parentheses: builds a tree from tokens, without recursion.
 //!
-//! - Reads tokens from `lexer`, and makes the entries that `sexpr` gives access to.
-//! - Bounds the nesting, so that recursion over the result cannot overflow the stack.
-//! - Repairs what it can, so that one missing parenthesis gives one diagnostic and does not spoil
-//!   the rest of the file.
+//! - The tokens come from `lexer`; `sexpr` gives access to the nodes of the tree.
+//! - The nesting is bounded, so that recursion over the tree cannot overflow the stack.
+//! - Parentheses are repaired where possible, so that one missing parenthesis gives one diagnostic and
+//!   does not spoil the rest of the file.
 
 use crate::diagnostic::{Diagnostic, DiagnosticList};
 use crate::lexer::{self, LexToken};
@@ -30,21 +30,21 @@ const SECTIONS: &[&str] = &[
 /// Words that begin a part of an action and occur nowhere else.
 const PARTS: &[&str] = &[":parameters", ":precondition", ":condition", ":duration", ":effect"];
 
-/// Builds a tree.
+/// Builds the tree of the words and parentheses of a text.
 pub(crate) struct ForestBuilder<'t, 'd> {
     text: &'t str,
     entries: Vec<StoredNode>,
-    /// Open lists, outermost first.
+    /// Lists that are open, the outermost first.
     open: Vec<u32>,
-    /// Number of open parentheses inside a list that is nested too deep.
+    /// Number of parentheses that are open inside a list that is nested too deep.
     open_skipped: usize,
-    /// End of the last token.
+    /// End of the last token, as a byte offset.
     end: usize,
     /// Whether the last token was a word.
     after_word: bool,
     /// Whether the last token was a `)` without an open list.
     after_stray: bool,
-    /// Place of such a `)` if nothing has come after it so far.
+    /// Place of a `)` without an open list, if no other token has come after it so far.
     stray: Option<usize>,
     problems: &'d mut DiagnosticList,
 }
@@ -65,7 +65,7 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         }
     }
 
-    /// Reads the whole text; returns the nodes in its order.
+    /// Reads the whole text. Returns the nodes in the order of the text.
     pub(crate) fn read(mut self) -> Vec<StoredNode> {
         if u32::try_from(self.text.len()).is_err() {
             let message = "the text is longer than 4 GiB";
@@ -88,8 +88,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         self.entries
     }
 
-    /// Reports a comment in the style of another language that begins with this word, and returns
-    /// its end; `None` if it is none.
+    /// Reports a comment in the style of another language if one begins with this word. Returns the end
+    /// of the comment; `None` if there is none.
     fn foreign_comment(&mut self, token: LexToken) -> Option<usize> {
         let LexToken::Symbol(length) = token else { return None };
         let start = self.end - length;
@@ -118,7 +118,7 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         Some(start + length)
     }
 
-    /// Adds a token; `before` is the end of the token before it.
+    /// Adds a token to the tree; `before` is the end of the token before it.
     fn take(&mut self, token: LexToken, before: usize) {
         let touches_word = self.after_word
             && matches!(token, LexToken::Symbol(length) if self.end - length == before);
@@ -168,7 +168,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         }
     }
 
-    /// Reports a `)` that closes nothing, once a token comes after it.
+    /// Reports a `)` that closes no list, if there is one. It is reported when another token comes
+    /// after it.
     fn report_stray(&mut self) {
         if let Some(start) = self.stray.take() {
             self.problems.push(
@@ -210,8 +211,9 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         entry.end = Span::new(0, end).end;
     }
 
-    /// Repairs parentheses before a section. A section occurs only in a `(define …)`: if it begins
-    /// deeper, parentheses are missing; if it begins outside, there is one too many.
+    /// Repairs parentheses before a section. A section occurs only directly in a `(define …)`. If it
+    /// begins deeper, a closing parenthesis is missing before it; if it begins outside, there is one
+    /// closing parenthesis too many.
     fn repair_before_section(&mut self, start: usize) {
         let word = &self.text[start..self.end];
         let heads_a_list = self.open.last().is_some_and(|i| *i as usize + 1 == self.entries.len());
@@ -232,8 +234,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         }
     }
 
-    /// Repairs parentheses before a part of an action. Such a part occurs only in an action: if it
-    /// begins deeper, parentheses are missing.
+    /// Repairs parentheses before a part of an action. Such a part occurs only directly in an action.
+    /// If it begins deeper, a closing parenthesis is missing before it.
     fn repair_before_part(&mut self, start: usize) {
         let word = &self.text[start..self.end];
         let is_part = PARTS.iter().any(|known| known.eq_ignore_ascii_case(word));
@@ -248,7 +250,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         }
     }
 
-    /// Closes lists before the entry `next`, which is at `place` and cannot be inside them.
+    /// Closes the lists `unclosed` before the entry `next`, which is at `place` and cannot be inside
+    /// these lists.
     fn close_before(&mut self, unclosed: &[u32], next: u32, place: Span, word: &str) {
         let end = self.text[..place.start as usize].trim_end().len();
         let opener = unclosed.first().map_or(0, |index| self.entries[*index as usize].start);
@@ -328,7 +331,7 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
     }
 }
 
-/// Reports that the node at `place` would exceed the allowed nesting.
+/// Reports that the node at `place` is nested deeper than allowed.
 pub(crate) fn too_deep(place: Span) -> Diagnostic {
     let message = format!("parentheses nested more than {NESTING_MAX} deep are not supported");
     Diagnostic::unsupported(place, message)

@@ -1,8 +1,8 @@
 //! Parsing: text in, tree and diagnostics out.
 //!
 //! Each function parses one kind of text. All of them read the whole text, report every mistake in
-//! it, and return what could be made of the rest; [`Parsed::into_result`] is for callers that need
-//! a text without errors.
+//! it, and return the tree of the parts without mistakes. [`Parsed::into_result`] is for callers that
+//! need a text without errors.
 
 use crate::diagnostic::{DiagnosticList, Parsed};
 use crate::grammar::{self, GrammarReader};
@@ -68,12 +68,12 @@ pub fn parse_action_model(text: &str) -> Parsed<ActionModel> {
     })
 }
 
-/// Parses a condition that stands alone, such as a goal.
+/// Parses a text that is a single condition, such as a goal.
 pub fn parse_condition(text: &str) -> Parsed<Condition> {
     read(text, |reader, roots| grammar::single(reader, roots, "condition", grammar::condition))
 }
 
-/// Parses a metric that stands alone, as a problem has it.
+/// Parses a metric that is a text by itself, in the form in which a problem has it.
 ///
 /// ```
 /// let text = "(:metric minimize (+ (total-cost) (* 2 (waits))))";
@@ -97,7 +97,8 @@ pub fn parse_init_elements(text: &str) -> Parsed<Vec<InitElement>> {
     read(text, |reader, roots| Some(grammar::init_elements(reader, roots)))
 }
 
-/// Parses a plan in the IPC's format, with its `; cost = N` comment if it has one.
+/// Parses a plan in the format of the International Planning Competition (IPC). A comment with the
+/// cost, `; cost = N`, is read if there is one.
 pub fn parse_plan(text: &str) -> Parsed<Plan> {
     read(text, |reader, roots| {
         let steps = grammar::plan_steps(reader, roots);
@@ -110,8 +111,8 @@ pub fn parse_step(text: &str) -> Parsed<PlanStep> {
     read(text, |reader, roots| grammar::single(reader, roots, "step", grammar::plan_step))
 }
 
-/// Decodes the text of a file: UTF-8 if it is valid, else Latin-1, which older competition files
-/// have in their comments.
+/// Decodes the text of a file: as UTF-8 if the bytes are valid UTF-8, otherwise as Latin-1, which older
+/// competition files have in their comments.
 ///
 /// ```
 /// assert_eq!(pddl::text_from_bytes(b"; Thi\xe9baux"), "; Thi\u{e9}baux");
@@ -123,7 +124,7 @@ pub fn text_from_bytes(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
     }
 }
 
-/// Reads the parentheses, then parses their content.
+/// Builds the tree of parentheses of a text, then parses the tree.
 fn read<T>(
     text: &str,
     meaning: impl for<'f> FnOnce(&mut GrammarReader<'f>, Items<'f>) -> Option<T>,

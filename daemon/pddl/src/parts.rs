@@ -1,12 +1,12 @@
-//! Read-only traversal of conditions, effects and expressions: the outermost part first, then the
-//! parts in it from left to right.
+//! Read-only traversal of conditions, effects and expressions: first the outermost part, then the parts
+//! inside it from left to right.
 
 use std::iter;
 
 use crate::tree::{Assignment, Atom, Condition, Effect, Expression, FluentTerm, Name};
 
 impl Condition {
-    /// Iterates over the condition and everything in it.
+    /// Iterates over the condition and all conditions inside it.
     pub fn parts(&self) -> impl Iterator<Item = &Condition> {
         let mut open = vec![self];
         iter::from_fn(move || {
@@ -23,7 +23,7 @@ impl Condition {
         })
     }
 
-    /// Iterates over the atoms in it.
+    /// Iterates over the atoms in the condition.
     pub fn atoms(&self) -> impl Iterator<Item = &Atom> {
         self.parts().filter_map(|part| match part {
             Condition::Atom(atom) => Some(atom),
@@ -31,7 +31,7 @@ impl Condition {
         })
     }
 
-    /// Iterates over the predicates and functions that it uses.
+    /// Iterates over the predicates and functions in the condition.
     pub fn symbols(&self) -> impl Iterator<Item = &Name> {
         self.parts().flat_map(|part| match part {
             Condition::Atom(atom) => vec![&atom.predicate],
@@ -43,7 +43,7 @@ impl Condition {
         })
     }
 
-    /// Iterates over the fluents that it compares.
+    /// Iterates over the fluents that the condition compares.
     pub fn fluents(&self) -> impl Iterator<Item = &FluentTerm> {
         self.parts().flat_map(|part| match part {
             Condition::Compare(compare) => {
@@ -55,7 +55,8 @@ impl Condition {
 }
 
 impl Effect {
-    /// Iterates over the effect and everything in it, without the conditions of conditional effects.
+    /// Iterates over the effect and all effects inside it, without the conditions of conditional
+    /// effects.
     pub fn parts(&self) -> impl Iterator<Item = &Effect> {
         let mut open = vec![self];
         iter::from_fn(move || {
@@ -69,7 +70,7 @@ impl Effect {
         })
     }
 
-    /// Iterates over the atoms that it adds, conditionally or not.
+    /// Iterates over the atoms that the effect adds, conditionally or not.
     pub fn added(&self) -> impl Iterator<Item = &Atom> {
         self.parts().filter_map(|part| match part {
             Effect::Add(atom) => Some(atom),
@@ -77,7 +78,8 @@ impl Effect {
         })
     }
 
-    /// Whether it assigns a value to a function, for some arguments, independently of the value before.
+    /// Whether the effect assigns to a function, for some arguments, a value that does not depend on
+    /// the value before.
     pub fn assigns(&self, function: &Name) -> bool {
         self.parts().any(|part| match part {
             Effect::Assign(assign) => {
@@ -89,7 +91,7 @@ impl Effect {
 }
 
 impl Expression {
-    /// Iterates over the expression and everything in it.
+    /// Iterates over the expression and all expressions inside it.
     pub fn parts(&self) -> impl Iterator<Item = &Expression> {
         let mut open = vec![self];
         iter::from_fn(move || {
@@ -107,7 +109,7 @@ impl Expression {
         })
     }
 
-    /// Iterates over the fluents in it.
+    /// Iterates over the fluents in the expression.
     pub fn fluents(&self) -> impl Iterator<Item = &FluentTerm> {
         self.parts().filter_map(|part| match part {
             Expression::Fluent(fluent) => Some(fluent),

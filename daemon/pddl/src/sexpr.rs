@@ -1,6 +1,7 @@
 //! The tree of parentheses, which the grammar reads.
 //!
-//! - Built by `parentheses` from the tokens of `lexer`; read through [`SyntaxNode`] and [`Items`].
+//! - The tree is built by `parentheses` from the tokens of `lexer`, and read through [`SyntaxNode`] and
+//!   [`Items`].
 //! - All nodes are in one vector in the order of the text, so neither building nor dropping a tree
 //!   recurses, and skipping a list is one look-up.
 
@@ -8,53 +9,54 @@ use crate::diagnostic::DiagnosticList;
 use crate::parentheses::ForestBuilder;
 use crate::tree::Span;
 
-/// Most levels of nested parentheses.
+/// Maximal number of levels of nested parentheses.
 ///
-/// Recursion over a tree, here or in another crate, has 16 KiB of a 2 MiB stack for each level. The
-/// deepest of 224 competition files nests 14 deep.
+/// With a stack of 2 MiB, recursion over a tree, here or in another crate, has 16 KiB for each level.
+/// The deepest of 224 competition files nests 14 levels deep.
 pub const NESTING_MAX: usize = 128;
 const _: () = assert!(NESTING_MAX <= u8::MAX as usize, "`Entry::depth` is a byte");
 
-/// The content of a text between its parentheses.
+/// The tree of the words and parentheses of a text.
 pub(crate) struct Forest<'t> {
     text: &'t str,
     entries: Vec<StoredNode>,
 }
 
-/// A node: a list, a word, or a part that could not be kept.
+/// A node of the tree: a list, a word, or a part that could not be kept.
 #[derive(Clone, Copy)]
 pub(crate) struct SyntaxNode<'f> {
     forest: &'f Forest<'f>,
     index: u32,
 }
 
-/// Kind of a node.
+/// Content of a node of the tree.
 pub(crate) enum NodeContent<'f> {
     List(Items<'f>),
     Symbol(&'f str),
-    /// Nested too deep. This has been reported, so callers do not report it again.
+    /// A part that is nested too deep. It has been reported already, so callers do not report it again.
     Damaged,
 }
 
-/// The nodes of a list that have not been read.
+/// The items of a list that have not been read yet.
 #[derive(Clone, Copy)]
 pub(crate) struct Items<'f> {
     forest: &'f Forest<'f>,
     next: u32,
     stop: u32,
-    /// Place to report something missing: the closing parenthesis, if there is one.
+    /// Place at which to report that something is missing: the closing parenthesis of the list, if
+    /// there is one.
     end: Span,
 }
 
-/// A node as it is stored.
+/// A node of the tree in the form in which it is stored.
 #[derive(Clone, Copy)]
 pub(crate) struct StoredNode {
     pub(crate) start: u32,
     pub(crate) end: u32,
-    /// The first entry after this node and its content.
+    /// Index of the first node after this node and its content.
     pub(crate) next: u32,
     pub(crate) kind: NodeKind,
-    /// The number of lists around the node.
+    /// Number of lists around the node.
     pub(crate) depth: u8,
 }
 
@@ -68,17 +70,17 @@ pub(crate) enum NodeKind {
 // === impl Forest ===
 
 impl<'t> Forest<'t> {
-    /// Reads the whole text.
+    /// Reads the whole text, and reports mistakes in its parentheses.
     pub(crate) fn read(text: &'t str, problems: &mut DiagnosticList) -> Forest<'t> {
         Forest { text, entries: ForestBuilder::new(text, problems).read() }
     }
 
-    /// Returns the number of nodes.
+    /// Returns the number of nodes in the tree.
     pub(crate) fn len(&self) -> usize {
         self.entries.len()
     }
 
-    /// Returns the nodes outside any list.
+    /// Returns the nodes that are outside of all lists.
     pub(crate) fn roots(&self) -> Items<'_> {
         Items {
             forest: self,
@@ -115,7 +117,7 @@ impl<'f> SyntaxNode<'f> {
         }
     }
 
-    /// Whether the node is so deep that a list is not allowed in its place.
+    /// Whether the node has the maximal depth, so that a list in its place would be nested too deep.
     pub(crate) fn is_deepest(self) -> bool {
         usize::from(self.entry().depth) >= NESTING_MAX
     }
@@ -134,7 +136,7 @@ impl<'f> SyntaxNode<'f> {
         }
     }
 
-    /// Returns the first word of a list.
+    /// Returns the first word of the list; `None` if the node is not a list that begins with a word.
     pub(crate) fn head(self) -> Option<&'f str> {
         self.list()?.peek()?.symbol()
     }
@@ -155,8 +157,7 @@ impl<'f> SyntaxNode<'f> {
             && entries(self).zip(entries(other)).all(is_same)
     }
 
-    /// Returns the list that begins where this word ends, as other languages write functions:
-    /// `at(r1, hall)`.
+    /// Returns the list that begins immediately after this word, as in other languages: `at(r1, hall)`.
     pub(crate) fn touching_list(self) -> Option<SyntaxNode<'f>> {
         let StoredNode { end, next, kind, .. } = *self.entry();
         let list = self.forest.entries.get(next as usize)?;
@@ -165,14 +166,14 @@ impl<'f> SyntaxNode<'f> {
         touches.then_some(SyntaxNode { forest: self.forest, index: next })
     }
 
-    /// Returns this node as the only item.
+    /// Returns items of which this node is the only one.
     pub(crate) fn alone(self) -> Items<'f> {
         let StoredNode { end, next, .. } = *self.entry();
         let end = Span { start: end, end };
         Items { forest: self.forest, next: self.index, stop: next, end }
     }
 
-    /// Returns the closing parenthesis of a list, or the place where it is missing.
+    /// Returns the place of the closing parenthesis of the list, or the place where it is missing.
     fn close(self) -> Span {
         let StoredNode { start, end, .. } = *self.entry();
         let last = self.forest.text.as_bytes().get((end as usize).wrapping_sub(1));
@@ -180,7 +181,7 @@ impl<'f> SyntaxNode<'f> {
         Span { start: end - u32::from(is_closed), end }
     }
 
-    /// Returns the text of the node with its parentheses.
+    /// Returns the text of the node, for a list with its parentheses.
     pub(crate) fn text(self) -> &'f str {
         self.forest.text.get(self.span().range()).unwrap_or("")
     }
@@ -193,18 +194,19 @@ impl<'f> Items<'f> {
         (self.next < self.stop).then_some(SyntaxNode { forest: self.forest, index: self.next })
     }
 
-    /// Returns the items before the first one for which `last` holds.
+    /// Returns the items before the first item for which `last` returns `true`.
     pub(crate) fn until(self, last: impl Fn(SyntaxNode<'f>) -> bool) -> Items<'f> {
         let stop = self.into_iter().find(|node| last(*node)).map_or(self.stop, |node| node.index);
         Items { stop, ..self }
     }
 
-    /// Returns the items after `part`, which came from [`Items::until`].
+    /// Returns the items after those in `part`, which [`Items::until`] returned.
     pub(crate) fn after(self, part: Items<'f>) -> Items<'f> {
         Items { next: part.stop, ..self }
     }
 
-    /// Returns the place to report something missing: the closing parenthesis.
+    /// Returns the place at which to report that something is missing: the closing parenthesis of the
+    /// list.
     pub(crate) fn end(&self) -> Span {
         self.end
     }

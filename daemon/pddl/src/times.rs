@@ -1,10 +1,10 @@
-//! Plans with times: sorting their steps.
+//! Sorting of the steps of plans with times.
 
 use crate::diagnostic::Diagnostic;
 use crate::tree::{Plan, PlanStep};
 
 impl Plan {
-    /// Sorts the steps by time; steps of the same time stay in the order of the text. Returns a
+    /// Sorts the steps by start time; steps of the same time stay in the order of the text. Returns a
     /// warning for every step that has the same time as the step before it. A step without a time
     /// stays behind its predecessor in the text.
     ///

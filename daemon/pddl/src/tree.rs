@@ -1,7 +1,8 @@
 //! The syntax tree: the content of a PDDL text, before its meaning is checked.
 //!
-//! - Built by the parser, printed by the printer, read by `check`, `capability` and `planner`.
-//! - Everything here is *lifted*: parameters are variables. Ground things are in `planner`.
+//! - The tree is built by the parser, printed by the printer, and read by `check`, `capability` and
+//!   `planner`.
+//! - Everything in the tree is *lifted*: parameters are variables. Ground actions are in `planner`.
 //! - Two trees are equal if they have the same content: spans and the author's spelling are not compared.
 
 use std::borrow::Borrow;
@@ -9,22 +10,24 @@ use std::fmt;
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
-/// A range of bytes in the author's text, `start..end`.
+/// A range of bytes in the text of an author, `start..end`.
 ///
-/// All spans are equal, so that trees are compared by their content and not by the places in a text.
+/// All spans are equal in comparisons, so that trees are compared by their content and not by places in
+/// a text.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Span {
-    /// First byte.
+    /// Offset of the first byte.
     pub start: u32,
-    /// One past the last byte.
+    /// Offset after the last byte.
     pub end: u32,
 }
 
-/// A PDDL symbol: compared without case, printed as its author wrote it.
+/// A PDDL symbol. Names are compared without case, and printed as their authors wrote them.
 ///
-/// Variables are names too, without the question mark.
+/// The names of variables are stored without the question mark.
 ///
-/// Cheap to clone: the parser allocates a spelling once for each text, however often it occurs.
+/// A name is cheap to clone: the parser allocates a spelling once for each text, however often it
+/// occurs.
 #[derive(Clone)]
 pub struct Name {
     spelling: Arc<Spelling>,
@@ -33,107 +36,108 @@ pub struct Name {
 
 struct Spelling {
     canonical: Box<str>,
-    /// Set only if it differs from `canonical`.
+    /// Spelling of the author; `None` if it equals `canonical`.
     spelled: Option<Box<str>>,
 }
 
-/// `TYPE | (either TYPE+)`; the empty list stands for an omitted type, which is `object`.
+/// A type: `TYPE | (either TYPE+)`. The empty list stands for an omitted type, which is `object`.
 ///
 /// `object` alone and the empty list are equal.
 #[derive(Clone, Debug, Default)]
 pub struct TypeExpr {
-    /// One type, or the alternatives of an `either`, in the author's order.
+    /// The names of the types: one, or the alternatives of an `either` in the author's order.
     pub alternatives: Vec<Name>,
 }
 
 /// A name with a type: a variable, a constant, an object, or a type with its supertype.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Typed {
-    /// The name; of a variable, without `?`.
+    /// The name; for a variable, without `?`.
     pub name: Name,
-    /// Its type; of a type, its supertype.
+    /// Type of the variable, constant or object; for a type, its supertype.
     pub ty: TypeExpr,
 }
 
 /// A variable or an object in argument position.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Term {
-    /// `?name`
+    /// The variable `?name`.
     Variable(Name),
-    /// `name`: a constant or an object.
+    /// The constant or object `name`.
     Object(Name),
 }
 
-/// `(PREDICATE TERM*)`
+/// A predicate with its arguments: `(PREDICATE TERM*)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Atom {
     /// The predicate symbol.
     pub predicate: Name,
-    /// One term per parameter of the predicate.
+    /// The arguments: one term for each parameter of the predicate.
     pub arguments: Vec<Term>,
-    /// From `(` to `)`.
+    /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
-/// `(FUNCTION TERM*)`, or `FUNCTION` alone if the function takes no argument.
+/// A function with its arguments: `(FUNCTION TERM*)`, or `FUNCTION` alone if it takes no argument.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct FluentTerm {
     /// The function symbol.
     pub function: Name,
-    /// One term per parameter of the function.
+    /// The arguments: one term for each parameter of the function.
     pub arguments: Vec<Term>,
-    /// From `(` to `)`.
+    /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
-/// A finite number. Equal by value, so `1`, `1.0` and `1e0` are one number.
+/// A finite number. Numbers are equal if their values are, so `1`, `1.0` and `1e0` are one number.
 #[derive(Clone, Copy, Debug)]
 pub struct Number(pub f64);
 
-/// A condition: of an action, an effect, an axiom, or a goal.
+/// A condition in an action, an effect, an axiom, or a goal.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Condition {
-    /// `(PREDICATE TERM*)`
+    /// A predicate with its arguments: `(PREDICATE TERM*)`.
     Atom(Atom),
-    /// `(= TERM TERM)`
+    /// Equality of two objects: `(= TERM TERM)`.
     Equal(Term, Term, Span),
-    /// `(< EXPRESSION EXPRESSION)` and its kin.
+    /// A comparison of numbers, such as `(< EXPRESSION EXPRESSION)`.
     Compare(Box<Compare>),
-    /// `(not CONDITION)`
+    /// A negation: `(not CONDITION)`.
     Not(Box<Condition>),
-    /// `(and CONDITION*)`; empty, it is true. An omitted or empty `()` condition is this too.
+    /// A conjunction: `(and CONDITION*)`. Without conjuncts it is true, and stands for a condition that
+    /// is omitted or `()`.
     And(Vec<Condition>),
-    /// `(or CONDITION*)`; empty, it is false.
+    /// A disjunction: `(or CONDITION*)`. Without disjuncts it is false.
     Or(Vec<Condition>),
-    /// `(imply CONDITION CONDITION)`
+    /// An implication: `(imply CONDITION CONDITION)`.
     Imply(Box<Condition>, Box<Condition>),
-    /// `(exists (VARIABLES) CONDITION)`
+    /// An existential quantifier: `(exists (VARIABLES) CONDITION)`.
     Exists(Vec<Typed>, Box<Condition>),
-    /// `(forall (VARIABLES) CONDITION)`
+    /// A universal quantifier: `(forall (VARIABLES) CONDITION)`.
     Forall(Vec<Typed>, Box<Condition>),
 }
 
-/// `(COMPARISON EXPRESSION EXPRESSION)`
+/// A comparison of numbers: `(COMPARISON EXPRESSION EXPRESSION)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Compare {
     /// The comparison operator.
     pub comparison: Comparison,
-    /// The left side.
+    /// The expression on the left side of the comparison.
     pub left: Expression,
-    /// The right side.
+    /// The expression on the right side of the comparison.
     pub right: Expression,
-    /// From `(` to `)`.
+    /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
-/// A numeric comparison.
+/// The operator of a comparison of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Comparison {
     /// `<`
     Less,
     /// `<=`
     LessOrEqual,
-    /// `=` between numbers.
+    /// `=` between two numbers.
     Equal,
     /// `>=`
     GreaterOrEqual,
@@ -146,17 +150,18 @@ pub enum Comparison {
 pub enum Expression {
     /// A number.
     Number(Number),
-    /// `(FUNCTION TERM*)`
+    /// The value of a function: `(FUNCTION TERM*)`.
     Fluent(FluentTerm),
-    /// `(- EXPRESSION)`
+    /// A negative: `(- EXPRESSION)`.
     Negate(Box<Expression>),
-    /// `(+ E E+)`, `(- E E)`, `(* E E+)`, `(/ E E)`; `+` and `*` take two or more operands.
+    /// An operator with its operands: `(+ E E+)`, `(- E E)`, `(* E E+)` or `(/ E E)`. `+` and `*` take
+    /// two or more operands.
     Apply(Operator, Vec<Expression>),
-    /// `?duration`, in the constraints, conditions and effects of a durative action.
+    /// The duration of a durative action: `?duration`, in its constraints, conditions and effects.
     Duration(Span),
-    /// `#t`, in a continuous effect.
+    /// The time since the start of a durative action: `#t`, in a continuous effect.
     ContinuousTime(Span),
-    /// `total-time`, in a metric.
+    /// The total time of a plan: `total-time`, in a metric.
     TotalTime(Span),
 }
 
@@ -176,201 +181,203 @@ pub enum Operator {
 /// An effect of an action.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Effect {
-    /// `(and EFFECT*)`; empty, nothing happens.
+    /// Several effects: `(and EFFECT*)`. Without any, nothing happens.
     And(Vec<Effect>),
-    /// `(PREDICATE TERM*)`
+    /// A fact that becomes true: `(PREDICATE TERM*)`.
     Add(Atom),
-    /// `(not (PREDICATE TERM*))`
+    /// A fact that becomes false: `(not (PREDICATE TERM*))`.
     Delete(Atom),
-    /// `(increase FLUENT EXPRESSION)` and its kin.
+    /// A numeric effect, such as `(increase FLUENT EXPRESSION)`.
     Assign(Box<Assign>),
-    /// `(forall (VARIABLES) EFFECT)`
+    /// A universal effect: `(forall (VARIABLES) EFFECT)`.
     Forall(Vec<Typed>, Box<Effect>),
-    /// `(when CONDITION EFFECT)`
+    /// A conditional effect: `(when CONDITION EFFECT)`.
     When(Box<Condition>, Box<Effect>),
 }
 
-/// `(ASSIGNMENT FLUENT EXPRESSION)`
+/// A numeric effect: `(ASSIGNMENT FLUENT EXPRESSION)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Assign {
-    /// The operation on the value.
+    /// The operation by which the value of the fluent changes.
     pub assignment: Assignment,
-    /// The fluent that changes.
+    /// The fluent that the effect changes.
     pub fluent: FluentTerm,
-    /// The value, read in the state before the action.
+    /// The operand of the operation, evaluated in the state before the action.
     pub value: Expression,
-    /// From `(` to `)`.
+    /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
-/// A numeric effect.
+/// The operation of a numeric effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Assignment {
-    /// `assign`
+    /// `assign`: the fluent gets the value of the operand.
     Assign,
-    /// `increase`
+    /// `increase`: the operand is added to the fluent.
     Increase,
-    /// `decrease`
+    /// `decrease`: the operand is subtracted from the fluent.
     Decrease,
-    /// `scale-up`
+    /// `scale-up`: the fluent is multiplied by the operand.
     ScaleUp,
-    /// `scale-down`
+    /// `scale-down`: the fluent is divided by the operand.
     ScaleDown,
 }
 
 /// Visibility of a predicate or an object (MA-PDDL).
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Privacy {
-    /// Visible to every agent.
+    /// The predicate or object is visible to every agent.
     #[default]
     Public,
-    /// Visible to its agent only: `(:private …)`, or `(:private ?agent - TYPE …)` if one text
-    /// describes several agents (unfactored privacy).
+    /// The predicate or object is visible only to the agent it belongs to: `(:private …)`, or
+    /// `(:private ?agent - TYPE …)` if one text describes several agents (unfactored privacy).
     Private(Option<Typed>),
 }
 
-/// `(PREDICATE VARIABLES)` in `:predicates`
+/// The declaration of a predicate in `:predicates`: `(PREDICATE VARIABLES)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct PredicateDeclaration {
     /// The predicate symbol.
     pub name: Name,
-    /// Its parameters.
+    /// Parameters of the predicate.
     pub parameters: Vec<Typed>,
-    /// Visibility to other agents.
+    /// Visibility of the predicate to other agents.
     pub privacy: Privacy,
 }
 
-/// `(FUNCTION VARIABLES) [- number]` in `:functions`
+/// The declaration of a function in `:functions`: `(FUNCTION VARIABLES) [- number]`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct FunctionDeclaration {
     /// The function symbol.
     pub name: Name,
-    /// Its parameters.
+    /// Parameters of the function.
     pub parameters: Vec<Typed>,
-    /// Visibility to other agents.
+    /// Visibility of the function to other agents.
     pub privacy: Privacy,
 }
 
-/// `(:derived (PREDICATE VARIABLES) CONDITION)`: an axiom.
+/// An axiom: `(:derived (PREDICATE VARIABLES) CONDITION)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Derived {
-    /// The predicate it derives.
+    /// The predicate that the axiom derives.
     pub predicate: Name,
-    /// The variables of the head.
+    /// The variables in the head of the axiom.
     pub parameters: Vec<Typed>,
-    /// The body.
+    /// The body of the axiom: the condition under which the head holds.
     pub condition: Condition,
-    /// From `(` to `)`.
+    /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
-/// `(:action NAME …)`
+/// An action: `(:action NAME …)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ActionSchema {
     /// The action's name.
     pub name: Name,
-    /// `:agent ?a - TYPE`: the acting agent (MA-PDDL). It precedes the parameters in a plan's step.
+    /// The acting agent (MA-PDDL), `:agent ?a - TYPE`. In a step of a plan it comes before the
+    /// parameters.
     pub agent: Option<Typed>,
-    /// The parameters, without the agent.
+    /// The parameters of the action, without the agent.
     pub parameters: Vec<Typed>,
-    /// The precondition.
+    /// The precondition of the action.
     pub precondition: Condition,
-    /// The effect.
+    /// The effect of the action.
     pub effect: Effect,
-    /// `:observe`: predicates and functions with a value that is known after the action, whatever
-    /// it is, as in contingent planning. In action models only; `planner` rejects it.
+    /// Predicates and functions, `:observe`, with a value that is known after the action, whatever the
+    /// value is, as in contingent planning. They occur in action models only; `planner` rejects them.
     pub observe: Vec<Atom>,
-    /// From `(` to `)`.
+    /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
-/// `(:durative-action NAME …)` (PDDL 2.1). Parsed and printed; no planner here uses it yet.
+/// A durative action (PDDL 2.1): `(:durative-action NAME …)`. It is parsed and printed, but no planner
+/// here uses it yet.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct DurativeAction {
     /// The action's name.
     pub name: Name,
-    /// The acting agent.
+    /// The acting agent (MA-PDDL).
     pub agent: Option<Typed>,
-    /// The parameters, without the agent.
+    /// The parameters of the action, without the agent.
     pub parameters: Vec<Typed>,
-    /// `:duration`
+    /// The constraints on the duration, `:duration`.
     pub duration: Vec<DurationConstraint>,
-    /// `:condition`, flattened over `and` and `forall`.
+    /// The conditions, `:condition`, flattened over `and` and `forall`.
     pub conditions: Vec<TimedCondition>,
-    /// `:effect`
+    /// The effects, `:effect`.
     pub effects: TimedEffect,
-    /// From `(` to `)`.
+    /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
-/// `[(at start|at end] (= ?duration EXPRESSION)`
+/// A constraint on the duration of a durative action: `[(at start|at end] (= ?duration EXPRESSION)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct DurationConstraint {
-    /// When the expression is evaluated; `None` if the author left it out.
+    /// Time at which the expression is evaluated; `None` if the author left it out.
     pub when: Option<TimeSpecifier>,
-    /// `=`, `<=` or `>=`.
+    /// The comparison of the duration with the bound: `=`, `<=` or `>=`.
     pub comparison: Comparison,
-    /// The bound.
+    /// The bound of the duration.
     pub value: Expression,
 }
 
-/// A point or the interval of a durative action.
+/// A time within a durative action: the start, the end, or the whole interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum TimeSpecifier {
-    /// `at start`
+    /// The start of the action, `at start`.
     Start,
-    /// `at end`
+    /// The end of the action, `at end`.
     End,
-    /// `over all`; of conditions only.
+    /// The whole interval of the action, `over all`; for conditions only.
     OverAll,
 }
 
-/// `[(forall (VARIABLES)] (at start CONDITION)`
+/// A condition of a durative action: `[(forall (VARIABLES)] (at start CONDITION)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct TimedCondition {
-    /// The variables of enclosing `forall`s, outermost first.
+    /// The variables of the `forall`s around the condition, outermost first.
     pub forall: Vec<Typed>,
-    /// When the condition must hold.
+    /// Time at which the condition must hold.
     pub when: TimeSpecifier,
-    /// The condition.
+    /// The condition that must hold at this time.
     pub condition: Condition,
 }
 
 /// An effect of a durative action.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum TimedEffect {
-    /// `(and …)`
+    /// Several effects: `(and …)`.
     And(Vec<TimedEffect>),
-    /// `(at start|at end EFFECT)`
+    /// An effect at the start or the end of the action: `(at start|at end EFFECT)`.
     At(TimeSpecifier, Effect),
-    /// `(forall (VARIABLES) …)`
+    /// A universal effect: `(forall (VARIABLES) …)`.
     Forall(Vec<Typed>, Box<TimedEffect>),
-    /// `(when (at start CONDITION) (at end EFFECT))`
+    /// A conditional effect: `(when (at start CONDITION) (at end EFFECT))`.
     When(Vec<TimedCondition>, Box<TimedEffect>),
-    /// `(increase FLUENT (* #t EXPRESSION))`: continuous change.
+    /// A continuous change of a fluent: `(increase FLUENT (* #t EXPRESSION))`.
     Continuous(Box<Assign>),
 }
 
-/// `(define (domain NAME) …)`
+/// A domain: `(define (domain NAME) …)`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Domain {
     /// The domain's name.
     pub name: Name,
-    /// Requirement flags, with their colon, in the author's order.
+    /// Requirement flags, with their colons, in the author's order.
     pub requirements: Vec<Name>,
-    /// Types, each with its supertype.
+    /// Types that the domain declares, each with its supertype.
     pub types: Vec<Typed>,
-    /// Objects that exist in every problem.
+    /// Objects that exist in every problem of the domain.
     pub constants: Vec<Typed>,
-    /// Predicates.
+    /// Predicates that the domain declares.
     pub predicates: Vec<PredicateDeclaration>,
-    /// Numeric functions.
+    /// Numeric functions that the domain declares.
     pub functions: Vec<FunctionDeclaration>,
-    /// Axioms.
+    /// Axioms of the domain.
     pub derived: Vec<Derived>,
-    /// Actions.
+    /// Actions of the domain.
     pub actions: Vec<ActionSchema>,
-    /// Durative actions.
+    /// Durative actions of the domain.
     pub durative_actions: Vec<DurativeAction>,
 }
 
@@ -379,86 +386,87 @@ pub struct Domain {
 pub struct ObjectDeclaration {
     /// The object and its type.
     pub object: Typed,
-    /// Visibility to other agents.
+    /// Visibility of the object to other agents.
     pub privacy: Privacy,
 }
 
 /// One element of `:init`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum InitElement {
-    /// `(PREDICATE OBJECT*)`
+    /// A fact that is true: `(PREDICATE OBJECT*)`.
     Atom(Atom),
-    /// `(not (PREDICATE OBJECT*))`: explicitly false.
+    /// A fact that is explicitly false: `(not (PREDICATE OBJECT*))`.
     Not(Atom),
-    /// `(unknown (PREDICATE OBJECT*))`: neither known to be true nor known to be false, as in
-    /// contingent planning. Used in messages of agents and people; `planner` rejects it.
+    /// A fact that is neither known to be true nor known to be false, as in contingent planning:
+    /// `(unknown (PREDICATE OBJECT*))`. It occurs in messages of agents and people; `planner` rejects
+    /// it.
     Unknown(Atom),
-    /// `(= FLUENT NUMBER)`
+    /// The value of a function: `(= FLUENT NUMBER)`.
     Assign(FluentTerm, Number),
-    /// `(at TIME (…))`: a timed initial literal.
+    /// A timed initial literal, which becomes true at this time: `(at TIME (…))`.
     At(Number, Box<InitElement>),
 }
 
-/// `(:metric minimize|maximize EXPRESSION)`
+/// A metric, by which plans are compared: `(:metric minimize|maximize EXPRESSION)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Metric {
-    /// The direction of improvement.
+    /// Whether smaller or greater values of the expression are better.
     pub direction: MetricDirection,
     /// The expression, evaluated at the end of the plan.
     pub expression: Expression,
-    /// From `(` to `)`.
+    /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
 /// The direction in which a metric improves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MetricDirection {
-    /// `minimize`
+    /// `minimize`: smaller values are better.
     Minimize,
-    /// `maximize`
+    /// `maximize`: greater values are better.
     Maximize,
 }
 
-/// `(define (problem NAME) …)`
+/// A problem: `(define (problem NAME) …)`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
     /// The problem's name.
     pub name: Name,
-    /// The domain it belongs to.
+    /// The name of the domain to which the problem belongs.
     pub domain: Name,
-    /// Requirement flags, with their colon.
+    /// Requirement flags, with their colons.
     pub requirements: Vec<Name>,
-    /// Objects. Clones share them: a building has many objects, and they change less often than its
-    /// state.
+    /// Objects of the problem. Clones of the problem share the list: a building has many objects, and
+    /// they change less often than the state of the building.
     pub objects: Arc<Vec<ObjectDeclaration>>,
-    /// The initial state.
+    /// The initial state: facts, and values of functions.
     pub init: Vec<InitElement>,
-    /// The condition that must hold at the end; empty for a problem without `:goal` (a map).
+    /// The condition that must hold at the end of a plan; empty for a problem without `:goal` (a map).
     pub goal: Condition,
-    /// The expression to minimise or maximise at the end.
+    /// The metric of the problem, if it has one: the expression to minimise or maximise.
     pub metric: Option<Metric>,
 }
 
-/// `(define (agent NAME) (:domain ONTOLOGY) …)`: the action model of an agent.
+/// The action model of an agent: `(define (agent NAME) (:domain ONTOLOGY) …)`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ActionModel {
-    /// The agent.
+    /// The name of the agent.
     pub agent: Name,
-    /// The shared ontology that the model builds on.
+    /// The name of the shared ontology on which the model builds.
     pub domain: Name,
-    /// Requirement flags, with their colon.
+    /// Requirement flags, with their colons.
     pub requirements: Vec<Name>,
-    /// Types that the model adds.
+    /// Types that the model adds to the ontology.
     pub types: Vec<Typed>,
-    /// Predicates that the model adds.
+    /// Predicates that the model adds to the ontology.
     pub predicates: Vec<PredicateDeclaration>,
-    /// Functions that the model adds.
+    /// Functions that the model adds to the ontology.
     pub functions: Vec<FunctionDeclaration>,
     /// Objects that the agent brings, including itself.
     pub objects: Vec<ObjectDeclaration>,
     /// Facts that the agent knows.
     pub init: Vec<InitElement>,
-    /// Axioms that the model adds.
+    /// Axioms that the model adds to the ontology.
     pub derived: Vec<Derived>,
     /// Actions that the agent offers.
     pub actions: Vec<ActionSchema>,
@@ -466,38 +474,40 @@ pub struct ActionModel {
     pub durative_actions: Vec<DurativeAction>,
 }
 
-/// A plan in the IPC's format: one step per line, `(ACTION OBJECT*)`.
+/// A plan in the format of the International Planning Competition (IPC): one step `(ACTION OBJECT*)`
+/// per line.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
-    /// The steps, in order.
+    /// The steps of the plan, in order.
     pub steps: Vec<PlanStep>,
-    /// Cost claimed by a `; cost = N` comment. Never trusted; recomputed.
+    /// The cost that a comment `; cost = N` claims. It is never trusted, but computed again.
     pub cost: Option<Number>,
 }
 
-/// `[TIME:] (ACTION OBJECT*) [[DURATION]]`
+/// A step of a plan: `[TIME:] (ACTION OBJECT*) [[DURATION]]`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct PlanStep {
     /// The action's name.
     pub action: Name,
-    /// The agent, if the schema has one, then one object per parameter.
+    /// The arguments of the action: the agent, if the action has one, then one object for each
+    /// parameter.
     pub arguments: Vec<Name>,
-    /// Start time, in a temporal plan.
+    /// Start time of the step, in a temporal plan.
     pub time: Option<Number>,
-    /// Duration, in a temporal plan.
+    /// Duration of the step, in a temporal plan.
     pub duration: Option<Number>,
-    /// From `(` to `)`.
+    /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
 /// A PDDL text that is a file of its own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Document {
-    /// `(define (domain …) …)`
+    /// A domain: `(define (domain …) …)`.
     Domain(Domain),
-    /// `(define (problem …) …)`
+    /// A problem: `(define (problem …) …)`.
     Problem(Problem),
-    /// `(define (agent …) …)`
+    /// An action model: `(define (agent …) …)`.
     ActionModel(ActionModel),
 }
 
@@ -510,7 +520,7 @@ impl Span {
         Span { start: clamp(start), end: clamp(end) }
     }
 
-    /// Returns the range for slicing the text.
+    /// Returns the span as a range, for slicing the text.
     pub fn range(self) -> std::ops::Range<usize> {
         self.start as usize..self.end as usize
     }
@@ -531,24 +541,24 @@ impl Hash for Span {
 // === impl Name ===
 
 impl Name {
-    /// Creates a name as its author spelled it, without a place in a text.
+    /// Creates a name in the author's spelling, without a place in a text.
     pub fn new(spelled: &str) -> Name {
         Name::spanned(spelled, Span::default())
     }
 
-    /// Creates a name as its author spelled it at `span`.
+    /// Creates a name in the author's spelling, with the place `span` in the text.
     pub fn spanned(spelled: &str, span: Span) -> Name {
         let canonical: Box<str> = spelled.to_lowercase().into();
         let spelled = (*canonical != *spelled).then(|| spelled.into());
         Name { spelling: Arc::new(Spelling { canonical, spelled }), span }
     }
 
-    /// Returns the same name at another place.
+    /// Returns the same name with another place in the text.
     pub fn at(&self, span: Span) -> Name {
         Name { spelling: Arc::clone(&self.spelling), span }
     }
 
-    /// Returns the name in lower case, by which names are compared.
+    /// Returns the name in lower case. Names are compared in this form.
     pub fn as_str(&self) -> &str {
         &self.spelling.canonical
     }
@@ -558,7 +568,7 @@ impl Name {
         self.spelling.spelled.as_deref().unwrap_or(&self.spelling.canonical)
     }
 
-    /// Returns the place where the author wrote it.
+    /// Returns the place in the text where the author wrote the name.
     pub fn span(&self) -> Span {
         self.span
     }
@@ -629,17 +639,18 @@ impl fmt::Debug for Name {
 // === impl TypeExpr ===
 
 impl TypeExpr {
-    /// Creates an expression of one type.
+    /// Creates a type expression with one type.
     pub fn of(name: impl Into<Name>) -> TypeExpr {
         TypeExpr { alternatives: vec![name.into()] }
     }
 
-    /// Whether the author left the type out or wrote `object`.
+    /// Whether the author omitted the type or wrote `object`.
     pub fn is_object(&self) -> bool {
         self.alternatives.is_empty() || self.alternatives.iter().any(|name| *name == "object")
     }
 
-    /// Returns the alternatives; empty if the only one is `object`, which is the same as no type.
+    /// Returns the alternatives of the type. Returns none if the only alternative is `object`, which is
+    /// the same as an omitted type.
     fn declared_alternatives(&self) -> &[Name] {
         match &self.alternatives[..] {
             [only] if *only == "object" => &[],
@@ -665,7 +676,7 @@ impl Hash for TypeExpr {
 // === impl Term ===
 
 impl Term {
-    /// Returns the name of the variable or the object.
+    /// Returns the name of the variable or object.
     pub fn name(&self) -> &Name {
         match self {
             Term::Variable(name) | Term::Object(name) => name,
@@ -705,7 +716,7 @@ impl Condition {
         Condition::And(Vec::new())
     }
 
-    /// Whether this is the empty conjunction.
+    /// Whether the condition is the empty conjunction, which always holds.
     pub fn is_always(&self) -> bool {
         matches!(self, Condition::And(parts) if parts.is_empty())
     }
@@ -748,7 +759,8 @@ impl Domain {
 }
 
 impl InitElement {
-    /// Returns the place in the text; for a timed initial literal, that of the fact.
+    /// Returns the place of the element in the text; for a timed initial literal, the place of the fact
+    /// in it.
     pub fn span(&self) -> Span {
         match self {
             InitElement::Atom(atom) | InitElement::Not(atom) | InitElement::Unknown(atom) => {
@@ -761,17 +773,17 @@ impl InitElement {
 }
 
 impl Problem {
-    /// Returns the first timed initial literal.
+    /// Returns the first timed initial literal of the problem.
     pub fn timed_literal(&self) -> Option<&InitElement> {
         self.init.iter().find(|element| matches!(element, InitElement::At(..)))
     }
 
-    /// Returns the first fact that is declared unknown.
+    /// Returns the first fact that the problem declares unknown.
     pub fn unknown_fact(&self) -> Option<&InitElement> {
         self.init.iter().find(|element| matches!(element, InitElement::Unknown(_)))
     }
 
-    /// Creates a problem of `domain` without objects, facts and goal.
+    /// Creates a problem of `domain` without objects, facts and a goal.
     pub fn named(name: impl Into<Name>, domain: impl Into<Name>) -> Problem {
         Problem {
             name: name.into(),
@@ -786,7 +798,7 @@ impl Problem {
 }
 
 impl ActionModel {
-    /// Creates the model of an agent without actions.
+    /// Creates an action model of `agent` that has no actions.
     pub fn of(agent: impl Into<Name>, domain: impl Into<Name>) -> ActionModel {
         ActionModel {
             agent: agent.into(),
@@ -805,21 +817,23 @@ impl ActionModel {
 }
 
 impl ActionSchema {
-    /// Returns the agent, if there is one, then the parameters: the order of a plan's arguments.
+    /// Returns the agent, if the action has one, then the parameters. A step of a plan has its
+    /// arguments in this order.
     pub fn all_parameters(&self) -> impl Iterator<Item = &Typed> {
         self.agent.iter().chain(&self.parameters)
     }
 }
 
 impl DurativeAction {
-    /// Returns the agent, if there is one, then the parameters: the order of a plan's arguments.
+    /// Returns the agent, if the action has one, then the parameters. A step of a plan has its
+    /// arguments in this order.
     pub fn all_parameters(&self) -> impl Iterator<Item = &Typed> {
         self.agent.iter().chain(&self.parameters)
     }
 }
 
 impl PlanStep {
-    /// Creates a step without time and place.
+    /// Creates a step of a plan, without times and without a place in a text.
     pub fn new(action: impl Into<Name>, arguments: impl IntoIterator<Item = Name>) -> PlanStep {
         PlanStep {
             action: action.into(),

@@ -1,10 +1,11 @@
 //! The type hierarchy of a domain.
 //!
-//! - Built from `:types`; used by `check`, by `capability` for composing, and by the planner's
-//!   validator for binding arguments.
+//! - The hierarchy is built from `:types`. It is used by `check`, by `capability` for composing domains,
+//!   and by the planner's validator for binding arguments.
 //! - `object` is above every type. A type that occurs only as a supertype counts as declared.
-//! - `(either a b)` as a supertype means both. Cycles are tolerated: all types of a cycle are then
-//!   subtypes of each other, and [`Types::cycle`] returns one for a diagnostic.
+//! - A type with the supertype `(either a b)` is a subtype of both `a` and `b`. Cycles are tolerated: all
+//!   types of a cycle are subtypes of each other, and [`Types::cycle`] returns one of them for a
+//!   diagnostic.
 //! - At most [`SUPERTYPES_MAX`] supertypes of a type are considered, the nearest ones.
 
 use foldhash::{HashMap, HashSet};
@@ -17,14 +18,14 @@ use crate::tree::{Domain, Name, TypeExpr, Typed};
 pub struct Types {
     names: Vec<Name>,
     index: HashMap<Name, usize>,
-    /// Direct supertypes, in the order of `names`.
+    /// Direct supertypes of each type, in the order of `names`.
     supertypes: Vec<Vec<usize>>,
 }
 
 const OBJECT: &str = "object";
 
-/// Most supertypes of one type that are considered. No building needs a tenth of it, and every
-/// query about a type takes bounded time.
+/// Maximal number of supertypes of one type that are considered. No building needs a tenth of this
+/// number, and with the limit every query about a type takes bounded time.
 pub const SUPERTYPES_MAX: usize = 256;
 
 // === impl Types ===
@@ -35,7 +36,7 @@ impl Types {
         Types::new(&domain.types)
     }
 
-    /// Builds the hierarchy from `declarations`; those of several texts may be chained.
+    /// Builds the hierarchy from `declarations`. Declarations of several texts may be chained.
     pub fn new<'a>(declarations: impl IntoIterator<Item = &'a Typed>) -> Types {
         let mut types = Types::default();
         for declaration in declarations {
@@ -61,17 +62,18 @@ impl Types {
         index
     }
 
-    /// Whether the type exists; `object` always does.
+    /// Whether a type with this name exists; `object` always does.
     pub fn contains(&self, name: &str) -> bool {
         name == OBJECT || self.index.contains_key(name)
     }
 
-    /// Iterates over all types in the order in which they are first named; `object` only if it is named.
+    /// Iterates over all types in the order in which they are first named. `object` is included only if
+    /// it is named.
     pub fn iter(&self) -> impl Iterator<Item = &Name> {
         self.names.iter()
     }
 
-    /// Whether every object of type `sub` is of type `sup` too. A type is a subtype of itself.
+    /// Whether every object of type `sub` is also of type `sup`. A type is a subtype of itself.
     pub fn is_subtype(&self, sub: &str, sup: &str) -> bool {
         if sub == sup || sup == OBJECT {
             return true;
@@ -96,7 +98,8 @@ impl Types {
         false
     }
 
-    /// Returns all types above `from`, nearest first; `from` itself only if it is in a cycle.
+    /// Returns all types above `from`, the nearest first. `from` itself is included only if it is in a
+    /// cycle.
     fn above(&self, from: usize) -> Vec<usize> {
         let mut above = Vec::new();
         let mut seen = HashSet::default();
@@ -111,14 +114,15 @@ impl Types {
         }
     }
 
-    /// Returns the supertypes of `name`, nearest first, without itself and without an implied `object`.
+    /// Returns the supertypes of `name`, the nearest first, without `name` itself and without an
+    /// implied `object`.
     pub fn supertypes(&self, name: &str) -> impl Iterator<Item = &Name> {
         let start = self.index.get(name).copied();
         let above = start.map(|start| self.above(start)).unwrap_or_default();
         above.into_iter().filter(move |index| Some(*index) != start).map(|index| &self.names[index])
     }
 
-    /// Returns the subtypes of `name`; itself first if it is declared.
+    /// Returns the subtypes of `name`. If `name` is declared, it is the first of them.
     pub fn subtypes<'s>(&'s self, name: &'s str) -> impl Iterator<Item = &'s Name> {
         let own = self.names.iter().filter(move |sub| **sub == *name);
         let below = self.names.iter().filter(move |sub| **sub != *name);
@@ -151,7 +155,7 @@ impl Types {
             || self.names.iter().any(|sub| self.is_one_of(sub, left) && self.is_one_of(sub, right))
     }
 
-    /// Returns the first declared type that has more supertypes than are considered.
+    /// Returns the first declared type with more than [`SUPERTYPES_MAX`] supertypes.
     pub fn too_high(&self) -> Option<&Name> {
         let is_too_high = |index: &usize| self.above(*index).len() >= SUPERTYPES_MAX;
         (0..self.names.len()).find(is_too_high).map(|index| &self.names[index])

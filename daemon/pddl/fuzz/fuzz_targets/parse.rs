@@ -1,7 +1,7 @@
-//! Any bytes: parsing ends, mistakes lie in the text, and a text without mistakes parses back from
-//! its print.
+//! Fuzz target for any bytes: parsing ends, the places of all mistakes lie in the text, and a text
+//! without mistakes is printed to a text that parses back to the same tree.
 //!
-//! `cargo +nightly fuzz run parse` in this folder.
+//! Run `cargo +nightly fuzz run parse` in this folder.
 
 #![no_main]
 

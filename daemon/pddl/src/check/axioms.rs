@@ -7,7 +7,8 @@ use crate::diagnostic::Diagnostic;
 use crate::graph::components;
 use crate::tree::{Condition, Derived, Name};
 
-/// `HEAD` depends on `BODY`.
+/// A dependency between predicates: an axiom for the predicate `head` has the predicate `body` in its
+/// condition.
 struct Dependency<'t> {
     head: &'t Name,
     body: &'t Name,
@@ -23,7 +24,7 @@ impl<'t> Checker<'_, 't> {
         self.stratification(axioms);
     }
 
-    /// Checks `(PREDICATE VARIABLES)` against the predicate's declaration.
+    /// Checks the head of an axiom, `(PREDICATE VARIABLES)`, against the declaration of the predicate.
     fn head(&mut self, axiom: &'t Derived) {
         let predicate = &axiom.predicate;
         self.parameters(&axiom.parameters);
@@ -74,7 +75,7 @@ impl<'t> Checker<'_, 't> {
     }
 }
 
-/// Collects the predicates in `condition`, and whether they are negated.
+/// Collects the predicates in `condition`, each with whether it is negated.
 fn collect<'t>(
     head: &'t Name,
     condition: &'t Condition,
@@ -100,7 +101,7 @@ fn collect<'t>(
     }
 }
 
-/// Predicates grouped by mutual dependency.
+/// Predicates in groups: predicates that depend on each other are in one group.
 struct Layers<'t> {
     index: HashMap<&'t str, usize>,
     components: Vec<usize>,
@@ -124,7 +125,7 @@ impl<'t> Layers<'t> {
         Layers { index, components: components(&bodies) }
     }
 
-    /// Whether `body` depends on `head` too.
+    /// Whether `head` and `body` are in one group: each of them depends on the other.
     fn are_one(&self, head: &Name, body: &Name) -> bool {
         let component =
             |name: &Name| self.index.get(name.as_str()).map(|number| self.components[*number]);

@@ -1,4 +1,4 @@
-//! Conditions, expressions, and the symbols in them.
+//! Checks of conditions and expressions, and of the symbols in them.
 
 use super::{Checker, count};
 use crate::diagnostic::Diagnostic;
@@ -45,7 +45,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// `(PREDICATE TERM*)`
+    /// Checks a predicate with its arguments, `(PREDICATE TERM*)`.
     pub(super) fn atom(&mut self, atom: &'t Atom) {
         let Some(declaration) = self.symbols.predicate(&atom.predicate) else {
             self.unknown_predicate(&atom.predicate);
@@ -56,7 +56,7 @@ impl<'t> Checker<'_, 't> {
         self.call(&call, &declaration.parameters, || declaration.to_string());
     }
 
-    /// `(FUNCTION TERM*)`
+    /// Checks a function with its arguments, `(FUNCTION TERM*)`.
     pub(super) fn fluent(&mut self, fluent: &'t FluentTerm) {
         let Some(declaration) = self.symbols.function(&fluent.function) else {
             self.unknown_function(fluent);
@@ -70,7 +70,8 @@ impl<'t> Checker<'_, 't> {
         self.call(&call, &declaration.parameters, || declaration.to_string());
     }
 
-    /// `(SYMBOL TERM*)`, for a predicate or a function.
+    /// Checks an observed symbol with its arguments, `(SYMBOL TERM*)`, where the symbol is a predicate
+    /// or a function.
     pub(super) fn observed(&mut self, observed: &'t Atom) {
         let symbols = self.symbols;
         let Some(function) = symbols.function(&observed.predicate) else {
@@ -124,7 +125,8 @@ impl<'t> Checker<'_, 't> {
         self.report(unknown);
     }
 
-    /// Checks arguments against parameters; `rule` writes the declaration.
+    /// Checks arguments against the parameters of a declaration. For a diagnostic, `rule` writes that
+    /// declaration.
     fn call(
         &mut self,
         call: &AppliedSymbol<'t>,
@@ -145,8 +147,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the type of an argument: an object must be of the required type, a variable must be
-    /// able to be.
+    /// Checks the type of an argument. An object must have the required type; for a variable it
+    /// suffices that some objects of its type can have the required type.
     fn argument(
         &mut self,
         argument: &'t Term,
@@ -175,7 +177,8 @@ impl<'t> Checker<'_, 't> {
         self.report(diagnostic.with_rule(rule()));
     }
 
-    /// Whether all alternatives are known types; unknown ones are reported where they are declared.
+    /// Whether all alternatives of a type are known. Unknown types are reported where they are
+    /// declared.
     pub(super) fn are_types_known(&self, ty: &TypeExpr) -> bool {
         ty.alternatives.iter().all(|name| self.symbols.types.contains(name.as_str()))
     }
@@ -186,7 +189,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Returns the type of a term, if it is known.
+    /// Returns the type of a term; `None` if it is not known.
     pub(super) fn term(&mut self, term: &'t Term) -> Option<&'t TypeExpr> {
         match term {
             Term::Variable(name) => self.variable(name),

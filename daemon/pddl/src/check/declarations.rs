@@ -1,4 +1,4 @@
-//! Declarations: each name is declared once, each type is known.
+//! Checks of declarations: each name is declared once, and each type is known.
 
 use foldhash::{HashMap, HashSet};
 
@@ -7,7 +7,7 @@ use crate::diagnostic::{Diagnostic, Severity};
 use crate::tree::{ActionSchema, Domain, DurativeAction, Name, TypeExpr, Typed};
 use crate::types::SUPERTYPES_MAX;
 
-/// Flags of PDDL 1.2 to 3.1, PDDL+ and MA-PDDL, and common ones of planners.
+/// Requirement flags of PDDL 1.2 to 3.1, PDDL+ and MA-PDDL, and flags that planners commonly accept.
 const REQUIREMENTS: &[&str] = &[
     ":strips",
     ":typing",
@@ -89,7 +89,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the hierarchy: undeclared supertypes, too many supertypes, cycles.
+    /// Checks the hierarchy of types: reports undeclared supertypes, types with too many supertypes,
+    /// and cycles.
     pub(super) fn types(&mut self, types: &'t [Typed]) {
         let own = types.iter().chain(self.foreign_types.unwrap_or_default());
         let mut declared: HashSet<&str> = own.map(|typed| typed.name.as_str()).collect();
@@ -164,7 +165,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks for an object without a type that has the name of a type: likely a missing dash.
+    /// Checks for an object that has no type and has the same name as a type: a dash is likely missing.
     fn named_like_a_type(&mut self, object: &'t Typed) {
         let name = object.name.as_str();
         if object.ty.alternatives.is_empty()
@@ -177,7 +178,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the declarations of predicates or of functions. The names of parameters are not compared.
+    /// Checks the declarations of predicates or of functions. Declarations of one name are compared
+    /// without the names of their parameters.
     pub(super) fn signatures(
         &mut self,
         what: &str,
@@ -206,8 +208,8 @@ impl<'t> Checker<'_, 't> {
         self.types_of_list(parameters, Severity::Warning);
     }
 
-    /// Checks the types of variables. An undeclared type that is not similar to a declared one is
-    /// accepted with a warning: it has no objects.
+    /// Checks the types of variables. An undeclared type has no objects; it is accepted with a warning
+    /// unless it is similar to a declared type.
     fn types_of_variables(&mut self, variables: &'t [Typed]) {
         self.types_of_list(variables, Severity::Error);
     }
@@ -221,8 +223,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Reports unknown types of a variable: with `severity` if another name was likely meant, else
-    /// as a warning.
+    /// Reports the unknown types of a variable. The report has `severity` if another type was likely
+    /// meant; otherwise it is a warning.
     fn types_if_any(&mut self, variable: &'t Typed, severity: Severity) {
         let symbols = self.symbols;
         let names = variable.ty.alternatives.iter();
@@ -252,7 +254,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the variables of a quantifier. If two have one name, the second hides the first.
+    /// Checks the variables of a quantifier. If two variables have one name, the second hides the
+    /// first.
     pub(super) fn quantified(&mut self, variables: &'t [Typed]) {
         self.parameters_once(variables, Severity::Warning);
         self.types_in_place(variables);

@@ -1,4 +1,4 @@
-//! Actions and their effects.
+//! Checks of actions and their effects.
 
 use super::Checker;
 use crate::diagnostic::Diagnostic;

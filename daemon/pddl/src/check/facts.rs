@@ -1,4 +1,4 @@
-//! Problems: objects, facts, goal, metric.
+//! Checks of problems: objects, facts, goal, metric.
 
 use foldhash::HashMap;
 
@@ -8,16 +8,16 @@ use crate::tree::{
     Atom, Domain, FluentTerm, InitElement, Number, ObjectDeclaration, Problem, Span,
 };
 
-/// Treatment of facts and values of unknown symbols, and of two values for one function.
+/// Treatment of facts and values of undeclared symbols, and of a second value for one function.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum UndeclaredSymbols {
-    /// A warning: competition problems contain values that their domain does not declare, and state
-    /// some numbers twice.
+    /// Facts and values of undeclared symbols are warnings, and so is a second value: competition
+    /// problems contain values that their domain does not declare, and state some numbers twice.
     Spare,
-    /// For the map of a building, a fact of an unknown predicate and a second number are errors.
-    /// Values of undeclared functions are a warning.
+    /// A fact of an undeclared predicate and a second value are errors; a value of an undeclared
+    /// function is a warning. This treatment is for the map of a building.
     Map,
-    /// An error.
+    /// Facts and values of undeclared symbols are errors, and so is a second value.
     Declared,
 }
 
@@ -41,7 +41,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the objects of a problem or a model, besides the constants of the domain.
+    /// Checks the objects of a problem or an action model, together with the constants of the domain.
     pub(super) fn objects(&mut self, domain: &'t Domain, objects: &'t [ObjectDeclaration]) {
         self.objects_once("object", objects.iter().map(|declaration| &declaration.object));
         let constants: HashMap<&str, _> =
@@ -79,8 +79,8 @@ impl<'t> Checker<'_, 't> {
         self.contradictions(elements);
     }
 
-    /// Checks for facts that are stated to be true and to be false: they are true, as after an
-    /// action with both effects.
+    /// Checks for facts that are stated both to be true and to be false. Such a fact counts as true, as
+    /// after an action that both adds and deletes it.
     fn contradictions(&mut self, elements: &'t [InitElement]) {
         let mut denied: HashMap<&Atom, &Atom> = HashMap::default();
         for element in elements {
@@ -135,8 +135,8 @@ impl<'t> Checker<'_, 't> {
             && self.nearest(name.as_str(), symbols.function_names()).is_none()
     }
 
-    /// Whether the domain has no symbol of this name. Then the rest of the task cannot use it
-    /// either, as that would be a mistake of its own.
+    /// Whether the domain has no symbol with the name of this fact's predicate. Then nothing else in
+    /// the task can use the fact either, as that would be reported as a mistake of its own.
     fn is_spare_fact(&self, atom: &Atom) -> bool {
         self.symbols.predicate(&atom.predicate).is_none()
             && self.symbols.function(&atom.predicate).is_none()
@@ -169,7 +169,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks that a function has one value at the start. In competition problems the last one counts.
+    /// Checks that a function has only one value in the initial state. In competition problems the last
+    /// value counts.
     fn one_value(
         &mut self,
         fluent: &'t FluentTerm,

@@ -1,9 +1,10 @@
 //! Semantic checks: names, arities, types, and the few rules that PDDL has beyond its grammar.
 //!
-//! - Takes trees of the parser; returns every mistake of one text in the order of that text.
+//! - Each check takes a tree of the parser, and returns every mistake in it in the order of the text.
 //! - Each function checks one text against others that were checked before: `check_problem` does
 //!   not report mistakes of the domain.
-//! - Lenient where real files require it: requirements need not be declared, facts may be repeated.
+//! - The checks are lenient where real files require it: requirements need not be declared, and facts
+//!   may be repeated.
 //! - Whether a goal can be reached or a plan works is left to the planner.
 
 mod symbols;
@@ -30,7 +31,7 @@ use crate::nearest::nearest;
 use crate::tree::{ActionModel, Condition, Domain, FluentTerm, InitElement, Plan, Problem, Typed};
 use symbols::Symbols;
 
-/// Checks a domain by itself.
+/// Checks a domain, which needs no other text.
 pub fn check_domain(domain: &Domain) -> Vec<Diagnostic> {
     let symbols = Symbols::of_domain(domain);
     let mut checker = Checker::new(&symbols);
@@ -46,8 +47,8 @@ pub fn check_problem(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
     checker.problems.into_sorted()
 }
 
-/// Checks the map of a building against its domain. Unlike in competition problems, a fact of an
-/// unknown predicate is an error.
+/// Checks the map of a building against its domain. A fact of an unknown predicate is an error here,
+/// unlike in competition problems.
 pub fn check_map(domain: &Domain, map: &Problem) -> Vec<Diagnostic> {
     let symbols = Symbols::of_problem(domain, map);
     let mut checker = Checker::new(&symbols);
@@ -55,9 +56,10 @@ pub fn check_map(domain: &Domain, map: &Problem) -> Vec<Diagnostic> {
     checker.problems.into_sorted()
 }
 
-/// Checks an action model against the ontology it builds on.
+/// Checks an action model against the ontology that it builds on.
 ///
-/// Objects that neither declares are accepted with a hint: the map or another agent may bring them.
+/// Objects that neither the model nor the ontology declares are accepted with a hint: the map or
+/// another agent may bring them.
 pub fn check_action_model(ontology: &Domain, model: &ActionModel) -> Vec<Diagnostic> {
     let symbols = Symbols::of_model(ontology, model);
     let mut checker = Checker::new(&symbols);
@@ -65,9 +67,8 @@ pub fn check_action_model(ontology: &Domain, model: &ActionModel) -> Vec<Diagnos
     checker.problems.into_sorted()
 }
 
-/// Checks that `:init` or an action gives a value to every function that the metric of a problem
-/// reads. In a running ecosystem the value may come later, so [`check_problem`] does not require
-/// it.
+/// Checks that every function which the metric of a problem reads gets a value, in `:init` or by an
+/// action. In a running ecosystem the value may come later, so [`check_problem`] does not require it.
 pub fn check_metric_values(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
     let Some(metric) = &problem.metric else { return Vec::new() };
     if !domain.durative_actions.is_empty() {
@@ -90,7 +91,7 @@ pub fn check_metric_values(domain: &Domain, problem: &Problem) -> Vec<Diagnostic
     mistakes.collect()
 }
 
-/// Checks a condition that stands alone, such as a goal from a user.
+/// Checks a condition that is not part of a problem, such as a goal from a user.
 pub fn check_condition(
     domain: &Domain,
     problem: &Problem,
@@ -102,7 +103,7 @@ pub fn check_condition(
     checker.problems.into_sorted()
 }
 
-/// Checks facts that stand alone, such as a change of the state by a user.
+/// Checks facts that are not part of a problem, such as a change of the state by a user.
 pub fn check_init_elements(
     domain: &Domain,
     problem: &Problem,
@@ -114,7 +115,8 @@ pub fn check_init_elements(
     checker.problems.into_sorted()
 }
 
-/// Checks the names, the number and the types of a plan's arguments; not whether the plan works.
+/// Checks the names in a plan, and the number and types of the arguments of its steps. It does not
+/// check whether the plan works.
 pub fn check_plan(domain: &Domain, problem: &Problem, plan: &Plan) -> Vec<Diagnostic> {
     let symbols = Symbols::of_problem(domain, problem);
     let mut checker = Checker::new(&symbols);
@@ -122,21 +124,21 @@ pub fn check_plan(domain: &Domain, problem: &Problem, plan: &Plan) -> Vec<Diagno
     checker.problems.into_sorted()
 }
 
-/// Most names that are compared with unknown ones; beyond it no suggestions are made. A text full
-/// of unknown words must not cost the square of its length.
+/// Maximal number of names that are compared with unknown names. Beyond it no suggestions are made. A
+/// text full of unknown words must not cost the square of its length.
 const COMPARISONS_MAX: usize = 100_000;
 
 /// Walks over trees and collects mistakes.
 struct Checker<'s, 't> {
     symbols: &'s Symbols<'t>,
     problems: DiagnosticList,
-    /// Variables in scope, outermost first.
+    /// Variables in scope, the outermost first.
     scope: Vec<&'t Typed>,
-    /// Positions of a name in the scope, outermost first.
+    /// For each name: the positions in `scope` of the variables with this name, the outermost first.
     bound: HashMap<&'t str, Vec<usize>>,
-    /// Types of another text that the checked one builds on.
+    /// Types of another text on which the checked text builds.
     foreign_types: Option<&'t [Typed]>,
-    /// Objects that other agents have to bring, once reported.
+    /// Objects that other agents have to bring and that have been reported already.
     reported_objects: HashSet<&'t str>,
     comparisons_left: usize,
 }
@@ -160,7 +162,7 @@ impl<'s, 't> Checker<'s, 't> {
         self.problems.push(diagnostic);
     }
 
-    /// Returns the candidate that was likely meant, as long as the search is affordable.
+    /// Returns the candidate that `word` was likely meant to be, as long as the search is affordable.
     fn nearest<'a>(
         &mut self,
         word: &str,
@@ -188,13 +190,13 @@ impl<'s, 't> Checker<'s, 't> {
         }
     }
 
-    /// Returns the variable in scope with this name.
+    /// Returns the innermost variable in scope with this name.
     fn variable_in_scope(&self, name: &str) -> Option<&'t Typed> {
         self.bound.get(name)?.last().map(|index| self.scope[*index])
     }
 }
 
-/// “1 argument”, “2 arguments”.
+/// Writes a number with its noun: “1 argument”, “2 arguments”.
 fn count(number: usize, noun: &str) -> impl fmt::Display {
     let plural = if number == 1 { "" } else { "s" };
     format!("{number} {noun}{plural}")

@@ -1,4 +1,4 @@
-//! Action models, checked against the ontology that they build on.
+//! Checks of action models against the ontology that they build on.
 
 use super::Checker;
 use super::facts::UndeclaredSymbols;
@@ -50,7 +50,8 @@ impl<'t> Checker<'_, 't> {
         self.report(Diagnostic::warning(name.span(), message).with_rule(shared));
     }
 
-    /// Checks that the agent declares itself: it acts as an object with its own name.
+    /// Checks that the model of an agent declares the agent as an object, because an agent acts as an
+    /// object with its own name.
     fn has_itself(&mut self, model: &'t ActionModel) {
         let acts = model.actions.iter().any(|action| action.agent.is_some())
             || model.durative_actions.iter().any(|action| action.agent.is_some());

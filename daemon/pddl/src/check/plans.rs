@@ -1,4 +1,4 @@
-//! Plans: actions and objects are known, types are right.
+//! Checks of plans: actions and objects are known, and types are right.
 
 use foldhash::HashMap;
 
@@ -6,7 +6,7 @@ use super::{Checker, count};
 use crate::diagnostic::Diagnostic;
 use crate::tree::{Domain, Name, Plan, PlanStep, Typed};
 
-/// Action that a step can name.
+/// An action that a step of a plan can name.
 struct Callable<'t> {
     name: &'t Name,
     parameters: Vec<&'t Typed>,
@@ -70,7 +70,7 @@ fn callables(domain: &Domain) -> Vec<Callable<'_>> {
     actions.chain(durative).collect()
 }
 
-/// `(ACTION VARIABLE - TYPE …)`
+/// Writes the action as `(ACTION VARIABLE - TYPE …)`.
 impl std::fmt::Display for Callable<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "({}", self.name)?;

@@ -10,7 +10,7 @@ use crate::tree::{
 };
 use crate::types::Types;
 
-/// Symbols that a text may refer to. If something is declared twice, the first declaration counts.
+/// Symbols to which a text may refer. If a symbol is declared twice, the first declaration counts.
 pub(super) struct Symbols<'t> {
     pub(super) types: Types,
     predicates: DeclarationTable<'t, PredicateDeclaration>,
@@ -18,18 +18,19 @@ pub(super) struct Symbols<'t> {
     objects: DeclarationTable<'t, Typed>,
     derived: HashSet<&'t str>,
     actions: &'t [ActionSchema],
-    /// Whether other agents may bring objects that are not listed here.
+    /// Whether other agents may bring objects besides those that are listed here.
     pub(super) is_open: bool,
-    /// Whether only constants are known here, and not the objects of problems.
+    /// Whether the constants of the domain are known here, but not the objects of problems.
     pub(super) is_of_domain: bool,
 }
 
-/// Declarations by name and in order.
+/// Declarations in the order of the text, which can be looked up by name.
 struct DeclarationTable<'t, T> {
     order: Vec<&'t T>,
-    /// Created when it pays: a goal names one or two of the many objects of a large building.
+    /// Index of the declarations by name. It is created only when it pays: a goal names one or two of
+    /// the many objects of a large building.
     index: OnceCell<HashMap<&'t str, usize>>,
-    /// Number of look-ups without the index.
+    /// Number of look-ups that were made without the index.
     scans: Cell<u8>,
 }
 
@@ -90,7 +91,7 @@ impl<'t> Symbols<'t> {
         self.objects.get(name.as_str())
     }
 
-    /// Whether any declaration of an object, which may have several, is of this type.
+    /// Whether one of the declarations of an object, which may have several, gives it this type.
     pub(super) fn is_also(&self, object: &Name, wanted: &TypeExpr) -> bool {
         let mut named = self.objects.order.iter().filter(|one| one.name == *object);
         named.any(|one| self.types.accepts(wanted, &one.ty))

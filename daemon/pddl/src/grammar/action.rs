@@ -1,4 +1,4 @@
-//! Actions and axioms.
+//! Grammar of actions and axioms.
 
 use super::condition;
 use super::declarations;
@@ -20,8 +20,8 @@ const DURATIVE_ACTION: &str = "(:durative-action NAME [:agent VARIABLE - TYPE] \
 const DERIVED: &str = "(:derived (PREDICATE VARIABLES) CONDITION)";
 const AGENT: &str = ":agent VARIABLE - TYPE";
 
-/// `(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION]
-/// [:effect EFFECT] [:observe OBSERVED])`, the parts in any order.
+/// Parses an action: `(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition
+/// CONDITION] [:effect EFFECT] [:observe OBSERVED])`, with the parts in any order.
 pub(super) fn action<'f>(
     reader: &mut GrammarReader<'f>,
     items: Items<'f>,
@@ -52,8 +52,8 @@ pub(super) fn action<'f>(
     Some(action)
 }
 
-/// `(:durative-action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] :duration DURATION
-/// [:condition TIMED] [:effect TIMED])`, the parts in any order.
+/// Parses a durative action: `(:durative-action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)]
+/// :duration DURATION [:condition TIMED] [:effect TIMED])`, with the parts in any order.
 pub(super) fn durative_action<'f>(
     reader: &mut GrammarReader<'f>,
     items: Items<'f>,
@@ -89,7 +89,7 @@ pub(super) fn durative_action<'f>(
     Some(action)
 }
 
-/// `(:derived (PREDICATE VARIABLES) CONDITION)`
+/// Parses an axiom: `(:derived (PREDICATE VARIABLES) CONDITION)`.
 pub(super) fn derived<'f>(
     reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,
@@ -104,13 +104,14 @@ pub(super) fn derived<'f>(
     Some(Derived { predicate, parameters, condition: condition?, span })
 }
 
-/// `(VARIABLES)`
+/// Parses parameters: `(VARIABLES)`.
 fn parameters<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Vec<Typed> {
     let items = reader.expect_list(node, "a list of variables", ":parameters (VARIABLES)");
     items.map(|items| names::variables(reader, items)).unwrap_or_default()
 }
 
-/// `(SYMBOL TERM*) | (and (SYMBOL TERM*)*)`, for which a symbol is a predicate or a function.
+/// Parses what an action observes: `(SYMBOL TERM*) | (and (SYMBOL TERM*)*)`, where a symbol is a
+/// predicate or a function.
 fn observed<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Vec<Atom> {
     let Some(mut items) = reader.expect_list(node, "what is observed", OBSERVE) else {
         return Vec::new();
@@ -127,7 +128,7 @@ fn observed<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Vec<Ato
 
 const AGENT_KEY: &str = ":agent";
 const PARAMETERS: &str = ":parameters";
-/// Further parameters, in PDDL 1.2.
+/// Key of further parameters of an action in PDDL 1.2.
 const VARS: &str = ":vars";
 const PRECONDITION: &str = ":precondition";
 const DURATION: &str = ":duration";
@@ -135,7 +136,7 @@ const CONDITION: &str = ":condition";
 const EFFECT: &str = ":effect";
 const OBSERVE_KEY: &str = ":observe";
 
-/// The parts of an action: `NAME (KEY VALUE)*`.
+/// Reader of the parts of an action: `NAME (KEY VALUE)*`.
 struct ActionParts<'f> {
     name: Name,
     items: Items<'f>,
@@ -155,8 +156,8 @@ impl<'f> ActionParts<'f> {
         Some(ActionParts { name, items, seen: Vec::new(), rule })
     }
 
-    /// Returns the next key, one of `:agent`, `:parameters` and `keys`, with the node after it.
-    /// Unknown and repeated parts are reported and skipped.
+    /// Returns the next key and the node after it. The key is one of `:agent`, `:parameters` and
+    /// `keys`. Unknown and repeated parts are reported and skipped.
     fn next(
         &mut self,
         reader: &mut GrammarReader<'f>,
@@ -191,8 +192,8 @@ impl<'f> ActionParts<'f> {
         None
     }
 
-    /// Reports a node where a key is expected. After a condition or an effect it is likely a second
-    /// one, to be joined by an `and`.
+    /// Reports a node that is at a place where a key is expected. After a condition or an effect, the
+    /// node is likely a second one, to be joined with the first by an `and`.
     fn report_stranger(&self, reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) {
         let after = self.seen.last().map(|(key, _)| *key);
         let what = match after {
@@ -214,7 +215,8 @@ impl<'f> ActionParts<'f> {
         });
     }
 
-    /// Returns the node after a key; that of an agent is left for [`ActionParts::opt_agent`].
+    /// Returns the node after a key. If the key is `:agent`, the node is not consumed, but left for
+    /// [`ActionParts::opt_agent`].
     fn value(
         &mut self,
         reader: &mut GrammarReader<'f>,
@@ -246,7 +248,7 @@ impl<'f> ActionParts<'f> {
         false
     }
 
-    /// `VARIABLE [- TYPE]`, with or without parentheses around it
+    /// Parses the agent of an action: `VARIABLE [- TYPE]`, with or without parentheses around it.
     fn opt_agent(&mut self, reader: &mut GrammarReader<'f>) -> Option<Typed> {
         let node = self.items.peek()?;
         let Some(mut inner) = node.list() else {

@@ -1,4 +1,4 @@
-//! Conditions: of actions, effects, axioms, and goals.
+//! Grammar of the conditions of actions, effects, axioms and goals.
 
 use super::expression;
 use super::names;
@@ -16,9 +16,9 @@ const QUANTIFIED: &str = "(exists|forall (VARIABLES) CONDITION)";
 const COMPARE: &str = "(COMPARISON EXPRESSION EXPRESSION)";
 const EQUAL: &str = "(= TERM TERM) | (= EXPRESSION EXPRESSION)";
 
-/// `() | (PREDICATE TERM*) | (= TERM TERM) | (COMPARISON EXPRESSION EXPRESSION) | (not CONDITION)
-/// | (and CONDITION*) | (or CONDITION*) | (imply CONDITION CONDITION)
-/// | (exists (VARIABLES) CONDITION) | (forall (VARIABLES) CONDITION)`
+/// Parses a condition: `() | (PREDICATE TERM*) | (= TERM TERM) | (COMPARISON EXPRESSION EXPRESSION) |
+/// (not CONDITION) | (and CONDITION*) | (or CONDITION*) | (imply CONDITION CONDITION) | (exists
+/// (VARIABLES) CONDITION) | (forall (VARIABLES) CONDITION)`.
 pub(crate) fn condition<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -64,7 +64,7 @@ pub(crate) fn condition<'f>(
     }
 }
 
-/// `(PREDICATE TERM*)`
+/// Parses a predicate with its arguments: `(PREDICATE TERM*)`.
 pub(super) fn atom<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Atom> {
     let mut items = reader.expect_list(node, "an atom", ATOM)?;
     let head = reader.expect(&mut items, "predicate", ATOM)?;
@@ -81,7 +81,8 @@ pub(super) fn atom<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> 
     Some(Atom { predicate, arguments, span: node.span() })
 }
 
-/// Returns what to write instead of an operator of another language.
+/// Returns advice on what to write in PDDL in place of an operator of another language; `None` for any
+/// other word.
 fn foreign(word: &str) -> Option<&'static str> {
     Some(match word {
         "!=" | "<>" | "/=" | "~=" => "write `(not (= … …))`",
@@ -97,7 +98,7 @@ fn foreign(word: &str) -> Option<&'static str> {
     })
 }
 
-/// Words of conditions and effects with arguments other than terms.
+/// Words that begin conditions and effects and that take arguments other than terms.
 const KEYWORDS: &[&str] = &[
     "and",
     "or",
@@ -113,7 +114,8 @@ const KEYWORDS: &[&str] = &[
     "scale-down",
 ];
 
-/// Reports a predicate with a list as an argument: likely a misspelled keyword.
+/// Reports a predicate that has a list as an argument. If the predicate is similar to a keyword, the
+/// keyword is proposed.
 fn nested<T>(
     reader: &mut GrammarReader<'_>,
     head: SyntaxNode<'_>,
@@ -133,15 +135,16 @@ fn nested<T>(
     None
 }
 
-/// Beginning of a list.
+/// A list, split after its first word.
 pub(super) enum Headed<'f> {
-    /// `()`
+    /// The empty list `()`.
     Empty,
-    /// `(WORD …)`
+    /// The list `(WORD …)`: the word, and the items after it.
     By(&'f str, Items<'f>),
 }
 
-/// `() | (WORD …)`; for anything else, reports that `what` is expected.
+/// Splits the list `()` or `(WORD …)` after its first word. For any other node, reports that `what` is
+/// expected.
 pub(super) fn headed<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -183,7 +186,8 @@ pub(super) fn unsupported<T>(
     None
 }
 
-/// `(preference [NAME] CONDITION)`: parsed to find mistakes in it, then reported as unsupported.
+/// Parses `(preference [NAME] CONDITION)` to find mistakes in it, then reports the preference as
+/// unsupported.
 fn preference<'f, T>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -198,7 +202,7 @@ fn preference<'f, T>(
     unsupported(reader, node, "preferences")
 }
 
-/// Reports a node at the wrong place.
+/// Reports a node that is at the wrong place.
 pub(super) fn misplaced<T>(
     reader: &mut GrammarReader<'_>,
     node: SyntaxNode<'_>,
@@ -209,12 +213,12 @@ pub(super) fn misplaced<T>(
     None
 }
 
-/// `CONDITION*`
+/// Parses any number of conditions: `CONDITION*`.
 fn conditions<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Condition> {
     items.filter_map(|node| condition(reader, node)).collect()
 }
 
-/// `(not CONDITION)`
+/// Parses a negation: `(not CONDITION)`. The keyword has been read; `items` are the rest.
 fn not<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condition> {
     let node = reader.expect(&mut items, "condition", NOT)?;
     let inner = condition(reader, node);
@@ -222,7 +226,8 @@ fn not<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condi
     inner.map(|inner| Condition::Not(Box::new(inner)))
 }
 
-/// `(imply CONDITION CONDITION)`
+/// Parses an implication: `(imply CONDITION CONDITION)`. The keyword has been read; `items` are the
+/// rest.
 fn imply<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condition> {
     let premise = reader.expect(&mut items, "condition", IMPLY)?;
     let premise = condition(reader, premise);
@@ -232,7 +237,7 @@ fn imply<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Con
     Some(Condition::Imply(Box::new(premise?), Box::new(conclusion?)))
 }
 
-/// `(VARIABLES) CONDITION`
+/// Parses the part of a quantifier after its keyword: `(VARIABLES) CONDITION`.
 fn quantified<'f>(
     reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,
@@ -246,9 +251,10 @@ fn quantified<'f>(
     Some((variables, Box::new(body)))
 }
 
-/// `(= TERM TERM) | (= EXPRESSION EXPRESSION)`
+/// Parses an equation: `(= TERM TERM) | (= EXPRESSION EXPRESSION)`.
 ///
-/// Two words are terms; a list or a number on either side makes it a comparison of numbers.
+/// If both sides are words, they are terms. A list or a number on either side makes the equation a
+/// comparison of numbers.
 fn equal<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>, span: Span) -> Option<Condition> {
     if items.into_iter().any(|node| is_numeric(reader, node)) {
         return compare(reader, Comparison::Equal, items, span);
@@ -274,7 +280,7 @@ fn is_numeric(reader: &GrammarReader<'_>, node: SyntaxNode<'_>) -> bool {
     }
 }
 
-/// `(COMPARISON EXPRESSION EXPRESSION)`
+/// Parses a comparison of numbers: `(COMPARISON EXPRESSION EXPRESSION)`.
 fn compare<'f>(
     reader: &mut GrammarReader<'f>,
     comparison: Comparison,

@@ -1,4 +1,4 @@
-//! Declarations: requirements, types, predicates, functions, objects.
+//! Grammar of declarations: requirements, types, predicates, functions, objects.
 
 use super::names::{self, ListEntryKind};
 use super::reader::{GrammarReader, excerpt};
@@ -13,12 +13,12 @@ const PREDICATES: &str = "(:predicates (NAME [VARIABLE* [- TYPE]]*)*)";
 const FUNCTIONS: &str = "(:functions ((NAME [VARIABLE* [- TYPE]]*)* [- number])*)";
 const PRIVATE: &str = "(:private [VARIABLE - TYPE] DECLARATION*)";
 
-/// `:NAME*`
+/// Parses the requirement flags of a domain: `:NAME*`.
 pub(super) fn requirements<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Name> {
     items.filter_map(|node| requirement(reader, node)).collect()
 }
 
-/// `:NAME`
+/// Parses one requirement flag: `:NAME`.
 fn requirement<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Name> {
     match node.symbol() {
         Some(word) if word.starts_with(':') && word.len() > 1 => {
@@ -37,13 +37,13 @@ fn requirement<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Opti
     }
 }
 
-/// `(NAME* [- TYPE])*`
+/// Parses types, each with its supertype: `(NAME* [- TYPE])*`.
 pub(super) fn types<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Typed> {
     names::typed_list(reader, items, ListEntryKind::Names)
 }
 
-/// `(NAME* [- TYPE])*`; `(:private …)` is accepted with a warning and dropped, as constants have no
-/// privacy.
+/// Parses constants: `(NAME* [- TYPE])*`. A block `(:private …)` is accepted with a warning, and its
+/// privacy is dropped, as constants have no privacy.
 pub(super) fn constants<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Typed> {
     let declared = objects(reader, items);
     if let Some(private) = declared.iter().find(|object| object.privacy != Privacy::Public) {
@@ -53,7 +53,7 @@ pub(super) fn constants<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) ->
     declared.into_iter().map(|declaration| declaration.object).collect()
 }
 
-/// `(SIGNATURE | (:private [VARIABLE - TYPE] SIGNATURE*))*`
+/// Parses declarations of predicates: `(SIGNATURE | (:private [VARIABLE - TYPE] SIGNATURE*))*`.
 pub(super) fn predicates<'f>(
     reader: &mut GrammarReader<'f>,
     items: Items<'f>,
@@ -70,7 +70,8 @@ pub(super) fn predicates<'f>(
     declared
 }
 
-/// `((SIGNATURE | (:private [VARIABLE - TYPE] SIGNATURE*))* [- number])*`
+/// Parses declarations of functions:
+/// `((SIGNATURE | (:private [VARIABLE - TYPE] SIGNATURE*))* [- number])*`.
 pub(super) fn functions<'f>(
     reader: &mut GrammarReader<'f>,
     items: Items<'f>,
@@ -95,7 +96,7 @@ pub(super) fn functions<'f>(
     declared
 }
 
-/// `- number`
+/// Parses the type of functions: `- number`.
 fn number_type<'f>(reader: &mut GrammarReader<'f>, items: &mut Items<'f>, dash: SyntaxNode<'f>) {
     let Some(ty) = names::opt_type(reader, items, dash) else { return };
     if ty.alternatives.iter().any(|name| *name != "number") {
@@ -108,7 +109,8 @@ fn number_type<'f>(reader: &mut GrammarReader<'f>, items: &mut Items<'f>, dash: 
     }
 }
 
-/// Returns the declarations at `node`: the node itself, or the content of its `:private`.
+/// Returns the declarations at `node`: the node itself, or, for a block `(:private …)`, the content of
+/// the block. Also returns the privacy.
 fn public_or_private<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -125,7 +127,7 @@ fn public_or_private<'f>(
     (Some(items), Privacy::Private(owner))
 }
 
-/// `[VARIABLE [- TYPE]]`
+/// Parses the owner of a `:private` block: `[VARIABLE [- TYPE]]`.
 fn opt_owner<'f>(reader: &mut GrammarReader<'f>, items: &mut Items<'f>) -> Option<Typed> {
     items.peek()?.symbol()?;
     let typed = opt_typed_variable(reader, items);
@@ -137,7 +139,7 @@ fn opt_owner<'f>(reader: &mut GrammarReader<'f>, items: &mut Items<'f>) -> Optio
     typed
 }
 
-/// `VARIABLE [- TYPE]`
+/// Parses a variable with its type: `VARIABLE [- TYPE]`.
 pub(super) fn opt_typed_variable<'f>(
     reader: &mut GrammarReader<'f>,
     items: &mut Items<'f>,
@@ -151,7 +153,7 @@ pub(super) fn opt_typed_variable<'f>(
     Some(Typed { name, ty })
 }
 
-/// `(NAME VARIABLES)`
+/// Parses the signature of a predicate or function: `(NAME VARIABLES)`.
 pub(super) fn signature<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -167,7 +169,8 @@ pub(super) fn signature<'f>(
     Some((name, names::variables(reader, items)))
 }
 
-/// `((NAME* [- TYPE])* | (:private [NAME] (NAME* [- TYPE])*))*`
+/// Parses the objects of a problem or an action model: `((NAME* [- TYPE])* | (:private [NAME] (NAME* [-
+/// TYPE])*))*`.
 pub(super) fn objects<'f>(
     reader: &mut GrammarReader<'f>,
     items: Items<'f>,
@@ -195,10 +198,11 @@ fn with_privacy(typed: Vec<Typed>, privacy: &Privacy) -> impl Iterator<Item = Ob
     typed.into_iter().map(|object| ObjectDeclaration { object, privacy: privacy.clone() })
 }
 
-/// `(:private [NAME] (NAME* [- TYPE])*)`
+/// Parses a block of private objects: `(:private [NAME] (NAME* [- TYPE])*)`.
 ///
-/// The owner looks like an object. The first word counts as the owner if it has no type and is
-/// either declared elsewhere in the section (agents are objects too) or in one of several blocks.
+/// The owner of the block is written like an object. The first word of the block counts as the owner if
+/// the word has no type and is declared elsewhere in the section (agents are objects too), or if it has
+/// no type and the section has several blocks with owners.
 fn private_objects<'f>(
     reader: &mut GrammarReader<'f>,
     block: SyntaxNode<'f>,

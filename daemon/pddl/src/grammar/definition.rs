@@ -1,4 +1,4 @@
-//! `(define (KIND NAME) SECTION*)`: the frame of every file.
+//! Grammar of `(define (KIND NAME) SECTION*)`, the outermost list of every file.
 
 use super::names;
 use super::reader::{GrammarReader, Keyword, excerpt};
@@ -17,8 +17,8 @@ pub(crate) enum DocumentKind {
     ActionModel,
 }
 
-/// `(define (domain NAME) …) | (define (problem NAME) …) | (define (agent NAME) …)`, one of them
-/// and of the kind that is expected.
+/// Parses a file of the kind that is expected, or of any kind:
+/// `(define (domain NAME) …) | (define (problem NAME) …) | (define (agent NAME) …)`.
 pub(crate) fn document<'f>(
     reader: &mut GrammarReader<'f>,
     roots: Items<'f>,
@@ -27,7 +27,7 @@ pub(crate) fn document<'f>(
     single(reader, roots, "definition", |reader, node| definition(reader, node, expected))
 }
 
-/// Parses the only node of a text.
+/// Parses the only node of a text, and reports further nodes.
 pub(crate) fn single<'f, T>(
     reader: &mut GrammarReader<'f>,
     mut roots: Items<'f>,
@@ -54,7 +54,7 @@ pub(crate) fn single<'f, T>(
     value
 }
 
-/// `(define (KIND NAME) SECTION*)`
+/// Parses a definition: `(define (KIND NAME) SECTION*)`.
 fn definition<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -85,7 +85,7 @@ fn definition<'f>(
     })
 }
 
-/// `(KIND NAME)`
+/// Parses the title of a definition: `(KIND NAME)`.
 fn title_of<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -102,7 +102,8 @@ fn title_of<'f>(
     Some((kind, name))
 }
 
-/// `domain | problem | agent`; for a misspelled word, the likely intended one.
+/// Parses the kind of a file: `domain | problem | agent`. For a misspelled word, returns the kind that
+/// was likely meant.
 fn kind<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<DocumentKind> {
     const KINDS: &[&str] = &["domain", "problem", "agent"];
     let word = Keyword::of(node.symbol().unwrap_or(""));
@@ -130,29 +131,30 @@ impl DocumentKind {
     }
 }
 
-/// The sections of a definition, in order.
+/// Reader of the sections of a definition, in the order of the text.
 pub(super) struct Sections<'f> {
     items: Items<'f>,
-    /// The sections that this kind of file may have.
+    /// Keywords of the sections that this kind of file may have.
     known: &'static [&'static str],
     seen: Vec<(&'static str, SyntaxNode<'f>, Span)>,
 }
 
-/// `(:KEYWORD ITEM*)`
+/// A section of a definition: `(:KEYWORD ITEM*)`.
 pub(super) struct Section<'f> {
     pub(super) keyword: &'static str,
     pub(super) items: Items<'f>,
     pub(super) span: Span,
 }
 
-/// Sections that may occur any number of times.
+/// Keywords of sections that may occur any number of times.
 const REPEATED: &[&str] = &[":action", ":durative-action", ":derived"];
 
-/// Sections with lists: two of them count as one list.
+/// Keywords of sections that are lists. Two sections with one of these keywords count as one list.
 const JOINED: &[&str] =
     &[":requirements", ":types", ":constants", ":objects", ":predicates", ":functions", ":init"];
 
-/// Sections of PDDL and its extensions that are valid and not supported, with their names for a message.
+/// Keywords of sections that are valid in PDDL or its extensions but not supported here, with their
+/// names for a message.
 const UNSUPPORTED: &[(&str, &str)] = &[
     (":constraints", "constraints on trajectories (`:constraints`)"),
     (":event", "events (`:event`)"),
@@ -167,7 +169,7 @@ const UNSUPPORTED: &[(&str, &str)] = &[
     (":htn", "task networks (`:htn`)"),
 ];
 
-/// All sections of any kind of file, with the kinds of files that may have them.
+/// Keywords of all sections, with the kinds of files that may have them.
 const ELSEWHERE: &[(&str, &str)] = &[
     (":types", "domains and action models"),
     (":constants", "domains"),
@@ -188,13 +190,13 @@ impl<'f> Sections<'f> {
         Sections { items, known, seen: Vec::new() }
     }
 
-    /// Returns the place to report a missing section.
+    /// Returns the place at which to report a missing section.
     pub(super) fn end(&self) -> Span {
         self.items.end()
     }
 
-    /// Returns the next section. Nodes that are no section, unknown sections and repeated ones are
-    /// reported and skipped.
+    /// Returns the next section. Nodes that are not sections, unknown sections, and sections that may
+    /// not be repeated are reported and skipped.
     pub(super) fn next(&mut self, reader: &mut GrammarReader<'f>) -> Option<Section<'f>> {
         while let Some(node) = self.items.next() {
             let Some(mut items) = reader.expect_list(node, "a section", "(:KEYWORD …)") else {
@@ -216,8 +218,8 @@ impl<'f> Sections<'f> {
         None
     }
 
-    /// Whether a section is read. A second one is read only if sections of its kind are joined, and
-    /// if its content differs from the first.
+    /// Whether a section is read. A section with the keyword of an earlier one is read only if sections
+    /// of this kind are joined and the contents of the two differ.
     fn is_read(
         &mut self,
         reader: &mut GrammarReader<'f>,

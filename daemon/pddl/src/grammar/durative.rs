@@ -1,4 +1,4 @@
-//! Durations, conditions and effects of durative actions (PDDL 2.1).
+//! Grammar of the durations, conditions and effects of durative actions (PDDL 2.1).
 
 use super::condition::{self, Headed, headed, misplaced, unsupported};
 use super::effect;
@@ -19,7 +19,8 @@ const TIMED_EFFECT: &str = "() | (at start|end EFFECT) | (and TIMED*) \
     | (increase|decrease FLUENT EXPRESSION-WITH-#t)";
 const WHEN: &str = "(when TIMED-CONDITION TIMED-EFFECT)";
 
-/// `() | (=|<=|>= ?duration EXPRESSION) | (at start|end DURATION) | (and DURATION*)`
+/// Parses the constraints on a duration:
+/// `() | (=|<=|>= ?duration EXPRESSION) | (at start|end DURATION) | (and DURATION*)`.
 pub(super) fn duration<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -63,7 +64,7 @@ fn collect_duration<'f>(
     reader.expect_end(items, "a duration", DURATION);
 }
 
-/// `start|end|all X`, after `at` or `over`: the time, and the node of `X`
+/// Parses `start|end|all X`, which follows `at` or `over`. Returns the time, and the node of `X`.
 fn timed<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -86,8 +87,8 @@ fn timed<'f>(
     Some((when, inner))
 }
 
-/// `() | (at start|end CONDITION) | (over all CONDITION) | (and TIMED*)
-/// | (forall (VARIABLES) TIMED)`
+/// Parses timed conditions: `() | (at start|end CONDITION) | (over all CONDITION) | (and TIMED*)
+/// | (forall (VARIABLES) TIMED)`.
 pub(super) fn conditions<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -131,8 +132,8 @@ fn collect_conditions<'f>(
     }
 }
 
-/// `() | (at start|end EFFECT) | (and TIMED*) | (forall (VARIABLES) TIMED)
-/// | (when TIMED-CONDITION TIMED) | (increase|decrease FLUENT EXPRESSION-WITH-#t)`
+/// Parses a timed effect: `() | (at start|end EFFECT) | (and TIMED*) | (forall (VARIABLES) TIMED)
+/// | (when TIMED-CONDITION TIMED) | (increase|decrease FLUENT EXPRESSION-WITH-#t)`.
 pub(super) fn effect<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -167,7 +168,7 @@ pub(super) fn effect<'f>(
     }
 }
 
-/// `(when TIMED-CONDITION TIMED-EFFECT)`
+/// Parses a conditional effect: `(when TIMED-CONDITION TIMED-EFFECT)`.
 fn when<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<TimedEffect> {
     let condition = reader.expect(&mut items, "condition", WHEN)?;
     let conditions = conditions(reader, condition);

@@ -1,4 +1,4 @@
-//! Effects of actions.
+//! Grammar of the effects of actions.
 
 use super::condition::{self, Headed, headed, misplaced};
 use super::expression;
@@ -14,8 +14,8 @@ const WHEN: &str = "(when CONDITION EFFECT)";
 const FORALL: &str = "(forall (VARIABLES) EFFECT)";
 const ASSIGN: &str = "(assign|increase|decrease|scale-up|scale-down FLUENT EXPRESSION)";
 
-/// `() | (PREDICATE TERM*) | (not (PREDICATE TERM*)) | (and EFFECT*) | (when CONDITION EFFECT)
-/// | (forall (VARIABLES) EFFECT) | (ASSIGNMENT FLUENT EXPRESSION)`
+/// Parses an effect: `() | (PREDICATE TERM*) | (not (PREDICATE TERM*)) | (and EFFECT*)
+/// | (when CONDITION EFFECT) | (forall (VARIABLES) EFFECT) | (ASSIGNMENT FLUENT EXPRESSION)`.
 pub(super) fn effect<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Effect> {
     let (word, items) = match headed(reader, node, "an effect", EFFECT)? {
         Headed::Empty => return Some(Effect::nothing()),
@@ -46,7 +46,8 @@ pub(super) fn effect<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -
     }
 }
 
-/// `assign | increase | decrease | scale-up | scale-down`
+/// Parses the keyword of a numeric effect: `assign | increase | decrease | scale-up | scale-down`.
+/// Returns `None` for any other word.
 pub(super) fn assignment(keyword: &str) -> Option<Assignment> {
     match keyword {
         "assign" => Some(Assignment::Assign),
@@ -58,7 +59,7 @@ pub(super) fn assignment(keyword: &str) -> Option<Assignment> {
     }
 }
 
-/// `(ASSIGNMENT FLUENT EXPRESSION)`
+/// Parses a numeric effect: `(ASSIGNMENT FLUENT EXPRESSION)`.
 pub(super) fn assign<'f>(
     reader: &mut GrammarReader<'f>,
     assignment: Assignment,
@@ -73,7 +74,7 @@ pub(super) fn assign<'f>(
     Some(Assign { assignment, fluent: fluent?, value: value?, span })
 }
 
-/// `(forall (VARIABLES) X)`: the variables, and the node of `X`.
+/// Parses `(forall (VARIABLES) X)`. Returns the variables, and the node of `X`.
 pub(super) fn forall<'f>(
     reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,
@@ -86,7 +87,7 @@ pub(super) fn forall<'f>(
     Some((variables, body))
 }
 
-/// `(not (PREDICATE TERM*))`
+/// Parses an effect that deletes a fact: `(not (PREDICATE TERM*))`.
 fn delete<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Effect> {
     let node = reader.expect(&mut items, "atom", DELETE)?;
     let atom = condition::atom(reader, node);
@@ -94,7 +95,7 @@ fn delete<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Ef
     atom.map(Effect::Delete)
 }
 
-/// `(when CONDITION EFFECT)`
+/// Parses a conditional effect: `(when CONDITION EFFECT)`.
 fn when<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Effect> {
     let condition = reader.expect(&mut items, "condition", WHEN)?;
     let condition = condition::condition(reader, condition);

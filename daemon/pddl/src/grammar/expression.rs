@@ -1,4 +1,4 @@
-//! Numeric expressions.
+//! Grammar of numeric expressions.
 
 use super::condition::{Headed, headed, unsupported};
 use super::names;
@@ -12,8 +12,9 @@ const EXPRESSION: &str = "NUMBER | (FUNCTION TERM*) | (- EXPRESSION) \
     | (+|* EXPRESSION EXPRESSION+) | (-|/ EXPRESSION EXPRESSION)";
 const FLUENT: &str = "(FUNCTION TERM*)";
 
+/// Parses a numeric expression:
 /// `NUMBER | FUNCTION | (FUNCTION TERM*) | ?duration | #t | total-time | (total-time)
-/// | (- EXPRESSION) | (+|* EXPRESSION EXPRESSION+) | (-|/ EXPRESSION EXPRESSION)`
+/// | (- EXPRESSION) | (+|* EXPRESSION EXPRESSION+) | (-|/ EXPRESSION EXPRESSION)`.
 pub(super) fn expression<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -46,7 +47,7 @@ pub(super) fn expression<'f>(
     }
 }
 
-/// `(FUNCTION TERM*) | FUNCTION`
+/// Parses a function with its arguments: `(FUNCTION TERM*) | FUNCTION`.
 pub(super) fn fluent<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -62,7 +63,7 @@ pub(super) fn fluent<'f>(
     Some(FluentTerm { function, arguments, span: node.span() })
 }
 
-/// `NUMBER | FUNCTION | ?duration | #t | total-time`
+/// Parses an expression of one word: `NUMBER | FUNCTION | ?duration | #t | total-time`.
 fn word_expression<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -100,7 +101,7 @@ fn is_total_time(reader: &GrammarReader<'_>, word: &str) -> bool {
     reader.place() == ExpressionPlace::Metric && word.eq_ignore_ascii_case("total-time")
 }
 
-/// `OPERATOR EXPRESSION+`
+/// Parses an operator and its operands: `OPERATOR EXPRESSION+`.
 fn apply<'f>(
     reader: &mut GrammarReader<'f>,
     operator: Operator,

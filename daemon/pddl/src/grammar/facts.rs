@@ -1,4 +1,4 @@
-//! Elements of `:init`.
+//! Grammar of the elements of `:init`.
 
 use super::condition;
 use super::expression;
@@ -12,7 +12,7 @@ const ELEMENT: &str = "(PREDICATE NAME*) | (not (PREDICATE NAME*)) \
     | (unknown (PREDICATE NAME*)) | (= FLUENT NUMBER) | (at NUMBER ELEMENT)";
 const VALUE: &str = "(= FLUENT NUMBER)";
 
-/// `ELEMENT*`
+/// Parses the elements of `:init`: `ELEMENT*`.
 pub(crate) fn init_elements<'f>(
     reader: &mut GrammarReader<'f>,
     items: Items<'f>,
@@ -20,8 +20,8 @@ pub(crate) fn init_elements<'f>(
     items.filter_map(|node| init_element(reader, node)).collect()
 }
 
-/// `(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (unknown (PREDICATE NAME*)) | (= FLUENT NUMBER)
-/// | (at NUMBER ELEMENT)`
+/// Parses one element of `:init`: `(PREDICATE NAME*) | (not (PREDICATE NAME*))
+/// | (unknown (PREDICATE NAME*)) | (= FLUENT NUMBER) | (at NUMBER ELEMENT)`.
 pub(crate) fn init_element<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -48,7 +48,7 @@ pub(crate) fn init_element<'f>(
     }
 }
 
-/// Parses the one fact after `word`.
+/// Parses the one fact that follows `word`, which is `not` or `unknown`.
 fn about<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>, word: &str) -> Option<Atom> {
     let inner = reader.expect(&mut items, "fact", ELEMENT)?;
     reader.expect_end(items, word, ELEMENT);
@@ -56,13 +56,14 @@ fn about<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>, word: &str) -
     ground(reader, &atom.arguments).then_some(atom)
 }
 
-/// Whether `at` is followed by a time and an element, and not by the objects of a predicate.
+/// Whether the word `at` begins a timed literal: a time and an element follow, and not the arguments of
+/// a predicate.
 fn is_timed(mut items: Items<'_>) -> bool {
     let time = items.next().and_then(SyntaxNode::symbol).and_then(names::number);
     time.is_some() && items.next().is_some_and(|node| node.list().is_some())
 }
 
-/// `(at NUMBER ELEMENT)`
+/// Parses a timed initial literal: `(at NUMBER ELEMENT)`.
 fn timed<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<InitElement> {
     let time = items.next().and_then(SyntaxNode::symbol).and_then(names::number)?;
     let inner = reader.expect(&mut items, "fact", ELEMENT)?;
@@ -75,7 +76,7 @@ fn timed<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Ini
     Some(InitElement::At(time, Box::new(element)))
 }
 
-/// `(= FLUENT NUMBER)`
+/// Parses the value of a function: `(= FLUENT NUMBER)`.
 fn value<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<InitElement> {
     let fluent = reader.expect(&mut items, "function", VALUE)?;
     let fluent: Option<FluentTerm> = expression::fluent(reader, fluent);
@@ -95,7 +96,7 @@ fn init_number<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Opti
     number
 }
 
-/// Whether all arguments are objects; variables are reported.
+/// Whether all arguments are objects. Variables are reported.
 fn ground(reader: &mut GrammarReader<'_>, arguments: &[Term]) -> bool {
     let mut ground = true;
     for argument in arguments {

@@ -1,4 +1,5 @@
-//! From parentheses to the syntax tree: one function per production.
+//! The grammar: turns the tree of parentheses into the syntax tree, with one function for each
+//! production.
 //!
 //! - Each function quotes its production. `NAME` is a symbol, `VARIABLE` is `?NAME`, `X*` is any
 //!   number of `X`, `[X]` is an optional `X`.

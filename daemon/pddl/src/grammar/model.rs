@@ -1,4 +1,4 @@
-//! Action models of agents.
+//! Grammar of the action models of agents.
 
 use super::definition::Sections;
 use super::problem::{domain_name, missing_domain};
@@ -21,8 +21,9 @@ const SECTIONS: &[&str] = &[
     ":durative-action",
 ];
 
-/// `(define (agent NAME) (:domain NAME) [REQUIREMENTS] [TYPES] [OBJECTS] [PREDICATES] [FUNCTIONS]
-/// [INIT] (DERIVED | ACTION | DURATIVE-ACTION)*)`, in any order; `:constants` are objects too.
+/// Parses an action model: `(define (agent NAME) (:domain NAME) [REQUIREMENTS] [TYPES] [OBJECTS]
+/// [PREDICATES] [FUNCTIONS] [INIT] (DERIVED | ACTION | DURATIVE-ACTION)*)`, with the sections in any
+/// order. `:constants` are read as objects.
 pub(super) fn action_model<'f>(
     reader: &mut GrammarReader<'f>,
     agent: Name,

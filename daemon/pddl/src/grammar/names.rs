@@ -1,4 +1,4 @@
-//! Names, variables, terms and typed lists.
+//! Grammar of names, variables, terms and typed lists.
 
 use super::reader::{GrammarReader, excerpt};
 use crate::diagnostic::Diagnostic;
@@ -7,13 +7,13 @@ use crate::tree::{Name, Number, Span, Term, TypeExpr, Typed};
 
 const NAME: &str = "NAME = a letter or digit, then letters, digits, `-` and `_`";
 const VARIABLE: &str = "VARIABLE = ?NAME";
-/// Most alternatives of a type. Every name of a typed list has its own copy of the type, and types
-/// are compared pairwise: a short text must not turn into many large types.
+/// Maximal number of alternatives of a type. Every name of a typed list has its own copy of the type,
+/// and types are compared pairwise. A short text must not turn into many large types.
 const ALTERNATIVES_MAX: usize = 16;
 
 const TYPE: &str = "TYPE = NAME | (either NAME+)";
 
-/// Kind of the entries in a typed list.
+/// Kind of the entries of a typed list.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum ListEntryKind {
     Variables,
@@ -53,7 +53,7 @@ pub(super) fn is_reserved(word: &str) -> bool {
     )
 }
 
-/// `NAME`; `what` describes it in messages.
+/// Parses a `NAME`. In messages, `what` describes what the name is for.
 pub(super) fn name<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -70,7 +70,8 @@ pub(super) fn name<'f>(
     }
 }
 
-/// `NAME` of a predicate or a function with arguments: neither a keyword nor a number.
+/// Parses the `NAME` of a predicate or a function with arguments, which is neither a keyword nor a
+/// number.
 pub(super) fn applied<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -86,12 +87,13 @@ pub(super) fn applied<'f>(
     None
 }
 
-/// `?NAME`
+/// Parses a variable: `?NAME`.
 pub(super) fn variable<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Name> {
     variable_after(reader, node, false)
 }
 
-/// `?NAME`. After a variable without a type, a word without `?` likely lacks its dash.
+/// Parses a variable: `?NAME`. If the word has no `?` and follows a variable without a type, the word
+/// is likely a type with a missing dash.
 fn variable_after<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -112,7 +114,7 @@ fn variable_after<'f>(
     None
 }
 
-/// `VARIABLE | NAME`
+/// Parses a term: `VARIABLE | NAME`.
 pub(super) fn term<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Term> {
     if node.symbol().is_some_and(|word| word.starts_with('?')) {
         variable(reader, node).map(Term::Variable)
@@ -121,7 +123,7 @@ pub(super) fn term<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> 
     }
 }
 
-/// `TERM*`
+/// Parses any number of terms: `TERM*`.
 pub(super) fn terms<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Option<Vec<Term>> {
     let mut terms = Vec::with_capacity(items.count());
     let mut complete = true;
@@ -134,7 +136,7 @@ pub(super) fn terms<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Opt
     complete.then_some(terms)
 }
 
-/// Parses a number; `None` if the word is none.
+/// Parses a number; `None` if the word is not a number.
 pub(super) fn number(word: &str) -> Option<Number> {
     let digits = word.strip_prefix(['-', '+']).unwrap_or(word);
     let starts_well =
@@ -145,12 +147,12 @@ pub(super) fn number(word: &str) -> Option<Number> {
     word.parse().ok().filter(|value: &f64| value.is_finite()).map(Number)
 }
 
-/// `(VARIABLE* [- TYPE])*`: the variables of an action, a quantifier, an axiom.
+/// Parses the variables of an action, a quantifier or an axiom: `(VARIABLE* [- TYPE])*`.
 pub(super) fn variables<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Typed> {
     typed_list(reader, items, ListEntryKind::Variables)
 }
 
-/// `(ENTRY* [- TYPE])*`
+/// Parses a list of entries with their types: `(ENTRY* [- TYPE])*`.
 pub(super) fn typed_list<'f>(
     reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,
@@ -184,7 +186,7 @@ pub(super) fn typed_list<'f>(
     typed
 }
 
-/// `TYPE`, after the dash at `dash`.
+/// Parses the `TYPE` that follows a dash; `dash` is the node of the dash.
 pub(super) fn opt_type<'f>(
     reader: &mut GrammarReader<'f>,
     items: &mut Items<'f>,
@@ -198,7 +200,7 @@ pub(super) fn opt_type<'f>(
     type_expr(reader, node)
 }
 
-/// `-TYPE`, in which a space is missing.
+/// Parses `-TYPE`, and reports that a space is missing after the dash.
 fn glued_type<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -211,7 +213,7 @@ fn glued_type<'f>(
     Some(TypeExpr { alternatives: vec![name] })
 }
 
-/// `NAME | (either NAME+)`
+/// Parses a type: `NAME | (either NAME+)`.
 pub(super) fn type_expr<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -235,7 +237,8 @@ pub(super) fn type_expr<'f>(
     Some(TypeExpr { alternatives })
 }
 
-/// Interns `bare`, which the text has as `word`, if it is a valid name.
+/// Returns `bare` as a name if it is valid, and reports it otherwise. `word` is the form in which the
+/// text has it.
 fn checked_name<'f>(
     reader: &mut GrammarReader<'f>,
     bare: &'f str,
@@ -275,8 +278,8 @@ fn is_visible(c: char) -> bool {
     !c.is_control() && c != '\u{feff}'
 }
 
-/// Whether a character is not allowed in names even if parsing is lenient: marks of other
-/// languages, invisible characters.
+/// Whether a character is one of those that are not allowed in names even though parsing is lenient:
+/// punctuation of other languages, and invisible characters.
 fn is_strange(c: char) -> bool {
     match c {
         '?' | '"' | '\'' | '`' | '[' | ']' | '{' | '}' | ',' | '\\' | '\u{feff}' => true,

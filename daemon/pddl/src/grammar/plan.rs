@@ -1,4 +1,4 @@
-//! Plans in the format of the planning competitions.
+//! Grammar of plans in the format of the planning competitions.
 
 use nom::bytes::complete::{tag_no_case, take_while1};
 use nom::character::complete::{char, space0};
@@ -14,7 +14,8 @@ use crate::tree::{Number, PlanStep};
 
 const STEP: &str = "[TIME:] (ACTION NAME*) [[DURATION]]";
 
-/// `([TIME:] STEP [[DURATION]])*`
+/// Parses the steps of a plan: `([TIME:] STEP [[DURATION]])*`, in which the brackets around a duration
+/// are part of the text.
 pub(crate) fn plan_steps<'f>(reader: &mut GrammarReader<'f>, roots: Items<'f>) -> Vec<PlanStep> {
     let mut steps: Vec<PlanStep> = Vec::new();
     let mut time = None;
@@ -43,7 +44,7 @@ pub(crate) fn plan_steps<'f>(reader: &mut GrammarReader<'f>, roots: Items<'f>) -
     steps
 }
 
-/// `(ACTION NAME*)`
+/// Parses one step of a plan: `(ACTION NAME*)`.
 pub(crate) fn plan_step<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -59,13 +60,14 @@ pub(crate) fn plan_step<'f>(
     complete.then_some(PlanStep { action, arguments, time: None, duration: None, span })
 }
 
-/// Returns the number in a comment `; cost = NUMBER …`, if the plan has one; the last counts.
+/// Returns the number in a comment `; cost = NUMBER …` of a plan, if there is one. If there are
+/// several, the last counts.
 pub(crate) fn plan_cost(text: &str) -> Option<Number> {
     let comments = text.lines().filter_map(|line| line.split_once(';'));
     comments.filter_map(|(_, comment)| cost(comment).ok()).map(|(_, cost)| cost).next_back()
 }
 
-/// `;* [plan] cost (= | :) NUMBER`
+/// Parses the comment with the cost of a plan: `;* [plan] cost (= | :) NUMBER`.
 fn cost(comment: &str) -> IResult<&str, Number, ()> {
     let (rest, _) = opt(take_while1(|c| c == ';')).parse(comment)?;
     let (rest, _) = preceded(space0, opt(tag_no_case("plan"))).parse(rest)?;
@@ -75,12 +77,12 @@ fn cost(comment: &str) -> IResult<&str, Number, ()> {
     preceded(space0, map_opt(word, names::number)).parse(rest)
 }
 
-/// `TIME:`
+/// Parses the start time of a step: `TIME:`.
 fn step_time(word: &str) -> Option<Number> {
     names::number(word.strip_suffix(':')?)
 }
 
-/// `[DURATION]`
+/// Parses the duration of a step, with its brackets: `[DURATION]`.
 fn step_duration(word: &str) -> Option<Number> {
     names::number(word.strip_prefix('[')?.strip_suffix(']')?)
 }

@@ -1,4 +1,4 @@
-//! Problems.
+//! Grammar of problems.
 
 use std::sync::Arc;
 
@@ -14,8 +14,8 @@ const DOMAIN: &str = "(:domain NAME)";
 const GOAL: &str = "(:goal CONDITION)";
 const METRIC: &str = "(:metric minimize|maximize EXPRESSION)";
 
-/// `(define (problem NAME) (:domain NAME) [REQUIREMENTS] [OBJECTS] [INIT] [GOAL] [METRIC])`, in any
-/// order.
+/// Parses a problem: `(define (problem NAME) (:domain NAME) [REQUIREMENTS] [OBJECTS] [INIT] [GOAL]
+/// [METRIC])`, with the sections in any order.
 pub(super) fn problem<'f>(reader: &mut GrammarReader<'f>, name: Name, items: Items<'f>) -> Problem {
     let mut domain = None;
     let mut problem = Problem::named(name, Name::new(""));
@@ -39,7 +39,7 @@ pub(super) fn problem<'f>(reader: &mut GrammarReader<'f>, name: Name, items: Ite
     problem
 }
 
-/// `(:domain NAME)`
+/// Parses the section with the name of the domain: `(:domain NAME)`.
 pub(super) fn domain_name<'f>(
     reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,
@@ -51,13 +51,13 @@ pub(super) fn domain_name<'f>(
     Some(name.unwrap_or_else(|| reader.intern("unnamed", node.span())))
 }
 
-/// Reports that the domain is missing; returns a name that no domain has.
+/// Reports that the name of the domain is missing. Returns a name that no domain has.
 pub(super) fn missing_domain(reader: &mut GrammarReader<'_>, end: Span) -> Name {
     reader.report(Diagnostic::error(end, "missing `(:domain NAME)`").with_rule(DOMAIN));
     reader.intern("unnamed", end)
 }
 
-/// `(:goal CONDITION)`
+/// Parses the section with the goal: `(:goal CONDITION)`.
 fn goal<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condition> {
     let node = reader.expect(&mut items, "condition", GOAL)?;
     if let Some(more) = items.next() {
@@ -68,7 +68,7 @@ fn goal<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Cond
     condition::condition(reader, node)
 }
 
-/// `(:metric minimize|maximize EXPRESSION)`, standing alone.
+/// Parses a text that is a single metric: `(:metric minimize|maximize EXPRESSION)`.
 pub(crate) fn metric_section<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -82,7 +82,7 @@ pub(crate) fn metric_section<'f>(
     metric(reader, items, node.span())
 }
 
-/// `minimize|maximize EXPRESSION`
+/// Parses the content of a metric: `minimize|maximize EXPRESSION`.
 fn metric<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>, span: Span) -> Option<Metric> {
     let node = reader.expect(&mut items, "`minimize` or `maximize`", METRIC)?;
     let direction = direction(reader, node);
@@ -93,7 +93,7 @@ fn metric<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>, span: Span) 
     Some(Metric { direction: direction?, expression: expression?, span })
 }
 
-/// `minimize | maximize`
+/// Parses the direction of a metric: `minimize | maximize`.
 fn direction<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<MetricDirection> {
     match Keyword::of(node.symbol().unwrap_or("")).as_str() {
         "minimize" => Some(MetricDirection::Minimize),

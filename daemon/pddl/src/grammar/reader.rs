@@ -1,5 +1,5 @@
-//! State that all productions share: the mistakes and the names found so far, and the kind of place
-//! that is parsed.
+//! State that all productions of the grammar share: the mistakes and the names found so far, and the
+//! kind of expression that is being parsed.
 
 use std::borrow::Cow;
 
@@ -13,40 +13,41 @@ use crate::tree::{Name, Span};
 
 /// State of the parser for one text.
 pub(crate) struct GrammarReader<'f> {
-    /// Names by spelling: each spelling is allocated once, however often it occurs.
+    /// Names by spelling. Each spelling is allocated once, however often the text contains it.
     names: HashMap<&'f str, Name>,
     problems: DiagnosticList,
     place: ExpressionPlace,
     copies_left: usize,
-    /// Start of a list that was reported together with the word before it.
+    /// Start of a list that was reported together with the word before it, and is to be skipped.
     passed_over: Option<u32>,
 }
 
-/// Most words of a call that are quoted in advice.
+/// Maximal number of words of a call in another language's notation that are quoted in advice.
 const CALL_WORDS_MAX: usize = 6;
 
-/// Most variables that may be copied when `forall` is flattened; see [`GrammarReader::afford_copies`].
+/// Maximal number of variables that may be copied when `forall` is flattened; see
 /// [`GrammarReader::afford_copies`].
 const COPIES_MAX: usize = 100_000;
 
-/// Kind of place of an expression: decides which special terms are allowed.
+/// Kind of place at which an expression occurs. It determines which special terms are allowed.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum ExpressionPlace {
-    /// Actions, goals, facts.
+    /// The expression is in an action, a goal or a fact.
     Plain,
-    /// Inside `:durative-action`, where `?duration` and `#t` have a meaning.
+    /// The expression is inside `:durative-action`, where `?duration` and `#t` have a meaning.
     Durative,
-    /// Inside `:metric`, where `total-time` has a meaning.
+    /// The expression is inside `:metric`, where `total-time` has a meaning.
     Metric,
 }
 
-/// A word in lower case, borrowed if it is written so, as nearly every word is.
+/// A word in lower case. It is borrowed from the text if the text has it in lower case, as nearly every
+/// word is.
 pub(super) struct Keyword<'f>(Cow<'f, str>);
 
 // === impl Reader ===
 
 impl<'f> GrammarReader<'f> {
-    /// Creates the state for a text with this number of words and lists.
+    /// Creates the state for a text with `node_count` words and lists.
     pub(crate) fn new(problems: DiagnosticList, node_count: usize) -> GrammarReader<'f> {
         // In the text of a building one node in ten is a new spelling.
         let names = HashMap::with_capacity_and_hasher(node_count / 10, RandomState::default());
@@ -77,8 +78,8 @@ impl<'f> GrammarReader<'f> {
         name.at(span)
     }
 
-    /// Whether `count` more variables may be copied. A short text must not become a tree that does
-    /// not fit into memory.
+    /// Whether `count` more variables may be copied. The number of copies is limited, so that a short
+    /// text does not become a tree that does not fit into memory.
     pub(super) fn afford_copies(&mut self, count: usize) -> bool {
         let left = self.copies_left.checked_sub(count);
         self.copies_left = left.unwrap_or(0);
@@ -101,7 +102,7 @@ impl<'f> GrammarReader<'f> {
         value
     }
 
-    /// Returns the next node; if there is none, reports that `what` is missing.
+    /// Returns the next item of a list. If there is none, reports that `what` is missing.
     pub(super) fn expect(
         &mut self,
         items: &mut Items<'f>,
@@ -116,7 +117,7 @@ impl<'f> GrammarReader<'f> {
         node
     }
 
-    /// Returns the items of a list; for anything else, reports that `what` is expected.
+    /// Returns the items of a list. For any other node, reports that `what` is expected.
     pub(super) fn expect_list(
         &mut self,
         node: SyntaxNode<'f>,
@@ -136,7 +137,7 @@ impl<'f> GrammarReader<'f> {
         }
     }
 
-    /// Reports a node where none is allowed.
+    /// Reports the next item of a list, if there is one, because no more items are allowed.
     pub(super) fn expect_end(&mut self, mut items: Items<'f>, what: &str, rule: &'static str) {
         if let Some(node) = items.next() {
             let message = format!("{what} ends before `{}`", excerpt(node));
@@ -149,8 +150,8 @@ impl<'f> GrammarReader<'f> {
         }
     }
 
-    /// Reports a word with parentheses after it, as other languages write it: `at(r1, hall)`. The
-    /// parentheses are skipped. Returns whether the word was of this kind.
+    /// Reports a word that touches the list after it, as other languages write calls: `at(r1, hall)`.
+    /// The list is skipped. Returns whether the word was of this kind.
     pub(super) fn report_call(&mut self, word: SyntaxNode<'f>) -> bool {
         let Some(list) = word.touching_list() else { return false };
         if self.is_already_reported(list) {
@@ -171,12 +172,13 @@ impl<'f> GrammarReader<'f> {
         true
     }
 
-    /// Whether a node belongs to something that was reported as a whole.
+    /// Whether a node belongs to a larger part of the text that was reported as a whole.
     pub(super) fn is_already_reported(&self, node: SyntaxNode<'f>) -> bool {
         self.passed_over == Some(node.span().start)
     }
 
-    /// Returns the candidate that was likely meant; `None` once no more mistakes are listed.
+    /// Returns the candidate that a word was likely meant to be; `None` once no more mistakes are
+    /// listed.
     pub(super) fn nearest(
         &self,
         word: &str,
@@ -185,7 +187,7 @@ impl<'f> GrammarReader<'f> {
         if self.problems.is_full() { None } else { nearest(word, candidates) }
     }
 
-    /// Reports a word that is not among `known`, and proposes the likely intended one.
+    /// Reports a word that is not among `known`, and proposes the one of them that was likely meant.
     pub(super) fn unknown(&mut self, node: SyntaxNode<'f>, what: &str, known: &[&'static str]) {
         let word = excerpt(node);
         let near = self.nearest(&word, known.iter().copied());

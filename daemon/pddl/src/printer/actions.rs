@@ -1,4 +1,4 @@
-//! Actions, axioms and durative actions.
+//! Printing of actions, axioms and durative actions.
 
 use std::fmt;
 
@@ -25,7 +25,8 @@ pub(super) fn action(action: &ActionSchema) -> PrintLayout<'_> {
     PrintLayout::list(2, parts)
 }
 
-/// `KEYWORD NAME [:agent VARIABLE - TYPE] :parameters (VARIABLES)`
+/// Lays out the beginning of an action: `KEYWORD NAME [:agent VARIABLE - TYPE] :parameters
+/// (VARIABLES)`.
 fn head<'t>(
     keyword: &'static str,
     name: &'t Name,
@@ -60,7 +61,7 @@ pub(super) fn durative_action(action: &DurativeAction) -> PrintLayout<'_> {
     PrintLayout::list(2, parts)
 }
 
-/// `() | X | (and X X+)`
+/// Lays out items as `()`, as the one item `X`, or as `(and X X+)`.
 fn one_or_and<'t, T>(items: &'t [T], layout: impl Fn(&'t T) -> PrintLayout<'t>) -> PrintLayout<'t> {
     match items {
         [] => PrintLayout::list(0, Vec::new()),
@@ -78,7 +79,7 @@ fn duration(constraint: &DurationConstraint) -> PrintLayout<'_> {
     }
 }
 
-/// `(at start X) | (at end X) | (over all X)`
+/// Lays out a timed condition or effect: `(at start X) | (at end X) | (over all X)`.
 fn timed<'t>(when: TimeSpecifier, inner: PrintLayout<'t>) -> PrintLayout<'t> {
     let (preposition, time) = match when {
         TimeSpecifier::Start => ("at", "start"),

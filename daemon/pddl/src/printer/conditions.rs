@@ -1,4 +1,4 @@
-//! Conditions, expressions and effects.
+//! Printing of conditions, expressions and effects.
 
 use std::fmt;
 
@@ -29,7 +29,7 @@ pub(super) fn condition(condition: &Condition) -> PrintLayout<'_> {
     }
 }
 
-/// `(QUANTIFIER (VARIABLES) X)`
+/// Lays out a quantifier: `(QUANTIFIER (VARIABLES) X)`.
 pub(super) fn quantified<'t>(
     quantifier: &'static str,
     variables: &'t [Typed],

@@ -1,4 +1,4 @@
-//! Domains, problems and action models, one section per line.
+//! Printing of domains, problems and action models, with each section on a line of its own.
 
 use std::fmt;
 
@@ -11,13 +11,13 @@ use crate::tree::{
     InitElement, Name, ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Typed,
 };
 
-/// Writer of a definition.
+/// Writer of a domain, a problem or an action model.
 struct DefinitionWriter<'f, 'g> {
     f: &'f mut fmt::Formatter<'g>,
 }
 
 impl<'f, 'g> DefinitionWriter<'f, 'g> {
-    /// `(define (KIND NAME)`
+    /// Writes the beginning of a definition: `(define (KIND NAME)`.
     fn begin(
         f: &'f mut fmt::Formatter<'g>,
         kind: &str,
@@ -27,7 +27,7 @@ impl<'f, 'g> DefinitionWriter<'f, 'g> {
         Ok(DefinitionWriter { f })
     }
 
-    /// `(KEYWORD ITEM*)`; nothing if there is no item.
+    /// Writes a section: `(KEYWORD ITEM*)`. Writes nothing if there is no item.
     fn section<'t>(&mut self, keyword: &'static str, items: Vec<PrintLayout<'t>>) -> fmt::Result {
         if items.is_empty() {
             return Ok(());
@@ -82,7 +82,8 @@ fn functions(list: &[FunctionDeclaration]) -> Vec<PrintLayout<'_>> {
     by_privacy(declared)
 }
 
-/// `(DECLARATION | (:private [VARIABLE - TYPE] DECLARATION*))*`
+/// Lays out declarations, grouped by their privacy: `(DECLARATION | (:private [VARIABLE - TYPE]
+/// DECLARATION*))*`.
 fn by_privacy<'t>(
     declared: impl Iterator<Item = (&'t Privacy, PrintLayout<'t>)>,
 ) -> Vec<PrintLayout<'t>> {
@@ -108,7 +109,8 @@ fn by_privacy<'t>(
     items
 }
 
-/// `(NAME+ - TYPE | (:private [NAME] NAME+ - TYPE))*`
+/// Lays out objects, grouped by their privacy and type: `(NAME+ - TYPE | (:private [NAME] NAME+ -
+/// TYPE))*`.
 fn objects(list: &[ObjectDeclaration]) -> Vec<PrintLayout<'_>> {
     let mut items = Vec::new();
     let mut owners = Vec::new();
@@ -133,8 +135,8 @@ fn objects(list: &[ObjectDeclaration]) -> Vec<PrintLayout<'_>> {
     items
 }
 
-/// Groups objects by type. If `first_alone`, the first object has its type alone, so that it is not
-/// read as an owner.
+/// Groups objects by type. If `first_alone` is true, the first object does not share its type with
+/// others, so that it is not read as the owner of the block.
 fn object_groups(block: &[ObjectDeclaration], first_alone: bool) -> Vec<PrintLayout<'_>> {
     let mut groups = Vec::new();
     let (first, mut rest) = block.split_at(usize::from(first_alone));
@@ -149,7 +151,7 @@ fn object_groups(block: &[ObjectDeclaration], first_alone: bool) -> Vec<PrintLay
     groups
 }
 
-/// `NAME+ - TYPE`
+/// Lays out objects of one type: `NAME+ - TYPE`.
 fn object_group(group: &[ObjectDeclaration]) -> PrintLayout<'_> {
     let mut words: Vec<_> = group.iter().map(|it| PrintLayout::name(&it.object.name)).collect();
     words.extend([PrintLayout::word("-"), super::terms::type_expr(&group[0].object.ty)]);
@@ -238,14 +240,14 @@ impl fmt::Display for InitElement {
     }
 }
 
-/// Prints the declaration without its privacy.
+/// Prints the declaration of the predicate, without its privacy.
 impl fmt::Display for PredicateDeclaration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write(&signature(&self.name, &self.parameters), f)
     }
 }
 
-/// Prints the declaration without its privacy.
+/// Prints the declaration of the function, without its privacy.
 impl fmt::Display for FunctionDeclaration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write(&signature(&self.name, &self.parameters), f)

@@ -1,4 +1,4 @@
-//! Line breaks.
+//! Line breaks of printed texts.
 //!
 //! A list is printed on one line if it fits. Otherwise its first items stay on the line, and each
 //! other item has a line of its own, indented by two more spaces.
@@ -7,16 +7,16 @@ use std::fmt::{self, Write};
 
 use crate::tree::Name;
 
-/// Longest line, in characters; a longer one is broken. As in the examples of the literature, it is
-/// no hard limit.
+/// Maximal number of characters of a line; a longer line is broken. Like in the examples of the
+/// literature, the limit is exceeded where a line cannot be broken.
 const COLUMNS_MAX: usize = 100;
 
-/// Number of spaces per level.
+/// Number of spaces by which each level is indented.
 const INDENT: usize = 2;
 
-/// Text with a structure.
+/// A piece of text with the structure that decides where its lines break.
 pub(super) struct PrintLayout<'t> {
-    /// Number of characters on one line.
+    /// Number of characters of the text when it is on one line.
     width: usize,
     kind: LayoutKind<'t>,
 }
@@ -25,12 +25,12 @@ enum LayoutKind<'t> {
     Word(&'t str),
     Variable(&'t str),
     Written(String),
-    /// Parentheses. If they break, the first `kept` items stay on the first line.
+    /// Items in parentheses. If the lines break, the first `kept` items stay on the first line.
     List {
         kept: usize,
         items: Vec<PrintLayout<'t>>,
     },
-    /// Items without parentheses; they break like words of prose.
+    /// Items without parentheses. Their lines break like those of prose.
     Group(Vec<PrintLayout<'t>>),
 }
 
@@ -57,12 +57,12 @@ impl<'t> PrintLayout<'t> {
         PrintLayout { width: written.chars().count(), kind: LayoutKind::Written(written) }
     }
 
-    /// `(items…)`, the first `kept` on the first line.
+    /// Creates `(items…)`. If the lines break, the first `kept` items stay on the first line.
     pub(super) fn list(kept: usize, items: Vec<PrintLayout<'t>>) -> PrintLayout<'t> {
         PrintLayout { width: width(&items) + 2, kind: LayoutKind::List { kept, items } }
     }
 
-    /// `(word items…)`
+    /// Creates `(word items…)`.
     pub(super) fn headed(
         word: &'t str,
         items: impl IntoIterator<Item = PrintLayout<'t>>,
@@ -71,12 +71,12 @@ impl<'t> PrintLayout<'t> {
         PrintLayout::list(1, head.chain(items).collect())
     }
 
-    /// `items…`, kept together.
+    /// Creates `items…` without parentheses, kept together.
     pub(super) fn group(items: Vec<PrintLayout<'t>>) -> PrintLayout<'t> {
         PrintLayout { width: width(&items), kind: LayoutKind::Group(items) }
     }
 
-    /// Writes on one line.
+    /// Writes the text on one line.
     pub(super) fn write_flat(&self, out: &mut dyn Write) -> fmt::Result {
         match &self.kind {
             LayoutKind::Word(word) => out.write_str(word),
@@ -94,7 +94,7 @@ impl<'t> PrintLayout<'t> {
         }
     }
 
-    /// Writes from column `indent` on, on as many lines as it takes.
+    /// Writes the text from column `indent` on, on as many lines as necessary.
     pub(super) fn write(&self, indent: usize, out: &mut dyn Write) -> fmt::Result {
         if indent + self.width <= COLUMNS_MAX {
             return self.write_flat(out);
@@ -102,7 +102,7 @@ impl<'t> PrintLayout<'t> {
         self.write_broken(indent, out)
     }
 
-    /// Writes on several lines, even if it would fit on one.
+    /// Writes the text on several lines, even if it would fit on one.
     pub(super) fn write_broken(&self, indent: usize, out: &mut dyn Write) -> fmt::Result {
         match &self.kind {
             LayoutKind::List { kept, items } => write_list(*kept, items, indent, out),
@@ -114,7 +114,7 @@ impl<'t> PrintLayout<'t> {
     }
 }
 
-/// Breaks the line, and starts the next at column `indent`.
+/// Ends the line, and begins the next line at column `indent`.
 pub(super) fn write_newline(indent: usize, out: &mut dyn Write) -> fmt::Result {
     write!(out, "\n{:indent$}", "")
 }

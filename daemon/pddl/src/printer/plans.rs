@@ -1,4 +1,4 @@
-//! Plans, in the format of the planning competitions.
+//! Printing of plans, in the format of the planning competitions.
 
 use std::fmt;
 

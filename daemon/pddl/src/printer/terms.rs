@@ -1,4 +1,4 @@
-//! Names, terms and typed lists.
+//! Printing of names, terms and typed lists.
 
 use std::fmt;
 
@@ -12,12 +12,13 @@ pub(super) enum PrintedEntryKind {
     Names,
 }
 
-/// Writes `layout` as the format string requests: `{}` on one line, `{:#}` broken if long.
+/// Writes `layout` in the form that the format string requests: with `{}` on one line, with `{:#}` on
+/// several lines if it is long.
 pub(super) fn write(layout: &PrintLayout<'_>, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     if f.alternate() { layout.write(0, f) } else { layout.write_flat(f) }
 }
 
-/// `NAME | (either NAME NAME+)`; the empty list is `object`.
+/// Lays out a type: `NAME | (either NAME NAME+)`. A type without alternatives is printed as `object`.
 pub(super) fn type_expr(ty: &TypeExpr) -> PrintLayout<'_> {
     match &ty.alternatives[..] {
         [] => PrintLayout::word("object"),
@@ -26,7 +27,7 @@ pub(super) fn type_expr(ty: &TypeExpr) -> PrintLayout<'_> {
     }
 }
 
-/// `(ENTRY+ - TYPE)* ENTRY*`, a group for each type.
+/// Lays out a typed list: `(ENTRY+ - TYPE)* ENTRY*`, with a group for each type.
 pub(super) fn typed_list(list: &[Typed], entries: PrintedEntryKind) -> Vec<PrintLayout<'_>> {
     let mut groups = Vec::new();
     let mut from = 0;
@@ -54,12 +55,12 @@ fn entry(name: &Name, entries: PrintedEntryKind) -> PrintLayout<'_> {
     }
 }
 
-/// `(VARIABLES)`
+/// Lays out parameters in parentheses: `(VARIABLES)`.
 pub(super) fn parameters(list: &[Typed]) -> PrintLayout<'_> {
     PrintLayout::list(0, typed_list(list, PrintedEntryKind::Variables))
 }
 
-/// `(NAME VARIABLES)`
+/// Lays out the signature of a predicate or function: `(NAME VARIABLES)`.
 pub(super) fn signature<'t>(name: &'t Name, parameters: &'t [Typed]) -> PrintLayout<'t> {
     PrintLayout::headed(name.spelled(), typed_list(parameters, PrintedEntryKind::Variables))
 }
@@ -71,12 +72,12 @@ pub(super) fn term(term: &Term) -> PrintLayout<'_> {
     }
 }
 
-/// `(PREDICATE TERM*)`
+/// Lays out a predicate with its arguments: `(PREDICATE TERM*)`.
 pub(super) fn atom(atom: &Atom) -> PrintLayout<'_> {
     PrintLayout::headed(atom.predicate.spelled(), atom.arguments.iter().map(term))
 }
 
-/// `(FUNCTION TERM*)`
+/// Lays out a function with its arguments: `(FUNCTION TERM*)`.
 pub(super) fn fluent(fluent: &FluentTerm) -> PrintLayout<'_> {
     PrintLayout::headed(fluent.function.spelled(), fluent.arguments.iter().map(term))
 }

@@ -1,4 +1,4 @@
-//! Strategies for trees: everything that a text can contain.
+//! Strategies that generate trees with everything that a text can contain.
 
 use std::sync::Arc;
 
@@ -7,7 +7,8 @@ use proptest::collection::vec;
 use proptest::option;
 use proptest::prelude::*;
 
-/// Names of any case; none is a PDDL keyword, which is not allowed as a name everywhere.
+/// Generates names with letters of any case. None is a PDDL keyword, because a keyword is not allowed
+/// as a name everywhere.
 fn name() -> impl Strategy<Value = Name> {
     let word = prop_oneof!["[a-c]", "[A-Za-zäß][a-z0-9_-]{0,6}x"];
     word.prop_map(|word| Name::new(&word))
@@ -59,7 +60,7 @@ fn fluent(term: impl Strategy<Value = Term>) -> impl Strategy<Value = FluentTerm
     })
 }
 
-/// Expressions with the terms `special`, which are allowed in some places only.
+/// Generates expressions with the terms in `special`, which are allowed in some places only.
 fn expression(special: Vec<Expression>) -> BoxedStrategy<Expression> {
     let number = number().prop_map(Expression::Number);
     let fluent = fluent(term()).prop_map(Expression::Fluent);
@@ -253,7 +254,7 @@ fn function() -> impl Strategy<Value = FunctionDeclaration> {
         .prop_map(|(name, parameters, privacy)| FunctionDeclaration { name, parameters, privacy })
 }
 
-/// Objects; for an owner, only the name is ever written.
+/// Generates objects. If an object has an owner, only the name of the owner is ever written.
 fn objects() -> impl Strategy<Value = Vec<ObjectDeclaration>> {
     let owner = name().prop_map(|name| Typed { name, ty: TypeExpr::default() });
     let object = (typed(), privacy(owner));
@@ -322,7 +323,7 @@ fn problem() -> impl Strategy<Value = Problem> {
     )
 }
 
-/// A model with the declarations of a domain and the content of a problem.
+/// Generates an action model with the declarations of a domain and the content of a problem.
 fn action_model() -> impl Strategy<Value = ActionModel> {
     (domain(), problem()).prop_map(|(domain, problem)| ActionModel {
         agent: problem.name,

@@ -1,4 +1,5 @@
-//! Texts that are reported as unsupported, accepted with a warning, or that only use unusual names.
+//! Tests of texts that are reported as unsupported, of texts that are accepted with a warning, and of
+//! texts that are valid but use unusual names.
 
 use pddl::{Diagnostic, Parsed, check_domain, check_metric_values};
 

@@ -1,8 +1,8 @@
-//! Layout of printed trees.
+//! Tests of the layout of printed trees.
 
 use expect_test::{Expect, expect};
 
-/// Checks the condition printed on one line, then broken if long.
+/// Checks how a condition is printed: on one line, then on several lines if it is long.
 #[track_caller]
 fn check(text: &str, expected: Expect) {
     let condition = pddl::parse_condition(text).into_result().expect("the text is right");

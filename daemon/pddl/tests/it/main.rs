@@ -1,4 +1,4 @@
-//! The behaviour of the crate as data: texts and their results.
+//! Tests of the behaviour of the crate as data: texts and their results.
 
 mod reading;
 

@@ -1,4 +1,4 @@
-//! Trees without meaning, and valid ones that look odd.
+//! Tests of the semantic checks: trees that have no meaning, and valid trees that look odd.
 
 use expect_test::{Expect, expect};
 use pddl::Diagnostic;
@@ -36,14 +36,14 @@ fn report(text: &str, diagnostics: &[Diagnostic], expected: &Expect) {
     expected.assert_eq(&lines);
 }
 
-/// Checks a domain by itself.
+/// Checks a domain, which needs no other text.
 #[track_caller]
 fn check(text: &str, expected: Expect) {
     let domain = pddl::parse_domain(text).into_result().expect("the form is right");
     report(text, &pddl::check_domain(&domain), &expected);
 }
 
-/// Checks sections of a problem in the office.
+/// Checks a problem with these sections, which uses the domain and objects of the office.
 #[track_caller]
 fn check_problem(sections: &str, expected: Expect) {
     let text = format!("(define (problem p) (:domain office) {sections})");
@@ -51,7 +51,7 @@ fn check_problem(sections: &str, expected: Expect) {
     report(&text, &pddl::check_problem(&domain(), &problem), &expected);
 }
 
-/// Checks sections of the model of an agent in the office.
+/// Checks the action model of an agent with these sections, which uses the domain of the office.
 #[track_caller]
 fn check_model(sections: &str, expected: Expect) {
     let text = format!("(define (agent bot) (:domain office) {sections})");
@@ -59,14 +59,14 @@ fn check_model(sections: &str, expected: Expect) {
     report(&text, &pddl::check_action_model(&domain(), &model), &expected);
 }
 
-/// Checks a goal in the office.
+/// Checks a goal against the domain and objects of the office.
 #[track_caller]
 fn check_goal(text: &str, expected: Expect) {
     let goal = pddl::parse_condition(text).into_result().expect("the form is right");
     report(text, &pddl::check_condition(&domain(), &problem(), &goal), &expected);
 }
 
-/// Checks a plan in the office.
+/// Checks a plan against the domain and objects of the office.
 #[track_caller]
 fn check_plan(text: &str, expected: Expect) {
     let plan = pddl::parse_plan(text).into_result().expect("the form is right");

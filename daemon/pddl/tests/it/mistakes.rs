@@ -1,10 +1,10 @@
-//! Texts with mistakes in their form: each is reported once, at its place, with a proposal for a
-//! correction.
+//! Tests of texts with mistakes in their form. Each mistake is reported once, at its place, with a
+//! proposal for a correction.
 
 use expect_test::{Expect, expect};
 
-/// Checks everything that is reported, one line each with notes indented, then the tree that was
-/// made of the text.
+/// Checks everything that is reported about a text, one diagnostic per line with its notes indented,
+/// and then the tree that was made of the text.
 #[track_caller]
 fn check(text: &str, expected: Expect) {
     let parsed = pddl::parse_document(text);
@@ -438,7 +438,7 @@ fn names_hold_no_strange_characters() {
     );
 }
 
-/// Checks the mistakes of a plan.
+/// Checks the mistakes that are reported about a plan.
 #[track_caller]
 fn check_plan(text: &str, expected: Expect) {
     let lines: Vec<_> =

@@ -1,9 +1,9 @@
-//! Texts nested deeper than a stack, and short texts that mean large trees: every operation ends,
-//! on a thread with a small stack.
+//! Tests of texts that are nested deeper than a stack allows, and of short texts that would become
+//! large trees. Every operation ends, on a thread with a small stack.
 
 use pddl::{NESTING_MAX, Parsed};
 
-/// Half of the stack of a thread of the standard library, for a debug build.
+/// Size of the stack in bytes, for a debug build: half of what a thread of the standard library has.
 const STACK_BYTES: usize = 1 << 20;
 
 /// Runs everything that recurses over a tree: parsing, printing, comparing, hashing, dropping.

@@ -1,11 +1,11 @@
-//! Properties of every tree and every text.
+//! Tests of properties that every tree and every text has.
 
 use pddl::{Diagnostic, Document, text_from_bytes};
 use proptest::prelude::*;
 
 use crate::generate;
 
-/// Words with a meaning, and some that must do no harm.
+/// Words that have a meaning in PDDL, and some words that must do no harm.
 const WORDS: &[&str] = &[
     "(",
     ")",
@@ -78,7 +78,8 @@ const WORDS: &[&str] = &[
     "\0",
 ];
 
-/// Checks any text: its mistakes lie in it, and a text without mistakes parses back from its print.
+/// Checks any text: the places of its mistakes lie in the text, and a text without mistakes is printed
+/// to a text that parses back to the same tree.
 fn check_text(text: &str) -> Result<(), TestCaseError> {
     let document = pddl::parse_document(text);
     check_spans(text, &document.diagnostics)?;

@@ -1,8 +1,8 @@
-//! Valid texts, each printed back: everything that the language has.
+//! Tests of valid texts with everything that the language has. Each text is parsed and printed.
 
 use expect_test::{Expect, expect};
 
-/// Parses a file of any kind without a mistake, and prints it.
+/// Parses a file of any kind, which must have no mistake, and prints it.
 #[track_caller]
 fn check(text: &str, expected: Expect) {
     let parsed = pddl::parse_document(text);
@@ -291,7 +291,7 @@ fn plans_have_costs_times_and_durations() {
     check_plan("", expect![[r#""#]]);
 }
 
-/// Parses a part that is a text of its own, and prints it.
+/// Prints a part of a file that was parsed as a text by itself.
 #[track_caller]
 fn check_part<T: std::fmt::Display>(parsed: pddl::Parsed<T>, expected: Expect) {
     let value = parsed.into_result().map(|value| value.to_string());

@@ -1,14 +1,16 @@
 //! Explanations: which parts of a goal are unreachable, and which capabilities are missing.
 //!
-//! Missing capabilities are *supposed*: an action of an agent that is present and does not offer it, or
-//! an action of a new agent of the right type, placed as the action's precondition requires. Every
-//! supposition is an operator of a relaxed task (`suppose`). The smallest sets of suppositions under
-//! which a part of the goal is reachable are computed in one pass (`support`).
+//! A missing capability is *supposed*: it is assumed that a present agent offers an action that it does
+//! not offer, or that there is a new agent of the right type with that action, at a place that the
+//! action's precondition requires. Every such supposition is an operator of a relaxed task (`suppose`).
+//! The smallest sets of suppositions under which a part of the goal is reachable are computed in one
+//! pass (`support`).
 //!
 //! For plain PDDL without agents, [`why_unsolvable`] explains which facts no action makes true.
 //!
 //! - The results are hints for people; no plan is based on what would suffice in the relaxation.
-//! - That a part is listed as an obstacle is a proof; that it is not listed proves nothing.
+//! - A part of the goal that is listed as an obstacle is proved to be unreachable. A part that is not
+//!   listed is not proved to be reachable.
 //! - Work is counted. If a cap ends it, [`Explanation::is_complete`] is `false`.
 //! - Suppositions ignore numbers: an action is assumed to be possible whatever its numeric conditions
 //!   are.
@@ -33,80 +35,83 @@ use crate::limits::{Cancel, Options};
 use crate::normalize::normalize;
 use crate::outcome::PlanError;
 
-/// Maximal number of alternatives that are computed and shown for one part of a goal; more are no help.
+/// Maximal number of alternatives that are computed and shown for one part of a goal. More alternatives
+/// would be no help to a person.
 const ALTERNATIVES_MAX: usize = 3;
 
-/// Data that explanations are based on.
+/// Data from which a goal is explained.
 #[derive(Clone, Copy, Debug)]
 pub struct ExplanationInput<'a> {
     /// Composite domain of all agents that are present.
     pub domain: &'a Domain,
-    /// Problem, with the objects and the state.
+    /// Problem with the objects and the present state.
     pub problem: &'a Problem,
-    /// Guard of each action that only agents that offer it may use; by the action's name in `domain`.
+    /// Guard of each action that only agents offering it may use, by the name of the action in
+    /// `domain`.
     pub guards: &'a BTreeMap<Name, ActionGuard>,
-    /// Models of agents that were present earlier; they no longer offer their actions.
+    /// Action models of agents that were present earlier and no longer offer their actions.
     pub former: &'a [ActionModel],
 }
 
-/// Guard of an action: the fact that lets an agent use it.
+/// Guard of an action: the fact that an agent needs to use the action.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ActionGuard {
-    /// Name of the action in the agents' own models.
+    /// Name of the guarded action in the agents' own models.
     pub outside: Name,
-    /// Predicate that is true of the agents that offer the action.
+    /// Predicate that is true of the agents that offer the guarded action.
     pub predicate: Name,
 }
 
-/// Why a goal is unreachable.
+/// Why a goal is unreachable, and what is missing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explanation {
-    /// Unreachable parts, in the given order. If empty, each part is reachable by itself, as far as the
-    /// relaxation shows.
+    /// Unreachable parts of the goal, in the given order. If the list is empty, each part is reachable
+    /// by itself, as far as the relaxation shows.
     pub obstacles: Vec<Obstacle>,
-    /// Number of parts that were asked about.
+    /// Number of parts of the goal that were to be explained.
     pub parts: usize,
-    /// Whether the work was finished before a cap was reached.
+    /// Whether the work was finished before one of its caps was reached.
     pub is_complete: bool,
 }
 
 /// An unreachable part of a goal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Obstacle {
-    /// The part.
+    /// The part of the goal that is unreachable.
     pub conjunct: Condition,
-    /// Unreachable facts in it; empty if numbers or negated facts are the reason.
+    /// Unreachable facts in the part; empty if numbers or negated facts are the reason.
     pub unreachable: Vec<Atom>,
-    /// Actions that could make these facts true, by their names in the agents' own models.
+    /// Actions that could make the unreachable facts true, by their names in the agents' own models.
     pub actions: Vec<Name>,
-    /// Missing capabilities that would suffice, the smallest set first.
+    /// Sets of missing capabilities, each of which would suffice to reach the part; the smallest set
+    /// comes first.
     pub alternatives: Vec<Alternative>,
-    /// Whether it would be reachable without numeric conditions.
+    /// Whether the part would be reachable without numeric conditions.
     pub is_numeric: bool,
 }
 
 /// A set of missing capabilities that together would suffice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Alternative {
-    /// The capabilities, one or two.
+    /// The missing capabilities, one or two.
     pub missing: Vec<MissingCapability>,
 }
 
 /// A capability that no agent offers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MissingCapability {
-    /// Name of the action in the agents' own models.
+    /// Name of the missing action in the agents' own models.
     pub action: Name,
-    /// Agent that would have to offer it.
+    /// Agent that would have to offer the action.
     pub agent: SupposedObject,
-    /// Places where a new agent would have to be, one entry per relevant fact about it.
+    /// Places where the agent would have to be if it is new, one entry for each relevant fact about it.
     pub places: Vec<Placement>,
 }
 
 /// An agent or another object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SupposedObject {
-    /// An agent or object that is present.
+    /// An agent or object that is present, with this name.
     Here(Name),
     /// An agent that does not exist yet, of this type.
     New(TypeExpr),
@@ -115,25 +120,27 @@ pub enum SupposedObject {
 /// A relevant fact about the place of a new agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Placement {
-    /// Its predicate.
+    /// Predicate of the fact.
     pub predicate: Name,
-    /// Whether the new agent is the last argument: another agent is on it, instead of it on another
-    /// agent.
+    /// Whether the new agent is the last argument of the fact: another agent is on the new agent,
+    /// instead of the new agent on another one.
     pub is_reversed: bool,
-    /// Place that the fact assigns to the agent.
+    /// Place that the fact assigns to the new agent.
     pub place: RequiredPlace,
 }
 
-/// Places where an agent would have to be.
+/// Places where a new agent would have to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RequiredPlace {
     /// Any place suffices.
     Anywhere,
-    /// Each of these places suffices. A place is the list of the fact's other arguments.
+    /// Each of these places suffices. A place is given as the arguments of the fact other than the new
+    /// agent.
     At(Vec<Vec<SupposedObject>>),
 }
 
-/// Explains which of `parts`, the ground conjuncts of a goal, are unreachable, and what is missing.
+/// Explains which of `parts`, the ground conjuncts of a goal, are unreachable, and which capabilities
+/// are missing.
 ///
 /// # Errors
 ///
@@ -188,7 +195,8 @@ pub fn explain(
     Ok(explanation)
 }
 
-/// Returns the parts that are reachable without numeric conditions, but not with them.
+/// Returns the parts of the goal that are reachable if numeric conditions are ignored, but unreachable
+/// otherwise.
 fn reached_but_for_numbers(
     known: ExplanationInput<'_>,
     parts: &[Condition],

@@ -1,8 +1,8 @@
-//! Turns sets of suppositions into alternatives: which agents, and the places where they would have to
-//! be.
+//! Turns sets of suppositions into alternatives: the agents that would have to be there, and their
+//! places.
 //!
-//! The places of a new agent are found by trial: the relaxed task is explored once per place, with all
-//! other places of the agent removed.
+//! The places of a new agent are found by trial: the relaxed task is explored once for each place, with
+//! all other places of the agent removed.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,10 +15,10 @@ use super::{
 /// Maximal number of places that are tried for one fact about one new agent.
 const PLACES_MAX: usize = 128;
 
-/// Cap on the rules visited in all explorations: about a second.
+/// Cap on the number of rules visited in all explorations together, which takes about a second.
 const STEPS_MAX: u64 = 50_000_000;
 
-/// Alternatives for each part of the goal.
+/// Alternatives that were found, for each part of the goal.
 pub(super) struct FoundAlternatives {
     pub(super) of: BTreeMap<usize, Vec<Alternative>>,
     pub(super) is_complete: bool,
@@ -31,7 +31,7 @@ struct PlacementSearch<'a> {
     is_complete: bool,
 }
 
-/// Computes the alternatives for the parts of the goal in `asked`.
+/// Computes the alternatives for those parts of the goal that `asked` lists.
 pub(super) fn places(
     rules: &SuppositionRules,
     support: &Support,
@@ -64,8 +64,8 @@ pub(super) fn places(
 // === impl Search ===
 
 impl PlacementSearch<'_> {
-    /// Selects the first few sets: small ones before large ones, and those with present agents before
-    /// those with new ones.
+    /// Selects the first few of `sets`. Small sets come before large ones, and sets with present agents
+    /// before sets with new agents.
     fn choose(&self, sets: &[SuppositionSet]) -> Vec<SuppositionSet> {
         let new = |set: &&SuppositionSet| {
             let agents = set.members().iter().map(|member| self.who(*member));
@@ -94,7 +94,7 @@ impl PlacementSearch<'_> {
         Alternative { missing: missing.collect() }
     }
 
-    /// Computes the places of the new agents of a set, for each of `parts`.
+    /// Computes the places of the new agents of a set, for each part of the goal in `parts`.
     fn place(
         &mut self,
         set: &SuppositionSet,
@@ -136,7 +136,8 @@ impl PlacementSearch<'_> {
         placed
     }
 
-    /// Returns the number of tried places, without those on new agents that the set does not suppose.
+    /// Returns how many of the first `tried` places of a group are possible: places on new agents that
+    /// the set does not suppose are not counted.
     fn possible(&self, set: &SuppositionSet, group: &PlaceGroup, tried: usize) -> usize {
         let is_there = |object| match self.supposed.who(object) {
             SupposedObject::Here(_) => true,
@@ -155,7 +156,7 @@ impl PlacementSearch<'_> {
         RequiredPlace::At(values.iter().map(who).collect())
     }
 
-    /// Returns the supposition of a set that a group of places belongs to, if any.
+    /// Returns the supposition of the set to which a group of places belongs; `None` if there is none.
     fn owner(&self, set: &SuppositionSet, group: &PlaceGroup) -> Option<u32> {
         let capability = self.supposed.placements[group.placement].capability;
         set.members().iter().copied().find(|member| {
@@ -164,8 +165,8 @@ impl PlacementSearch<'_> {
         })
     }
 
-    /// Returns the parts that are reachable with the suppositions of a set. Of the given group of
-    /// places, only `only` is allowed, or none.
+    /// Returns the parts of the goal that are reachable with the suppositions of a set. Of the places
+    /// in `group`, only the place `only` is allowed; if that is `None`, no place is.
     fn reached(&mut self, set: &SuppositionSet, group: usize, only: Option<usize>) -> Vec<usize> {
         if self.steps >= STEPS_MAX {
             self.is_complete = false;

@@ -1,11 +1,13 @@
 //! Explains why a problem of plain PDDL has no plan: which part of the goal is unreachable, and which
-//! conditions of its achievers are missing, down to a fact that no action makes true.
+//! conditions are missing for the actions that could achieve it, down to a fact that no action makes
+//! true.
 //!
-//! - It evaluates the lifted texts with the delete relaxation, part by part: a part that is called
-//!   unreachable is proved to be so.
+//! - The lifted texts are evaluated with the delete relaxation, separately for each part of the goal: a
+//!   part that is called unreachable is proved to be so.
 //! - If every part is reachable in the relaxation, a plan for each part alone is searched for, within a
 //!   small budget.
-//! - The numbers of parts and of chain links are limited; parts that are left out are counted.
+//! - The numbers of parts and of links in a chain of reasons are limited; parts that are left out are
+//!   counted.
 
 use pddl::{
     Atom, Condition, Domain, Effect, FluentTerm, InitElement, Name, Problem, Term, TypeExpr, Typed,
@@ -18,33 +20,33 @@ use crate::limits::{Budget, Cancel, Options};
 use crate::outcome::{PlanError, StopReason};
 use crate::validate::World;
 
-/// Maximal number of goal parts that are checked; each is ground separately.
+/// Maximal number of parts of the goal that are checked. Each of them is ground separately.
 const PARTS_MAX: usize = 64;
 
-/// Maximal number of parts that are explained; the others are counted.
+/// Maximal number of unreachable parts that are explained; further ones are only counted.
 const EXPLAINED_PARTS_MAX: usize = 3;
 
 /// Maximal number of links in a chain from a part of the goal to a fact that no action makes true.
 const LINKS_MAX: usize = 6;
 
-/// Maximal number of achievers of one fact that are named.
+/// Maximal number of achievers of one fact (actions and axioms that could make it true) that are named.
 const ACHIEVERS_MAX: usize = 3;
 
-/// Maximal number of characters of a condition that are shown.
+/// Maximal number of characters up to which a condition is shown in full.
 const TEXT_CHARS_MAX: usize = 120;
 
-/// Caps on the work for one check: a fraction of a second.
+/// Cap on the work for one check, which takes a fraction of a second.
 const JOIN_STEPS_MAX: u64 = 5_000_000;
 const EXPANSIONS_MAX: u64 = 5_000;
 
-/// Why there is no plan.
+/// Why a problem has no plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unsolvability {
-    /// Parts of the goal that are unreachable even alone, with the reason; the first few.
+    /// The first few parts of the goal that are unreachable even alone, each with the reason.
     pub parts: Vec<(Condition, String)>,
-    /// Number of further unreachable parts.
+    /// Number of unreachable parts of the goal beyond those in `parts`.
     pub more: usize,
-    /// Reason, if each part is reachable alone.
+    /// Reason why the parts of the goal are unreachable together, if each of them is reachable alone.
     pub together: Option<String>,
 }
 
@@ -78,7 +80,7 @@ pub fn why_unsolvable(
     Ok(found)
 }
 
-/// Texts and limits of an explanation.
+/// Texts and limits from which an explanation is made.
 struct UnsolvabilityExplainer<'w> {
     domain: &'w Domain,
     problem: &'w Problem,
@@ -91,16 +93,16 @@ struct UnsolvabilityExplainer<'w> {
 struct Achiever {
     name: Name,
     is_axiom: bool,
-    /// Conjuncts of its conditions, with the objects of the fact; free variables are existentially
-    /// quantified.
+    /// Conjuncts of the achiever's conditions, with the objects of the fact. Free variables are
+    /// existentially quantified.
     needs: Vec<Condition>,
-    /// All its conditions together, for the same objects.
+    /// All conditions of the achiever as one condition, for the same objects.
     whole: Condition,
-    /// A parameter of a type without objects, if there is one.
+    /// A parameter of the achiever with a type that has no objects; `None` if every type has objects.
     vacant: Option<Typed>,
 }
 
-/// Terms that variables stand for.
+/// Terms for which variables stand.
 type TermBindings = Vec<(Name, Term)>;
 
 // === impl Why ===
@@ -110,7 +112,7 @@ impl UnsolvabilityExplainer<'_> {
         unreachable(self.domain, self.problem, conditions, &self.options, self.cancel)
     }
 
-    /// Searches for a plan for each part alone.
+    /// Searches for a plan for each part of the goal alone, and explains the parts that have none.
     fn explain_parts_alone(
         &self,
         parts: &[Condition],
@@ -143,8 +145,9 @@ impl UnsolvabilityExplainer<'_> {
         Ok(())
     }
 
-    /// Explains a part that is reachable in the relaxation but in no sequence of steps. If no number is
-    /// involved, the only possible reason is that steps undo conditions of others.
+    /// Explains why no sequence of steps reaches a part of the goal that is reachable in the
+    /// relaxation. If no number is involved, the only possible reason is that steps undo conditions of
+    /// other steps.
     fn explain_obstruction(&self, part: &Condition) -> String {
         if let Some(undefined) = self.undefined(part) {
             return undefined;
@@ -160,8 +163,8 @@ impl UnsolvabilityExplainer<'_> {
         }
     }
 
-    /// Returns an explanation if the condition compares a fluent that is undefined and that no action
-    /// assigns.
+    /// Explains that a condition compares a fluent that is undefined and that no action assigns; `None`
+    /// if it does not compare such a fluent.
     fn undefined(&self, condition: &Condition) -> Option<String> {
         let is_missing = |fluent: &&FluentTerm| {
             let is_told = |element: &InitElement| match element {
@@ -178,7 +181,8 @@ impl UnsolvabilityExplainer<'_> {
         Some(format!("`{missing}` has no value, and no action assigns it one"))
     }
 
-    /// Returns the chain from a condition down to a fact that no action makes true, as a clause.
+    /// Returns the chain of reasons from a condition down to a fact that no action makes true, as a
+    /// clause of a sentence.
     fn chain(&self, condition: &Condition) -> Result<String, PlanError> {
         let mut links: Vec<String> = Vec::new();
         let mut seen: Vec<Condition> = Vec::new();
@@ -204,8 +208,8 @@ impl UnsolvabilityExplainer<'_> {
         Ok(links.join("; "))
     }
 
-    /// Explains why no action makes an atom true: either no action adds its predicate, or only for
-    /// other objects.
+    /// Explains why no action makes an atom true: either no action adds the predicate of the atom, or
+    /// actions add it only for other objects.
     fn nothing_makes(&self, atom: &Atom, subject: &str) -> String {
         let name = &atom.predicate;
         let mut is_changed = self.domain.derived.iter().any(|axiom| axiom.predicate == *name);
@@ -220,8 +224,8 @@ impl UnsolvabilityExplainer<'_> {
         }
     }
 
-    /// Describes the missing conditions of the achievers of one fact. Also returns the first such
-    /// condition.
+    /// Describes the conditions that are missing for the achievers of one fact. Also returns the first
+    /// missing condition.
     fn link(
         &self,
         subject: &str,
@@ -263,7 +267,8 @@ impl UnsolvabilityExplainer<'_> {
         Ok((words.join(", and "), next))
     }
 
-    /// Explains why an achiever is never applicable although each of its conditions is reachable.
+    /// Explains why an achiever is never applicable, although each of its conditions alone is
+    /// reachable.
     fn why_not(&self, achiever: &Achiever) -> Result<String, PlanError> {
         if let Some(Typed { name, ty }) = &achiever.vacant {
             return Ok(format!("there is no object of type `{ty}` for its `?{name}`"));
@@ -275,7 +280,7 @@ impl UnsolvabilityExplainer<'_> {
         })
     }
 
-    /// Returns the first unbound parameter of a type without objects.
+    /// Returns the first parameter that is unbound and has a type without objects.
     fn vacant(&self, bindings: &TermBindings, parameters: &[&Typed]) -> Option<Typed> {
         let free =
             parameters.iter().filter(|one| !bindings.iter().any(|(name, _)| *name == one.name));
@@ -287,7 +292,7 @@ impl UnsolvabilityExplainer<'_> {
         { free }.find(is_empty).map(|one| (**one).clone())
     }
 
-    /// Returns every action and axiom with an effect that unifies with this atom.
+    /// Returns every action and axiom with an effect that unifies with the atom.
     fn achievers(&self, atom: &Atom) -> Vec<Achiever> {
         let mut achievers: Vec<Achiever> = Vec::new();
         for action in &self.domain.actions {
@@ -322,8 +327,8 @@ impl UnsolvabilityExplainer<'_> {
         achievers
     }
 
-    /// Returns the bindings of parameters under which an effect equals the wanted atom; `None` if there
-    /// are none.
+    /// Returns the bindings of `parameters` under which an effect with the arguments `own` equals an
+    /// atom with the arguments `wanted`; `None` if there are none.
     fn unify(&self, own: &[Term], wanted: &[Term], parameters: &[&Typed]) -> Option<TermBindings> {
         if own.len() != wanted.len() {
             return None;
@@ -356,8 +361,8 @@ impl UnsolvabilityExplainer<'_> {
         all.any(|one| one.name == *object && self.types.accepts(ty, &one.ty))
     }
 
-    /// Returns the conjuncts of conditions, with bound variables replaced; free variables are
-    /// quantified.
+    /// Returns the conjuncts of conditions, with bound variables replaced by their terms, and free
+    /// variables quantified.
     fn needs<'c>(
         &self,
         conditions: impl Iterator<Item = &'c Condition>,
@@ -389,7 +394,7 @@ impl UnsolvabilityExplainer<'_> {
 }
 
 impl std::fmt::Display for Unsolvability {
-    /// Writes one clause per part, without a period.
+    /// Writes one clause for each unreachable part of the goal, without a period.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         for (number, (part, why)) in self.parts.iter().enumerate() {
             let separator = if number == 0 { "" } else { "\n" };
@@ -412,7 +417,7 @@ fn quoted(condition: &Condition) -> String {
     format!("`{}`", short.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
-/// Returns the atom of a condition that is an atom, perhaps under `exists`; `None` for other
+/// Returns the atom that a condition consists of, perhaps inside an `exists`; `None` for other
 /// conditions.
 fn wanted(condition: &Condition) -> Option<&Atom> {
     match condition {
@@ -461,14 +466,15 @@ fn substituted(condition: &Condition, bindings: &TermBindings) -> Condition {
     names.substitute(condition)
 }
 
-/// Whether a condition mentions a variable: then substituting the variable changes the condition.
+/// Whether a condition mentions a variable. If it does, substituting the variable changes the
+/// condition.
 fn mentions(condition: &Condition, variable: &Name) -> bool {
     let mut names = crate::validate::bindings::Bindings::default();
     names.bind(variable, Name::new(""));
     names.substitute(condition) != *condition
 }
 
-/// Returns all conditions as one, so that they are tested for the same objects together.
+/// Returns the conjunction of all conditions, so that they are tested for the same objects together.
 fn whole<'c>(
     conditions: impl Iterator<Item = &'c Condition>,
     bindings: &TermBindings,

@@ -8,11 +8,12 @@ use super::{
     Alternative, Explanation, MissingCapability, Obstacle, Placement, RequiredPlace, SupposedObject,
 };
 
-/// Maximal number of similar things that are named; further ones are counted.
+/// Maximal number of similar things that are named in a list; further ones are counted.
 const NAMED_MAX: usize = 3;
 
 impl fmt::Display for Explanation {
-    /// Writes one sentence per group of parts that lack the same, without a final period.
+    /// Writes one sentence for each group of parts of the goal that lack the same capabilities, without
+    /// the final period.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut sentences: Vec<(String, Vec<String>, String)> = Vec::new();
         for obstacle in &self.obstacles {
@@ -44,8 +45,8 @@ impl fmt::Display for Explanation {
 // === impl Obstacle ===
 
 impl Obstacle {
-    /// Returns three strings: the beginning of the sentence (shared by parts that lack the same), the
-    /// name of this part, and what would suffice.
+    /// Returns three strings: the beginning of the sentence (which parts of the goal that lack the same
+    /// capabilities share), the name of this part, and what would suffice.
     fn sentence(&self) -> (String, String, String) {
         let there = self.there();
         let (lead, subject) = match (self.actions.as_slice(), self.unreachable.as_slice()) {
@@ -98,13 +99,14 @@ impl Obstacle {
         }
     }
 
-    /// Returns the objects that this part is about.
+    /// Returns the objects that this part of the goal is about.
     fn there(&self) -> Vec<&Name> {
         let terms = self.unreachable.iter().flat_map(|atom| &atom.arguments);
         terms.map(text).collect()
     }
 
-    /// Whether a new agent would have to be at an object that this part is about.
+    /// Whether a new agent would have to be at one of the objects in `there`, which this part of the
+    /// goal is about.
     fn is_place(&self, there: &[&Name]) -> bool {
         let missing = self.alternatives.iter().flat_map(|alternative| &alternative.missing);
         missing.flat_map(|missing| &missing.places).any(|placement| placement.is_there(there))
@@ -114,7 +116,8 @@ impl Obstacle {
 // === impl Alternative ===
 
 impl Alternative {
-    /// Describes the alternative. `known` is the action that the sentence has already named.
+    /// Describes the alternative in words. `known` is the action that the sentence has already named;
+    /// `there` has the objects that the part of the goal is about.
     fn words(&self, known: Option<&Name>, there: &[&Name]) -> String {
         let mut missing: Vec<&MissingCapability> = self.missing.iter().collect();
         missing.sort_by_key(|missing| known != Some(&missing.action));
@@ -156,7 +159,8 @@ impl MissingCapability {
         words
     }
 
-    /// Whether this new agent has to be placed on the other one, which is new too.
+    /// Whether this agent, which is new, has to be placed on the agent of `other`, which is new as
+    /// well.
     fn is_placed_on(&self, other: &MissingCapability) -> bool {
         let is_other = |place: &Vec<SupposedObject>| *place == [other.agent.clone()];
         matches!(other.agent, SupposedObject::New(_))
@@ -222,7 +226,7 @@ fn text(term: &Term) -> &Name {
     }
 }
 
-/// Joins names, such as “`a`, `b`, `c` and 4 more”.
+/// Joins names to a text such as “`a`, `b`, `c` and 4 more”.
 fn named(things: &[String]) -> String {
     let (first, rest) = things.split_at(things.len().min(NAMED_MAX));
     match (first, rest) {

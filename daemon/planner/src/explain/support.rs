@@ -1,5 +1,5 @@
-//! Computes under which suppositions each literal of the supposed task is reachable: the smallest sets,
-//! with at most two members, propagated along the operators to a fixpoint.
+//! Computes under which suppositions each literal of the supposed task is reachable. The result is the
+//! smallest sets of at most two suppositions. They are propagated along the operators to a fixpoint.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -8,17 +8,17 @@ use pddl::Name;
 use super::suppose::{OperatorMeaning, SupposedTask};
 use crate::task::{Changes, Literal, Task};
 
-/// Maximal number of sets per literal; more would not be shown to the user.
+/// Maximal number of sets of suppositions for one literal. More sets would not be shown to the user.
 const SETS_MAX: usize = 12;
 
-/// Cap on the work, in body literals times the sets of each: about a second for a building of hundreds
-/// of rooms.
+/// Cap on the work, counted as literals of rule bodies times the sets of each literal. It takes about a
+/// second for a building of hundreds of rooms.
 const STEPS_MAX: u64 = 20_000_000;
 
-/// A set of at most two suppositions. The empty set means: without any supposition.
+/// A set of at most two suppositions. If the set is empty, no supposition is needed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct SuppositionSet {
-    /// Number of members. It is the first field, so that smaller sets are sorted first.
+    /// Number of suppositions in the set. It is the first field, so that smaller sets are sorted first.
     count: u8,
     members: [u32; 2],
 }
@@ -28,13 +28,14 @@ pub(super) struct SuppositionSet {
 pub(super) enum RuleOrigin {
     /// An action that some agent offers, or an axiom: no supposition is needed.
     World,
-    /// A supposition, by its number.
+    /// A supposition, given by its number.
     Suppose(u32),
-    /// A fact about a new agent: number of the group of alternatives, and position in the group.
+    /// A fact about a new agent, given by the number of its group of alternative places and the
+    /// position in the group.
     Place(usize, usize),
 }
 
-/// `heads :- body`
+/// A rule `heads :- body`: if all literals of the body are reachable, the heads are reachable.
 struct SuppositionRule {
     body: Box<[usize]>,
     heads: Vec<usize>,
@@ -45,26 +46,28 @@ struct SuppositionRule {
 #[derive(Default)]
 pub(super) struct SuppositionRules {
     rules: Vec<SuppositionRule>,
-    /// Per literal: the rules that have it in their body.
+    /// For each literal: the rules that have it in their body.
     readers: Vec<Vec<usize>>,
-    /// Literals that hold initially.
+    /// Literals that hold in the initial state.
     initial: Vec<usize>,
-    /// Per supposition: number of its capability, and its agent.
+    /// For each supposition: number of the supposed capability, and the agent that would offer it.
     pub(super) suppositions: Vec<(usize, Name)>,
-    /// Alternative places, grouped by placement and new agent.
+    /// Alternative places, grouped by kind of placement and by new agent.
     pub(super) groups: Vec<PlaceGroup>,
     parts: BTreeMap<usize, usize>,
     touches: BTreeMap<(usize, usize), usize>,
 }
 
-/// Alternatives for one fact about one new agent: the fact's other arguments.
+/// Alternative places for one fact about one new agent. A place is the list of the other arguments of
+/// the fact.
 pub(super) struct PlaceGroup {
     pub(super) placement: usize,
     pub(super) agent: Name,
     pub(super) values: Vec<Vec<Name>>,
 }
 
-/// Result: per part of the goal, and per fact in it, the suppositions under which it is reachable.
+/// Result of the computation: for each part of the goal and each fact in it, the suppositions under
+/// which it is reachable.
 pub(super) struct Support {
     parts: BTreeMap<usize, Vec<SuppositionSet>>,
     touches: BTreeMap<(usize, usize), bool>,
@@ -82,7 +85,8 @@ impl SuppositionSet {
         &self.members[..usize::from(self.count)]
     }
 
-    /// Returns the union of two sets; `None` if it would have more than two members.
+    /// Returns the union of two sets of suppositions; `None` if the union would have more than two
+    /// members.
     fn with(self, other: SuppositionSet) -> Option<SuppositionSet> {
         let mut both = self;
         for member in other.members() {
@@ -103,7 +107,7 @@ impl SuppositionSet {
     }
 }
 
-/// Adds a set, unless a subset of it is there. Returns whether anything changed.
+/// Adds a set to `sets`, unless a subset of it is there already. Returns whether `sets` changed.
 fn insert(sets: &mut Vec<SuppositionSet>, set: SuppositionSet, is_complete: &mut bool) -> bool {
     if sets.iter().any(|known| known.is_within(&set)) {
         return false;
@@ -170,8 +174,8 @@ impl SuppositionRules {
         rules
     }
 
-    /// Adds the literals that hold initially. Negated derived facts and comparisons are assumed to
-    /// hold, which errs on the side of reachable.
+    /// Adds the literals that hold in the initial state. Negated derived facts and comparisons are
+    /// assumed to hold, so that too much rather than too little counts as reachable.
     fn begin(&mut self, task: &Task) {
         let mut holds = vec![false; task.fact_count];
         task.initial.iter().for_each(|fact| holds[fact.index()] = true);
@@ -194,7 +198,7 @@ impl SuppositionRules {
         self.rules.push(rule);
     }
 
-    /// Adds a literal that stands for no fact of the task.
+    /// Adds a literal that stands for no fact of the task, and returns its number.
     fn goal(&mut self) -> usize {
         self.readers.push(Vec::new());
         self.readers.len() - 1
@@ -220,7 +224,8 @@ impl SuppositionRules {
         RuleOrigin::Place(group, values.len() - 1)
     }
 
-    /// Returns the parts of the goal that are reachable by the allowed rules. `steps` counts the work.
+    /// Returns the parts of the goal that are reachable by the allowed rules. The work is added to
+    /// `steps`.
     pub(super) fn reached(
         &self,
         allowed: impl Fn(RuleOrigin) -> bool,
@@ -299,12 +304,12 @@ impl Support {
         Support { parts, touches, is_complete }
     }
 
-    /// Whether a part of the goal is reachable without suppositions.
+    /// Whether a part of the goal is reachable without any supposition.
     pub(super) fn is_reached(&self, part: usize) -> bool {
         self.parts.get(&part).is_some_and(|sets| sets.contains(&SuppositionSet::default()))
     }
 
-    /// Whether a fact in a part of the goal is reachable without suppositions.
+    /// Whether a fact in a part of the goal is reachable without any supposition.
     pub(super) fn is_fact_reached(&self, part: usize, atom: usize) -> bool {
         self.touches.get(&(part, atom)).copied().unwrap_or(false)
     }
@@ -315,7 +320,7 @@ impl Support {
     }
 }
 
-/// Returns the smallest sets under which the whole body of a rule is reachable.
+/// Returns the smallest sets of suppositions under which the whole body of a rule is reachable.
 fn body_sets(
     rule: &SuppositionRule,
     sets: &[Vec<SuppositionSet>],

@@ -1,9 +1,10 @@
 //! Builds the relaxed task with supposed capabilities, as a domain and a problem.
 //!
-//! Every action that an agent offers, or has offered, has a guard. An operator `suppose` makes the
-//! guard true for one agent, present or new. `place` then makes facts about a new agent true that its
-//! action's precondition requires, or puts an agent without a place onto a new one. `reach` and `touch`
-//! stand for a part of the goal and for a fact in it.
+//! Every action that an agent offers, or has offered, has a guard (the fact that lets an agent use the
+//! action). An operator `suppose` makes the guard true for one agent, which is present or new. An
+//! operator `place` makes a fact about a new agent true that the agent's action requires, or puts an
+//! agent without a place onto a new agent. The operators `reach` and `touch` stand for a part of the
+//! goal and for a fact in such a part.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -15,44 +16,46 @@ use pddl::{
 
 use super::{ActionGuard, ExplanationInput, SupposedObject};
 
-/// Maximal number of former models that are used; each is checked separately.
+/// Maximal number of models of former agents that are used. Each model is checked separately.
 const FORMER_MAX: usize = 64;
 
-/// Names that PDDL does not allow, so that they cannot collide with names in the texts.
+/// Name of an auxiliary predicate. PDDL does not allow such names, so they cannot collide with names in
+/// the texts.
 const THERE: &str = "%there";
 const NEW: &str = "%new";
 const EXPLAINED: &str = "%explained";
 
-/// Meaning of an operator of the supposed task, by the name of its schema.
+/// Meaning of an operator of the supposed task. Operators are found by the name of their schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OperatorMeaning {
-    /// An agent offers this capability.
+    /// Some agent offers this capability.
     Suppose(usize),
-    /// A fact about a new agent: index in [`SupposedTask::placements`].
+    /// A fact about a new agent is true: the one with this index in [`SupposedTask::placements`].
     Place(usize),
-    /// The part of the goal with this number.
+    /// The part of the goal with this number is reached.
     Reach(usize),
-    /// A fact in a part of the goal: numbers of part and fact.
+    /// A fact in a part of the goal is reached. The numbers are those of the part and of the fact.
     Touch(usize, usize),
 }
 
 /// A fact about a new agent that can be supposed.
 pub(super) struct SupposableFact {
     pub(super) predicate: Name,
-    /// Capability that requires it; `None` if another agent's capability does.
+    /// Capability that requires the fact about its new agent; `None` if a capability of another agent
+    /// requires the fact.
     pub(super) capability: Option<usize>,
 }
 
-/// The supposed task, with the meanings of its operators.
+/// The supposed task, with the meanings of the operators in it.
 pub(super) struct SupposedTask {
     pub(super) domain: Domain,
     pub(super) problem: Problem,
     pub(super) meanings: BTreeMap<Name, OperatorMeaning>,
     pub(super) capabilities: Vec<ActionGuard>,
     pub(super) placements: Vec<SupposableFact>,
-    /// Ground facts that each part of the goal requires.
+    /// For each part of the goal: the ground facts that the part requires.
     pub(super) atoms: Vec<Vec<Atom>>,
-    /// New agents and their types.
+    /// New agents with their types.
     new: BTreeMap<Name, TypeExpr>,
 }
 
@@ -110,7 +113,7 @@ impl SupposedTask {
         names.into_iter().collect()
     }
 
-    /// Returns whether an object is present or new, in the form for explanations.
+    /// Returns whether an object is present or new, in the form that explanations use.
     pub(super) fn who(&self, object: &Name) -> SupposedObject {
         match self.new.get(object) {
             Some(ty) => SupposedObject::New(ty.clone()),
@@ -135,8 +138,8 @@ impl SupposedTask {
         ]);
     }
 
-    /// Adds a new agent for every type of agent that acts. It is in no action until it is supposed to
-    /// be there.
+    /// Adds a new agent for every type of agent that has actions. A new agent takes part in no action
+    /// until it is supposed to be there.
     fn add_new_agents(&mut self, acting: &[(ActionSchema, ActionGuard)]) {
         let objects = self.problem.objects.iter().map(|declared| &declared.object);
         let here: Vec<Name> =
@@ -170,8 +173,8 @@ impl SupposedTask {
         }
     }
 
-    /// Adds the operator by which agents offer an action, and those that make the action's facts about
-    /// a new agent true.
+    /// Adds the operator by which an agent is supposed to offer an action, and the operators that make
+    /// true the facts about a new agent that the action requires.
     fn add_offer_operator(
         &mut self,
         action: &ActionSchema,
@@ -210,8 +213,8 @@ impl SupposedTask {
         }
     }
 
-    /// Adds an operator that puts a present agent without a place onto a new one, for example a sensor
-    /// after its robot has left.
+    /// Adds operators that put a present agent without a place onto a new agent. An example is a sensor
+    /// after the robot that carried it has left.
     fn add_placing_operators(
         &mut self,
         acting: &[(ActionSchema, ActionGuard)],
@@ -374,7 +377,9 @@ fn add_former_model(
     }
 }
 
-/// Calls `visit` for the atoms that a condition requires to be true; other conditions are ignored.
+/// Calls `visit` for the atoms that a condition requires to be true, with the quantified variables
+/// around each atom. Only conjunctions, disjunctions, `exists` and atoms are considered; other
+/// conditions are ignored.
 fn positive(condition: &Condition, scope: &mut Vec<Typed>, visit: &mut dyn FnMut(&Atom, &[Typed])) {
     match condition {
         Condition::Atom(atom) => visit(atom, scope),
@@ -400,7 +405,7 @@ pub(super) fn has_comparison(condition: &Condition) -> bool {
     condition.parts().any(|part| matches!(part, Condition::Compare(_)))
 }
 
-/// Replaces comparisons by the truth value under which the condition is easier to satisfy.
+/// Replaces each comparison by the truth value that makes the condition easier to satisfy.
 fn without_numbers(condition: &Condition, positive: bool) -> Condition {
     let all = |parts: &[Condition]| {
         parts.iter().map(|part| without_numbers(part, positive)).collect::<Vec<_>>()

@@ -1,4 +1,5 @@
-//! Flattens effects: from the syntax tree to a list of conditional literals and numeric changes.
+//! Flattens effects: turns the syntax tree of an effect into a list of conditional literals and numeric
+//! changes.
 
 use pddl::{ActionSchema, Assign, Effect};
 
@@ -14,7 +15,7 @@ struct EffectContext {
     conditions: Vec<Formula>,
 }
 
-/// Normalizes an action.
+/// Normalizes an action: returns its precondition and effects over numbered symbols.
 pub(super) fn schema(symbols: &mut SymbolTable, action: &ActionSchema) -> LiftedSchema {
     let mut scope = FormulaScope::new(symbols, action.all_parameters());
     let parameter_count = scope.frame.len();

@@ -8,7 +8,8 @@ use super::lifted::{
 };
 use super::symbols::SymbolTable;
 
-/// Scope of a conversion: the visible variables, and the frame with the slots of all variables.
+/// Scope of a conversion: the variables that are visible at this place, and the frame with the slots of
+/// all variables.
 pub(super) struct FormulaScope<'s> {
     pub(super) symbols: &'s mut SymbolTable,
     pub(super) frame: Vec<TypeIndex>,
@@ -35,7 +36,8 @@ impl<'s> FormulaScope<'s> {
         self.symbols.rearranging.rearrange(formula)
     }
 
-    /// Converts a condition, or its negation if `positive` is false.
+    /// Converts a condition to negation normal form. If `positive` is false, converts the negation of
+    /// the condition.
     pub(super) fn formula(&mut self, condition: &Condition, positive: bool) -> Formula {
         match condition {
             Condition::Atom(atom) => match self.atom(atom) {
@@ -71,14 +73,14 @@ impl<'s> FormulaScope<'s> {
         }
     }
 
-    /// Brings variables into scope. Returns the argument for [`CompilationScope::leave`] and the slots of the
-    /// variables.
+    /// Brings variables into scope. Returns a number to pass to [`CompilationScope::leave`], and the
+    /// slots of the variables.
     pub(super) fn enter(&mut self, variables: &[Typed]) -> (usize, Vec<SlotIndex>) {
         let outside = self.visible.len();
         (outside, variables.iter().map(|variable| self.declare(variable)).collect())
     }
 
-    /// Removes the variables of the matching [`CompilationScope::enter`] from the scope.
+    /// Removes the variables that the matching call of [`CompilationScope::enter`] brought into scope.
     pub(super) fn leave(&mut self, outside: usize) {
         self.visible.truncate(outside);
     }
@@ -166,7 +168,8 @@ impl<'s> FormulaScope<'s> {
     }
 }
 
-/// Returns a comparison, or its negation as a comparison. Neither of them holds if a side is undefined.
+/// Returns a comparison, or its negation as a comparison. If a side is undefined, neither the
+/// comparison nor its negation holds.
 fn comparison(
     comparison: Comparison,
     positive: bool,

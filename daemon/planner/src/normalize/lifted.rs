@@ -16,7 +16,7 @@ pub(crate) type PredicateIndex = usize;
 /// Index of a function.
 pub(crate) type FunctionIndex = usize;
 
-/// Index of a set of objects; type expressions stand for such sets.
+/// Index of a set of objects for which a type expression stands.
 pub(crate) type TypeIndex = usize;
 
 /// A variable or an object.
@@ -40,7 +40,7 @@ pub(crate) struct LiftedFluent {
     pub(crate) arguments: Vec<LiftedTerm>,
 }
 
-/// A numeric expression.
+/// A numeric expression over numbered functions.
 #[derive(Clone, Debug)]
 pub(crate) enum LiftedExpression {
     Number(f64),
@@ -62,7 +62,7 @@ pub(crate) enum Formula {
         left: LiftedTerm,
         right: LiftedTerm,
     },
-    /// Holds only if both sides are defined.
+    /// A comparison of two numbers. It does not hold if one of the numbers is undefined.
     Compare {
         comparison: Comparison,
         sides: Box<(LiftedExpression, LiftedExpression)>,
@@ -73,15 +73,15 @@ pub(crate) enum Formula {
     Forall(Vec<SlotIndex>, Box<Formula>),
 }
 
-/// An action.
+/// An action, normalized, with variables for its parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct LiftedSchema {
     pub(crate) name: Name,
-    /// Name of the action in the text, if this schema is only a piece of it (see
-    /// [`Piecewise`](super::Piecewise)).
+    /// Name of the action in the text if this schema is only one piece of that action (see
+    /// [`Piecewise`](super::Piecewise)); otherwise `None`.
     pub(crate) piece_of: Option<Name>,
-    /// Number of parameters. They are the first slots of the frame; the agent, if any, is the first of
-    /// them.
+    /// Number of parameters. The parameters are the first slots of the frame; the agent, if the action
+    /// has one, is the first parameter.
     pub(crate) parameter_count: usize,
     pub(crate) frame: Vec<TypeIndex>,
     pub(crate) precondition: Formula,
@@ -90,7 +90,7 @@ pub(crate) struct LiftedSchema {
     pub(crate) span: Span,
 }
 
-/// `(forall (variables) (when condition literal))`
+/// A conditional effect on a fact: `(forall (variables) (when condition literal))`.
 #[derive(Clone, Debug)]
 pub(crate) struct LiftedEffect {
     pub(crate) variables: Vec<SlotIndex>,
@@ -99,7 +99,7 @@ pub(crate) struct LiftedEffect {
     pub(crate) atom: LiftedAtom,
 }
 
-/// `(forall (variables) (when condition (assignment fluent value)))`
+/// A conditional effect on a number: `(forall (variables) (when condition (assignment fluent value)))`.
 #[derive(Clone, Debug)]
 pub(crate) struct LiftedNumeric {
     pub(crate) variables: Vec<SlotIndex>,
@@ -110,7 +110,7 @@ pub(crate) struct LiftedNumeric {
     pub(crate) span: Span,
 }
 
-/// An axiom; its head's parameters are the first slots of the frame.
+/// An axiom. The parameters of its head are the first slots of the frame.
 #[derive(Clone, Debug)]
 pub(crate) struct LiftedAxiom {
     pub(crate) head: PredicateIndex,
@@ -120,22 +120,22 @@ pub(crate) struct LiftedAxiom {
     pub(crate) stratum: usize,
 }
 
-/// A condition without parameters, with the frame of its quantifiers.
+/// A condition without parameters, with the frame for the variables of its quantifiers.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Closed {
     pub(crate) frame: Vec<TypeIndex>,
     pub(crate) formula: Formula,
 }
 
-/// A set of objects, which a type expression stands for.
+/// The set of objects that a type expression stands for.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TypeSet {
     pub(crate) members: Vec<ObjectId>,
-    /// One bit per object.
+    /// One bit per object: whether the object is in the set.
     bits: Vec<u64>,
 }
 
-/// A predicate, and what changes its facts.
+/// A predicate, and what can change the facts of that predicate.
 #[derive(Clone, Debug)]
 pub(crate) struct PredicateUse {
     pub(crate) name: Name,
@@ -145,32 +145,33 @@ pub(crate) struct PredicateUse {
     pub(crate) derived: bool,
 }
 
-/// A function, and whether its values must be part of the state.
+/// A function, and whether the values of the function must be part of the state.
 #[derive(Clone, Debug)]
 pub(crate) struct FunctionUse {
     pub(crate) name: Name,
     pub(crate) arity: usize,
-    /// Whether some effect changes it.
+    /// Whether some effect changes the function.
     pub(crate) changed: bool,
-    /// Whether some condition reads it, or a value that a condition depends on.
+    /// Whether some condition reads the function, directly or through a value that depends on the
+    /// function.
     pub(crate) read: bool,
 }
 
-/// Cost of a plan, derived from the metric.
+/// How the cost of a plan is computed, derived from the metric.
 #[derive(Clone, Debug)]
 pub(crate) struct Costs {
-    /// Cost of one unit of each ground fluent; `None` means that every step costs one.
+    /// Weight of each ground fluent in the cost of a plan; `None` means that every step costs one.
     pub(crate) weights: Option<Vec<(FunctionIndex, Vec<ObjectId>, f64)>>,
-    /// Additional cost of every step: the weight of `total-time`, as a sequential plan takes one unit
-    /// of time per step.
+    /// Additional cost of every step: the weight of `total-time` in the metric, because a sequential
+    /// plan takes one unit of time per step.
     pub(crate) per_step: f64,
     /// Whether the cost of some step depends on the state.
     pub(crate) varies: bool,
-    /// Whether the metric is a weighted sum.
+    /// Whether the metric is a weighted sum of fluents.
     pub(crate) is_sum: bool,
 }
 
-/// A whole task before grounding.
+/// A whole task after normalization and before grounding.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Lifted {
     pub(crate) objects: Vec<Name>,
@@ -204,7 +205,7 @@ impl TypeSet {
         TypeSet { members, bits }
     }
 
-    /// Returns the set with these bits.
+    /// Returns the set of the objects for which `bits` has a one.
     pub(crate) fn from_bits(bits: Vec<u64>) -> TypeSet {
         let all = (0..bits.len() * 64).filter(|index| bits[index / 64] >> (index % 64) & 1 == 1);
         TypeSet { members: all.map(ObjectId::from_index).collect(), bits }
@@ -224,7 +225,8 @@ impl TypeSet {
 // === impl PredicateUse ===
 
 impl PredicateUse {
-    /// Whether no action and no axiom changes its facts, so that they are those of the initial state.
+    /// Whether no action and no axiom changes facts of this predicate, so that they stay as in the
+    /// initial state.
     pub(crate) fn is_static(&self) -> bool {
         !self.added && !self.deleted && !self.derived
     }
@@ -233,12 +235,12 @@ impl PredicateUse {
 // === impl FunctionUse ===
 
 impl FunctionUse {
-    /// Whether anything depends on its values.
+    /// Whether anything depends on the values of this function.
     pub(crate) fn matters(&self) -> bool {
         self.changed || self.read
     }
 
-    /// Whether its values are part of the state.
+    /// Whether the values of this function are part of the state.
     pub(crate) fn is_numeric_fluent(&self) -> bool {
         self.changed && self.read
     }
@@ -247,7 +249,7 @@ impl FunctionUse {
 // === impl LiftedTerm ===
 
 impl LiftedTerm {
-    /// Returns the object that the term stands for under a binding.
+    /// Returns the object that the term stands for under `binding`, which has an object for each slot.
     #[inline]
     pub(crate) fn object(self, binding: &[ObjectId]) -> ObjectId {
         match self {
@@ -257,7 +259,7 @@ impl LiftedTerm {
     }
 }
 
-/// Returns the objects that terms stand for under a binding.
+/// Returns the objects that terms stand for under `binding`, which has an object for each slot.
 pub(crate) fn objects<'a>(
     terms: &'a [LiftedTerm],
     binding: &'a [ObjectId],
@@ -266,7 +268,7 @@ pub(crate) fn objects<'a>(
 }
 
 impl LiftedSchema {
-    /// Returns the name of the action in the text.
+    /// Returns the name that the action has in the text, also for a piece of an action.
     pub(crate) fn action(&self) -> &Name {
         self.piece_of.as_ref().unwrap_or(&self.name)
     }
@@ -295,7 +297,8 @@ impl Formula {
         }
     }
 
-    /// Calls `visit` for every literal, with its polarity.
+    /// Calls `visit` for every literal of the formula, with its atom and whether the literal is
+    /// positive.
     pub(crate) fn literals(&self, visit: &mut dyn FnMut(bool, &LiftedAtom)) {
         match self {
             Formula::Literal { positive, atom } => visit(*positive, atom),
@@ -333,7 +336,8 @@ impl Formula {
         free
     }
 
-    /// Calls `visit` for every occurrence of a variable, including those in quantifiers.
+    /// Calls `visit` for every occurrence of a variable in the formula, including those that
+    /// quantifiers bind.
     pub(crate) fn slots_mut(&mut self, visit: &mut dyn FnMut(&mut SlotIndex)) {
         let mut term = |term: &mut LiftedTerm| {
             if let LiftedTerm::Variable(slot) = term {
@@ -397,7 +401,7 @@ impl LiftedExpression {
         }
     }
 
-    /// As [`LiftedExpression::terms`], with mutable terms.
+    /// Does the same as [`LiftedExpression::terms`], with mutable terms.
     pub(crate) fn terms_mut(&mut self, visit: &mut dyn FnMut(&mut LiftedTerm)) {
         match self {
             LiftedExpression::Number(_) => (),

@@ -1,9 +1,9 @@
-//! Costs: reads the metric as a weighted sum of fluents, to which each step adds a constant amount.
+//! Costs: reads the metric as a weighted sum of fluents, plus a constant amount for each step.
 //!
-//! A metric is additive if it is linear, and every change of its fluents is an unconditional increase
+//! A metric is additive if it is linear, and every effect on its fluents is an unconditional increase
 //! or decrease by an amount that no step changes. Planning then looks for a cheapest plan. With any
-//! other metric, plans are valid all the same: planning uses the step costs in the initial state, and
-//! does not prove optimality. The validator computes the true cost of a plan.
+//! other metric, planning uses the costs that steps have in the initial state: the plans are valid, but
+//! not proved to be cheapest. The validator computes the true cost of a plan.
 
 use pddl::{
     Assignment, Diagnostic, Expression, FluentTerm, InitElement, Metric, MetricDirection,
@@ -46,7 +46,7 @@ pub(super) fn costs(
 }
 
 /// Sets `varies` if the cost of a step depends on the state: if fluents of the metric are assigned or
-/// scaled, or change under conditions or by amounts that change.
+/// scaled, are changed under conditions, or are changed by amounts that are not constant.
 pub(super) fn note_variation(
     costs: &mut Costs,
     schemas: &[LiftedSchema],
@@ -65,7 +65,7 @@ pub(super) fn note_variation(
     costs.varies = varies;
 }
 
-/// Reports fluents of the metric that are undefined in the initial state and that no action assigns.
+/// Reports fluents of the metric that have no value in the initial state and that no action assigns.
 fn refuse_what_has_no_value(
     symbols: &mut SymbolTable,
     problem: &Problem,
@@ -111,9 +111,9 @@ fn collect<'e>(expression: &'e Expression, fluents: &mut Vec<&'e FluentTerm>) {
 /// A weighted sum of fluents. Constants are dropped, because they do not distinguish plans.
 struct LinearMetric<'m> {
     weights: Vec<(&'m FluentTerm, f64)>,
-    /// The weight of `total-time`.
+    /// The weight of `total-time`: what each step adds to the cost.
     per_step: f64,
-    /// Whether the metric is such a sum.
+    /// Whether the whole metric is a weighted sum of fluents.
     is_linear: bool,
 }
 
@@ -159,8 +159,8 @@ impl<'m> LinearMetric<'m> {
         }
     }
 
-    /// Adds `(* NUMBER E)`, `(* E NUMBER)` or `(/ E NUMBER)`; other products and quotients are not
-    /// linear.
+    /// Adds `(* NUMBER E)`, `(* E NUMBER)` or `(/ E NUMBER)` to the sum. Other products and quotients
+    /// are not linear.
     fn scale(
         &mut self,
         operator: Arithmetic,

@@ -34,8 +34,8 @@ pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, Pl
     Ok(Lifted { objects, predicates, functions, types, ..lifted })
 }
 
-/// As [`normalize`], but also returns the symbols, so that later texts can be converted with the same
-/// numbers.
+/// Does the same as [`normalize`], and also returns the symbol table, so that later texts can be
+/// converted with the same numbers.
 pub(crate) fn normalize_named(
     domain: &Domain,
     problem: &Problem,
@@ -46,7 +46,7 @@ pub(crate) fn normalize_named(
     Ok((Lifted { objects, predicates, functions, types, ..lifted }, symbols))
 }
 
-/// Normalizes everything except the parts that the symbols hold.
+/// Normalizes everything except what the symbol table holds already.
 fn lift(
     symbols: &mut SymbolTable,
     domain: &Domain,
@@ -81,8 +81,9 @@ fn lift(
     Ok(Lifted { schemas, axioms, goal, init, values, costs, ..Lifted::default() })
 }
 
-/// Maximal number of variables of one action, axiom or goal, including those of its quantifiers: every
-/// binding has a place for each. Texts by people have less than a hundredth of it.
+/// Maximal number of variables of one action, axiom or goal, including the variables of its
+/// quantifiers. Every binding has an entry for each variable. Texts written by people have less than a
+/// hundredth of this number.
 const VARIABLES_MAX: usize = 10_000;
 
 fn bound_frame(
@@ -107,8 +108,8 @@ pub(crate) fn closed(symbols: &mut SymbolTable, condition: &pddl::Condition) -> 
 }
 
 /// Returns an error if the texts use a feature that neither this planner nor the engines support:
-/// durative actions, timed initial literals, observations, and unknown facts. A running ecosystem
-/// compiles the last two away before it plans (`pddl::knowledge`).
+/// durative actions, timed initial literals, observations, or unknown facts. In a running ecosystem,
+/// observations and unknown facts are compiled away before planning (`pddl::knowledge`).
 pub fn refuse_nonclassical(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
     if let Some(action) = domain.durative_actions.first() {
         return Err(Unsupported::in_domain("durative actions", action.span));
@@ -150,8 +151,9 @@ fn mark_predicates(symbols: &mut SymbolTable, schemas: &[LiftedSchema], axioms: 
     }
 }
 
-/// Finds the functions that change, and those that must be part of the state: functions that conditions
-/// read, and functions that these depend on.
+/// Finds the functions that change, and the functions with values that must be part of the state. The
+/// latter are the functions that conditions read, and the functions from which effects compute the
+/// values of these.
 fn mark_functions(
     symbols: &mut SymbolTable,
     schemas: &[LiftedSchema],
@@ -190,7 +192,7 @@ fn mark_functions(
     }
 }
 
-/// Returns the facts that are true in `:init`.
+/// Returns the facts that `:init` states to be true.
 fn initial_facts(symbols: &mut SymbolTable, problem: &Problem) -> Vec<(usize, Vec<ObjectId>)> {
     let mut scope = FormulaScope::new(symbols, []);
     let fact = |element: &InitElement| match element {
@@ -203,7 +205,7 @@ fn initial_facts(symbols: &mut SymbolTable, problem: &Problem) -> Vec<(usize, Ve
     problem.init.iter().filter_map(fact).collect()
 }
 
-/// Returns the values of functions in `:init`.
+/// Returns the values that `:init` gives to functions.
 pub(crate) fn initial_values(
     symbols: &mut SymbolTable,
     problem: &Problem,
@@ -221,7 +223,7 @@ pub(crate) fn initial_values(
     problem.init.iter().filter_map(value).collect()
 }
 
-/// Returns the objects of an argument list without variables.
+/// Returns the objects of an argument list that contains no variable.
 fn ground(terms: &[LiftedTerm]) -> Vec<ObjectId> {
     let object = |term: &LiftedTerm| match term {
         LiftedTerm::Object(object) => Some(*object),

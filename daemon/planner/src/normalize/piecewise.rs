@@ -21,55 +21,59 @@ use super::lifted::{
 };
 use super::wide::{renumber, scope};
 
-/// Number of parameters from which on an action is expected to have too many ground instances.
+/// Number of parameters at or above which an action is expected to have too many ground instances.
 const WIDE: usize = 8;
 
-/// Maximal number of parameters of actions that stay whole. It is small, because chosen objects are
-/// more loosely related than parameters: more facts are relaxed reachable, and joins of four of them
-/// are too large.
+/// Maximal number of parameters of an action that is not split. The limit is small: the relaxation
+/// knows less about how chosen objects are related than about parameters, so more facts are relaxed
+/// reachable, and joins of four of them are too large.
 const WHOLE_MAX: usize = 3;
 
-/// Number of parameters that one piece mentions, unless a single test needs more.
+/// Number of parameters that one piece mentions, unless a single test mentions more.
 const PIECE_MAX: usize = 2;
 
 /// A lifted task with its wide actions split into pieces.
 #[derive(Debug)]
 pub(crate) struct Piecewise {
     pub(crate) lifted: Lifted,
-    /// Role of each piece, by its name. These names contain spaces, so no text can have them.
+    /// Role of each piece, by the name of the piece. These names contain spaces, so they cannot occur
+    /// in a text.
     roles: FxHashMap<Name, PieceRole>,
 }
 
 /// Role of a piece of an action.
 #[derive(Clone, Debug)]
 enum PieceRole {
-    /// Chooses this parameter; its object is the first argument of the piece.
+    /// The piece chooses the object of this parameter. That object is the first argument of the piece.
     Chooses(usize),
-    /// Only tests or adds cost.
+    /// The piece only tests conditions or adds cost.
     Tests,
-    /// Has the effects of the action of this name.
+    /// The piece has the effects of the action of this name.
     Applies(Name),
 }
 
-/// A part of an action's precondition, over the frame of the action.
+/// A part of an action's precondition, over the frame of the action, with the parameters that the part
+/// mentions.
 #[derive(Debug, Default)]
 struct Piece {
     chooses: Option<SlotIndex>,
-    /// Parameters that it mentions; if it chooses one, that is the first.
+    /// Parameters that the piece mentions. If the piece chooses a parameter, that parameter is the
+    /// first.
     scope: Vec<SlotIndex>,
     tests: Vec<Formula>,
     costs: Vec<LiftedNumeric>,
 }
 
-/// Whether some action is so wide that its task may not ground, and can be split.
+/// Whether the task contains an action that can be split and has so many parameters that grounding may
+/// fail.
 pub(crate) fn is_wide(lifted: &Lifted) -> bool {
     let is_one =
         |schema: &LiftedSchema| schema.parameter_count >= WIDE && can_be_split(lifted, schema);
     lifted.schemas.iter().any(is_one)
 }
 
-/// Whether an action can be split: its only numeric effects are costs, which do not affect the pieces
-/// that follow.
+/// Whether an action can be split: its only numeric effects are costs, which do not affect later
+/// pieces.
 fn can_be_split(lifted: &Lifted, schema: &LiftedSchema) -> bool {
     schema.numeric.iter().all(|change| {
         !lifted.functions[change.fluent.function].read
@@ -86,7 +90,7 @@ impl Piecewise {
         Piecewise::above(lifted, WHOLE_MAX)
     }
 
-    /// As [`Piecewise::new`], for actions with more than `whole_max` parameters.
+    /// Does the same as [`Piecewise::new`], for actions with more than `whole_max` parameters.
     fn above(lifted: &Lifted, whole_max: usize) -> Piecewise {
         let mut whole = lifted.clone();
         let schemas = std::mem::take(&mut whole.schemas);
@@ -111,7 +115,7 @@ impl Piecewise {
         Piecewise { lifted: made, roles }
     }
 
-    /// Translates a plan back into the actions of the text.
+    /// Translates a plan whose steps are pieces back into a plan of the actions in the text.
     pub(crate) fn whole(&self, plan: Plan) -> Plan {
         let mut chosen: Vec<Option<Name>> = Vec::new();
         let mut steps = Vec::new();
@@ -133,9 +137,9 @@ impl Piecewise {
     }
 }
 
-/// Splitting of the actions in progress.
+/// State of the splitting of all actions of a task.
 struct ActionSplitter {
-    /// Fact that no action is partly applied.
+    /// Predicate of the fact that no action is partly applied.
     idle: PredicateIndex,
     made: Lifted,
     roles: FxHashMap<Name, PieceRole>,
@@ -144,7 +148,7 @@ struct ActionSplitter {
 // === impl Taker ===
 
 impl ActionSplitter {
-    /// Adds an auxiliary predicate, which pieces add and delete.
+    /// Adds an auxiliary predicate, for facts that only pieces add and delete.
     fn predicate(&mut self, name: &str, arity: usize) -> PredicateIndex {
         let name = Name::new(name);
         let (added, deleted, derived) = (true, true, false);
@@ -174,7 +178,8 @@ impl ActionSplitter {
         self.last(schema, &chosen, stage);
     }
 
-    /// Adds one piece, which leads from a stage to the next.
+    /// Adds one piece of an action, which leads from one stage of applying that action to the next
+    /// stage.
     fn piece(
         &mut self,
         schema: &LiftedSchema,
@@ -217,7 +222,8 @@ impl ActionSplitter {
         });
     }
 
-    /// Adds the last piece. It has no parameters, because all of them have been chosen.
+    /// Adds the last piece of an action, which has the effects. It has no parameters, because all
+    /// objects have been chosen.
     fn last(&mut self, schema: &LiftedSchema, chosen: &[PredicateIndex], stage: PredicateIndex) {
         let is_parameter = |slot: &SlotIndex| (*slot as usize) < schema.parameter_count;
         let mut effects: Vec<LiftedEffect> = Vec::new();
@@ -257,8 +263,8 @@ impl ActionSplitter {
     }
 }
 
-/// Determines the order in which parameters are chosen and tests are made: first the parameters with
-/// the most preconditions over parameters that are chosen already, as in a join.
+/// Determines the order in which parameters are chosen and conditions are tested. As in a join, the
+/// parameter with the most conditions over parameters that are already chosen comes first.
 fn pieces(schema: &LiftedSchema, chosen: &[PredicateIndex]) -> Vec<Piece> {
     let mut open = Vec::new();
     conjuncts(&schema.precondition, &mut open);
@@ -314,7 +320,8 @@ fn pieces(schema: &LiftedSchema, chosen: &[PredicateIndex]) -> Vec<Piece> {
     pieces
 }
 
-/// Returns the parameter to choose next.
+/// Returns the parameter to choose next, given the chosen parameters `bound` and the conditions `open`
+/// that are still to be tested.
 fn next(schema: &LiftedSchema, bound: &[SlotIndex], open: &[Formula]) -> SlotIndex {
     let parameters = (0..schema.parameter_count as SlotIndex).filter(|slot| !bound.contains(slot));
     let atoms = || {
@@ -336,7 +343,7 @@ fn next(schema: &LiftedSchema, bound: &[SlotIndex], open: &[Formula]) -> SlotInd
 // === impl Piece ===
 
 impl Piece {
-    /// Whether a test can be added without mentioning too many parameters.
+    /// Whether a test can be added to this piece without the piece mentioning too many parameters.
     fn has_room_for(&self, test: &Formula) -> bool {
         let mut scope = self.scope.clone();
         extend(&mut scope, test);
@@ -378,7 +385,8 @@ fn unequal(part: &Formula) -> Option<(SlotIndex, SlotIndex)> {
     }
 }
 
-/// Returns the other variable that `slot` is required to differ from.
+/// Returns the variable that must differ from `slot`, if `part` requires that `slot` and another
+/// variable differ.
 fn unequal_to(part: &Formula, slot: SlotIndex) -> Option<SlotIndex> {
     let (left, right) = unequal(part)?;
     if left == slot { Some(right) } else { Some(left) }
@@ -404,7 +412,7 @@ fn happens(adds: bool, predicate: PredicateIndex, slots: &[SlotIndex]) -> Lifted
     LiftedEffect { variables, condition, adds, atom: atom(predicate, slots) }
 }
 
-/// Replaces a variable by its position in `slots`.
+/// Replaces a variable in `term` by the position of that variable in `slots`.
 fn renumber_term(term: &mut LiftedTerm, slots: &[SlotIndex]) {
     if let LiftedTerm::Variable(slot) = term
         && let Some(place) = slots.iter().position(|one| one == slot)
@@ -445,7 +453,8 @@ mod tests {
         prop_oneof![Just("?a"), Just("?b"), Just("?c"), Just("?d")]
     }
 
-    /// Generates an effect of that action. A fact that is deleted and added at once is true afterwards.
+    /// Generates an effect of the action with the parameters ?a to ?d. A fact that one step both
+    /// deletes and adds is true afterwards.
     fn effect() -> impl Strategy<Value = String> {
         prop_oneof![
             3 => (variable(), variable()).prop_map(|(one, two)| format!("(not (r {one} {two}))")),

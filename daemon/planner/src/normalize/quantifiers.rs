@@ -13,11 +13,11 @@ use rustc_hash::FxHashMap;
 
 use super::lifted::{Formula, LiftedTerm, SlotIndex};
 
-/// Maximal number of alternatives that one quantifier is split into.
+/// Maximal number of alternatives into which one quantifier is split.
 const ALTERNATIVES_MAX: usize = 8;
 
-/// Cap on the parts of conditions that are visited and copied in total: a fraction of a second, and a
-/// fraction of a gigabyte.
+/// Cap on the number of parts of conditions that are visited and copied in total. It takes a fraction
+/// of a second, and a fraction of a gigabyte.
 const WORK_MAX: u64 = 3_000_000;
 
 /// Rearrangement of the conditions of one task, with a cap on work.
@@ -60,7 +60,7 @@ impl QuantifierRearrangement {
         }
     }
 
-    /// Rearranges a quantifier; its inner formula is rearranged already.
+    /// Rearranges a quantifier over a formula that has been rearranged already.
     fn quantified(
         &mut self,
         mut slots: Vec<SlotIndex>,
@@ -125,8 +125,9 @@ impl QuantifierRearrangement {
         }
     }
 
-    /// Multiplies out a conjunction into a disjunction of a few conjunctions, or dually. Returns `None`
-    /// if there is nothing to multiply out, or too much.
+    /// Multiplies out a conjunction into a disjunction of a few conjunctions, or a disjunction into a
+    /// conjunction of a few disjunctions. Returns `None` if there is nothing to multiply out, or if the
+    /// result would be too large.
     fn alternatives(
         &mut self,
         slots: &[SlotIndex],
@@ -171,8 +172,8 @@ impl QuantifierRearrangement {
         Some(all.into_iter().map(|parts| junction(parts, existential)).collect())
     }
 
-    /// Returns one quantifier per group of variables that parts connect. Parts that mention no variable
-    /// stay outside.
+    /// Returns one quantifier for each group of variables that common parts connect. Parts that mention
+    /// none of the variables stay outside of the quantifiers.
     fn components(
         &mut self,
         slots: Vec<SlotIndex>,
@@ -231,7 +232,7 @@ impl QuantifierRearrangement {
         self.work_left = self.work_left.saturating_sub(work);
     }
 
-    /// Whether a formula mentions one of these variables.
+    /// Whether a formula mentions at least one of these variables.
     fn mentions(&mut self, formula: &Formula, slots: &[SlotIndex]) -> bool {
         let mut is_mentioned = false;
         let work = each_slot(formula, &mut |slot| is_mentioned |= slots.contains(&slot));
@@ -240,7 +241,8 @@ impl QuantifierRearrangement {
     }
 }
 
-/// Joins the parts into one conjunction or disjunction, flattened by one level.
+/// Joins the parts into one conjunction, or one disjunction if `conjunction` is false. A part that is
+/// itself a formula of this kind is replaced by its own parts.
 fn junction(parts: impl IntoIterator<Item = Formula>, conjunction: bool) -> Formula {
     let mut flat = Vec::new();
     for part in parts {
@@ -257,13 +259,13 @@ fn junction(parts: impl IntoIterator<Item = Formula>, conjunction: bool) -> Form
     }
 }
 
-/// Returns a quantifier without rearranging it.
+/// Returns a quantifier over `inner` without rearranging it.
 fn as_it_is(slots: Vec<SlotIndex>, inner: Formula, existential: bool) -> Formula {
     let inner = Box::new(inner);
     if existential { Formula::Exists(slots, inner) } else { Formula::Forall(slots, inner) }
 }
 
-/// Returns the representative of a group: its first slot.
+/// Returns the representative of the group that contains `place`: the first slot of the group.
 fn find(leader: &mut [usize], mut place: usize) -> usize {
     while leader[place] != place {
         leader[place] = leader[leader[place]];

@@ -1,4 +1,5 @@
-//! Numbers for names: objects, types, predicates and functions of one domain and problem.
+//! Symbol table: gives a number to each name of an object, type, predicate or function of one domain
+//! and problem.
 
 use pddl::{Diagnostic, Domain, Name, Problem, TypeExpr, Typed, Types};
 use rustc_hash::FxHashMap;
@@ -17,8 +18,8 @@ pub(crate) struct SymbolTable {
     pub(super) problems: Vec<Diagnostic>,
     object_ids: FxHashMap<Name, ObjectId>,
     object_types: Vec<TypeExpr>,
-    /// Further types of objects that are declared again with another type; an object belongs to all its
-    /// types.
+    /// Further types of objects that are declared several times with different types. An object belongs
+    /// to all types that are declared for it.
     more_types: FxHashMap<ObjectId, Vec<TypeExpr>>,
     predicate_ids: FxHashMap<Name, usize>,
     function_ids: FxHashMap<Name, usize>,
@@ -69,18 +70,18 @@ impl SymbolTable {
         found
     }
 
-    /// Returns the object of this name. An unknown name is not reported as an error.
+    /// Returns the object with this name. If there is none, reports no error and returns `None`.
     pub(crate) fn known_object(&self, name: &Name) -> Option<ObjectId> {
         self.object_ids.get(name).copied()
     }
 
-    /// Returns the errors reported since the last call.
+    /// Returns the errors that were reported since the last call of this function.
     pub(crate) fn take_problems(&mut self) -> Vec<Diagnostic> {
         std::mem::take(&mut self.problems)
     }
 
-    /// Returns the predicate of this name. If there is none with this number of arguments, reports an
-    /// error and returns `None`.
+    /// Returns the number of the predicate with this name. If there is none with this number of
+    /// arguments, reports an error and returns `None`.
     pub(crate) fn predicate(&mut self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.predicate_ids.get(name).copied();
         match found {
@@ -90,14 +91,14 @@ impl SymbolTable {
         found.filter(|index| self.predicates[*index].arity == arity)
     }
 
-    /// As [`SymbolTable::predicate`], but an unknown name is not reported as an error.
+    /// Does the same as [`SymbolTable::predicate`], but reports no error for an unknown name.
     pub(crate) fn known_predicate(&self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.predicate_ids.get(name).copied();
         found.filter(|index| self.predicates[*index].arity == arity)
     }
 
-    /// Returns the function of this name. If there is none with this number of arguments, reports an
-    /// error and returns `None`.
+    /// Returns the number of the function with this name. If there is none with this number of
+    /// arguments, reports an error and returns `None`.
     pub(super) fn function(&mut self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.function_ids.get(name).copied();
         match found {
@@ -115,7 +116,7 @@ impl SymbolTable {
         self.function_ids.contains_key(name)
     }
 
-    /// Returns the set of objects that a type expression stands for.
+    /// Returns the number of the set of objects that a type expression stands for.
     pub(super) fn type_set(&mut self, ty: &TypeExpr) -> TypeIndex {
         if let Some(&index) = self.type_ids.get(ty) {
             return index;

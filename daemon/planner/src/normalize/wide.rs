@@ -14,22 +14,22 @@ use super::lifted::{
     TypeSet,
 };
 
-/// Number of bindings from which on a join is split; joining them takes about a second. Smaller joins
-/// stay, because a derived predicate adds work to every state of a search.
+/// Number of bindings above which a join is split; joining so many takes about a second. Smaller joins
+/// are not split, because a derived predicate adds work to every state of a search.
 const BINDINGS_MAX: f64 = 10_000_000.0;
 
-/// Number of bindings at which the splitting of a join ends.
+/// Number of bindings below which a join is not split any further.
 const BINDINGS_FEW: f64 = 10_000.0;
 
-/// Minimal factor by which the bindings of a part must be fewer than those of the whole.
+/// Minimal factor by which the bindings of a part must be fewer than those of the whole join.
 const GAIN_MIN: f64 = 10.0;
 
-/// Splits all conditions of actions and axioms that have too many bindings.
+/// Splits every condition of an action or axiom that has too many bindings.
 pub(crate) fn split_wide(lifted: &mut Lifted) {
     split_above(lifted, BINDINGS_MAX, GAIN_MIN);
 }
 
-/// As [`split_wide`], with the given limits.
+/// Does the same as [`split_wide`], with the given limits.
 fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
     let Lifted { schemas, axioms, predicates, types, init, .. } = lifted;
     let mut rows = vec![0; predicates.len()];
@@ -66,12 +66,12 @@ fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
 
 struct ConditionSplitter<'l> {
     types: &'l [TypeSet],
-    /// Per predicate: number of its facts in the initial state.
+    /// For each predicate: the number of its facts in the initial state.
     rows: Vec<usize>,
-    /// Per predicate: its stratum; 0 if it is not derived.
+    /// For each predicate: its stratum, which is 0 if the predicate is not derived.
     strata: Vec<usize>,
     predicates: &'l mut Vec<PredicateUse>,
-    /// New axioms.
+    /// Axioms added by the splitting.
     axioms: Vec<LiftedAxiom>,
     bindings_max: f64,
     gain_min: f64,
@@ -98,7 +98,8 @@ impl ConditionSplitter<'_> {
         }
     }
 
-    /// Eliminates variables, the cheapest first, until few bindings are left or nothing more is gained.
+    /// Eliminates variables of an `exists`, the cheapest first, until few bindings are left or nothing
+    /// more is gained.
     fn exists(
         &mut self,
         slots: &mut Vec<SlotIndex>,
@@ -131,8 +132,8 @@ impl ConditionSplitter<'_> {
         }
     }
 
-    /// Adds a derived predicate “there is an object for `slot` such that the parts hold”. Returns its
-    /// literal.
+    /// Adds a derived predicate with the meaning “there is an object for `slot` such that the parts
+    /// hold”. Returns the literal of that predicate.
     fn derive(
         &mut self,
         slot: SlotIndex,
@@ -171,8 +172,9 @@ impl ConditionSplitter<'_> {
         Formula::Literal { positive: true, atom: LiftedAtom { predicate: head, arguments } }
     }
 
-    /// Returns an upper bound of the number of bindings of a conjunction. The number of facts of a
-    /// static predicate bounds its variables together, if that is less than the product of their types.
+    /// Returns an upper bound on the number of bindings of a conjunction. If a static predicate has
+    /// fewer facts than the product of the types of its variables, the number of facts is used for
+    /// these variables.
     fn bindings<'f>(
         &self,
         scope: &[SlotIndex],
@@ -196,7 +198,7 @@ impl ConditionSplitter<'_> {
     }
 }
 
-/// Returns the free variables of formulas, sorted, without duplicates.
+/// Returns the variables that occur free in any of the formulas, sorted, without duplicates.
 pub(super) fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<SlotIndex> {
     let mut scope = Vec::new();
     parts.for_each(|part| scope.extend(part.free_slots()));
@@ -205,7 +207,8 @@ pub(super) fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<SlotInd
     scope
 }
 
-/// Replaces variables by their positions in `slots`; variables that are missing there are appended.
+/// Replaces each variable by its position in `slots`. A variable that is missing in `slots` is appended
+/// there.
 pub(super) fn renumber(formula: &mut Formula, slots: &mut Vec<SlotIndex>) {
     formula.slots_mut(&mut |slot| {
         let known = slots.iter().position(|one| one == slot);
@@ -276,7 +279,7 @@ mod tests {
         assert!(!wide.axioms.is_empty());
     }
 
-    /// Generates a part of a condition over ?a to ?d, where ?a is free.
+    /// Generates a part of a condition over the variables ?a to ?d, of which ?a is free.
     fn part() -> impl Strategy<Value = String> {
         let term = || prop_oneof![Just("?a"), Just("?b"), Just("?c"), Just("?d")];
         prop_oneof![

@@ -1,5 +1,5 @@
-//! The known texts of a [`super::Replanner`]: everything that has been in them since the last full
-//! grounding, in the order in which it came.
+//! The known texts of a [`super::Replanner`]: everything that has been in its texts since the last full
+//! grounding, in the order in which it was added.
 
 use std::sync::Arc;
 
@@ -8,18 +8,18 @@ use rustc_hash::FxHashSet;
 
 use crate::ground::{IncrementalGrounding, PresenceMask};
 
-/// Union of the texts so far: one domain, and the objects of all problems.
+/// Union of the known texts: one domain, and the objects of all problems.
 #[derive(Debug)]
 pub(super) struct KnownTexts {
-    /// Domain, without constants: these are in `objects`.
+    /// Union of the domains, without constants, which are in `objects`.
     domain: Domain,
     objects: Arc<Vec<ObjectDeclaration>>,
     metric: Option<pddl::Metric>,
-    /// Objects of the last comparison; reused as long as the objects stay the same.
+    /// Result of the last comparison of objects. It is reused as long as the objects stay the same.
     seen: Option<ComparedObjects>,
 }
 
-/// Objects of a text, and which of the known objects are among them.
+/// Objects of a text, and which of the known objects are among these.
 #[derive(Debug)]
 struct ComparedObjects {
     constants: Vec<Typed>,
@@ -27,7 +27,7 @@ struct ComparedObjects {
     present: Vec<bool>,
 }
 
-/// Parts of the texts that are not known yet.
+/// Parts of the texts that are not among the known texts.
 #[derive(Debug, Default)]
 pub(super) struct TextAdditions {
     actions: Vec<ActionSchema>,
@@ -35,13 +35,13 @@ pub(super) struct TextAdditions {
     objects: Vec<ObjectDeclaration>,
 }
 
-/// A difference that additions cannot express: in types, functions, axioms, the metric, or the meaning
-/// of a name.
+/// A difference from the known texts that additions cannot express: in types, functions, axioms, the
+/// metric, or the meaning of a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct StructuralDifference;
 
-/// Number of known objects or actions that may be absent, in addition to half of all, before everything
-/// is ground afresh.
+/// Number of known objects or actions that may be absent, in addition to half of all, before all texts
+/// are ground afresh.
 const GONE_MAX: usize = 16;
 
 // === impl Known ===
@@ -58,14 +58,15 @@ impl KnownTexts {
         known
     }
 
-    /// Adds new objects, without duplicates.
+    /// Adds those of the given objects that are not known.
     fn add(&mut self, objects: impl Iterator<Item = ObjectDeclaration>) {
         let mut seen = FxHashSet::default();
         let new = objects.filter(|one| seen.insert(one.object.name.clone()));
         Arc::make_mut(&mut self.objects).extend(new);
     }
 
-    /// Compares texts with what is known. Returns the additions, and which known parts are present.
+    /// Compares the texts with the known texts. Returns the additions, and which of the known parts are
+    /// present.
     pub(super) fn compare(
         &mut self,
         domain: &Domain,
@@ -96,7 +97,8 @@ impl KnownTexts {
         Ok((additions, present))
     }
 
-    /// Returns, per known object, whether the texts declare it. New objects are put into `additions`.
+    /// Returns for each known object whether the texts declare it. New objects are put into
+    /// `additions`.
     fn compare_objects(
         &mut self,
         domain: &Domain,
@@ -127,8 +129,8 @@ impl KnownTexts {
         Ok(present)
     }
 
-    /// Compares the actions. Texts mostly keep their order, so the search for each action starts after
-    /// the last match.
+    /// Compares the actions of the texts with the known ones. Texts mostly keep their order, so the
+    /// search for each action starts after the last match.
     fn compare_actions(
         &self,
         domain: &Domain,
@@ -172,7 +174,7 @@ impl KnownTexts {
         Ok(())
     }
 
-    /// Adds new parts to what is known, and marks them as present.
+    /// Adds new parts to the known texts, and marks these parts as present.
     pub(super) fn add_texts(&mut self, additions: TextAdditions, present: &mut PresenceMask) {
         self.domain.actions.extend(additions.actions);
         self.domain.predicates.extend(additions.predicates);
@@ -182,12 +184,13 @@ impl KnownTexts {
         present.objects.resize(self.objects.len(), true);
     }
 
-    /// Returns the union domain, and a problem with all known objects in the state of `problem`.
+    /// Returns the union of the domains, and a problem that has all known objects and the state of
+    /// `problem`.
     pub(super) fn texts(&self, problem: &Problem) -> (&Domain, Problem) {
         (&self.domain, Problem { objects: Arc::clone(&self.objects), ..problem.clone() })
     }
 
-    /// Returns the mask in which everything is present.
+    /// Returns the mask in which all known parts are present.
     pub(super) fn everything(&self) -> PresenceMask {
         PresenceMask {
             objects: vec![true; self.objects.len()],
@@ -200,7 +203,7 @@ impl KnownTexts {
 // === impl Additions ===
 
 impl TextAdditions {
-    /// Whether only objects are new.
+    /// Whether the additions contain objects only.
     pub(super) fn are_objects_only(&self) -> bool {
         self.actions.is_empty() && self.predicates.is_empty()
     }
@@ -210,7 +213,7 @@ impl TextAdditions {
     }
 }
 
-/// Returns the objects of a problem; the constants of its domain come first.
+/// Returns the objects of a problem. The constants of the domain come first.
 fn objects<'t>(domain: &'t Domain, problem: &'t Problem) -> impl Iterator<Item = &'t Typed> {
     domain.constants.iter().chain(problem.objects.iter().map(|declared| &declared.object))
 }

@@ -2,12 +2,12 @@
 //! can.
 //!
 //! - Removed objects and actions are masked, additions are ground, and the rest is kept
-//!   ([`crate::ground::IncrementalGrounding`]). If that is not possible, the texts are ground afresh; the result
-//!   tells which of these it was.
-//! - The rest of the old plan is checked from the present state. If it fails, its suffixes are offered
-//!   to the search as macro operators (`repair`), beside all others.
-//! - The result is that of [`crate::plan()`], except that another one of several equally good plans may
-//!   be returned. Every plan is validated against the texts as they are.
+//!   ([`crate::ground::IncrementalGrounding`]). If that is not possible, the texts are ground afresh.
+//!   [`GroundingReuse`] in the result tells which of these happened.
+//! - The rest of the old plan is checked from the present state. If it fails, the search may use the
+//!   suffixes of that rest as macro operators (`repair`), besides all other operators.
+//! - The result is the same as from [`crate::plan()`], except that a different one of several equally
+//!   good plans may be returned. Every plan is validated against the present texts.
 
 mod known_texts;
 mod repair;
@@ -54,71 +54,73 @@ pub struct Replanner {
     retained: Option<RetainedState>,
 }
 
-/// Result of a call, and how it was found.
+/// Result of one call of the replanner, and how the result was found.
 #[derive(Clone, Debug)]
 pub struct Replanned {
-    /// Outcome, as of [`crate::plan()`].
+    /// Outcome of planning, as [`crate::plan()`] returns it.
     pub outcome: PlanningOutcome,
-    /// How much of the old plan is in the new one.
+    /// How much of the old plan is in the new plan.
     pub plan_reuse: PlanReuse,
     /// How much of the kept ground problem was reused.
     pub grounding_reuse: GroundingReuse,
 }
 
-/// How much of the old plan is in the new one.
+/// How much of the old plan is in the new plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlanReuse {
-    /// The plan is the rest of the old plan.
+    /// The new plan is the rest of the old plan.
     Kept,
-    /// The plan ends with steps of the old plan.
+    /// The new plan ends with steps of the old plan.
     Repaired {
-        /// Number of these steps.
+        /// Number of steps of the old plan with which the new plan ends.
         kept: usize,
     },
-    /// There is no old plan, there is no plan, or the plans differ in the last step.
+    /// Nothing of the old plan is in the result: there is no old plan, there is no new plan, or the two
+    /// plans differ in the last step.
     Planned,
 }
 
-/// How much of the kept ground problem was reused.
+/// How much of the ground problem from earlier calls was reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroundingReuse {
-    /// All of it; parts may be masked.
+    /// The whole ground problem was reused; parts of it may be masked.
     Kept,
-    /// All of it; additions were ground.
+    /// The whole ground problem was reused, and additions were ground.
     Extended,
-    /// None of it: there was none, or it could not be used.
+    /// Nothing was reused: there was no ground problem, or it could not be used.
     Full,
-    /// No ground problem was needed.
+    /// No ground problem was needed for the result.
     Unneeded,
 }
 
-/// State that is kept between calls.
+/// State that the replanner keeps between calls.
 #[derive(Debug)]
 struct RetainedState {
     known: KnownTexts,
     incremental: IncrementalGrounding,
-    /// Goal that was checked last and found correct, with the mask of that time.
+    /// Goal that was checked last and found free of errors, with the mask of that time.
     checked: Option<(Condition, PresenceMask)>,
-    /// Mask of the last call, and its state.
+    /// Mask of the last call, and the initial state of that call.
     last: Option<(PresenceMask, World)>,
 }
 
-/// Difference between texts and the kept state.
+/// Difference between the present texts and the kept state.
 struct TextDifference {
     additions: TextAdditions,
     present: PresenceMask,
-    /// Initial state; `None` if some of its facts are unknown.
+    /// Initial state of the problem; `None` if there are additions, or if the kept ground problem lacks
+    /// some fact of this state.
     now: Option<InitialState>,
 }
 
-/// A ground problem, ready for one state.
+/// A ground problem, ready for planning from one initial state.
 struct PreparedGrounding {
     now: InitialState,
     present: PresenceMask,
     grounding: GroundingReuse,
 }
 
-/// State of one call.
+/// State of one call of the replanner.
 struct ReplanningCall<'c> {
     domain: &'c Domain,
     problem: &'c Problem,
@@ -131,11 +133,11 @@ struct ReplanningCall<'c> {
 // === impl Replanner ===
 
 impl Replanner {
-    /// Plans for the texts as they are now. `rest` is the rest of the plan so far. A caller that
-    /// prefers the best plan to the current one passes an empty `rest`.
+    /// Plans for the present texts. `rest` is the rest of the plan that is being executed. A caller
+    /// that prefers the best plan to that plan passes an empty `rest`.
     ///
-    /// As [`crate::plan()`], it reads no clock and writes nothing. The same sequence of calls gives the
-    /// same results.
+    /// As with [`crate::plan()`], planning reads no clock and writes nothing. The same sequence of
+    /// calls gives the same results.
     pub fn plan(
         &mut self,
         domain: &Domain,
@@ -196,11 +198,11 @@ impl Replanner {
         }
     }
 
-    /// Returns the positions of the conditions that are facts and are unreachable.
+    /// Returns the positions of those conditions that are facts and are unreachable.
     ///
-    /// This is weaker than [`crate::goal::unreachable`], and much cheaper: one pass covers all facts,
-    /// so it can be used for a large goal. Conditions that are not single facts are never listed. The
-    /// problem's own goal does not matter.
+    /// This finds less than [`crate::goal::unreachable`], and is much cheaper: one pass covers all
+    /// facts, so it can be used for a large goal. Conditions that are not single facts are never
+    /// listed. The goal of the problem does not matter.
     pub fn facts_out_of_reach(
         &mut self,
         domain: &Domain,
@@ -229,8 +231,8 @@ impl Replanner {
         Ok(missing.map(|(position, _)| position).collect())
     }
 
-    /// Checks the texts for errors, as far as they are new. Returns the difference from the kept state,
-    /// or `None` if there is none kept or it cannot follow.
+    /// Checks for errors the parts of the texts that are new. Returns the difference from the kept
+    /// state; `None` if no state is kept, or if the kept state cannot be updated by the difference.
     fn difference(
         &mut self,
         domain: &Domain,
@@ -265,7 +267,8 @@ impl Replanner {
         Ok(Some(difference))
     }
 
-    /// Updates the kept state by a difference, or grounds afresh.
+    /// Makes the ground problem ready: updates the kept state by a difference, or grounds the texts
+    /// afresh.
     fn ready(
         &mut self,
         call: &mut ReplanningCall<'_>,
@@ -294,8 +297,8 @@ impl Replanner {
 // === impl Held ===
 
 impl RetainedState {
-    /// Returns the difference between texts and the known ones; `None` if additions and masks cannot
-    /// express it.
+    /// Returns the difference between the texts and the known texts; `None` if additions and masks
+    /// cannot express it.
     fn difference(&mut self, domain: &Domain, problem: &Problem) -> Option<TextDifference> {
         let (additions, present) = self.known.compare(domain, problem, &self.incremental).ok()?;
         let now = if additions.is_empty() {
@@ -307,14 +310,14 @@ impl RetainedState {
     }
 
     /// Returns the initial state of a problem, reusing the model of the last call. Returns `None` if
-    /// other parts of the texts have changed.
+    /// texts other than the problem's state have changed.
     fn world(&mut self, difference: &TextDifference, problem: &Problem) -> Option<World> {
         let (last, world) = self.last.take()?;
         let is_same = difference.additions.is_empty() && difference.present == last;
         if is_same { world.with_problem(problem) } else { None }
     }
 
-    /// Updates the kept state. Returns `None` if the texts must be ground afresh.
+    /// Updates the kept state by a difference. Returns `None` if the texts must be ground afresh.
     fn follow(
         &mut self,
         difference: TextDifference,
@@ -337,7 +340,7 @@ impl RetainedState {
         Ok(now.filter(fits).map(|now| PreparedGrounding { now, present, grounding }))
     }
 
-    /// Grounds the additions. Returns `false` if that is not possible.
+    /// Grounds the additions to the texts. Returns `false` if that is not possible.
     fn extend(&mut self, call: &mut ReplanningCall<'_>) -> Result<bool, GroundFailure> {
         let (union, state) = self.known.texts(call.problem);
         let Ok((lifted, symbols)) = normalize_named(union, &state) else { return Ok(false) };
@@ -359,7 +362,7 @@ impl<'c> ReplanningCall<'c> {
         ReplanningCall { domain, problem, options, cancel, statistics, judge }
     }
 
-    /// Plans without the kept state, as [`crate::plan()`].
+    /// Plans without using the kept state, as [`crate::plan()`] does.
     fn once(&self) -> Result<Replanned, PlanError> {
         let outcome = crate::plan(self.domain, self.problem, self.options, self.cancel)?;
         Ok(Replanned {
@@ -369,7 +372,7 @@ impl<'c> ReplanningCall<'c> {
         })
     }
 
-    /// Returns the rest of the old plan, if it is not empty and still leads to the goal.
+    /// Returns the rest of the old plan as the result, if it is not empty and still leads to the goal.
     fn rest(&mut self, rest: &[PlanStep]) -> Option<Replanned> {
         if rest.is_empty() {
             return None;
@@ -393,7 +396,7 @@ impl<'c> ReplanningCall<'c> {
         })
     }
 
-    /// Searches for a plan. Also returns the initial state that plans were validated from.
+    /// Searches for a plan. Also returns the initial state from which plans were validated.
     fn solve(
         mut self,
         task: &Task,
@@ -450,7 +453,7 @@ impl<'c> ReplanningCall<'c> {
     }
 }
 
-/// Reason why there is no ground problem.
+/// Reason why a call has no ground problem.
 enum GroundFailure {
     Stopped(StopReason),
     Refused(PlanError),

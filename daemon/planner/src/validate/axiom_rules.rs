@@ -1,8 +1,9 @@
-//! Axioms as rules, and the fixpoint of a component of derived predicates in a state.
+//! Turns axioms into rules, and computes the facts that a component of derived predicates has in a
+//! state, as the fixpoint of the rules.
 //!
-//! The evaluation is semi-naive: after a first round over everything, a rule is applied only to new
+//! The evaluation is semi-naive: after a first round over all facts, a rule is applied only to new
 //! facts. A rule that reads its own component inside a nested condition, such as a `forall`, is applied
-//! in full again.
+//! to all facts in every round.
 
 use std::ops::Range;
 
@@ -14,32 +15,33 @@ use super::symbols::{Object, RelationId};
 use super::tuple_table::TupleTable;
 use super::world::World;
 
-/// Maximal number of rules that an axiom is split into over `or`; beyond it, an `or` is evaluated as a
+/// Maximal number of rules into which an axiom is split over `or`. Beyond it, an `or` is evaluated as a
 /// whole.
 const ALTERNATIVES_MAX: usize = 64;
 
-/// One conjunctive way to derive a predicate.
+/// One way to derive facts of a predicate: a conjunction of conditions.
 #[derive(Debug)]
 pub(super) struct AxiomRule {
     relation: RelationId,
-    /// Position of the relation in its component.
+    /// Position of the derived predicate in its component.
     head: usize,
     arguments: Box<[FrameSlot]>,
     query: Query,
-    /// Parts that are facts of the same component, each with the predicate's position there.
+    /// Parts of the rule that are facts of the same component, each with the position of its predicate
+    /// in the component.
     recursive: Vec<(usize, usize)>,
-    /// Whether the component is read in any other part.
+    /// Whether parts of the rule other than `recursive` read the component.
     is_nested: bool,
     slot_count: usize,
 }
 
-/// Variables, and the conditions that must hold for them.
+/// One alternative of a disjunction: variables, and the conditions that must hold for them.
 type RuleAlternative = (Vec<Variable>, Vec<CompiledCondition>);
 
 // === impl Rule ===
 
 impl AxiomRule {
-    /// Returns the rules of an axiom of a component.
+    /// Returns the rules of one axiom, which belongs to the given component.
     fn of(model: &Model, component: usize, axiom: usize) -> Vec<AxiomRule> {
         let axiom = &model.derived[axiom];
         let mut scope = CompilationScope::new(model);
@@ -64,7 +66,8 @@ impl AxiomRule {
     }
 }
 
-/// Returns the parts of a query that are facts of a component, and whether other parts read it too.
+/// Returns the parts of a query that are facts of a component, and whether other parts of the query
+/// read the component too.
 fn recursion(model: &Model, component: usize, query: &Query) -> (Vec<(usize, usize)>, bool) {
     let (mut recursive, mut is_nested) = (Vec::new(), false);
     for (index, part) in query.parts.iter().enumerate() {
@@ -80,8 +83,8 @@ fn recursion(model: &Model, component: usize, query: &Query) -> (Vec<(usize, usi
     (recursive, is_nested)
 }
 
-/// Returns the disjunctive normal form of a node; variables of inner existential quantifiers are
-/// merged.
+/// Returns the disjunctive normal form of a condition. Variables of inner existential quantifiers
+/// become variables of the alternatives.
 fn alternatives(node: CompiledCondition) -> Vec<RuleAlternative> {
     match node {
         CompiledCondition::Constant(false) => Vec::new(),
@@ -122,7 +125,7 @@ fn alternatives(node: CompiledCondition) -> Vec<RuleAlternative> {
     }
 }
 
-/// Adds the variables and conditions of a factor to every alternative.
+/// Adds the given variables and conditions to every alternative.
 fn extend(alternatives: &mut [RuleAlternative], (variables, nodes): &RuleAlternative) {
     for (own_variables, own_nodes) in alternatives {
         own_variables.extend_from_slice(variables);
@@ -133,7 +136,7 @@ fn extend(alternatives: &mut [RuleAlternative], (variables, nodes): &RuleAlterna
 // === impl World ===
 
 impl World {
-    /// Returns the facts of a component, and evaluates it if needed.
+    /// Returns the facts of a component, and evaluates the component if that has not been done.
     pub(super) fn derived(&self, component: usize) -> &[TupleTable] {
         if let Some(tables) = self.derived[component].get() {
             return tables;
@@ -155,7 +158,7 @@ impl World {
         self.derived[component].get_or_init(|| self.evaluate_component(component))
     }
 
-    /// Drops the results of components, and of all components that read them.
+    /// Drops the results of the given components, and of all components that read one of them.
     pub(super) fn invalidate(&mut self, components: &[usize]) {
         let mut open = components.to_vec();
         while let Some(component) = open.pop() {
@@ -166,7 +169,7 @@ impl World {
         }
     }
 
-    /// Computes the facts of a component by its fixpoint.
+    /// Computes the facts of the component with this index, by a fixpoint.
     fn evaluate_component(&self, index: usize) -> Vec<TupleTable> {
         let component = &self.model.axioms.components[index];
         let rules = component.rules.get_or_init(|| {
@@ -201,16 +204,17 @@ impl World {
     }
 }
 
-/// A part of a rule, and the rows of its new facts. They come last, because tuples are not removed
-/// while a component is evaluated.
+/// Position of a part of a rule, and the rows of the new facts of that part. New facts have the last
+/// rows, because no tuple is removed while a component is evaluated.
 type DeltaRows = (usize, Range<usize>);
 
-/// Tuples in one array, and their number.
+/// Derived tuples, one after the other in one array, and the number of tuples.
 type DerivedTuples = (Vec<Object>, usize);
 
 impl AxiomRule {
-    /// Returns the parts of the rule that have new facts, given the number of rows of each predicate
-    /// before the last round and now. `None` means that the whole rule must be applied.
+    /// Returns the parts of the rule that have new facts. `seen` and `now` are the numbers of rows of
+    /// each predicate before the last round and now. `None` in the result means that the rule must be
+    /// applied to all facts.
     fn sources(&self, seen: &[usize], now: &[usize]) -> Vec<Option<DeltaRows>> {
         if self.is_nested {
             return vec![None];
@@ -219,7 +223,7 @@ impl AxiomRule {
         self.recursive.iter().map(source).collect()
     }
 
-    /// Returns the derived tuples that are not known yet.
+    /// Returns the tuples that the rule derives and that are not known yet.
     fn follow(&self, view: WorldView<'_>, from: Option<DeltaRows>) -> DerivedTuples {
         let known = view.table(self.relation);
         let mut frame = vec![Object::UNBOUND; self.slot_count];

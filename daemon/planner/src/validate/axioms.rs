@@ -1,8 +1,8 @@
-//! Dependencies of the axioms: which predicates they derive, what these read, and the order of
-//! evaluation.
+//! Dependencies of the axioms: which predicates the axioms derive, what each derived predicate depends
+//! on, and the order of evaluation.
 //!
 //! Predicates that derive each other form a component and are evaluated together, after the components
-//! that they read. A component is evaluated lazily, when its facts are needed, and again only after a
+//! that they read. A component is evaluated when its facts are first needed, and again only after a
 //! change of something that it reads.
 
 use std::collections::BTreeMap;
@@ -16,29 +16,29 @@ use super::symbols::{RelationId, RelationTable};
 /// Axioms of a domain, grouped into components.
 #[derive(Debug, Default)]
 pub(super) struct AxiomComponents {
-    /// Per predicate: its component and its position there; `None` if it is not derived. Empty without
-    /// axioms.
+    /// For each predicate: its component, and its position in that component; `None` if the predicate
+    /// is not derived. The list is empty if the domain has no axioms.
     places: Vec<Option<(usize, usize)>>,
     pub(super) components: Vec<Component>,
-    /// Per predicate: the components that read it.
+    /// For each predicate: the components that read its facts.
     fact_readers: Vec<Vec<usize>>,
-    /// Per function: the components that read it.
+    /// For each function: the components that read its values.
     value_readers: Vec<Vec<usize>>,
     /// Components that read the time.
     time_readers: Vec<usize>,
 }
 
-/// Derived predicates that are evaluated together.
+/// A group of derived predicates that are evaluated together.
 #[derive(Debug, Default)]
 pub(super) struct Component {
     pub(super) relations: Vec<RelationId>,
-    /// Positions of its axioms in the domain.
+    /// Positions in the domain of the axioms that derive predicates of the component.
     pub(super) axioms: Vec<usize>,
-    /// Components that it reads.
+    /// Components that this component reads.
     pub(super) below: Vec<usize>,
-    /// Components that read it.
+    /// Components that read this component.
     pub(super) above: Vec<usize>,
-    /// Compiled rules; compiled on first use.
+    /// Rules of the component, compiled on first use.
     pub(super) rules: OnceLock<Vec<AxiomRule>>,
 }
 
@@ -47,7 +47,7 @@ struct Reads<'m> {
     predicates: &'m RelationTable,
     functions: &'m RelationTable,
     facts: Vec<RelationId>,
-    /// Subset of `facts` that occurs negated.
+    /// The predicates among `facts` that occur negated in the axiom.
     negated: Vec<RelationId>,
     values: Vec<RelationId>,
     time: bool,
@@ -56,7 +56,7 @@ struct Reads<'m> {
 // === impl Axioms ===
 
 impl AxiomComponents {
-    /// Returns an error if an axiom depends on its own negation.
+    /// Groups the axioms of a domain. Returns an error if an axiom depends on its own negation.
     pub(super) fn of(
         domain: &Domain,
         predicates: &RelationTable,
@@ -94,8 +94,8 @@ impl AxiomComponents {
         Ok(axioms)
     }
 
-    /// Returns the component of a derived predicate and its position there; `None` if it is not
-    /// derived.
+    /// Returns the component of a derived predicate, and the position of the predicate in the
+    /// component; `None` if the predicate is not derived.
     pub(super) fn place(&self, relation: RelationId) -> Option<(usize, usize)> {
         self.places.get(relation.index()).copied().flatten()
     }
@@ -115,7 +115,8 @@ impl AxiomComponents {
         &self.time_readers
     }
 
-    /// Assigns a place to every derived predicate. Predicates of one cycle get the same component.
+    /// Assigns a component and a position in it to every derived predicate. Predicates of one cycle get
+    /// the same component.
     fn place_all(&mut self, heads: &[RelationId], circles: &[usize]) {
         let mut component_of_circle = BTreeMap::new();
         for head in heads {
@@ -135,8 +136,8 @@ impl AxiomComponents {
         }
     }
 
-    /// Registers what an axiom reads. Returns `true` if it reads a predicate of its own component
-    /// negated.
+    /// Registers what an axiom reads. Returns `true` if the axiom reads the negation of a predicate of
+    /// its own component.
     fn connect(&mut self, axiom: usize, head: RelationId, reads: &Reads<'_>) -> bool {
         let Some((component, _)) = self.place(head) else { return false };
         self.components[component].axioms.push(axiom);

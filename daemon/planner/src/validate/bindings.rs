@@ -1,4 +1,5 @@
-//! Bindings by name: conditions in the form that the user reads, with objects in place of variables.
+//! Bindings of variables by name. They put objects in place of variables, for conditions that are shown
+//! to the user.
 
 use pddl::{Atom, Compare, Condition, Expression, FluentTerm, Name, Term, Typed};
 
@@ -21,8 +22,8 @@ impl Bindings {
         self.0.iter().rev().find(|(name, _)| name == variable).map(|(_, object)| object)
     }
 
-    /// Returns the object that a term stands for. An unbound variable stands for its own name, and no
-    /// fact holds for that.
+    /// Returns the name of the object that a term stands for. For an unbound variable that is the
+    /// variable's own name, for which no fact holds.
     pub(crate) fn object<'t>(&'t self, term: &'t Term) -> &'t Name {
         match term {
             Term::Object(name) => name,
@@ -102,7 +103,7 @@ impl Bindings {
         }
     }
 
-    /// Returns the bindings without the variables that a quantifier binds again.
+    /// Returns the bindings without those of `variables`, which an inner quantifier binds again.
     fn hiding(&self, variables: &[Typed]) -> Bindings {
         let hidden = |name: &Name| variables.iter().any(|variable| variable.name == *name);
         Bindings(self.0.iter().filter(|(name, _)| !hidden(name)).cloned().collect())

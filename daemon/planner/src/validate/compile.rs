@@ -10,17 +10,18 @@ use super::compiled::{
 use super::model::Model;
 use super::symbols::Object;
 
-/// Maximal product of variables and alternatives up to which a quantifier is distributed over `or`: far
-/// more than texts contain.
+/// Maximal product of the numbers of variables and alternatives up to which a quantifier is distributed
+/// over `or`. Texts contain far fewer.
 const SHARED_MAX: usize = 4_096;
 
-/// Scope of a compilation: the variables, and the slots and unknown names used so far.
+/// State of the compilation of one text: the variables in scope, and the slots and undeclared names
+/// used so far.
 pub(super) struct CompilationScope<'m> {
     model: &'m Model,
-    /// Variables in scope, innermost last.
+    /// Variables in scope with their slots, innermost last.
     variables: Vec<(Name, FrameSlot)>,
     slot_count: usize,
-    /// Numbers of names that the texts do not declare. An unbound variable stands for its own name.
+    /// Numbers of names that the texts do not declare. An unbound variable counts as such a name.
     strangers: FxHashMap<Name, usize>,
 }
 
@@ -61,7 +62,7 @@ impl<'m> CompilationScope<'m> {
         self.variables.truncate(self.variables.len() - count);
     }
 
-    /// Compiles a condition, or its negation if `positive` is false.
+    /// Compiles a condition. If `positive` is false, compiles the negation of the condition.
     pub(super) fn node(&mut self, condition: &Condition, positive: bool) -> CompiledCondition {
         match condition {
             Condition::Atom(atom) => {
@@ -119,8 +120,8 @@ impl<'m> CompilationScope<'m> {
         if all { CompiledCondition::all(nodes) } else { CompiledCondition::any(nodes) }
     }
 
-    /// Compiles a quantifier over a condition (over its negation, if `positive` is false). “For all”
-    /// becomes: there is no binding for which it does not hold.
+    /// Compiles a quantifier over a condition, or over the negation of the condition if `positive` is
+    /// false. “For all” becomes: there is no binding for which the condition does not hold.
     fn quantified(
         &mut self,
         variables: &[Typed],
@@ -213,8 +214,9 @@ impl<'m> CompilationScope<'m> {
         }
     }
 
-    /// Compiles a universal effect. It is distributed over `and` if a part has its own condition or
-    /// variables, so that each part is evaluated for its own bindings only.
+    /// Compiles a universal effect. If a part of the effect has its own condition or variables, the
+    /// quantifier is distributed over `and`, so that each part is evaluated only for the bindings of
+    /// its own variables.
     fn each(&mut self, variables: &[Typed], inner: &Effect) -> CompiledEffect {
         let is_limited = |part: &Effect| matches!(part, Effect::When(..) | Effect::Forall(..));
         if let Effect::And(parts) = inner
@@ -263,11 +265,11 @@ pub(super) fn schema(model: &Model, action: &ActionSchema) -> CompiledAction {
     }
 }
 
-/// Returns queries of which one has a binding if and only if the node holds for some binding of the
-/// variables.
+/// Returns queries with this meaning: one of them has a binding if and only if `node` holds for some
+/// binding of the variables.
 ///
-/// The quantifier is distributed over `or`, and the variables of inner existential quantifiers are
-/// merged.
+/// The quantifier is distributed over `or`, and the variables of inner existential quantifiers become
+/// variables of the query.
 fn existential(variables: Vec<Variable>, node: CompiledCondition) -> Vec<Query> {
     match node {
         CompiledCondition::Constant(false) => Vec::new(),

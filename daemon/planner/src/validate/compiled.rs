@@ -14,7 +14,7 @@ use super::symbols::{Extension, Object, RelationId};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FrameSlot(pub(super) u32);
 
-/// An argument: a variable or an object.
+/// An argument of a predicate or function: a variable or an object.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Argument {
     Slot(FrameSlot),
@@ -28,19 +28,21 @@ pub(super) struct Fact {
     pub(super) arguments: Box<[Argument]>,
 }
 
-/// A condition.
+/// A compiled condition, in negation normal form.
 #[derive(Clone, Debug)]
 pub(super) enum CompiledCondition {
     Constant(bool),
-    /// The fact has this truth value.
+    /// Holds if the truth value of the fact is the given one.
     Fact(Fact, bool),
-    /// Whether the arguments are the same object has this truth value.
+    /// Holds if the two arguments are the same object, or, if the value is `false`, if they are
+    /// different objects.
     Equal(Argument, Argument, bool),
-    /// Whether the comparison holds has this truth value. It does not hold if a side is undefined.
+    /// Holds if the comparison holds, or, if the value is `false`, if it does not hold. A comparison
+    /// with an undefined side does not hold.
     Compare(Box<CompiledComparison>, bool),
     All(Vec<CompiledCondition>),
     Any(Vec<CompiledCondition>),
-    /// Whether the query has a binding has this truth value.
+    /// Holds if the query has a binding, or, if the value is `false`, if it has none.
     Exists(Box<Query>, bool),
 }
 
@@ -56,11 +58,13 @@ pub(super) struct CompiledComparison {
 #[derive(Clone, Debug)]
 pub(super) struct Query {
     pub(super) variables: Vec<Variable>,
-    /// At most [`PARTS_MAX`] parts, cheap ones first.
+    /// Parts of the query, at most [`PARTS_MAX`], ordered by the work to evaluate them, the cheapest
+    /// first.
     pub(super) parts: Vec<QueryPart>,
 }
 
-/// Maximal number of parts: the evaluation keeps its open parts as the bits of one `u64`.
+/// Maximal number of parts of a query. The evaluation keeps the parts that are still open as the bits
+/// of one `u64`.
 pub(super) const PARTS_MAX: usize = 64;
 
 /// A variable of a query.
@@ -74,11 +78,11 @@ pub(super) struct Variable {
 #[derive(Clone, Debug)]
 pub(super) struct QueryPart {
     pub(super) node: CompiledCondition,
-    /// Variables of the query that occur in the part.
+    /// Variables of the query that occur in this part.
     pub(super) slots: Box<[FrameSlot]>,
 }
 
-/// A numeric expression.
+/// A compiled numeric expression.
 #[derive(Clone, Debug)]
 pub(super) enum CompiledExpression {
     Number(f64),
@@ -86,21 +90,22 @@ pub(super) enum CompiledExpression {
     Negate(Box<CompiledExpression>),
     Apply(Operator, Vec<CompiledExpression>),
     TotalTime,
-    /// A time that only durative actions have; it is undefined here.
+    /// A time that only durative actions have. Its value is undefined here.
     Unknown(Box<FluentTerm>),
 }
 
 /// A function applied to arguments.
 #[derive(Clone, Debug)]
 pub(super) struct Fluent {
-    /// Number of the function; `None` if no fluent of this name and arity can have a value.
+    /// Number of the function; `None` if no fluent with this name and number of arguments can have a
+    /// value.
     pub(super) function: Option<RelationId>,
     pub(super) arguments: Box<[Argument]>,
     /// The fluent as it is written in the text.
     pub(super) source_term: FluentTerm,
 }
 
-/// An effect.
+/// A compiled effect.
 #[derive(Clone, Debug)]
 pub(super) enum CompiledEffect {
     All(Vec<CompiledEffect>),
@@ -108,11 +113,11 @@ pub(super) enum CompiledEffect {
     Set(Fact, bool),
     Assign(Box<CompiledAssign>),
     When(Box<(CompiledCondition, CompiledEffect)>),
-    /// The change for every binding under which all parts hold.
+    /// The effect, for every binding of the variables under which all parts of the query hold.
     Each(Box<(Query, CompiledEffect)>),
 }
 
-/// A numeric effect.
+/// A compiled numeric effect.
 #[derive(Clone, Debug)]
 pub(super) struct CompiledAssign {
     pub(super) assignment: Assignment,
@@ -120,10 +125,10 @@ pub(super) struct CompiledAssign {
     pub(super) value: CompiledExpression,
 }
 
-/// An action's schema.
+/// A compiled action schema.
 #[derive(Debug)]
 pub(super) struct CompiledAction {
-    /// Types of the parameters. Their slots come first.
+    /// Types of the parameters, which have the first slots of the frame.
     pub(super) parameters: Vec<Arc<Extension>>,
     pub(super) precondition: CompiledCondition,
     pub(super) effect: CompiledEffect,
@@ -133,7 +138,8 @@ pub(super) struct CompiledAction {
 // === impl Argument ===
 
 impl Argument {
-    /// Returns the object that it stands for; [`Object::UNBOUND`] if it is an unbound variable.
+    /// Returns the object that the argument stands for; [`Object::UNBOUND`] if the argument is an
+    /// unbound variable.
     pub(super) fn value(self, frame: &[Object]) -> Object {
         match self {
             Argument::Slot(slot) => frame[slot.index()],
@@ -153,7 +159,7 @@ impl FrameSlot {
 // === impl Node ===
 
 impl CompiledCondition {
-    /// Returns the conjunction, flattened and simplified.
+    /// Returns the conjunction of conditions, flattened and simplified.
     pub(super) fn all(nodes: impl IntoIterator<Item = CompiledCondition>) -> CompiledCondition {
         let mut flat = Vec::new();
         for node in nodes {
@@ -171,7 +177,7 @@ impl CompiledCondition {
         }
     }
 
-    /// Returns the disjunction, flattened and simplified.
+    /// Returns the disjunction of conditions, flattened and simplified.
     pub(super) fn any(nodes: impl IntoIterator<Item = CompiledCondition>) -> CompiledCondition {
         let mut flat = Vec::new();
         for node in nodes {
@@ -189,8 +195,8 @@ impl CompiledCondition {
         }
     }
 
-    /// Returns the node that holds if and only if this one does not. This is not the negation of PDDL:
-    /// if a number is undefined, neither a comparison nor its negation holds.
+    /// Returns the condition that holds if and only if this one does not. This differs from `not` in
+    /// PDDL: if a number is undefined, neither a comparison nor its PDDL negation holds.
     pub(super) fn complement(self) -> CompiledCondition {
         match self {
             CompiledCondition::Constant(truth) => CompiledCondition::Constant(!truth),
@@ -211,7 +217,7 @@ impl CompiledCondition {
         }
     }
 
-    /// Returns the conjuncts.
+    /// Returns the conjuncts of the condition.
     pub(super) fn into_parts(self) -> Vec<CompiledCondition> {
         match self {
             CompiledCondition::All(parts) => parts,
@@ -220,7 +226,7 @@ impl CompiledCondition {
         }
     }
 
-    /// Calls `visit` for every argument, including those inside quantifiers.
+    /// Calls `visit` for every argument in the condition, including those inside quantifiers.
     pub(super) fn arguments(&self, visit: &mut dyn FnMut(Argument)) {
         match self {
             CompiledCondition::Constant(_) => (),
@@ -239,7 +245,7 @@ impl CompiledCondition {
         }
     }
 
-    /// Calls `visit` for the relation of every fact.
+    /// Calls `visit` for the predicate of every fact in the condition.
     pub(super) fn relations(&self, visit: &mut dyn FnMut(RelationId)) {
         match self {
             CompiledCondition::Constant(_)
@@ -255,7 +261,7 @@ impl CompiledCondition {
         }
     }
 
-    /// Returns a rough rank of the work to evaluate the node.
+    /// Returns a rough rank of the work that evaluating the condition takes.
     fn effort(&self) -> u8 {
         match self {
             CompiledCondition::Constant(_) | CompiledCondition::Equal(..) => 0,
@@ -309,7 +315,7 @@ impl Query {
         Query { variables, parts }
     }
 
-    /// Whether the object is of the type of the variable in this slot.
+    /// Whether the object belongs to the type of the variable with this slot.
     pub(super) fn accepts(&self, slot: FrameSlot, object: Object) -> bool {
         let variable = self.variables.iter().find(|variable| variable.slot == slot);
         variable.is_some_and(|variable| variable.extension.contains(object))

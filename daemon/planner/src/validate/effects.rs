@@ -1,4 +1,4 @@
-//! Effects of a step; all their conditions and values are evaluated in the state before it.
+//! Effects of a step. All their conditions and values are evaluated in the state before the step.
 
 use pddl::{Assignment, FluentTerm, Name, Span, Term};
 
@@ -23,7 +23,7 @@ pub(super) struct Tuples {
     objects: Vec<Object>,
 }
 
-/// A numeric effect.
+/// A change of a number by one effect.
 #[derive(Clone, Debug)]
 struct Update {
     function: RelationId,
@@ -32,7 +32,7 @@ struct Update {
     value: f64,
 }
 
-/// A new value of a fluent.
+/// A new value of a fluent: the function, its arguments, and the value.
 pub(super) type NewValue = (RelationId, Box<[Object]>, f64);
 
 // === impl Tuples ===
@@ -155,7 +155,7 @@ impl WorldView<'_> {
         }
     }
 
-    /// Returns the first of these fluents in the order of names; `None` if there are none.
+    /// Returns the first of the given fluents in the order of their names; `None` if there are none.
     fn first(self, fluents: Vec<(RelationId, &[Object])>) -> Option<FluentTerm> {
         let names = |(function, objects)| self.names(function, objects);
         let (function, objects) = fluents.into_iter().map(names).min()?;

@@ -10,7 +10,8 @@ use super::query::WorldView;
 use super::symbols::Object;
 use super::world::World;
 
-/// Search for the failing part. It keeps every binding twice: by variable name and by slot.
+/// Search for the part of a condition that does not hold. The search keeps every binding twice: by the
+/// name of the variable and by its slot.
 pub(super) struct FailingPartSearch<'w> {
     view: WorldView<'w>,
     model: &'w Model,
@@ -70,7 +71,8 @@ impl<'w> FailingPartSearch<'w> {
         node
     }
 
-    /// Returns the failing part of the first instance, in the order of the texts, that does not hold.
+    /// Returns the failing part of the first instance of a quantified condition that does not hold.
+    /// Instances have the order of the objects in the texts.
     fn instance(&mut self, variables: &[Typed], inner: &Condition) -> Option<Condition> {
         let declared = self.scope.declare(variables);
         let node = self.compiled(inner);
@@ -100,7 +102,7 @@ impl<'w> FailingPartSearch<'w> {
         found
     }
 
-    /// Returns the failing part of the instance that is bound in the frame.
+    /// Returns the failing part of the instance of a condition that the frame's bindings give.
     fn named(
         &mut self,
         variables: &[Typed],

@@ -1,9 +1,8 @@
-//! Footprint of a step: the facts and numbers that it may read and write, in whatever state it is
-//! applied.
+//! Footprint of a step: the facts and numbers that the step may read and write, whatever the state.
 //!
-//! Every branch counts, whether its condition holds or not. A derived fact counts as all facts of the
-//! predicates that it may depend on. `total-cost` does not count: all steps add to it, and no step has
-//! to wait for another because of that.
+//! Every conditional part counts, whether its condition holds or not. A step that reads a derived fact
+//! counts as reading all facts of the predicates on which the derived fact may depend. `total-cost`
+//! does not count: all steps add to it, and no step has to wait for another because of that.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +13,7 @@ use super::model::Model;
 use super::steps::schema_of;
 use super::world::World;
 
-/// A fact or a fluent: its name and objects.
+/// A fact or a fluent: the name of the predicate or function, and the objects.
 type Cell = (Name, Vec<Name>);
 
 /// Facts and numbers that a step may read and write.
@@ -24,7 +23,7 @@ pub(crate) struct Footprint {
     facts_written: BTreeSet<Cell>,
     fluents_read: BTreeSet<Cell>,
     fluents_written: BTreeSet<Cell>,
-    /// Predicates of which any fact may be read, through an axiom.
+    /// Predicates of which the step may read any fact, because an axiom depends on them.
     predicates_read: BTreeSet<Name>,
     functions_read: BTreeSet<Name>,
     /// Agent of the step; `None` if the action declares no agent.
@@ -34,8 +33,8 @@ pub(crate) struct Footprint {
 // === impl Footprint ===
 
 impl Footprint {
-    /// Whether this step must wait for the earlier one: their order may matter, or the same agent
-    /// executes both.
+    /// Whether this step must wait for the `earlier` one: the order of the two may matter, or the same
+    /// agent executes both.
     pub(crate) fn must_wait_for(&self, earlier: &Footprint) -> bool {
         let same_agent = self.agent.is_some() && self.agent == earlier.agent;
         same_agent || self.conflicts(earlier)
@@ -143,7 +142,7 @@ impl World {
     }
 }
 
-/// Calls `visit` for every binding of the variables.
+/// Calls `visit` for every binding of the variables to objects.
 fn every(
     model: &Model,
     variables: &[Typed],
@@ -170,7 +169,8 @@ fn reads_numbers(expression: &Expression, bindings: &Bindings, found: &mut Footp
     found.fluents_read.extend(expression.fluents().map(|fluent| cell(fluent, bindings)));
 }
 
-/// Returns the predicates and functions that a derived predicate may depend on, including itself.
+/// Returns the predicates and functions on which a derived predicate may depend, including the
+/// predicate itself.
 fn sources(axioms: &[Derived], derived: &Name) -> (Vec<Name>, Vec<Name>) {
     let (mut predicates, mut functions) = (vec![derived.clone()], Vec::new());
     let mut next = 0;

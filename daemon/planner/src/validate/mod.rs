@@ -1,8 +1,8 @@
 //! Independent plan validation: checks that every step is applicable, and that the goal holds at the
 //! end.
 //!
-//! - It interprets the lifted texts directly, with all of ADL, axioms and numbers. It shares no code
-//!   with grounding and search, so that mistakes there are found here.
+//! - The validator interprets the lifted texts directly, with all of ADL, axioms and numbers. It shares no
+//!   code with grounding and search, so that mistakes there are found here.
 //! - Every plan of this crate is validated before it is returned.
 //! - Time is not supported: durative actions and timed initial literals are faults.
 
@@ -32,14 +32,14 @@ use pddl::{
 
 pub use world::World;
 
-/// Result of the validation.
+/// Result of validating a plan.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Every step is applicable and the goal holds at the end.
+    /// The plan is valid: every step is applicable, and the goal holds at the end.
     Valid {
-        /// Value of the metric; the number of steps if there is no metric.
+        /// Cost of the plan: the value of the metric, or the number of steps if there is no metric.
         cost: f64,
-        /// Number of steps.
+        /// Number of steps of the plan.
         steps: usize,
     },
     /// The plan is not valid.
@@ -48,62 +48,63 @@ pub enum Verdict {
     BadInput(Vec<Diagnostic>),
 }
 
-/// Why a plan is not valid.
+/// Why a plan is not valid, and where.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fault {
-    /// Place in the plan.
+    /// Place in the plan at which the fault was found.
     pub place: FaultPlace,
-    /// Reason.
+    /// Reason why the plan is not valid.
     pub reason: FaultReason,
-    /// Place in a text: of the step in the plan, or of the metric in the problem.
+    /// Place in a text: in the plan, the step with the fault; in the problem, the metric.
     pub span: Span,
 }
 
-/// A place in a plan.
+/// A place in a plan at which a fault was found.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FaultPlace {
-    /// A step.
+    /// A step of the plan.
     Step {
-        /// Its position, from 0.
+        /// Position of the step in the plan, from 0.
         index: usize,
         /// The step.
         step: PlanStep,
     },
-    /// The end, where the goal is checked.
+    /// The end of the plan, where the goal is checked.
     Goal,
-    /// The end, where the metric is evaluated.
+    /// The end of the plan, where the metric is evaluated.
     Metric,
 }
 
-/// Why a step is not applicable, or the end does not satisfy the goal.
+/// Why a step is not applicable, or why the state at the end does not satisfy the goal.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum FaultReason {
-    /// No action has this name.
+    /// No action has the name that the step gives.
     UnknownAction,
-    /// The action is durative; the validator does not support time.
+    /// The action of the step is durative; the validator does not support time.
     Durative,
-    /// Wrong number of arguments.
+    /// The step has a wrong number of arguments.
     ArgumentCount {
         /// Number of parameters of the action, including its agent.
         expected: usize,
         /// Number of arguments of the step.
         found: usize,
     },
-    /// No object has this name.
+    /// No object has this name, which is an argument of the step.
     UnknownObject(Name),
-    /// The object does not have the type of the parameter.
+    /// An argument does not have the type of its parameter.
     WrongType {
-        /// The object.
+        /// The object that is the argument.
         object: Name,
-        /// The parameter's type.
+        /// The type of the parameter.
         expected: TypeExpr,
     },
-    /// The precondition does not hold: its smallest failing part, with objects in place of variables.
+    /// The precondition of the step does not hold. The value is its smallest failing part, with objects
+    /// in place of variables.
     Precondition(Condition),
-    /// The goal does not hold: its smallest failing part.
+    /// The goal does not hold at the end. The value is its smallest failing part.
     Goal(Condition),
-    /// A fluent is read or changed that is undefined or not finite.
+    /// A fluent that is undefined or not finite is read or changed.
     Undefined(FluentTerm),
     /// The result of an effect on a fluent is not finite: a division by zero, or a number out of range.
     NotFinite(FluentTerm),
@@ -123,14 +124,14 @@ pub fn validate(domain: &Domain, problem: &Problem, plan: &Plan) -> Verdict {
     }
 }
 
-/// Returns the cost of steps that lead from a state to a goal: the value of the metric, or the number
-/// of steps if there is no metric. Returns an error if they do not reach the goal.
+/// Returns the cost of `steps` from a state to a goal: the value of the metric, or the number of steps
+/// if there is no metric. Returns an error if the steps do not reach the goal.
 pub fn cost_from(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<f64, Box<Fault>> {
     run(world.clone(), steps, goal).and_then(|end| end.cost())
 }
 
-/// Checks that the remaining steps of a plan lead from a state to a goal. Returns an error if they do
-/// not.
+/// Checks that the remaining steps of a plan lead from the state `world` to a goal. Returns the fault
+/// as an error if they do not.
 pub fn rest_reaches(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<(), Box<Fault>> {
     run(world.clone(), steps, goal).map(|_| ())
 }
@@ -154,7 +155,8 @@ fn run(mut world: World, steps: &[PlanStep], goal: &Condition) -> Result<World, 
 impl std::error::Error for Fault {}
 
 impl Fault {
-    /// Returns the fault with its failing part of the goal or precondition replaced by `words` of it.
+    /// Returns the fault with the failing part of the goal or precondition replaced by what `words`
+    /// returns for it.
     #[must_use]
     pub fn map(self, words: impl FnOnce(&Condition) -> Condition) -> Fault {
         let reason = match &self.reason {
@@ -165,7 +167,8 @@ impl Fault {
         Fault { reason, ..self }
     }
 
-    /// Returns the failing part of the goal or precondition; `None` if the fault has another reason.
+    /// Returns the failing part of the goal or precondition; `None` if the fault has a reason other
+    /// than these.
     pub fn condition(&self) -> Option<&Condition> {
         match &self.reason {
             FaultReason::Precondition(condition) | FaultReason::Goal(condition) => Some(condition),

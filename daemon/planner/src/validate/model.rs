@@ -1,8 +1,8 @@
-//! The constant part of a [`super::World`]: names and their numbers, types, objects, axioms and
-//! actions. Each action is compiled on first use.
+//! The part of a [`super::World`] that does not change: names and their numbers, types, objects, axioms
+//! and actions. Each action is compiled on first use.
 //!
-//! It is written for the validator alone. Grounding and search have tables of their own, so that the
-//! same mistake is not made in both.
+//! This module is written for the validator alone. Grounding and search have tables of their own, so
+//! that the same mistake is not made in both.
 
 use std::sync::{Arc, OnceLock};
 
@@ -16,7 +16,7 @@ use super::compile;
 use super::compiled::CompiledAction;
 use super::symbols::{Extension, Objects, RelationTable};
 
-/// The constant part of a [`super::World`].
+/// The part of a [`super::World`] that does not change, and that all states of the same texts share.
 #[derive(Debug)]
 pub(crate) struct Model {
     pub(super) actions: Vec<ActionSchema>,
@@ -28,11 +28,12 @@ pub(crate) struct Model {
     pub(super) functions: RelationTable,
     pub(super) axioms: AxiomComponents,
     types: Types,
-    /// Per declared type: its objects; computed on first use.
+    /// For each declared type: the objects of the type, computed on first use.
     extensions: FxHashMap<Name, OnceLock<Arc<Extension>>>,
-    /// Per position in `actions`: the compiled action.
+    /// For each position in `actions`: the compiled action.
     schemas: Vec<OnceLock<CompiledAction>>,
-    /// Positions in `actions`, by name; names may be overloaded.
+    /// For each name: the positions in `actions` of the actions with this name. Several actions may
+    /// share one name.
     actions_by_name: FxHashMap<Name, Vec<usize>>,
 }
 
@@ -84,7 +85,7 @@ impl Model {
         known.map_or_else(found, |known| Arc::clone(known.get_or_init(found)))
     }
 
-    /// Returns the positions of the actions with a name, in the order of the texts.
+    /// Returns the positions of the actions with this name, in the order of the texts.
     pub(super) fn named(&self, name: &Name) -> &[usize] {
         self.actions_by_name.get(name).map_or(&[], Vec::as_slice)
     }
@@ -94,13 +95,13 @@ impl Model {
         self.durative.contains(name)
     }
 
-    /// Returns the compiled action at a position.
+    /// Returns the compiled form of the action at this position.
     pub(super) fn schema(&self, index: usize) -> &CompiledAction {
         let compiled = || compile::schema(self, &self.actions[index]);
         self.schemas[index].get_or_init(compiled)
     }
 
-    /// Returns the axioms that derive a predicate; none if the predicate depends on itself.
+    /// Returns the axioms that derive a predicate. Returns none if the predicate depends on itself.
     pub(crate) fn definitions(&self, predicate: &Name) -> Vec<&Derived> {
         let of = |name: &Name| {
             let name = name.clone();
@@ -135,7 +136,8 @@ impl Model {
             && !self.actions.iter().any(changes)
     }
 
-    /// Numbers the objects, predicates and functions that the domain declares or that effects change.
+    /// Gives numbers to the objects, and to the predicates and functions that the domain declares or
+    /// that effects change.
     fn number(&mut self, domain: &Domain, problem: &Problem) {
         let declared = problem.objects.iter().map(|declaration| &declaration.object);
         domain.constants.iter().chain(declared).for_each(|object| self.objects.declare(object));

@@ -1,5 +1,5 @@
-//! Numeric evaluation: values of expressions, comparisons, and the result of several changes of one
-//! fluent.
+//! Numeric evaluation: values of expressions, comparisons, and the value of a fluent after several
+//! changes in one step.
 
 use pddl::{Assignment, FluentTerm, Name, Term};
 
@@ -8,11 +8,11 @@ use super::query::WorldView;
 use super::symbols::Object;
 use super::tuple_table::TupleTable;
 
-/// Values of a function.
+/// Values of one function, by its arguments.
 #[derive(Clone, Debug)]
 pub(super) struct FunctionValues {
     fluents: TupleTable,
-    /// Value per row of `fluents`.
+    /// For each row of `fluents`: the value.
     numbers: Vec<f64>,
 }
 
@@ -61,7 +61,8 @@ impl WorldView<'_> {
         compare.comparison.holds(left, right)
     }
 
-    /// Returns the value of an expression. Returns the fluent that is undefined as the error.
+    /// Returns the value of an expression. If the expression is undefined, returns as the error the
+    /// fluent that makes it so.
     pub(super) fn evaluate(
         self,
         expression: &CompiledExpression,
@@ -122,8 +123,8 @@ impl WorldView<'_> {
     }
 }
 
-/// Returns the fluent to report if no operand is undefined but the result is: after a division by zero,
-/// or for a time outside of durative actions.
+/// Returns the fluent to report if all operands are defined but the result is not: after a division by
+/// zero, or for a time outside of durative actions.
 fn no_number(expression: &CompiledExpression) -> FluentTerm {
     match expression {
         CompiledExpression::Fluent(fluent) => fluent.source_term.clone(),
@@ -138,11 +139,11 @@ fn no_number(expression: &CompiledExpression) -> FluentTerm {
     }
 }
 
-/// Returns the value after all updates of one fluent; `None` if they contradict each other or the old
-/// value is needed and undefined.
+/// Returns the value of one fluent after all updates of a step; `None` if the updates contradict each
+/// other, or if they need the old value and it is undefined.
 ///
-/// Increases and decreases add up, and scalings multiply; the two kinds cannot be mixed. An assignment
-/// can only be combined with assignments of the same value.
+/// Increases and decreases add up, and scalings multiply; these two kinds cannot be mixed. An
+/// assignment can only be combined with assignments of the same value.
 pub(super) fn combine(
     old: Option<f64>,
     mut updates: impl Iterator<Item = (Assignment, f64)> + Clone,

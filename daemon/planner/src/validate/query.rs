@@ -1,7 +1,8 @@
-//! Evaluates compiled conditions in a world, and finds the bindings for which they hold.
+//! Evaluates compiled conditions in a state of the world, and finds the bindings for which they hold.
 //!
-//! The search always continues with the fewest choices: the fact with the fewest tuples that match the
-//! bound arguments. The objects of a type are enumerated only for a variable that is in no open fact.
+//! The search always continues where there are the fewest choices: with the fact that has the fewest
+//! tuples matching the arguments bound so far. The objects of a type are enumerated only for a variable
+//! that occurs in no open fact.
 
 use std::ops::Range;
 
@@ -10,39 +11,39 @@ use super::symbols::{Extension, Object, RelationId};
 use super::tuple_table::{SCANNED_MAX, TupleTable};
 use super::world::World;
 
-/// Read access to a world. While a component of axioms is being evaluated, its facts so far are
-/// included.
+/// Read access to the facts and values of a world. While a component of axioms is being evaluated, the
+/// facts of the component that are derived so far are included.
 #[derive(Clone, Copy)]
 pub(super) struct WorldView<'w> {
     pub(super) world: &'w World,
     growing: Option<(usize, &'w [TupleTable])>,
 }
 
-/// Callback for every binding. It returns whether to continue, and must restore what it changes in the
-/// frame.
+/// Callback for every binding. It returns whether to continue. If it changes the frame, it must restore
+/// the frame before it returns.
 pub(super) type BindingVisitor<'v> = dyn FnMut(&mut [Object]) -> bool + 'v;
 
-/// Maximal number of arguments of a fact for its tuples to be enumerated: the arguments bound by an
-/// enumeration are kept as the bits of one `u64`. Facts with more arguments are only looked up.
+/// Maximal number of arguments up to which the tuples of a fact are enumerated. The arguments that an
+/// enumeration binds are kept as the bits of one `u64`. Facts with more arguments are only looked up.
 pub(super) const ARITY_MAX: usize = 64;
 
-/// Next step of a query.
+/// Next step of the search for bindings of a query.
 enum QueryStep<'w, 'q> {
-    /// Try these choices.
+    /// Some variables are to be bound, by trying these choices.
     Choose(Choices<'w, 'q>),
-    /// All variables are bound, and all parts hold.
+    /// A binding is found: all variables are bound, and all parts hold.
     Found,
-    /// No binding exists here.
+    /// No binding exists under the choices made so far.
     Stuck,
 }
 
-/// Choices for the next variables.
+/// Choices for binding the next variables.
 enum Choices<'w, 'q> {
-    /// Bind the arguments of a fact to each of these rows.
+    /// The arguments of the fact can be bound to each of these rows of the table.
     Rows(&'w TupleTable, &'w [u32], &'q Fact),
-    /// Bind a variable to one object.
+    /// The variable can be bound to one object only.
     One(FrameSlot, Object),
-    /// Bind a variable to each object of its type.
+    /// The variable can be bound to each object of its type.
     Members(FrameSlot, &'q Extension),
 }
 
@@ -50,11 +51,12 @@ enum Choices<'w, 'q> {
 /// text may have any number of variables.
 struct ChoicePoint<'w, 'q> {
     choices: Choices<'w, 'q>,
-    /// Number of choices tried.
+    /// Number of choices tried at this point.
     tried: usize,
-    /// Bits of what the current choice has bound: arguments of the fact, or bit 0 for the variable.
+    /// Bits of the arguments of the fact that the current choice has bound; if it has bound a variable,
+    /// bit 0.
     bound: u64,
-    /// Bits of the parts of the query that have not been evaluated.
+    /// Parts of the query that have not been evaluated, as bits.
     open: u64,
 }
 
@@ -82,7 +84,7 @@ impl<'w> WorldView<'w> {
         }
     }
 
-    /// Whether a condition holds; all its free variables must be bound.
+    /// Whether a condition holds. All its free variables must be bound in the frame.
     pub(super) fn holds(self, node: &CompiledCondition, frame: &mut [Object]) -> bool {
         match node {
             CompiledCondition::Constant(value) => *value,
@@ -104,8 +106,8 @@ impl<'w> WorldView<'w> {
         }
     }
 
-    /// Calls `visit` once for every binding of a query's variables under which all its parts hold,
-    /// until it returns `false`. Returns whether it always returned `true`.
+    /// Calls `visit` once for every binding of a query's variables under which all parts of the query
+    /// hold. Stops when `visit` returns `false`. Returns whether `visit` always returned `true`.
     pub(super) fn each(
         self,
         query: &Query,
@@ -122,7 +124,8 @@ impl<'w> WorldView<'w> {
         }
     }
 
-    /// As [`WorldView::each`], but for one part, which must be a fact, only the rows in `rows` are used.
+    /// Does the same as [`WorldView::each`], but for one part, which must be a fact, uses only the
+    /// given rows.
     pub(super) fn each_from(
         self,
         query: &Query,
@@ -138,7 +141,7 @@ impl<'w> WorldView<'w> {
         self.search(query, ChoicePoint::of(choices, open), frame, visit)
     }
 
-    /// Searches depth first through all choices.
+    /// Searches all choices for bindings of a query, depth first.
     fn search<'q>(
         self,
         query: &'q Query,
@@ -167,7 +170,8 @@ impl<'w> WorldView<'w> {
         true
     }
 
-    /// Evaluates every part that has all its variables bound, and selects what to bind next.
+    /// Evaluates every open part that has all its variables bound, and selects which variables to bind
+    /// next.
     fn next_step<'q>(
         self,
         query: &'q Query,
@@ -230,7 +234,7 @@ impl<'w, 'q> ChoicePoint<'w, 'q> {
         ChoicePoint { choices, tried: 0, bound: 0, open }
     }
 
-    /// Binds the next matching choice. Returns whether there is one.
+    /// Binds variables by the next choice that matches. Returns whether there is one.
     fn advance(&mut self, query: &Query, frame: &mut [Object]) -> bool {
         loop {
             self.unbind(frame);
@@ -276,14 +280,14 @@ impl<'w, 'q> ChoicePoint<'w, 'q> {
     }
 }
 
-/// Binds a variable; returns the bits for [`ChoicePoint::bound`].
+/// Binds the variable with this slot to an object. Returns the bits for [`ChoicePoint::bound`].
 fn bind_one(slot: FrameSlot, object: Object, frame: &mut [Object]) -> u64 {
     frame[slot.index()] = object;
     1
 }
 
-/// Binds the unbound arguments of a fact to a tuple, and marks them in `bound`. Returns whether the
-/// tuple matches.
+/// Binds the unbound arguments of a fact to the objects of a tuple, and marks these arguments in
+/// `bound`. Returns whether the tuple matches the arguments that were bound before.
 fn bind(
     query: &Query,
     fact: &Fact,
@@ -310,8 +314,8 @@ fn all_parts(query: &Query) -> u64 {
     }
 }
 
-/// Returns a superset of the rows that match a fact's arguments, restricted by the best of its column
-/// indexes.
+/// Returns rows that include all rows matching a fact's bound arguments: those that the most selective
+/// column index gives.
 fn fitting<'w>(table: &'w TupleTable, fact: &Fact, frame: &[Object]) -> &'w [u32] {
     let mut fewest = table.rows();
     for (column, argument) in fact.arguments.iter().enumerate() {
@@ -329,7 +333,8 @@ fn fitting<'w>(table: &'w TupleTable, fact: &Fact, frame: &[Object]) -> &'w [u32
     fewest
 }
 
-/// Returns the unbound variable of an equation and its object, if the other side is bound.
+/// Returns the unbound variable of an equation, and the object it must be bound to. Returns `None`
+/// unless exactly one side is bound.
 fn one_side(left: Argument, right: Argument, frame: &[Object]) -> Option<(FrameSlot, Object)> {
     match (left, right) {
         (Argument::Slot(slot), other) if frame[slot.index()] == Object::UNBOUND => {
@@ -341,7 +346,7 @@ fn one_side(left: Argument, right: Argument, frame: &[Object]) -> Option<(FrameS
     }
 }
 
-/// Returns the unbound variable with the fewest objects.
+/// Returns the unbound variable of the query that has the fewest objects in its type.
 fn smallest<'q>(query: &'q Query, frame: &[Object]) -> Option<&'q Variable> {
     let is_unbound = |variable: &&Variable| frame[variable.slot.index()] == Object::UNBOUND;
     query.variables.iter().filter(is_unbound).min_by_key(|variable| variable.extension.len())

@@ -14,7 +14,8 @@ use super::world::World;
 // === impl World ===
 
 impl World {
-    /// Finds the action, checks arguments and precondition, and evaluates the effects.
+    /// Finds the action of a step, checks the step's arguments and precondition, and evaluates the
+    /// effects.
     pub(super) fn changes(&self, step: &PlanStep) -> Result<StepChanges, FaultReason> {
         let mut reason = FaultReason::UnknownAction;
         if self.model.is_durative(&step.action) {
@@ -75,7 +76,8 @@ impl World {
     }
 }
 
-/// Returns the action of a step: the first with its name, number of arguments and fitting types.
+/// Returns the action of a step: the first action with the step's name and number of arguments, and
+/// with parameter types that fit the arguments.
 pub(super) fn schema_of<'m>(model: &'m Model, step: &PlanStep) -> Option<&'m ActionSchema> {
     let actions = model.named(&step.action).iter().map(|index| &model.actions[*index]);
     let mut fitting = actions.filter(|action| {

@@ -1,4 +1,4 @@
-//! Numbers for names, so that every object, predicate and function is looked up by name only once.
+//! Numbers for names, so that each object, predicate and function is looked up by its name only once.
 
 use std::sync::Arc;
 
@@ -9,18 +9,18 @@ use rustc_hash::FxHashMap;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Object(u32);
 
-/// Number of the first stranger (a name that the texts do not contain): above that of any object that a
-/// text of 4 GiB can name.
+/// Number of the first stranger (an object with a name that the texts do not contain). It is greater
+/// than the number of any object that a text of 4 GiB can name.
 const STRANGERS: u32 = 1 << 31;
 
-/// Objects that the texts name; the declared ones come first.
+/// Objects that the texts name. The declared ones have the smallest numbers.
 #[derive(Debug, Default)]
 pub(super) struct Objects {
     names: Vec<Name>,
     by_name: FxHashMap<Name, Object>,
-    /// Per declared object: position of its type in `types`.
+    /// For each declared object: position of the object's type in `types`.
     typed: Vec<usize>,
-    /// Further types of objects that are declared several times.
+    /// Further types of objects that are declared several times with different types.
     typed_again: FxHashMap<Object, Vec<usize>>,
     types: Vec<TypeExpr>,
     types_by_expr: FxHashMap<TypeExpr, usize>,
@@ -29,9 +29,9 @@ pub(super) struct Objects {
 /// All objects of a type, in the order of the texts.
 #[derive(Debug)]
 pub(super) enum Extension {
-    /// All declared objects, by their number; this is the type `object`.
+    /// All declared objects, in which case the type is `object`. The value is the number of objects.
     Everything(u32),
-    /// Some objects, in ascending order.
+    /// The listed objects, in ascending order.
     Listed(Vec<Object>),
 }
 
@@ -40,7 +40,7 @@ pub(super) enum Extension {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct RelationId(u32);
 
-/// Predicates, or functions, that the texts name.
+/// The predicates, or the functions, that the texts name.
 #[derive(Debug, Default)]
 pub(super) struct RelationTable {
     entries: Vec<(Name, usize)>,
@@ -53,8 +53,8 @@ impl Object {
     /// Marks an unbound variable.
     pub(super) const UNBOUND: Object = Object(u32::MAX);
 
-    /// Returns a stranger: an object that a condition names and the texts do not. No fact holds for it,
-    /// and it equals only itself.
+    /// Returns a stranger: an object that a condition names and the texts do not contain. No fact holds
+    /// for a stranger, and it equals only itself.
     pub(super) fn stranger(index: usize) -> Object {
         Object(STRANGERS + index as u32)
     }
@@ -91,7 +91,7 @@ impl Objects {
         self.typed.push(ty);
     }
 
-    /// Returns the number of a name, and assigns one if needed.
+    /// Returns the number of the object with this name, and assigns a number if it has none.
     pub(super) fn insert(&mut self, name: &Name) -> Object {
         if let Some(object) = self.find(name) {
             return object;
@@ -106,12 +106,12 @@ impl Objects {
         self.by_name.get(name).copied()
     }
 
-    /// Returns the number of a declared object; `None` if there is no such declaration.
+    /// Returns the number of a declared object; `None` if no object of this name is declared.
     pub(super) fn declared(&self, name: &Name) -> Option<Object> {
         self.find(name).filter(|object| object.index() < self.typed.len())
     }
 
-    /// Returns the name; `None` for strangers and [`Object::UNBOUND`].
+    /// Returns the name of an object; `None` for strangers and [`Object::UNBOUND`].
     pub(super) fn name(&self, object: Object) -> Option<&Name> {
         self.names.get(object.index())
     }
@@ -150,7 +150,7 @@ impl Extension {
         }
     }
 
-    /// Returns the object at a position, in the order of the texts.
+    /// Returns the object at a position in the set, which has the order of the texts.
     pub(super) fn get(&self, index: usize) -> Option<Object> {
         match self {
             Extension::Everything(count) => {
@@ -160,7 +160,7 @@ impl Extension {
         }
     }
 
-    /// Iterates over the objects in the order of the texts.
+    /// Iterates over the objects of the set, in the order of the texts.
     pub(super) fn iter(&self) -> impl Iterator<Item = Object> + '_ {
         (0..self.len()).filter_map(|index| self.get(index))
     }
@@ -177,7 +177,8 @@ impl RelationId {
 // === impl Relations ===
 
 impl RelationTable {
-    /// Returns the number of a name with this number of arguments, and assigns one if needed.
+    /// Returns the number of the predicate or function with this name and number of arguments, and
+    /// assigns a number if it has none.
     pub(super) fn insert(&mut self, name: &Name, arity: usize) -> RelationId {
         if let Some(relation) = self.find(name, arity) {
             return relation;

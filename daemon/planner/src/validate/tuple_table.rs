@@ -1,4 +1,4 @@
-//! Tables: sets of tuples of objects, which can be found by all of their columns or by one.
+//! Tables: sets of tuples of objects. A tuple can be found by all of its columns, and tuples by one column.
 //!
 //! - A tuple keeps its row number even after it is removed, so that data outside of the table (indexes,
 //!   values) can refer to rows.
@@ -12,34 +12,36 @@ use rustc_hash::{FxHashMap, FxHasher};
 
 use super::symbols::Object;
 
-/// Number of rows up to which a linear scan is faster than hashing.
+/// Number of rows up to which scanning all rows is faster than hashing.
 pub(super) const SCANNED_MAX: usize = 8;
 
-/// Marks a row that is not in the table, and the end of a chain of rows.
+/// Marks a row that holds no tuple now, and the end of a chain of rows.
 const NOWHERE: u32 = u32::MAX;
 
 /// A set of tuples of equal length.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TupleTable {
     arity: usize,
-    /// Objects of all rows, row by row.
+    /// Objects of all tuples, row after row.
     cells: Vec<Object>,
-    /// Per hash: the newest row with it. Filled once there are more than [`SCANNED_MAX`] rows.
+    /// For each hash: the newest row with that hash. It is filled once there are more than
+    /// [`SCANNED_MAX`] rows.
     newest: FxHashMap<u64, u32>,
-    /// Per row: the previous row with the same hash.
+    /// For each row: the previous row with the same hash.
     earlier: Vec<u32>,
-    /// Rows of the tuples in the table, in the order of insertion as long as none is removed.
+    /// Rows of the tuples that are in the table. They are in the order of insertion as long as no tuple
+    /// is removed.
     rows: Vec<u32>,
-    /// Per row: its position in `rows`.
+    /// For each row: its position in `rows`.
     places: Vec<u32>,
     columns: Vec<OnceLock<Column>>,
 }
 
-/// Index of one column: the rows in the table, by the object in the column.
+/// Index of one column: for each object, the rows of the tuples that have the object in this column.
 #[derive(Clone, Debug, Default)]
 struct Column {
     groups: FxHashMap<Object, Vec<u32>>,
-    /// Per row: its position in its group.
+    /// For each row: its position in its group of rows.
     places: Vec<u32>,
 }
 
@@ -55,7 +57,7 @@ impl TupleTable {
         self.rows.len()
     }
 
-    /// Returns the number of rows, including those of removed tuples.
+    /// Returns the number of rows, including the rows of removed tuples.
     pub(super) fn row_count(&self) -> usize {
         self.earlier.len()
     }
@@ -81,13 +83,13 @@ impl TupleTable {
         column.groups.get(&object).map_or(&[], Vec::as_slice)
     }
 
-    /// Whether the tuple with these columns is in the table.
+    /// Whether a tuple is in the table; `cell` returns the tuple's object for each column.
     pub(super) fn contains(&self, cell: impl Fn(usize) -> Object) -> bool {
         self.find(cell).is_some_and(|row| self.places[row as usize] != NOWHERE)
     }
 
-    /// Returns the row of the tuple with these columns, even if it has been removed; `None` if it never
-    /// was there.
+    /// Returns the row of a tuple, even if the tuple has been removed; `None` if it never was in the
+    /// table. `cell` returns the tuple's object for each column.
     pub(super) fn find(&self, cell: impl Fn(usize) -> Object) -> Option<u32> {
         let is_it = |row: u32| {
             let cells = self.tuple(row).iter().enumerate();
@@ -107,7 +109,7 @@ impl TupleTable {
         None
     }
 
-    /// Adds a tuple. Returns whether it was missing.
+    /// Adds a tuple. Returns whether the tuple was missing in the table before.
     pub(super) fn insert(&mut self, tuple: &[Object]) -> bool {
         let row = match self.find(|column| tuple[column]) {
             Some(row) if self.places[row as usize] != NOWHERE => return false,
@@ -124,7 +126,7 @@ impl TupleTable {
         true
     }
 
-    /// Removes a tuple. Returns whether it was there.
+    /// Removes a tuple. Returns whether the tuple was in the table before.
     pub(super) fn remove(&mut self, tuple: &[Object]) -> bool {
         let Some(row) = self.find(|column| tuple[column]) else { return false };
         if self.places[row as usize] == NOWHERE {
@@ -170,7 +172,7 @@ impl TupleTable {
 }
 
 impl PartialEq for TupleTable {
-    /// Compares the tuples in the tables; removed ones do not matter.
+    /// Compares the tuples that are in the tables. Removed tuples do not matter.
     fn eq(&self, other: &TupleTable) -> bool {
         let has = |tuple: &[Object]| other.contains(|column| tuple[column]);
         self.arity == other.arity && self.len() == other.len() && self.tuples().all(has)

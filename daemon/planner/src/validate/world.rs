@@ -1,8 +1,8 @@
 //! A state of the world, as the lifted texts define it: facts, values, and derived facts.
 //!
-//! - It interprets the syntax tree itself, compiled to slots and numbers, and shares no code with
+//! - This module interprets the syntax tree itself, compiled to slots and numbers, and shares no code with
 //!   grounding and search.
-//! - An executor keeps one, applies confirmed steps, and queries which conditions hold.
+//! - An executor of plans keeps a [`World`], applies confirmed steps, and queries which conditions hold.
 
 use std::cmp::Ordering;
 use std::collections::HashSet;
@@ -22,18 +22,19 @@ use super::symbols::{Object, RelationId};
 use super::tuple_table::TupleTable;
 use super::{Fault, FaultPlace, FaultReason};
 
-/// A state, with the texts that it belongs to. A clone copies the state and shares the texts.
+/// A state of the world, with the texts to which the state belongs. A clone copies the state and shares
+/// the texts.
 #[derive(Clone, Debug)]
 pub struct World {
     pub(super) model: Arc<Model>,
-    /// Per predicate: facts that are true without axioms.
+    /// For each predicate: the facts that are true without axioms.
     pub(super) facts: Vec<TupleTable>,
-    /// Per component of the axioms: its derived facts, computed on first use. If a component has no
-    /// result, no component that reads it has one.
+    /// For each component of the axioms: its derived facts, computed on first use. If a component has
+    /// no result, no component that reads it has one.
     pub(super) derived: Vec<OnceLock<Vec<TupleTable>>>,
-    /// Per function: its values.
+    /// For each function: its values.
     pub(super) values: Vec<FunctionValues>,
-    /// Number of steps applied so far.
+    /// Number of steps that have been applied to the initial state so far.
     pub(super) steps: usize,
 }
 
@@ -42,8 +43,8 @@ pub struct World {
 impl World {
     /// Returns the initial state of a problem.
     ///
-    /// Returns an error if it is not defined: an axiom depends on its own negation, or `:init` contains
-    /// timed literals or unknown facts.
+    /// Returns an error if the initial state is not defined: an axiom depends on its own negation, or
+    /// `:init` contains timed literals or unknown facts.
     pub fn initial(domain: &Domain, problem: &Problem) -> Result<World, Vec<Diagnostic>> {
         let mut model = Model::new(domain, problem)?;
         let state = initially(&mut model, problem)?;
@@ -51,8 +52,8 @@ impl World {
     }
 
     /// Returns the initial state of another problem of the same domain, with the same objects and
-    /// metric. Returns `None` if it is not defined, or if the model is still shared with another
-    /// `World`.
+    /// metric. Returns `None` if the initial state is not defined, or if another `World` still shares
+    /// the model.
     pub(crate) fn with_problem(mut self, problem: &Problem) -> Option<World> {
         let state = initially(Arc::get_mut(&mut self.model)?, problem).ok()?;
         Some(World::of(self.model, state))
@@ -68,8 +69,8 @@ impl World {
         &self.model
     }
 
-    /// Returns the facts that are true here and not in `other`, a state of the same texts. They are
-    /// sorted; derived facts come last.
+    /// Returns the facts that are true in this state and not in `other`, a state of the same texts.
+    /// They are sorted; derived facts come last.
     pub fn facts_missing_in(&self, other: &World) -> Vec<Atom> {
         if Arc::ptr_eq(&self.model, &other.model) {
             return self.atoms_where(|predicate, tuple| !other.is_true(predicate, tuple));
@@ -78,24 +79,25 @@ impl World {
         self.atoms().filter(|atom| !others.contains(atom)).collect()
     }
 
-    /// Whether a closed condition holds.
+    /// Whether a closed condition (one without free variables) holds in this state.
     pub fn holds(&self, condition: &Condition) -> bool {
         let mut scope = CompilationScope::new(&self.model);
         let node = scope.node(condition, true);
         WorldView::of(self).holds(&node, &mut scope.frame())
     }
 
-    /// Returns the smallest failing part of a closed condition; `None` if the condition holds.
+    /// Returns the smallest failing part of a closed condition (one without free variables); `None` if
+    /// the condition holds.
     pub fn failing(&self, condition: &Condition) -> Option<Condition> {
         FailingPartSearch::new(self).part(condition)
     }
 
-    /// Iterates over the true facts, sorted; derived facts come last.
+    /// Iterates over the facts that are true in this state. They are sorted; derived facts come last.
     pub fn atoms(&self) -> impl Iterator<Item = Atom> + '_ {
         self.atoms_where(|_, _| true).into_iter()
     }
 
-    /// Returns the true facts for which `shows` returns `true`.
+    /// Returns the true facts for which `shows` returns `true`, given their predicates and objects.
     fn atoms_where(&self, shows: impl Fn(RelationId, &[Object]) -> bool) -> Vec<Atom> {
         let mut derived = Vec::new();
         for predicate in self.model.predicates.iter() {
@@ -113,7 +115,7 @@ impl World {
         atoms
     }
 
-    /// Whether a fact is true, by itself or by axioms.
+    /// Whether a fact is true in this state, either stated or derived by axioms.
     fn is_true(&self, predicate: RelationId, tuple: &[Object]) -> bool {
         let is_in = |table: &TupleTable| table.contains(|column| tuple[column]);
         is_in(&self.facts[predicate.index()]) || { self.model.axioms.place(predicate) }
@@ -128,8 +130,8 @@ impl World {
         self.values[function.index()].get(|column| objects[column])
     }
 
-    /// Returns the value of the metric for the steps applied so far; their number if there is no
-    /// metric.
+    /// Returns the value of the metric after the steps applied so far; the number of these steps if
+    /// there is no metric.
     pub fn cost(&self) -> Result<f64, Box<Fault>> {
         let Some(metric) = &self.model.metric else { return Ok(self.steps as f64) };
         let expression = CompilationScope::new(&self.model).expression(&metric.expression);
@@ -149,7 +151,7 @@ impl World {
             .is_some_and(|metric| metric.direction == MetricDirection::Maximize)
     }
 
-    /// Applies one step. On an error the world stays as it was.
+    /// Applies one step. If it returns an error, the world stays as it was.
     pub fn apply(&mut self, step: &PlanStep) -> Result<(), Box<Fault>> {
         let fault = |reason| {
             let place = FaultPlace::Step { index: self.steps, step: step.clone() };
@@ -213,7 +215,8 @@ impl World {
         self.named(self.model.predicates.name(predicate), tuple)
     }
 
-    /// Returns the atom of a tuple; `None` if one of the objects has no name in the texts.
+    /// Returns the atom of a predicate and a tuple of objects; `None` if one of the objects has no name
+    /// in the texts.
     fn named(&self, name: &Name, tuple: &[Object]) -> Option<Atom> {
         let term = |object: &Object| self.model.objects.name(*object).cloned().map(Term::Object);
         let arguments = tuple.iter().map(term).collect::<Option<Vec<Term>>>()?;
@@ -222,7 +225,7 @@ impl World {
 }
 
 impl PartialEq for World {
-    /// Compares facts and values; the number of steps does not matter.
+    /// Compares the facts and values of two states. The numbers of applied steps do not matter.
     fn eq(&self, other: &World) -> bool {
         if Arc::ptr_eq(&self.model, &other.model) {
             return self.values == other.values && self.facts == other.facts;
@@ -231,7 +234,7 @@ impl PartialEq for World {
     }
 }
 
-/// Compares by predicate, then by arguments.
+/// Compares atoms by predicate, then by arguments.
 fn by_name(left: &Atom, right: &Atom) -> Ordering {
     let arguments = || {
         let right = right.arguments.iter().map(Term::name);
@@ -240,7 +243,7 @@ fn by_name(left: &Atom, right: &Atom) -> Ordering {
     left.predicate.cmp(&right.predicate).then_with(arguments)
 }
 
-/// Returns the facts and values of an initial state. Names that occur only in `:init` are numbered
+/// Returns the facts and values that `:init` states. Names that occur only in `:init` get their numbers
 /// here.
 fn initially(
     model: &mut Model,
