@@ -226,7 +226,7 @@ impl Ledger {
     }
 }
 
-// === impl Filed ===
+// === impl LedgerFile ===
 
 impl LedgerFile {
     fn append(&mut self, line: &str) -> io::Result<File> {
@@ -280,7 +280,7 @@ impl LedgerFile {
     }
 }
 
-// === impl Read ===
+// === impl LedgerContents ===
 
 impl LedgerContents {
     fn nothing(tokens_max: usize) -> LedgerContents {

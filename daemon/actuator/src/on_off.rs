@@ -16,7 +16,7 @@ pub struct OnOffPredicates<'w> {
     pub all: bool,
 }
 
-// === impl OnOff ===
+// === impl OnOffPredicates ===
 
 impl OnOffPredicates<'_> {
     /// Returns the atom that is true if the thing `id` is on. If the ontology has the predicate of the

@@ -100,7 +100,7 @@ pub enum EngineChoice {
     MetricFf,
 }
 
-// === impl Engine ===
+// === impl EngineChoice ===
 
 impl EngineChoice {
     /// Returns the name used on the command line.

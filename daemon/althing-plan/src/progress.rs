@@ -72,7 +72,7 @@ impl fmt::Display for PlanningStage {
     }
 }
 
-// === impl Telling ===
+// === impl ProgressPrinter ===
 
 impl ProgressPrinter {
     /// Starts to print, if stderr is a terminal and no JSON is requested; otherwise returns `None`.

@@ -112,7 +112,7 @@ pub(crate) struct Beliefs {
     stamps: u64,
 }
 
-// === impl Source ===
+// === impl ClaimSource ===
 
 impl ClaimSource {
     /// Whether only the maintainer that took the request knows of the claim, so that it has to pass the
@@ -150,7 +150,7 @@ impl fmt::Display for ClaimSource {
     }
 }
 
-// === impl Claim ===
+// === impl FactClaim ===
 
 impl FactClaim {
     /// Creates a claim without an end and without an incarnation.
@@ -164,7 +164,7 @@ impl FactClaim {
     }
 }
 
-// === impl Owners ===
+// === impl ClaimsByOwner ===
 
 impl ClaimsByOwner {
     fn place(&self, owner: &Owner) -> Result<usize, usize> {
@@ -686,7 +686,7 @@ struct CompositeDifference<'a> {
     names: BTreeSet<&'a Name>,
 }
 
-// === impl Difference ===
+// === impl CompositeDifference ===
 
 impl<'a> CompositeDifference<'a> {
     fn between(old: &'a Composite, new: &'a Composite) -> CompositeDifference<'a> {

@@ -103,7 +103,7 @@ struct CanonicalWriter {
     uses: UsedSymbols,
 }
 
-// === impl Key ===
+// === impl CanonicalText ===
 
 impl CanonicalText {
     fn new(text: &str) -> CanonicalText {
@@ -111,7 +111,7 @@ impl CanonicalText {
     }
 }
 
-// === impl Scribe ===
+// === impl CanonicalWriter ===
 
 impl CanonicalWriter {
     fn finish(self) -> (CanonicalText, UsedSymbols) {

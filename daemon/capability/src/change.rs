@@ -24,7 +24,7 @@ pub struct DomainChange {
     pub retracted: Vec<InitElement>,
 }
 
-// === impl Change ===
+// === impl DomainChange ===
 
 impl DomainChange {
     /// Whether nothing visible has changed.

@@ -149,7 +149,7 @@ struct ConflictReport<'a> {
     lost: BTreeSet<(&'a AgentId, ModelPartKind, &'a Name)>,
 }
 
-// === impl Report ===
+// === impl ConflictReport ===
 
 impl<'a> ConflictReport<'a> {
     fn leave_out(&mut self, agent: &AgentId, subject: ModelPart, detail: String) {

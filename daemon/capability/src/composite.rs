@@ -167,7 +167,7 @@ impl Composite {
     }
 }
 
-// === impl Offers ===
+// === impl CollectedOffers ===
 
 impl CollectedOffers {
     /// Adds a selected action and its offerers, sorted by name.
@@ -192,7 +192,7 @@ impl CollectedOffers {
     }
 }
 
-// === impl Secrets ===
+// === impl PrivateFacts ===
 
 impl PrivateFacts {
     /// Whether a claim of `owner` about `fact` is visible here.
@@ -209,7 +209,7 @@ impl PrivateFacts {
     }
 }
 
-// === impl Offered ===
+// === impl OfferedAction ===
 
 impl OfferedAction {
     /// Returns the fact that lets `agent` use this action.

@@ -45,7 +45,7 @@ pub enum ModelPartKind {
     Fact,
 }
 
-// === impl Subject ===
+// === impl ModelPart ===
 
 impl ModelPart {
     pub(crate) fn new(kind: ModelPartKind, name: &Name) -> ModelPart {

@@ -116,7 +116,7 @@ impl FactKey {
     }
 }
 
-// === impl Statement ===
+// === impl FactStatement ===
 
 impl FactStatement {
     pub(crate) fn of(element: &InitElement) -> FactStatement {

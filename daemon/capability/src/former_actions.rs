@@ -28,7 +28,7 @@ struct FormerSchema {
     model: Arc<ActionModel>,
 }
 
-// === impl Remembered ===
+// === impl FormerActions ===
 
 impl FormerActions {
     /// Adds the actions of a model, which is given as its frame and its manifest.

@@ -145,7 +145,7 @@ impl Announcement {
     }
 }
 
-// === impl Beat ===
+// === impl ParsedHeartbeat ===
 
 impl ParsedHeartbeat {
     /// Parses a heartbeat that was received at `now`.
@@ -190,7 +190,7 @@ impl Default for SilenceLimit {
     }
 }
 
-// === impl Known ===
+// === impl KnownFact ===
 
 impl KnownFact {
     fn read_all(
@@ -245,7 +245,7 @@ impl Effects {
     }
 }
 
-// === impl Requests ===
+// === impl RequestedChanges ===
 
 impl RequestedChanges {
     /// Parses an announcement of all requested changes that was received at `now`.
@@ -268,7 +268,7 @@ impl RequestedChanges {
     }
 }
 
-// === impl RequestsSince ===
+// === impl RequestedChangesSince ===
 
 impl RequestedChangesSince {
     /// Parses an announcement of recent requested changes that was received at `now`.

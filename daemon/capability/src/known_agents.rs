@@ -163,7 +163,7 @@ impl Member {
     }
 }
 
-// === impl Roster ===
+// === impl KnownAgents ===
 
 impl KnownAgents {
     pub(crate) fn iter(&self) -> impl Iterator<Item = (&AgentId, &Member)> {

@@ -119,7 +119,7 @@ fn parameters_of(parameters: &[Typed]) -> CanonicalText {
     canonical::signature(parameters.iter().map(|parameter| &parameter.ty))
 }
 
-// === impl Item ===
+// === impl DeclaredItem ===
 
 impl DeclaredItem {
     /// Returns the types it depends on: those of parameters, that of an object, or the supertypes of a
@@ -136,7 +136,7 @@ impl DeclaredItem {
     }
 }
 
-// === impl Manifest ===
+// === impl ModelSummary ===
 
 impl ModelSummary {
     /// Takes an agent's model apart. Leaves in `model` its frame, which is the model without facts and

@@ -28,7 +28,7 @@ pub(crate) struct DomainVocabulary {
     pub(crate) objects: BTreeMap<Name, TypeExpr>,
 }
 
-// === impl Vocabulary ===
+// === impl DomainVocabulary ===
 
 impl DomainVocabulary {
     /// Whether a predicate or a function has this name.

@@ -144,7 +144,7 @@ fn best_valid_plan(
     }
 }
 
-// === impl Engine ===
+// === impl ExternalEngine ===
 
 impl ExternalEngine {
     /// Returns the environment variable that names the engine's program.
@@ -187,7 +187,7 @@ impl fmt::Display for ExternalEngine {
     }
 }
 
-// === impl Job ===
+// === impl EngineJob ===
 
 impl EngineJob<'_> {
     /// Creates a temporary folder with `domain.pddl` and `problem.pddl` in it.

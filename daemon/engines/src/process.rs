@@ -152,7 +152,7 @@ struct EngineGroup {
     is_reaped: bool,
 }
 
-// === impl Group ===
+// === impl EngineGroup ===
 
 impl EngineGroup {
     fn pid(&self) -> Option<Pid> {
@@ -202,7 +202,7 @@ struct CleanupWatch {
     word: Option<ChildStdin>,
 }
 
-// === impl Watch ===
+// === impl CleanupWatch ===
 
 impl CleanupWatch {
     fn over(group: &EngineGroup, folder: &Path) -> io::Result<CleanupWatch> {

@@ -180,7 +180,7 @@ fn kernel(what: &'static str, line: &str, error: &gpiocdev::Error) -> LineError 
     LineError::Kernel { what, line: line.to_owned(), source: system(error) }
 }
 
-// === impl Board for Chips ===
+// === impl GpioBoard for GpioChips ===
 
 impl LinePosition {
     fn config(&self, is_active_low: bool) -> Config {

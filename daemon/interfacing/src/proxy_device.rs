@@ -60,7 +60,7 @@ pub struct InterfaceCounters {
     pub loops: AtomicU64,
 }
 
-// === impl Crossing ===
+// === impl ProxyContext ===
 
 impl ProxyContext {
     pub(super) fn passes(&self, performative: Performative) -> bool {
@@ -102,7 +102,7 @@ impl ProxyContext {
     }
 }
 
-// === impl Mirror ===
+// === impl ProxyDevice ===
 
 /// Device of the actuator that is a proxy agent.
 pub(super) struct ProxyDevice {

@@ -47,7 +47,7 @@ pub struct AgentMapping {
     pub costs: BTreeMap<String, f64>,
 }
 
-// === impl Words ===
+// === impl InterfaceVocabulary ===
 
 impl InterfaceVocabulary {
     /// Returns the vocabulary of an interface for one direction.
@@ -75,7 +75,7 @@ impl InterfaceVocabulary {
     }
 }
 
-// === impl Passage ===
+// === impl AgentMapping ===
 
 impl AgentMapping {
     /// Returns the content of a rule about an agent of the ecosystem `far`; `None` if the rule is about

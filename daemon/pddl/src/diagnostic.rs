@@ -201,7 +201,7 @@ impl fmt::Display for Diagnostic {
 
 impl std::error::Error for Diagnostic {}
 
-// === impl Problems ===
+// === impl DiagnosticList ===
 
 impl DiagnosticList {
     pub(crate) fn push(&mut self, diagnostic: Diagnostic) {

@@ -71,7 +71,7 @@ enum Certainty {
     Possible,
 }
 
-// === impl Auxiliary ===
+// === impl AuxiliaryPredicates ===
 
 impl AuxiliaryPredicates {
     /// Returns all auxiliary predicates.
@@ -580,7 +580,7 @@ struct FreshNames {
     taken: BTreeSet<Name>,
 }
 
-// === impl Words ===
+// === impl FreshNames ===
 
 impl FreshNames {
     fn of(domain: &Domain) -> FreshNames {

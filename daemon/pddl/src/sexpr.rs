@@ -91,7 +91,7 @@ impl<'t> Forest<'t> {
     }
 }
 
-// === impl Node ===
+// === impl SyntaxNode ===
 
 impl<'f> SyntaxNode<'f> {
     fn entry(self) -> &'f StoredNode {

@@ -34,7 +34,7 @@ pub(crate) struct AxiomEvaluator {
 /// hold.
 const DEAD: u32 = u32::MAX;
 
-// === impl Axioms ===
+// === impl AxiomComponents ===
 
 impl AxiomEvaluator {
     pub(crate) fn new(task: &Task) -> AxiomEvaluator {

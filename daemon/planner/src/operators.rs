@@ -145,7 +145,7 @@ fn end(length: usize) -> u32 {
     u32::try_from(length).unwrap_or(u32::MAX)
 }
 
-// === impl Operators ===
+// === impl OperatorTable ===
 
 impl Default for OperatorTable {
     fn default() -> OperatorTable {

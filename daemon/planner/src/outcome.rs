@@ -154,7 +154,7 @@ pub enum InputText {
     Problem,
 }
 
-// === impl Outcome ===
+// === impl PlanningOutcome ===
 
 impl PlanningOutcome {
     /// Returns the process exit code for the outcome. The codes are those of Fast Downward, with one

@@ -122,7 +122,7 @@ pub(crate) struct PlanJudge<'j> {
     pub(crate) defect: Option<PlanError>,
 }
 
-// === impl Judge ===
+// === impl PlanJudge ===
 
 impl<'j> PlanJudge<'j> {
     pub(crate) fn new(domain: &'j Domain, problem: &'j Problem) -> PlanJudge<'j> {

@@ -72,7 +72,7 @@ pub fn prepare(domain: &Domain, problem: &Problem) -> Result<NormalizedProblem, 
     Ok(NormalizedProblem(lifted))
 }
 
-// === impl Prepared ===
+// === impl NormalizedProblem ===
 
 impl NormalizedProblem {
     /// Grounds the problem within `budget`. A limit or a proof of unsolvability is not an error here;
@@ -87,7 +87,7 @@ impl NormalizedProblem {
     }
 }
 
-// === impl Ground ===
+// === impl GroundProblem ===
 
 impl GroundProblem {
     /// Returns the size of the ground problem.
@@ -108,7 +108,7 @@ impl GroundProblem {
     }
 }
 
-// === impl Extent ===
+// === impl NeighborhoodLimits ===
 
 impl ProblemSize {
     fn of(task: &Task) -> ProblemSize {

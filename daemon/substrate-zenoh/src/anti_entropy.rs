@@ -151,7 +151,7 @@ enum SyncDecision {
     Redeclare,
 }
 
-// === impl Roll ===
+// === impl SyncReply ===
 
 impl SyncReply {
     /// Builds the answer of this session. It leaves out the hosted agents if the call has their digest.
@@ -178,7 +178,7 @@ impl SyncReply {
     }
 }
 
-// === impl Call ===
+// === impl SyncRequest ===
 
 impl SyncRequest {
     pub(crate) fn new(known: BTreeMap<DaemonId, u64>, by: &DaemonId) -> SyncRequest {
@@ -204,7 +204,7 @@ pub(crate) fn digest<'a>(agents: impl IntoIterator<Item = &'a (AgentId, Incarnat
     hasher.finish() >> 11
 }
 
-// === impl Told ===
+// === impl KnownSessions ===
 
 impl KnownSessions {
     /// Declares the subscriber for session tokens; tokens that were declared earlier are delivered too.
@@ -291,7 +291,7 @@ impl KnownSessions {
     }
 }
 
-// === impl RollCall ===
+// === impl AntiEntropy ===
 
 impl AntiEntropy {
     /// Runs until the session is closed.
@@ -364,7 +364,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-// === impl Answers ===
+// === impl SyncRound ===
 
 impl SyncRound {
     fn record(
@@ -384,7 +384,7 @@ impl SyncRound {
     }
 }
 
-// === impl Judgement ===
+// === impl RedeclarePolicy ===
 
 impl RedeclarePolicy {
     fn new(now: Instant) -> RedeclarePolicy {

@@ -190,7 +190,7 @@ impl Declarations {
     }
 }
 
-// === impl Entity ===
+// === impl ZenohDeclaration ===
 
 impl ZenohDeclaration {
     fn undeclare(self) {

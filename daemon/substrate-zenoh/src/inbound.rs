@@ -60,7 +60,7 @@ pub(crate) fn undeclared(what: &str, key_expr: &KeyExpr, source: zenoh::Error) -
     OpenError::Declare { what: format!("{what} `{key_expr}`"), source }
 }
 
-// === impl Ear ===
+// === impl InboundReceiver ===
 
 impl InboundReceiver {
     fn declare(

@@ -105,7 +105,7 @@ pub(crate) struct TokenEffects {
     pub(crate) probe: bool,
 }
 
-// === impl Roster ===
+// === impl Membership ===
 
 impl Membership {
     pub(crate) fn new(own: DaemonId, lease: Duration) -> Membership {
@@ -300,7 +300,7 @@ impl Membership {
     }
 }
 
-// === impl Hosted ===
+// === impl DaemonMembers ===
 
 impl DaemonMembers {
     /// Adds an agent if there is room. If another incarnation of it has joined already, the older of the
@@ -342,7 +342,7 @@ impl DaemonMembers {
     }
 }
 
-// === impl Crowd ===
+// === impl MemberCounts ===
 
 impl MemberCounts {
     /// Whether one more agent of a daemon may join; always `true` for this daemon.

@@ -84,7 +84,7 @@ pub(crate) fn declare(
     Ok(watch)
 }
 
-// === impl Watch ===
+// === impl LivelinessSubscriber ===
 
 impl LivelinessSubscriber {
     fn receive_token(watch: &Arc<LivelinessSubscriber>, sample: &Sample) {

@@ -83,7 +83,7 @@ pub(crate) fn ask(
     Box::pin(collect_answers(heard, timeout))
 }
 
-// === impl Asking ===
+// === impl QuerySender ===
 
 impl QuerySender {
     /// Returns the nonce to which the answers to one question are bound. Returns `None` if the ecosystem is
@@ -161,7 +161,7 @@ impl QuerySender {
     }
 }
 
-// === impl Answering ===
+// === impl QueryResponder ===
 
 impl QueryResponder {
     /// Declares the queryables of a daemon.

@@ -79,7 +79,7 @@ pub fn refusal(json: bool) -> LimitReporter {
     })
 }
 
-// === impl Deadline ===
+// === impl LimitWatch ===
 
 impl LimitWatch {
     /// Starts the watching thread, which sets `cancel` when the time is over.
@@ -140,7 +140,7 @@ fn watch(
     }
 }
 
-// === impl Answer ===
+// === impl AnswerLock ===
 
 impl AnswerLock {
     fn lock_state(&self) -> MutexGuard<'_, AnswerState> {

@@ -194,7 +194,7 @@ fn outcome(report: &DiagnosticReport, feature: Option<&str>) -> FileOutcome {
     }
 }
 
-// === impl Tree ===
+// === impl PddlTree ===
 
 impl PddlTree {
     /// Returns the number of files of this kind per outcome; with `None`, of all kinds.
@@ -214,7 +214,7 @@ impl PddlTree {
     }
 }
 
-// === impl Domains ===
+// === impl DomainCache ===
 
 impl DomainCache {
     /// Returns the domain that most likely belongs to a problem: first by file names, then by the domain

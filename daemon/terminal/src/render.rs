@@ -35,7 +35,7 @@ struct Excerpt<'a> {
     line: usize,
 }
 
-// === impl Look ===
+// === impl RenderStyle ===
 
 impl RenderStyle {
     /// Returns the width and colors of stderr.

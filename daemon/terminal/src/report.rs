@@ -41,7 +41,7 @@ pub struct DiagnosticReport {
     findings: Vec<SourcedDiagnostic>,
 }
 
-// === impl Source ===
+// === impl SourceText ===
 
 impl SourceText {
     /// Returns a source for a text that is not from a file.
@@ -172,7 +172,7 @@ pub fn reason_of_writing(err: &std::io::Error) -> String {
     }
 }
 
-// === impl Report ===
+// === impl DiagnosticReport ===
 
 impl DiagnosticReport {
     /// Adds diagnostics of one text.

@@ -14,7 +14,7 @@ pub(crate) struct StoredRequests {
     requested: Requested,
 }
 
-// === impl KeptRequests ===
+// === impl StoredRequests ===
 
 impl StoredRequests {
     pub(crate) fn new(requested: Requested, now: SystemTime) -> StoredRequests {

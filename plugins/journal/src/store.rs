@@ -168,7 +168,7 @@ impl Store {
     }
 }
 
-// === impl Filed ===
+// === impl JournalFile ===
 
 impl JournalFile {
     fn new(path: &Path, database: Database) -> JournalFile {

@@ -96,7 +96,7 @@ pub struct Terminal {
     pub events: mpsc::Receiver<UserEvent>,
 }
 
-// === impl Heard ===
+// === impl UserEvent ===
 
 impl UserEvent {
     /// Returns the conversation that this is about; `None` for questions.

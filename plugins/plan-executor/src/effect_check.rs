@@ -31,7 +31,7 @@ pub(crate) struct UnverifiedEffect {
     contradicted_by: (Incarnation, u64),
 }
 
-// === impl Words ===
+// === impl LastHeartbeats ===
 
 impl LastHeartbeats {
     /// Stores a heartbeat, unless a newer one is stored.

@@ -59,7 +59,7 @@ impl PlanId {
     }
 }
 
-// === impl Askers ===
+// === impl Subscribers ===
 
 impl Subscribers {
     pub(crate) fn new(first: Participation) -> Subscribers {
@@ -91,7 +91,7 @@ impl Subscribers {
     }
 }
 
-// === impl Ended ===
+// === impl FinishedPlans ===
 
 impl FinishedPlans {
     pub(crate) fn store_outcome(&mut self, plan: PlanId, report: Report) {

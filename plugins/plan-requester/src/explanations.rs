@@ -107,7 +107,7 @@ pub(crate) struct GoalContext {
     facts: BTreeSet<String>,
 }
 
-// === impl Seen ===
+// === impl GoalContext ===
 
 impl GoalContext {
     /// Collects what concerns a goal: the actions that could contribute to it, and the facts that the
@@ -191,7 +191,7 @@ struct RelevantSymbols<'k> {
     actions: BTreeSet<&'k Name>,
 }
 
-// === impl Relevant ===
+// === impl RelevantSymbols ===
 
 impl<'k> RelevantSymbols<'k> {
     fn to(known: &'k PlanningSnapshot, goal: &'k Condition) -> RelevantSymbols<'k> {

@@ -66,7 +66,7 @@ struct OpenInterface {
     stopping: CancellationToken,
 }
 
-// === impl Gate ===
+// === impl InterfaceNode ===
 
 impl InterfaceNode {
     /// Creates a node that is switched off. It has its own state folder for the annex.

@@ -16,7 +16,7 @@ pub struct CommandLog(Mutex<BTreeMap<(String, ActionToken), String>>);
 /// The commands that each agent has begun, in order, with repetitions.
 pub type Begun = BTreeMap<String, Vec<ActionToken>>;
 
-// === impl Given ===
+// === impl MachineServices ===
 
 impl CommandLog {
     /// Records a message that passes over the network.

@@ -126,7 +126,7 @@ impl MachineSimulation for MachineServices {
     }
 }
 
-// === impl Post ===
+// === impl SimulatedMachine ===
 
 impl SimulatedMachine {
     /// Creates a machine that is switched off, with its disk in the folder `state`.
@@ -289,7 +289,7 @@ impl SimulatedMachine {
     }
 }
 
-// === impl Process ===
+// === impl DaemonProcess ===
 
 impl DaemonProcess {
     /// Runs an agent and launches it again when it fails, as a daemon's supervisor does.
@@ -358,7 +358,7 @@ impl Drop for AbortOnDrop {
     }
 }
 
-// === impl World ===
+// === impl TrialContext ===
 
 impl TrialContext {
     fn note_broken(&self, line: String) {

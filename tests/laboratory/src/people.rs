@@ -117,7 +117,7 @@ impl Person {
     }
 }
 
-// === impl Story ===
+// === impl GoalTrace ===
 
 impl GoalTrace {
     fn add_report(&mut self, at: Duration, heard: &UserEvent) {

@@ -131,7 +131,7 @@ pub enum InjectedFault {
     Clock(usize, i64),
 }
 
-// === impl Script ===
+// === impl TrialScript ===
 
 impl TrialScript {
     /// Draws the trial of a seed.

@@ -257,7 +257,7 @@ impl Trial {
     }
 }
 
-// === impl Goals ===
+// === impl GoalCounts ===
 
 impl GoalCounts {
     fn of(city: &Cluster) -> GoalCounts {

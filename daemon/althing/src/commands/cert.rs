@@ -179,7 +179,7 @@ fn revoke(args: &CertRevokeArgs) -> ExitCode {
     output::print(text, exit::DONE)
 }
 
-// === impl Place ===
+// === impl CertificateFolder ===
 
 impl CertificateFolder {
     fn of(args: &CertPlaceArgs) -> Result<CertificateFolder, String> {

@@ -76,7 +76,7 @@ fn is_ecosystem(path: &Path) -> bool {
     has_ending || has_table()
 }
 
-// === impl Desk ===
+// === impl PackageCheck ===
 
 impl FileCheck {
     /// Checks the domains first, so that the problems and action models find their domains in
@@ -188,7 +188,7 @@ impl FileCheck {
     }
 }
 
-// === impl Checked ===
+// === impl CheckedFile ===
 
 impl CheckedFile {
     fn line(&self) -> String {

@@ -117,7 +117,7 @@ pub(super) fn interpret_values(
     (Some(ecosystem), report)
 }
 
-// === impl Meaning ===
+// === impl Interpreter ===
 
 impl Interpreter<'_> {
     /// Returns the settings for plugins. If the folder of packages is relative, it is relative to

@@ -116,7 +116,7 @@ impl Overrides {
     }
 }
 
-// === impl LoadError ===
+// === impl ConfigLoadError ===
 
 impl ConfigLoadError {
     /// Returns the report of the mistakes, for display.

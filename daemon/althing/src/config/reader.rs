@@ -46,7 +46,7 @@ pub(super) fn read(source: &Arc<SourceText>) -> (Layer, Vec<Diagnostic>) {
     (reader.layer, reader.diagnostics)
 }
 
-// === impl Reader ===
+// === impl TomlReader ===
 
 impl TomlReader {
     pub(super) fn new(source: Arc<SourceText>) -> TomlReader {

@@ -225,7 +225,7 @@ fn is_life(text: &str) -> bool {
     text.len() == LIFE_DIGITS && text.bytes().all(|byte| byte.is_ascii_hexdigit())
 }
 
-// === impl Stay ===
+// === impl PresenceGuard ===
 
 impl PresenceGuard {
     /// Begins an incarnation of a daemon: locks its ticket and makes its symbolic link. The caller

@@ -48,7 +48,7 @@ struct UnreliableSubstrate {
     mishaps: Arc<FaultInjector>,
 }
 
-// === impl Mishaps ===
+// === impl FaultInjector ===
 
 impl FaultInjector {
     /// Creates an injector that loses and duplicates these shares of the messages, chosen by
@@ -97,7 +97,7 @@ fn share_of(number: u64) -> f64 {
     (number >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-// === impl Unreliable ===
+// === impl UnreliableSubstrate ===
 
 impl UnreliableSubstrate {
     fn pass(

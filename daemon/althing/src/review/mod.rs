@@ -156,7 +156,7 @@ struct Reviewer<'e> {
     report: DiagnosticReport,
 }
 
-// === impl Desk ===
+// === impl PackageCheck ===
 
 impl Reviewer<'_> {
     /// Reports the mistake `found` at the place `at`.

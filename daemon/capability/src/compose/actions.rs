@@ -124,7 +124,7 @@ pub(super) fn name<'a>(
     names.assign(&variants)
 }
 
-// === impl Schema ===
+// === impl FormerSchema ===
 
 impl<'a> SelectedSchema<'a> {
     fn new(offer: &'a ModelAction) -> SelectedSchema<'a> {

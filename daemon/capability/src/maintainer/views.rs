@@ -387,7 +387,7 @@ fn total_cost() -> FluentTerm {
     FluentTerm { function: Name::new(TOTAL_COST), arguments: Vec::new(), span: Span::default() }
 }
 
-// === impl ClaimedBy ===
+// === impl OwnerClaim ===
 
 impl OwnerClaim {
     fn new(fact: &FactKey, (owner, claim): (&Owner, &FactClaim), now: Timestamp) -> OwnerClaim {

@@ -100,7 +100,7 @@ struct CostTable {
     values: BTreeMap<Vec<Name>, f64>,
 }
 
-// === impl Facts ===
+// === impl FunctionProperties ===
 
 impl FunctionProperties {
     fn of(domain: &Domain, problem: &Problem) -> Result<FunctionProperties, Unsupported> {

@@ -83,7 +83,7 @@ fn plain(parameters: &mut [Typed]) {
     }
 }
 
-// === impl Names ===
+// === impl EngineNames ===
 
 impl EngineNames {
     /// Returns a plan with the task's own names. Returns an error with the name if one is not known.
@@ -211,7 +211,7 @@ struct VariableScope<'n> {
     taken: BTreeSet<String>,
 }
 
-// === impl Scope ===
+// === impl VariableScope ===
 
 impl<'n> VariableScope<'n> {
     fn new(names: &'n mut EngineNames) -> VariableScope<'n> {

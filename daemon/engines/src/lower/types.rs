@@ -74,7 +74,7 @@ struct TypeGuards {
     seen: Vec<TypeExpr>,
 }
 
-// === impl Guards ===
+// === impl TypeGuards ===
 
 impl TypeGuards {
     /// Removes types that cannot be kept, and returns the conditions that replace them.

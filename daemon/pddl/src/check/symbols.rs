@@ -118,7 +118,7 @@ impl<'t> Symbols<'t> {
     }
 }
 
-// === impl Table ===
+// === impl DeclarationTable ===
 
 impl<'t, T: NamedDeclaration> DeclarationTable<'t, T> {
     fn new(declarations: impl IntoIterator<Item = &'t T>) -> DeclarationTable<'t, T> {

@@ -44,7 +44,7 @@ pub(super) enum ExpressionPlace {
 /// word is.
 pub(super) struct Keyword<'f>(Cow<'f, str>);
 
-// === impl Reader ===
+// === impl GrammarReader ===
 
 impl<'f> GrammarReader<'f> {
     /// Creates the state for a text with `node_count` words and lists.

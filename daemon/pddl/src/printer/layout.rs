@@ -34,7 +34,7 @@ enum LayoutKind<'t> {
     Group(Vec<PrintLayout<'t>>),
 }
 
-// === impl Layout ===
+// === impl PrintLayout ===
 
 impl<'t> PrintLayout<'t> {
     pub(super) fn word(word: &'t str) -> PrintLayout<'t> {

@@ -61,7 +61,7 @@ pub(super) fn places(
     FoundAlternatives { of, is_complete: search.is_complete }
 }
 
-// === impl Search ===
+// === impl PlacementSearch ===
 
 impl PlacementSearch<'_> {
     /// Selects the first few of `sets`. Small sets come before large ones, and sets with present agents

@@ -105,7 +105,7 @@ struct Achiever {
 /// Terms for which variables stand.
 type TermBindings = Vec<(Name, Term)>;
 
-// === impl Why ===
+// === impl UnsolvabilityExplainer ===
 
 impl UnsolvabilityExplainer<'_> {
     fn unreachable(&self, conditions: &[Condition]) -> Result<Vec<usize>, PlanError> {

@@ -136,7 +136,7 @@ impl Alternative {
     }
 }
 
-// === impl Missing ===
+// === impl MissingCapability ===
 
 impl MissingCapability {
     fn words(&self, known: Option<&Name>, there: &[&Name]) -> String {

@@ -74,7 +74,7 @@ pub(super) struct Support {
     pub(super) is_complete: bool,
 }
 
-// === impl Set ===
+// === impl LiteralSet ===
 
 impl SuppositionSet {
     fn of(one: u32) -> SuppositionSet {
@@ -126,7 +126,7 @@ fn insert(sets: &mut Vec<SuppositionSet>, set: SuppositionSet, is_complete: &mut
     true
 }
 
-// === impl Rules ===
+// === impl SuppositionRules ===
 
 impl SuppositionRules {
     pub(super) fn new(task: &Task, supposed: &SupposedTask) -> SuppositionRules {

@@ -59,7 +59,7 @@ pub(super) struct SupposedTask {
     new: BTreeMap<Name, TypeExpr>,
 }
 
-// === impl Supposed ===
+// === impl SupposedTask ===
 
 impl SupposedTask {
     pub(super) fn new(known: ExplanationInput<'_>, parts: &[Condition]) -> SupposedTask {

@@ -19,7 +19,7 @@ pub(super) struct ConjunctionTemplate {
     rest: Vec<FormulaTemplate>,
 }
 
-// === impl Condition ===
+// === impl ConjunctionTemplate ===
 
 impl ConjunctionTemplate {
     /// Prepares a formula for grounding. `is_joined` means that a join has already tested the

@@ -29,7 +29,7 @@ pub(super) struct ChangesDraft {
 /// Maximal number of conditions that are compared one by one; if there are more, they are hashed.
 const FEW_CONDITIONS: usize = 8;
 
-// === impl Draft ===
+// === impl OperatorDraft ===
 
 impl OperatorDraft {
     pub(super) fn clear(&mut self) {
@@ -118,7 +118,7 @@ impl OperatorDraft {
     }
 }
 
-// === impl Changes ===
+// === impl StepChanges ===
 
 impl ChangesDraft {
     fn clear(&mut self) {

@@ -161,7 +161,7 @@ struct RawFacts<'l> {
     never: Vec<bool>,
 }
 
-// === impl Start ===
+// === impl RawInitialState ===
 
 impl RawInitialState {
     /// Returns the initial state from which the relations were filled.
@@ -180,7 +180,7 @@ impl RawInitialState {
     }
 }
 
-// === impl Facts ===
+// === impl RawFacts ===
 
 impl<'l> RawFacts<'l> {
     fn new(
@@ -397,7 +397,7 @@ fn readers(facts: &RawFacts<'_>, raw: &RawTask) -> Vec<Vec<usize>> {
     readers
 }
 
-// === impl Rows ===
+// === impl ChangerRows ===
 
 impl ChangerRows {
     /// Builds the lists from pairs of list index and item. `each` passes all pairs to its argument, one

@@ -64,7 +64,7 @@ pub(super) enum LiteralTruth {
 /// known in advance.
 pub(super) const COMPARISONS_MAX: usize = 1 << 24;
 
-// === impl Node ===
+// === impl CompiledCondition ===
 
 impl FormulaTemplate {
     pub(super) fn compile(
@@ -180,7 +180,7 @@ fn collect_guards(
     }
 }
 
-// === impl Grounder ===
+// === impl FormulaGrounder ===
 
 impl FormulaGrounder<'_> {
     /// Grounds a condition under a binding, and returns it as a tree.

@@ -40,7 +40,7 @@ pub(super) enum ExpressionValue {
     Varying(GroundExpression),
 }
 
-// === impl Values ===
+// === impl FunctionValues ===
 
 impl GroundFluents {
     pub(super) fn new(lifted: &Lifted) -> GroundFluents {
@@ -255,7 +255,7 @@ fn is_total_cost(lifted: &Lifted, function: FunctionIndex) -> bool {
     *arity == 0 && name == "total-cost"
 }
 
-// === impl Table ===
+// === impl TupleTable ===
 
 impl FunctionTable {
     /// Sets the value of a tuple, and returns the tuple's row. A later value replaces an earlier one.

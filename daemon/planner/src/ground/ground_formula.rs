@@ -35,7 +35,7 @@ pub(super) struct Auxiliaries {
     pub(super) axioms: Vec<RawAxiom>,
 }
 
-// === impl Tree ===
+// === impl GroundFormula ===
 
 impl GroundFormula {
     pub(super) fn and(parts: impl IntoIterator<Item = GroundFormula>) -> GroundFormula {

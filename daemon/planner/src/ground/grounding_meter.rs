@@ -24,7 +24,7 @@ const STEPS_BETWEEN_CANCEL_CHECKS: u64 = 1 << 14;
 /// a hundred nanoseconds.
 const UNITS_BETWEEN_CANCEL_CHECKS: u32 = 1 << 12;
 
-// === impl Work ===
+// === impl WorkBudget ===
 
 impl<'c> GroundingMeter<'c> {
     pub(super) fn new(budget: Budget, cancel: &'c Cancel) -> GroundingMeter<'c> {

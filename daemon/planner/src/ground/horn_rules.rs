@@ -178,7 +178,7 @@ impl Conjunct {
     }
 }
 
-// === impl Rule ===
+// === impl AxiomRule ===
 
 impl HornRule {
     /// Narrows the sets of objects that the variables range over. Returns `false` if the rule can never

@@ -79,7 +79,7 @@ const LEFTOVERS_MAX: usize = 1_000;
 /// Number of spare facts for all predicates together that are declared later.
 const ROOM_FOR_PREDICATES: usize = 512;
 
-// === impl Standing ===
+// === impl IncrementalGrounding ===
 
 impl IncrementalGrounding {
     /// Grounds a lifted task. `join_steps` is set to the work that was done, even if grounding fails.

@@ -129,7 +129,7 @@ fn open(formula: &Formula) -> (Vec<SlotIndex>, Formula) {
     }
 }
 
-// === impl Ready ===
+// === impl PreparedGrounding ===
 
 impl<'s> SchemaTemplate<'s> {
     pub(super) fn new(

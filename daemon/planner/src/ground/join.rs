@@ -215,7 +215,7 @@ fn probe(relations: &mut [Relation], part: JoinAtom<'_>, bound: &mut [bool]) -> 
     JoinStep::Probe(IndexProbe { relation: atom.predicate, index, key, binds, same, is_new_to })
 }
 
-// === impl Filter ===
+// === impl JoinFilter ===
 
 impl JoinFilter {
     /// Calls `visit` for every variable in the filter.

@@ -12,7 +12,7 @@ pub(super) struct ObjectSets {
     known: FxHashMap<Vec<u64>, TypeIndex>,
 }
 
-// === impl Sets ===
+// === impl ObjectSets ===
 
 impl ObjectSets {
     pub(super) fn new(lifted: &Lifted) -> ObjectSets {

@@ -77,7 +77,7 @@ pub(super) fn instantiate_all(
     Ok(drawn.into_raw(goal))
 }
 
-// === impl Layout ===
+// === impl FactLayout ===
 
 impl FactLayout {
     /// Returns the dense index after the last comparison.
@@ -103,7 +103,7 @@ impl FactLayout {
     }
 }
 
-// === impl Drawn ===
+// === impl RawInstances ===
 
 impl RawInstances {
     /// Creates an empty set of instances. `room` gives the maximal number of facts of each predicate;

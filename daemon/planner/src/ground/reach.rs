@@ -136,7 +136,7 @@ fn set_distinct(lifted: &Lifted, rules: &[HornRule], relations: &mut [Relation])
     }
 }
 
-// === impl Reach ===
+// === impl Reachability ===
 
 impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
     fn new(

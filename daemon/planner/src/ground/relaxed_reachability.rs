@@ -46,7 +46,7 @@ struct StepIndexBuilder<'l> {
     added: Vec<u32>,
 }
 
-// === impl Flow ===
+// === impl RelaxationIndex ===
 
 impl RelaxationIndex {
     pub(super) fn new<'a>(
@@ -135,7 +135,7 @@ impl RelaxationIndex {
     }
 }
 
-// === impl Steps ===
+// === impl StepIndexBuilder ===
 
 impl StepIndexBuilder<'_> {
     fn add(&mut self, operator: u32, first: &[Literal], second: &[Literal], adds: &[FactId]) {

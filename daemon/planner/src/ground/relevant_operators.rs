@@ -24,7 +24,7 @@ pub(super) struct RelevanceIndex {
     operator_count: usize,
 }
 
-// === impl Sources ===
+// === impl RelevanceIndex ===
 
 impl RelevanceIndex {
     pub(super) fn new<'a>(

@@ -67,7 +67,7 @@ struct Counter {
     cost: u32,
 }
 
-// === impl Additive ===
+// === impl AdditiveHeuristic ===
 
 impl AdditiveHeuristic {
     pub(super) fn new(relaxation: &Relaxation) -> AdditiveHeuristic {

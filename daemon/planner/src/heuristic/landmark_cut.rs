@@ -385,7 +385,7 @@ impl Evaluator for LandmarkCut {
     }
 }
 
-// === impl Landmarks ===
+// === impl LandmarkStore ===
 
 impl LandmarkStore {
     /// Returns the range of a state's landmarks; empty if the landmarks of the state are not stored.

@@ -14,7 +14,7 @@ pub(crate) struct MaxHeuristic {
     exploration: Exploration,
 }
 
-// === impl Max ===
+// === impl MaxHeuristic ===
 
 impl MaxHeuristic {
     pub(crate) fn new(task: &Task) -> MaxHeuristic {

@@ -39,7 +39,7 @@ struct Addition<'t> {
     deletes: &'t [FactId],
 }
 
-// === impl Balance ===
+// === impl BalanceCheck ===
 
 impl<'t> BalanceCheck<'t> {
     pub(super) fn new(task: &'t Task) -> BalanceCheck<'t> {

@@ -21,7 +21,7 @@ pub(super) struct InvariantAtom {
     places: Vec<usize>,
 }
 
-// === impl Candidate ===
+// === impl InvariantCandidate ===
 
 impl InvariantCandidate {
     /// Returns the initial candidates for one predicate: one without a counted argument, and one for
@@ -76,7 +76,7 @@ impl InvariantCandidate {
     }
 }
 
-// === impl Part ===
+// === impl QueryPart ===
 
 impl InvariantAtom {
     /// Returns the objects of the parameters, given all arguments of a fact that matches the atom.

@@ -81,7 +81,7 @@ struct MutexGroupSearch<'t> {
     work_max: u64,
 }
 
-// === impl Finder ===
+// === impl MutexGroupSearch ===
 
 impl<'t> MutexGroupSearch<'t> {
     fn new(task: &'t Task, work_max: u64, cancel: &'t Cancel) -> MutexGroupSearch<'t> {

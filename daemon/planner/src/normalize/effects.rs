@@ -40,7 +40,7 @@ struct EffectFlattener<'s> {
     numeric: Vec<LiftedNumeric>,
 }
 
-// === impl Flat ===
+// === impl EffectFlattener ===
 
 impl EffectFlattener<'_> {
     fn effect(&mut self, effect: &Effect, guard: &EffectContext) {

@@ -16,7 +16,7 @@ pub(super) struct FormulaScope<'s> {
     visible: Vec<(Name, SlotIndex)>,
 }
 
-// === impl Scope ===
+// === impl CompilationScope ===
 
 impl<'s> FormulaScope<'s> {
     pub(super) fn new<'p>(

@@ -117,7 +117,7 @@ struct LinearMetric<'m> {
     is_linear: bool,
 }
 
-// === impl Linear ===
+// === impl LinearMetric ===
 
 impl<'m> LinearMetric<'m> {
     fn add(&mut self, expression: &'m Expression, weight: f64) -> Result<(), PlanError> {

@@ -145,7 +145,7 @@ struct ActionSplitter {
     roles: FxHashMap<Name, PieceRole>,
 }
 
-// === impl Taker ===
+// === impl ActionSplitter ===
 
 impl ActionSplitter {
     /// Adds an auxiliary predicate, for facts that only pieces add and delete.

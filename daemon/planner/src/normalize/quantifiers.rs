@@ -32,7 +32,7 @@ impl Default for QuantifierRearrangement {
     }
 }
 
-// === impl Rearranging ===
+// === impl QuantifierRearrangement ===
 
 impl QuantifierRearrangement {
     /// Returns an equivalent condition that is easier to ground.

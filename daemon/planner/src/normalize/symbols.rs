@@ -28,7 +28,7 @@ pub(crate) struct SymbolTable {
     pub(super) rearranging: QuantifierRearrangement,
 }
 
-// === impl Symbols ===
+// === impl SymbolTable ===
 
 impl SymbolTable {
     pub(super) fn new(domain: &Domain, problem: &Problem) -> SymbolTable {

@@ -77,7 +77,7 @@ struct ConditionSplitter<'l> {
     gain_min: f64,
 }
 
-// === impl Splitter ===
+// === impl ConditionSplitter ===
 
 impl ConditionSplitter<'_> {
     fn formula(&mut self, formula: &mut Formula, frame: &[TypeIndex]) {

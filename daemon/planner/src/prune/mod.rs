@@ -101,7 +101,7 @@ impl PrunedTask {
     }
 }
 
-// === impl Work ===
+// === impl WorkBudget ===
 
 impl WorkBudget<'_> {
     /// Subtracts `words` of work, before the work is done. Returns an error if the cap is exceeded or

@@ -40,7 +40,7 @@ pub(super) struct OperatorView<'v> {
     pub(super) free: &'v [Literal],
 }
 
-// === impl View ===
+// === impl WorldView ===
 
 impl OperatorViews {
     pub(super) fn of(task: &Task) -> OperatorViews {

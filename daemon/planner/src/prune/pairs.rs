@@ -13,7 +13,7 @@ pub(super) struct LiteralSet(FixedBitSet);
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct LiteralPairs(Vec<LiteralSet>);
 
-// === impl Set ===
+// === impl LiteralSet ===
 
 impl LiteralSet {
     /// Returns the empty set, for literals with indices below `count`.
@@ -61,7 +61,7 @@ impl LiteralSet {
     }
 }
 
-// === impl Pairs ===
+// === impl LiteralPairs ===
 
 impl LiteralPairs {
     /// Returns the size of a set of pairs over the literals of `fact_count` facts, in words of 64

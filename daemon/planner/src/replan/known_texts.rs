@@ -44,7 +44,7 @@ pub(super) struct StructuralDifference;
 /// are ground afresh.
 const GONE_MAX: usize = 16;
 
-// === impl Known ===
+// === impl KnownTexts ===
 
 impl KnownTexts {
     pub(super) fn of(domain: &Domain, problem: &Problem) -> KnownTexts {
@@ -200,7 +200,7 @@ impl KnownTexts {
     }
 }
 
-// === impl Additions ===
+// === impl TextAdditions ===
 
 impl TextAdditions {
     /// Whether the additions contain objects only.

@@ -294,7 +294,7 @@ impl Replanner {
     }
 }
 
-// === impl Held ===
+// === impl RetainedState ===
 
 impl RetainedState {
     /// Returns the difference between the texts and the known texts; `None` if additions and masks
@@ -349,7 +349,7 @@ impl RetainedState {
     }
 }
 
-// === impl Call ===
+// === impl ReplanningCall ===
 
 impl<'c> ReplanningCall<'c> {
     fn new(

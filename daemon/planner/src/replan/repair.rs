@@ -21,7 +21,7 @@ pub(super) struct ResumableTask<'r> {
     rest: &'r [PlanStep],
 }
 
-// === impl Resumable ===
+// === impl ResumableTask ===
 
 impl<'r> ResumableTask<'r> {
     /// Returns the task with a macro operator for each suffix of `rest` that can be regressed: the

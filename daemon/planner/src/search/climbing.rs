@@ -40,7 +40,7 @@ pub(crate) enum ClimbingOutcome {
     GaveUp,
 }
 
-// === impl Climb ===
+// === impl HillClimbing ===
 
 impl<'t, 'h> HillClimbing<'t, 'h> {
     pub(crate) fn new(task: &'t Task, ff: &'h mut FastForward<'t>) -> HillClimbing<'t, 'h> {

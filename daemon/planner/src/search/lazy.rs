@@ -111,7 +111,7 @@ struct Preferred {
     operators: Vec<OperatorId>,
 }
 
-// === impl Manner ===
+// === impl SearchParameters ===
 
 impl SearchParameters {
     /// Returns the parameters of a greedy search for a first plan, in which every step weighs one.
@@ -128,7 +128,7 @@ impl SearchParameters {
     }
 }
 
-// === impl Lazy ===
+// === impl LazySearch ===
 
 impl<'t> LazySearch<'t> {
     pub(crate) fn new(

@@ -38,7 +38,7 @@ pub(super) struct AxiomRule {
 /// One alternative of a disjunction: variables, and the conditions that must hold for them.
 type RuleAlternative = (Vec<Variable>, Vec<CompiledCondition>);
 
-// === impl Rule ===
+// === impl AxiomRule ===
 
 impl AxiomRule {
     /// Returns the rules of one axiom, which belongs to the given component.

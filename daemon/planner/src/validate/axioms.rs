@@ -53,7 +53,7 @@ struct Reads<'m> {
     time: bool,
 }
 
-// === impl Axioms ===
+// === impl AxiomComponents ===
 
 impl AxiomComponents {
     /// Groups the axioms of a domain. Returns an error if an axiom depends on its own negation.

@@ -25,7 +25,7 @@ pub(super) struct CompilationScope<'m> {
     strangers: FxHashMap<Name, usize>,
 }
 
-// === impl Scope ===
+// === impl CompilationScope ===
 
 impl<'m> CompilationScope<'m> {
     pub(super) fn new(model: &'m Model) -> CompilationScope<'m> {

@@ -156,7 +156,7 @@ impl FrameSlot {
     }
 }
 
-// === impl Node ===
+// === impl CompiledCondition ===
 
 impl CompiledCondition {
     /// Returns the conjunction of conditions, flattened and simplified.
@@ -273,7 +273,7 @@ impl CompiledCondition {
     }
 }
 
-// === impl Expression ===
+// === impl CompiledExpression ===
 
 impl CompiledExpression {
     fn arguments(&self, visit: &mut dyn FnMut(Argument)) {

@@ -61,7 +61,7 @@ impl Update {
     }
 }
 
-// === impl View ===
+// === impl WorldView ===
 
 impl WorldView<'_> {
     pub(super) fn collect(

@@ -16,7 +16,7 @@ pub(super) struct FunctionValues {
     numbers: Vec<f64>,
 }
 
-// === impl Values ===
+// === impl FunctionValues ===
 
 impl FunctionValues {
     pub(super) fn new(arity: usize) -> FunctionValues {
@@ -50,7 +50,7 @@ impl PartialEq for FunctionValues {
     }
 }
 
-// === impl View ===
+// === impl WorldView ===
 
 impl WorldView<'_> {
     pub(super) fn compares(self, compare: &CompiledComparison, frame: &[Object]) -> bool {

@@ -60,7 +60,7 @@ struct ChoicePoint<'w, 'q> {
     open: u64,
 }
 
-// === impl View ===
+// === impl WorldView ===
 
 impl<'w> WorldView<'w> {
     pub(super) fn of(world: &'w World) -> WorldView<'w> {
@@ -227,7 +227,7 @@ impl<'w> WorldView<'w> {
     }
 }
 
-// === impl Level ===
+// === impl ChoicePoint ===
 
 impl<'w, 'q> ChoicePoint<'w, 'q> {
     fn of(choices: Choices<'w, 'q>, open: u64) -> ChoicePoint<'w, 'q> {

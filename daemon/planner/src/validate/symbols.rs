@@ -166,7 +166,7 @@ impl Extension {
     }
 }
 
-// === impl Relation ===
+// === impl RelationId ===
 
 impl RelationId {
     pub(super) fn index(self) -> usize {
@@ -174,7 +174,7 @@ impl RelationId {
     }
 }
 
-// === impl Relations ===
+// === impl RelationTable ===
 
 impl RelationTable {
     /// Returns the number of the predicate or function with this name and number of arguments, and

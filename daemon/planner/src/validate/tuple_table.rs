@@ -45,7 +45,7 @@ struct Column {
     places: Vec<u32>,
 }
 
-// === impl Table ===
+// === impl TupleTable ===
 
 impl TupleTable {
     pub(super) fn new(arity: usize) -> TupleTable {

@@ -145,7 +145,7 @@ fn tmpfs(at: &Path) -> Result<(), RoomError> {
     mounted.map_err(|errno| failed(&format!("mount a tmpfs at {}", at.display()), errno.into()))
 }
 
-// === impl Places ===
+// === impl ResolvedPaths ===
 
 impl ResolvedPaths {
     /// Follows paths on the machine. Paths that lead nowhere are left out.

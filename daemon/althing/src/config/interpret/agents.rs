@@ -28,7 +28,7 @@ const PLACES: &[&str] = &[
 /// Keys in an agent's `config` of which the values name another agent, for every plugin.
 const CARRIERS: &[&str] = &["mounted-on"];
 
-// === impl Meaning ===
+// === impl Interpreter ===
 
 impl Interpreter<'_> {
     /// Returns all agents of which the entries are correct; mistakes in the other entries are

@@ -29,7 +29,7 @@ pub(super) struct PddlFiles {
     pub(super) are_sound: bool,
 }
 
-// === impl Meaning ===
+// === impl Interpreter ===
 
 impl Interpreter<'_> {
     /// Reads the ontology and the map. Mistakes are reported at their places in these two files.
@@ -123,7 +123,7 @@ impl Interpreter<'_> {
     }
 }
 
-// === impl Files ===
+// === impl FileDigests ===
 
 impl PddlFiles {
     /// Returns an error message and a help text if `name` is not on the map, where it should be.

@@ -12,7 +12,7 @@ use crate::config::layer::KeyValueSpan;
 use crate::config::raw::RawNamedGoal;
 use terminal::report::SourceText;
 
-// === impl Meaning ===
+// === impl Interpreter ===
 
 impl Interpreter<'_> {
     /// Parses each named goal, and reports mistakes.

@@ -17,7 +17,7 @@ use crate::config::{InterfaceEntry, RuleEntry};
 /// needs two or three, and an interface that lends ten robots lends many.
 const RATE: f64 = 20.0;
 
-// === impl Meaning ===
+// === impl Interpreter ===
 
 impl Interpreter<'_> {
     /// Returns all interfaces of which the entries are correct; mistakes in the other entries are

@@ -34,7 +34,7 @@ pub(super) fn limited_actions(agents: &[RawAgentEntry]) -> BTreeMap<String, BTre
     limited.collect()
 }
 
-// === impl Meaning ===
+// === impl Interpreter ===
 
 impl Interpreter<'_> {
     /// Returns the security settings; `None` unless the ecosystem file has the table `[security]`.

@@ -13,7 +13,7 @@ use crate::config::raw::{RawLimits, RawTiming};
 /// and value of the shorter one, whether they may be equal, and the reason.
 type TimingRule<'t> = (&'t str, Duration, &'t str, Duration, bool, &'t str);
 
-// === impl Meaning ===
+// === impl Interpreter ===
 
 impl Interpreter<'_> {
     /// Returns the times and bounds that all agents use. Reports those that are inconsistent.

@@ -47,7 +47,7 @@ pub(super) struct LandmarkDiscovery<'r> {
     work: usize,
 }
 
-// === impl Discovery ===
+// === impl LandmarkDiscovery ===
 
 impl<'r> LandmarkDiscovery<'r> {
     pub(super) fn new(relaxation: &'r Relaxation, atoms: &'r Atoms, state: &State) -> Self {

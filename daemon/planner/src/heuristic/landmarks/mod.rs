@@ -51,7 +51,7 @@ impl Landmark {
     }
 }
 
-// === impl Graph ===
+// === impl LandmarkGraph ===
 
 impl LandmarkGraph {
     fn order_greedy_necessary(&mut self, before: u32, after: u32) {

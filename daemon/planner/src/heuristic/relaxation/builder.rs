@@ -30,7 +30,7 @@ pub(super) struct RelaxationBuilder<'t> {
     origins: Vec<u32>,
 }
 
-// === impl Builder ===
+// === impl RelaxationBuilder ===
 
 impl<'t> RelaxationBuilder<'t> {
     pub(super) fn new(task: &'t Task) -> RelaxationBuilder<'t> {

@@ -19,7 +19,7 @@ pub(super) struct RelaxedOperators<'r> {
     pub(super) base_costs: &'r [u64],
 }
 
-// === impl Operators ===
+// === impl OperatorTable ===
 
 impl RelaxedOperators<'_> {
     /// Returns, per operator, the propositions that it adds, without the dominated additions. Additions

@@ -67,7 +67,7 @@ pub(in crate::heuristic) struct NumericSteps {
     steps: Vec<NumericStep>,
 }
 
-// === impl Numbers ===
+// === impl NumericSteps ===
 
 impl NumericSteps {
     pub(super) fn new(comparisons: &[GroundComparison]) -> NumericSteps {
@@ -153,7 +153,7 @@ impl NumericSteps {
     }
 }
 
-// === impl Step ===
+// === impl QueryStep ===
 
 impl NumericStep {
     /// Returns how often the step must be repeated to cover `distance`; `changes` contains the current
