@@ -11,17 +11,17 @@ use serde_json::Value;
 use crate::message::SCHEMA_VERSION;
 use crate::{AgentId, ConversationId, Message, MessageId, ReplyToken};
 
-/// Size of the largest message that is read, in bytes. A model of a hundred actions has less than 64
-/// KiB, and a domain of a hundred agents less than 1 MiB.
+/// Maximum size of a message that is read, in bytes; a longer text is rejected. An action model of a
+/// hundred actions has less than 64 KiB, and a domain of a hundred agents less than 1 MiB.
 pub const MESSAGE_BYTES_MAX: usize = 4 << 20;
 
 /// The reason why a text is not a message.
 #[derive(Debug, thiserror::Error)]
 #[error("read an ACL message: {problem}")]
 pub struct DecodeError {
-    /// The mistake.
+    /// The mistake that makes the text unreadable as a message.
     pub problem: Problem,
-    /// The fields that could be read nevertheless.
+    /// The fields of the message that could be read nevertheless.
     pub sketch: Box<Sketch>,
 }
 
@@ -48,15 +48,16 @@ pub enum Problem {
 /// Fields of an unreadable message: enough to answer it with `not-understood`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sketch {
-    /// The id of the message.
+    /// Identifier of the unreadable message; `None` if it could not be read.
     pub id: Option<MessageId>,
-    /// The sender of the message.
+    /// Sender of the unreadable message; `None` if it could not be read.
     pub sender: Option<AgentId>,
-    /// The conversation of the message.
+    /// Conversation of the unreadable message; `None` if it could not be read.
     pub conversation_id: Option<ConversationId>,
-    /// The exchange of the message.
+    /// Token of the exchange that the unreadable message belongs to; `None` if it could not be read.
     pub exchange: Option<ReplyToken>,
-    /// The performative of the message, known or not.
+    /// Performative of the unreadable message as it is spelled there, even if FIPA has no such
+    /// performative; `None` if it could not be read.
     pub performative: Option<String>,
 }
 
@@ -67,12 +68,12 @@ pub fn encode(message: &Message) -> Bytes {
     serde_json::to_vec(message).map(Bytes::from).unwrap_or_default()
 }
 
-/// Parses a message.
+/// Parses a message from JSON.
 ///
 /// # Errors
 ///
-/// Returns an error if there are too many bytes, if they are not JSON of this shape, or if the version
-/// is unknown. The error contains the fields needed to answer.
+/// Returns an error if the text has too many bytes, is not JSON in the shape of a message, or has an
+/// unknown version. The error contains the fields that are needed to answer the sender.
 pub fn decode(bytes: &[u8]) -> Result<Message, DecodeError> {
     if bytes.len() > MESSAGE_BYTES_MAX {
         let problem = Problem::TooLarge { bytes: bytes.len() };
@@ -91,8 +92,8 @@ pub fn decode(bytes: &[u8]) -> Result<Message, DecodeError> {
     }
 }
 
-/// Returns the sender of a message; `None` if the text has no valid sender. Parses the text only up to
-/// that field, because a caller that needs more parses the whole text anyway.
+/// Returns the sender of a message; `None` if the text has no valid sender. Only the text up to the field
+/// `sender` is parsed, because a caller that needs more parses the whole text anyway.
 pub fn sender_of(text: &[u8]) -> Option<AgentId> {
     let mut sender = None;
     // The rest of the text is not parsed, which the parser reports as an error.
@@ -121,7 +122,8 @@ impl<'de> Visitor<'de> for UpToSender<'_> {
     }
 }
 
-/// Prefers an unknown version as the explanation: a newer version may have another shape.
+/// Returns the mistake in a text that could not be parsed. An unknown version takes precedence over
+/// `error`: a newer version may have another shape.
 fn problem_of(bytes: &[u8], error: serde_json::Error) -> Problem {
     let version = serde_json::from_slice::<Value>(bytes)
         .ok()

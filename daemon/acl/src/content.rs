@@ -1,4 +1,4 @@
-//! Contents of messages, as the paper's roles send them (Table 1; docs/design.md, “Messages”).
+//! Contents of messages between the roles of the paper (its Table 1; docs/design.md, “Messages”).
 //!
 //! Facts, goals, models and plans are sent as PDDL text inside these types. All types ignore unknown
 //! fields. The envelope does not interpret contents.
@@ -30,35 +30,35 @@ pub enum Request {
     Plan(PlanRequest),
     /// To the Plan Executor: execute this plan.
     Execute(Box<Execute>),
-    /// To the Plan Executor: cancel this plan, which is no longer needed.
+    /// To the Plan Executor: cancel a plan that is no longer needed.
     CallOff(CallOff),
-    /// To an actuator: execute this action, translated into its method.
+    /// To an actuator: execute an action, which is given with the method that carries it out.
     Act(Box<Act>),
     /// To the Domain Maintainer: change the state.
     ChangeState(ChangeState),
-    /// To the Plan Requester: change the flow, centralised or decentralised.
+    /// To the Plan Requester: change the planning mode, centralised or decentralised.
     SetMode(SetMode),
-    /// To a Keyboard Agent: a person's answer to one of its open questions.
+    /// To a Keyboard Agent: the answer of a person to one of the open questions of that agent.
     AnswerQuestion(AnswerQuestion),
-    /// To the Domain Maintainer: change the metric of plans.
+    /// To the Domain Maintainer: change the metric by which plans are compared.
     ChangeMetric(ChangeMetric),
-    /// To the Domain Maintainer: withhold actions, or give them back.
+    /// To the Domain Maintainer: withhold actions from planning, or give withheld actions back.
     ChangeActions(ChangeActions),
     /// To the Domain Maintainer: believe facts observed by the sender.
     Observe(Observation),
-    /// To a Journal: keep these records; confirmed as soon as they are on disk.
+    /// To a Journal: store records. The Journal confirms the request as soon as the records are on disk.
     Keep(Keeping),
 }
 
-/// Request to change the flow.
+/// Request to change the planning mode, centralised or decentralised.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetMode {
-    /// The new flow.
+    /// The new planning mode.
     pub mode: Mode,
 }
 
-/// The flow of planning in an ecosystem (the paper, “Centralized Planning”, “Decentralized Planning”).
+/// The planning mode of an ecosystem (the paper, “Centralized Planning”, “Decentralized Planning”).
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -74,23 +74,23 @@ pub enum Mode {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AnswerQuestion {
-    /// Number of the question at that agent.
+    /// Number of the question among the open questions of the Keyboard Agent.
     pub question: u64,
-    /// The person's answer.
+    /// The answer of the person.
     #[serde(flatten)]
     pub said: PersonsAnswer,
 }
 
-/// Request for a goal.
+/// Request to reach or keep a goal.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Achieve {
-    /// A PDDL condition over the ecosystem's ontology.
+    /// The goal: a PDDL condition over the ecosystem's ontology.
     pub goal: String,
     /// Whether the goal is to be reached once or kept.
     #[serde(default)]
     pub keep: Keep,
-    /// Priority: a goal with a greater one takes precedence.
+    /// Priority of the goal: a goal with a greater number takes precedence.
     #[serde(default)]
     pub priority: i32,
     /// Whether the goal is pursued during a partition.
@@ -103,14 +103,15 @@ pub struct Achieve {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Partition {
-    /// Every partition pursues the goal with the agents it has.
+    /// Every part of the partitioned ecosystem pursues the goal with the agents that it has.
     #[default]
     Pursue,
-    /// Only a partition with the quorum of Journals plans for the goal; there is one at most.
+    /// Only the part of the ecosystem with the quorum of Journals plans for the goal; at most one part
+    /// has it.
     Wait,
 }
 
-/// Whether a goal ends when it is reached.
+/// Whether a goal ends when it is reached, or is kept from then on.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -122,18 +123,19 @@ pub enum Keep {
     Maintain,
 }
 
-/// Request for a plan.
+/// Request to the Planning Agent for a plan.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanRequest {
-    /// The PDDL domain.
+    /// The PDDL domain to plan in.
     pub domain: String,
-    /// The PDDL problem.
+    /// The PDDL problem to solve.
     pub problem: String,
-    /// The epoch that both belong to.
+    /// Epoch in which the domain and the problem are valid: the number of changes of the set of
+    /// capabilities.
     pub epoch: u64,
-    /// Remaining steps of the interrupted plan, one per line, if that plan is to be continued where
-    /// possible.
+    /// Remaining steps of an interrupted plan, one per line, if the new plan should continue that plan
+    /// where possible.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rest: Option<String>,
 }
@@ -142,23 +144,25 @@ pub struct PlanRequest {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Execute {
-    /// The PDDL domain the plan belongs to.
+    /// The PDDL domain that the plan was made in.
     pub domain: String,
-    /// The PDDL problem: objects, the state as known, the goal.
+    /// The PDDL problem that the plan solves: the objects, the state as known, and the goal.
     pub problem: String,
-    /// The plan, one step per line.
+    /// The plan to execute, one step per line.
     pub plan: String,
-    /// The epoch that all three belong to.
+    /// Epoch in which the domain, the problem and the plan are valid: the number of changes of the set of
+    /// capabilities.
     pub epoch: u64,
     /// Term of the Plan Requester that made the plan: see [`ActionToken::epoch`].
     #[serde(default)]
     pub term: u64,
-    /// Number of the plan in its conversation, from 1.
+    /// Number of the plan among the plans of its conversation in that term, from 1.
     pub round: u32,
-    /// Numbers of the steps that are known to be done, from 0: another executor has begun the plan.
+    /// Numbers of the steps that are known to be done, counted from 0. They exist if another Plan
+    /// Executor has begun the plan.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub done: Vec<u32>,
-    /// The actions that the agents in the plan offer.
+    /// The actions that each agent in the plan offers.
     #[serde(default)]
     pub offers: Offers,
     /// The symbols of the domain that describe what is unknown: see [`Snapshot::knowledge`].
@@ -166,31 +170,31 @@ pub struct Execute {
     pub knowledge: BTreeMap<String, Auxiliary>,
 }
 
-/// Request to cancel a plan for the conversation's goal. A running plan is stopped. A plan that is not
-/// known yet will not be started: a former leader may have requested it, and that request may arrive
-/// later than this one.
+/// Request to cancel a plan for the goal of the message's conversation. A running plan is stopped. A plan
+/// that the Plan Executor has not received yet will not be started when it arrives: a former leader may
+/// have requested it, and that request may arrive after the cancellation.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CallOff {
-    /// See [`Execute::term`].
+    /// Term of the plan to cancel; see [`Execute::term`].
     pub term: u64,
-    /// See [`Execute::round`].
+    /// Number of the plan to cancel; see [`Execute::round`].
     pub round: u32,
 }
 
-/// The actions that each agent offers, under the agent's own names for them.
+/// The actions that each agent offers: per agent, under the agent's own name for each action.
 pub type Offers = BTreeMap<AgentId, BTreeMap<String, Offer>>;
 
-/// One action of one agent.
+/// An action that an agent offers, as the composite domain contains it.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Offer {
-    /// Name of the action in the composite domain. It differs from the agent's own name for it if two
-    /// agents use one name for different actions.
+    /// Name of the action in the composite domain. It differs from the agent's own name for the action if
+    /// two agents use one name for different actions.
     pub inside: String,
-    /// The PDDL fact that allows this agent to use the action (the guard).
+    /// The guard: the PDDL fact that allows this agent to use the action.
     pub guard: String,
-    /// The method that the actuator runs.
+    /// The method by which the actuator carries out the action; `None` if it is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub method: Option<Method>,
 }
@@ -201,17 +205,17 @@ pub struct Offer {
 pub struct GoalStatus {
     /// Conversation of the goal, which identifies it in `cancel` and `watch`.
     pub conversation: ConversationId,
-    /// The PDDL condition.
+    /// The goal: a PDDL condition.
     pub goal: String,
     /// Whether the goal is to be reached once or kept.
     pub keep: Keep,
-    /// Priority: a goal with a greater one takes precedence.
+    /// Priority of the goal: a goal with a greater number takes precedence.
     pub priority: i32,
-    /// The current phase, for a person.
+    /// The current phase of the goal, as text for a person.
     pub phase: String,
-    /// Number of plans made for it so far.
+    /// Number of plans that have been made for the goal so far.
     pub rounds: u32,
-    /// Past events, oldest first; their number is limited.
+    /// Past events of the goal, oldest first; their number is limited.
     pub history: Vec<HistoryEntry>,
 }
 
@@ -219,8 +223,8 @@ pub struct GoalStatus {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HistoryEntry {
-    /// Time in milliseconds since 1970-01-01 UTC, by the clock of the machine that pursued the goal
-    /// then.
+    /// Time of the event in milliseconds since 1970-01-01 UTC, by the clock of the machine that then
+    /// pursued the goal.
     pub at_ms: u64,
     /// Outcome that was sent to the requester with this event; `None` if none was sent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -229,19 +233,19 @@ pub struct HistoryEntry {
     pub text: String,
 }
 
-/// An agent's actions, each with the method that carries it out.
+/// The methods of an agent, by the name of the action that each carries out.
 pub type Methods = BTreeMap<String, Method>;
 
 /// The method that an actuator runs for an action (docs/design.md, “Action models”).
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Method {
-    /// The method's name.
+    /// Name of the method.
     pub method: String,
-    /// Arguments by name; a value is a variable of the action (`?to`) or a literal.
+    /// Arguments of the method, by name; a value is a variable of the action (`?to`) or a literal.
     #[serde(default)]
     pub arguments: BTreeMap<String, String>,
-    /// Longest time that it may take.
+    /// Longest time that the method may take.
     pub timeout: Deadline,
 }
 
@@ -251,28 +255,29 @@ pub struct Method {
 pub struct Act {
     /// The ground action, under the actuator's own name for it.
     pub action: String,
-    /// The method to run.
+    /// Name of the method to run.
     pub method: String,
     /// Arguments of the method by name, with values.
     pub arguments: BTreeMap<String, String>,
-    /// Identifier of the commitment; the action is executed at most once for each.
+    /// Identifier of the commitment to act; for each identifier, the action is executed at most once.
     pub token: ActionToken,
 }
 
-/// Identifier of one commitment to act (docs/design.md, “Execution”). The actuator executes it at most
-/// once; if it is requested again, the actuator answers with the result. The actuator refuses a token of
-/// a plan that is older than the newest one it has seen for the same goal.
+/// Identifier of one commitment to act (docs/design.md, “Execution”). For each token, the actuator
+/// executes the action at most once; if the same token is requested again, the actuator answers with the
+/// result. It refuses the token of a plan that is older than the newest plan it has seen for the same
+/// goal.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ActionToken {
-    /// Term of the Plan Requester that made the plan: each one that takes over a goal has a greater
-    /// term.
+    /// Term of the Plan Requester that made the plan. Each Plan Requester that takes over a goal has a
+    /// greater term than the one before.
     pub epoch: u64,
-    /// The goal's conversation.
+    /// Conversation of the goal.
     pub conversation: ConversationId,
-    /// Number of the plan in that term.
+    /// Number of the plan in the term, from 1.
     pub round: u32,
-    /// Number of the step in that plan, from 0.
+    /// Number of the step in the plan, from 0.
     pub step: u32,
 }
 
@@ -281,28 +286,30 @@ pub struct ActionToken {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Cancelling {
-    /// Whether to cancel only if no other agent follows the same commitment: the sender is no longer
-    /// the leader, and the new leader may follow it.
+    /// Whether to cancel the action only if no other agent follows the same commitment. This is set by a
+    /// sender that is no longer the leader, because the new leader may follow the commitment.
     pub unless_followed: bool,
 }
 
-/// Request to keep records.
+/// Request to a Journal to store records.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Keeping {
-    /// The records; of those with the same key, the one with the greatest version counts.
+    /// The records to store. Of several records with the same key, the one with the greatest version
+    /// counts.
     pub records: Vec<Record>,
 }
 
-/// A record that must outlive its agent: a goal, a plan under way, or how they ended.
+/// A record that must outlive the agent that writes it: a goal, a plan under way, or how one of them
+/// ended.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// Key of the record: `goal/CONVERSATION`, `plan/CONVERSATION` or `state/requested`.
     pub key: String,
-    /// Version of the record.
+    /// Version of the record; a greater version replaces a smaller one.
     pub version: Version,
-    /// The data; null if the record is to be removed.
+    /// Data of the record; null if the record is to be removed.
     #[serde(default, skip_serializing_if = "Value::is_null")]
     pub body: Value,
 }
@@ -313,9 +320,9 @@ pub struct Record {
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
 )]
 pub struct Version {
-    /// Term of the writer: greater than any that the writer has read.
+    /// Term of the writer, which is greater than every term that the writer has read.
     pub term: u64,
-    /// Number of the version in that term.
+    /// Number of the version among those that the writer made in this term.
     pub count: u64,
 }
 
@@ -323,34 +330,35 @@ pub struct Version {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CallForProposals {
-    /// The conjuncts: ground PDDL conditions.
+    /// The conjuncts to propose plans for: ground PDDL conditions.
     pub conjuncts: Vec<String>,
-    /// Whether only a proposal for all conjuncts together is wanted. This is so in the second round,
-    /// after one agent was cheapest for several single conjuncts.
+    /// Whether only a proposal for all conjuncts together is wanted. This is so in the second round, if
+    /// one agent had the cheapest proposals for several single conjuncts in the first.
     #[serde(default)]
     pub together: bool,
 }
 
-/// Content of an actuator's `agree` to a `cfp`. At most one of its proposals can be accepted.
+/// Content of an actuator's `agree` to a `cfp`: alternative proposals, of which at most one can be
+/// accepted.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bid {
-    /// The alternative proposals.
+    /// The alternative proposals of the bidder.
     pub proposals: Vec<Proposal>,
-    /// Digest of the local domain and state in which the bidder planned. They can be queried from the
-    /// bidder as `domain`.
+    /// Digest of the bidder's local domain and state, in which the proposals were planned. The domain and
+    /// the state can be queried from the bidder as `domain`.
     pub domain_digest: String,
 }
 
-/// One of the alternatives of a bid.
+/// A plan that a bidder proposes for some conjuncts; one of the alternatives of a bid.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
-    /// The conjuncts that it covers, spelled as in the call.
+    /// The conjuncts that the plan reaches, spelled as in the call for proposals.
     pub covers: Vec<String>,
-    /// The plan, one step per line.
+    /// The proposed plan, one step per line.
     pub plan: String,
-    /// Cost of the plan in the bidder's local domain.
+    /// Cost of the proposed plan in the bidder's local domain.
     pub cost: f64,
 }
 
@@ -358,7 +366,7 @@ pub struct Proposal {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Agreement {
-    /// The accepted commitment.
+    /// Identifier of the commitment to act that the actuator has accepted.
     pub token: ActionToken,
 }
 
@@ -366,34 +374,34 @@ pub struct Agreement {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanProposal {
-    /// How the search ended.
+    /// How the search for a plan ended.
     pub status: PlanStatus,
-    /// The plan, one step per line, if one was found.
+    /// The plan, one step per line; `None` if no plan was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plan: Option<String>,
-    /// Cost of the plan, recomputed by the validator.
+    /// Cost of the plan, recomputed by the validator; `None` if no plan was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cost: Option<f64>,
-    /// The reason why there is no plan.
+    /// The reason why there is no plan, as text for a person; `None` if there is a plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detail: Option<String>,
 }
 
-/// How a search ended. "Unsolvable" (proved) and "gave up" (exhausted or limit reached) are different
-/// variants.
+/// How a search for a plan ended. That no plan exists (proved) and that the search gave up (everything
+/// searched without a proof, or a limit reached) are different variants.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlanStatus {
     /// A plan was found.
     Solved,
-    /// There is no plan, which is proved.
+    /// It is proved that no plan exists.
     Unsolvable,
     /// The search ended without a plan and without a proof.
     Exhausted,
-    /// A limit on work, memory or time was reached.
+    /// The search ended because it reached a limit on work, memory or time.
     Limit,
-    /// The request was cancelled.
+    /// The request for the plan was cancelled.
     Cancelled,
     /// The problem uses a feature that the planner does not support.
     Unsupported,
@@ -403,10 +411,10 @@ pub enum PlanStatus {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Choice {
-    /// The conjuncts of the receiver's accepted proposal; empty in a rejection.
+    /// The conjuncts of the accepted proposal of the receiver; empty if its proposals are rejected.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub covers: Vec<String>,
-    /// The reason.
+    /// The reason for the choice, as text for a person.
     pub detail: String,
 }
 
@@ -414,11 +422,12 @@ pub struct Choice {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refusal {
-    /// The reason, for a program.
+    /// The reason why the message was declined, as a code for programs.
     pub reason: Reason,
-    /// The reason, for a person.
+    /// The reason why the message was declined, as text for a person.
     pub detail: String,
-    /// The plan for the same goal that runs instead, if another Plan Requester made it.
+    /// The plan for the same goal that runs instead of the refused one, if another Plan Requester made
+    /// it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub under_way: Option<Box<Execute>>,
 }
@@ -437,23 +446,24 @@ pub enum Reason {
     UnexpectedPerformative,
     /// The protocol does not allow this message at this point.
     OutOfTurn,
-    /// The agent's action model does not offer this now.
+    /// The agent's action model does not offer the requested action now.
     Incapable,
     /// No plan reaches the goal.
     Unreachable,
-    /// The mailbox is full.
+    /// The mailbox of the receiver is full.
     MailboxFull,
-    /// Other work has to finish first, or the limit on work in progress is reached.
+    /// Other work has to finish first, or the limit on concurrent work is reached.
     Busy,
-    /// A newer plan for the same goal has been received.
+    /// A newer plan for the same goal has been received, so the token of the older plan is no longer
+    /// valid.
     StaleToken,
-    /// There is no object of this name.
+    /// The named thing does not exist.
     Unknown,
-    /// The feature is planned, but not implemented yet.
+    /// The requested feature is planned, but not implemented yet.
     NotBuilt,
     /// The content contradicts another agent or the ontology.
     Conflict,
-    /// The daemon is draining.
+    /// The daemon is draining: it finishes its work before it stops.
     Stopping,
     /// This replica is a standby; another replica with the same name is the leader.
     StandingBy,
@@ -463,9 +473,9 @@ pub enum Reason {
     TimedOut,
     /// No person answered the question in time.
     Unanswered,
-    /// The rights in the ecosystem file do not allow the sender to send this.
+    /// The rights in the ecosystem file do not allow the sender to send this message.
     Forbidden,
-    /// A reason that a newer version defines.
+    /// The reason is one that a newer version defines, and this version does not know.
     #[serde(other)]
     Other,
 }
@@ -474,48 +484,50 @@ pub enum Reason {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// Outcome so far.
+    /// State of the reported action, plan or goal: under way, or how it ended.
     pub outcome: Outcome,
-    /// Description, one line for a person.
+    /// Description of the outcome, as one line of text for a person.
     pub detail: String,
-    /// The ground action that the report is about, under its agent's name for it.
+    /// The ground action that the report is about, under the acting agent's own name for it; `None` if
+    /// the report is about something else.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<String>,
-    /// Number of the step in the plan, from 0, if a step is done.
+    /// Number of the completed step in the plan, from 0; `None` if the report is not about a completed
+    /// step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<u32>,
-    /// The chosen plan, if the report announces one.
+    /// The chosen plan; `None` if the report does not announce a plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plan: Option<String>,
-    /// Cost of that plan.
+    /// Cost of the announced plan; `None` if the report does not announce a plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cost: Option<f64>,
-    /// Observed PDDL facts.
+    /// PDDL facts that were observed.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub observations: String,
-    /// Why the agent of that action refused it, if it did.
+    /// The reason for which an agent refused the reported action; `None` if no agent refused it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub declined: Option<Reason>,
-    /// Earlier reports of a goal. Sent with a final report that is repeated to a requester that had
-    /// been disconnected.
+    /// Earlier reports about the goal. They are sent with a final report that is repeated to a requester
+    /// that had been disconnected.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub history: Vec<HistoryEntry>,
 }
 
-/// Outcome so far of an action, a plan or a goal.
+/// State of an action, a plan or a goal: under way, or how it ended.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
-    /// Under way.
+    /// The action, plan or goal is under way.
     Progress,
-    /// A kept goal holds now; it continues to be watched.
+    /// The kept goal holds now. It continues to be watched.
     Holds,
-    /// Done (final).
+    /// The action or plan is done, or the goal is reached (final).
     Done,
-    /// Failed (final).
+    /// The action, plan or goal has failed (final).
     Failed,
-    /// Cancelled as requested (final).
+    /// The action, plan or goal has been cancelled as requested (final).
     Cancelled,
 }
 
@@ -524,11 +536,13 @@ pub enum Outcome {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "of", rename_all = "kebab-case")]
 pub enum Inform {
-    /// From an actuator: its whole action model. Sent on activation, on each change, and on request.
+    /// From an actuator: its whole action model. Sent on activation, on each change of the model, and on
+    /// request.
     Model(Box<ModelAnnouncement>),
-    /// From an actuator: its heartbeat, with the digest of its model and its state.
+    /// From an actuator: its heartbeat, which contains its state and the digest of its model.
     Heartbeat(Heartbeat),
-    /// From the Domain Maintainer: a new epoch or a changed state, and the changes.
+    /// From the Domain Maintainer: a new epoch or a changed state, with the differences to the one
+    /// before.
     Epoch(EpochChange),
     /// From a Keyboard Agent: a person's answer to a `query-ref`.
     Answer(PersonsAnswer),
@@ -538,10 +552,10 @@ pub enum Inform {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Question {
-    /// The question.
+    /// The question, as text for a person.
     pub text: String,
-    /// The key that the answer must be sealed to, if the answer may be a secret: an X25519 public key
-    /// that the sender made for this question only, as 64 hexadecimal digits.
+    /// Public key to which the answer must be sealed if the answer may be a secret; `None` if it is not
+    /// secret. It is an X25519 key that the sender made for this question only, as 64 hexadecimal digits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seal_to: Option<String>,
 }
@@ -557,7 +571,7 @@ impl Question {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Withdrawal {
-    /// Why no answer is needed any more, for a person.
+    /// The reason why no answer is needed any more, as text for a person.
     pub detail: String,
 }
 
@@ -565,11 +579,11 @@ pub struct Withdrawal {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PersonsAnswer {
-    /// The answer as it was typed; empty if it is sealed.
+    /// The answer as it was typed; empty if the answer is sealed.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub text: String,
-    /// The answer, sealed to the key of the question: a sealed box (libsodium's `crypto_box_seal`) of
-    /// its UTF-8 text, in hexadecimal digits.
+    /// The sealed answer: a sealed box (libsodium's `crypto_box_seal`) of the UTF-8 text, made with the
+    /// key of the question, in hexadecimal digits. `None` if the answer is not sealed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sealed: Option<String>,
 }
@@ -585,17 +599,17 @@ impl PersonsAnswer {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OpenQuestion {
-    /// The Keyboard Agent that keeps it.
+    /// The Keyboard Agent that holds the open question.
     pub keyboard: AgentId,
-    /// Number of the question at that agent.
+    /// Number of the question among the open questions of that Keyboard Agent.
     pub question: u64,
-    /// The agent that asks.
+    /// The agent that asks the question.
     pub from: AgentId,
-    /// The question.
+    /// The question, as text for a person.
     pub text: String,
-    /// Time for which an answer is still awaited.
+    /// Remaining time for which the asking agent awaits an answer.
     pub left: Deadline,
-    /// The key that the answer must be sealed to.
+    /// Public key to which the answer must be sealed; `None` if the answer is not secret.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seal_to: Option<String>,
 }
@@ -604,65 +618,65 @@ pub struct OpenQuestion {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Mailboxes {
-    /// The daemon.
+    /// The daemon that hosts the agents.
     pub daemon: DaemonId,
-    /// The mailboxes of its agents, sorted by name.
+    /// The mailboxes of the daemon's agents, sorted by name of the agent.
     pub mailboxes: Vec<MailboxStatus>,
     /// Number of messages that arrived for agents that the daemon does not host.
     pub unknown_receiver: u64,
-    /// Number of messages to all agents that could not be parsed.
+    /// Number of messages that were sent to all agents and could not be parsed.
     pub unreadable: u64,
     /// Number of messages that the substrate did not accept for sending.
     pub unsent: u64,
-    /// Number of records that could not be stored: the disk is full, or its data cannot be read.
+    /// Number of records that could not be stored, because the disk is full or its data cannot be read.
     #[serde(default)]
     pub unkept: u64,
-    /// Number of messages that were rejected, by kind of breach.
+    /// Number of rejected messages, by kind of the rule that was broken.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rejected: BTreeMap<String, u64>,
 }
 
-/// State of one mailbox. Counts begin with the agent's incarnation.
+/// State of the mailbox of one agent. All counts begin with the agent's current incarnation.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MailboxStatus {
-    /// The agent.
+    /// The agent that the mailbox belongs to.
     pub agent: AgentId,
-    /// Number of messages in it now.
+    /// Number of messages that wait in the mailbox now.
     pub waiting: u64,
-    /// Largest number of messages in it.
+    /// Largest number of messages that have waited in the mailbox at one time.
     pub waiting_max: u64,
-    /// Number of messages that were put in.
+    /// Number of messages that were put into the mailbox.
     pub received: u64,
-    /// Number of messages for which there was no room: requests were refused, others are retried by
-    /// their sender.
+    /// Number of messages for which the mailbox had no room. Requests among them were refused; the other
+    /// messages are sent again by their senders.
     pub overflowed: u64,
 }
 
 /// Converts a content to the JSON of an envelope.
 ///
-/// Contents are plain data, so that this cannot fail. If it did, the content would be null, and the
+/// Contents are plain data, so the conversion cannot fail. If it did, the content would be null, and the
 /// receiver would answer `not-understood`.
 pub fn value(content: &impl Serialize) -> Value {
     serde_json::to_value(content).unwrap_or(Value::Null)
 }
 
 impl Achieve {
-    /// Creates a goal that every partition pursues.
+    /// Creates a request for a goal that every part of the ecosystem pursues during a partition.
     pub fn new(goal: impl Into<String>, keep: Keep, priority: i32) -> Achieve {
         Achieve { goal: goal.into(), keep, priority, partition: Partition::Pursue }
     }
 }
 
 impl Outcome {
-    /// Whether no further report follows.
+    /// Whether no further report follows a report with this outcome.
     pub fn is_final(self) -> bool {
         matches!(self, Outcome::Done | Outcome::Failed | Outcome::Cancelled)
     }
 }
 
 impl Report {
-    /// Creates a report of `outcome` with one line for a person.
+    /// Creates a report of `outcome` with `detail`, one line for a person.
     pub fn new(outcome: Outcome, detail: impl Into<String>) -> Report {
         Report {
             outcome,
@@ -679,7 +693,7 @@ impl Report {
 }
 
 impl Refusal {
-    /// Creates a refusal, with its reason for programs and for persons.
+    /// Creates a refusal from `reason`, which is for programs, and `detail`, which is for a person.
     pub fn new(reason: Reason, detail: impl Into<String>) -> Refusal {
         Refusal { reason, detail: detail.into(), under_way: None }
     }
@@ -729,24 +743,25 @@ impl fmt::Display for PlanStatus {
 /// Answer of a daemon to a query for discovered agents.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Appeared {
-    /// The daemon.
+    /// The daemon that answers.
     pub daemon: DaemonId,
-    /// The discovered agents, sorted by discoverer and by name.
+    /// The discovered agents, sorted by discoverer and then by name.
     pub discovered: Vec<Discovered>,
 }
 
-/// An agent that was discovered, and that no file names.
+/// An agent that was discovered and that no ecosystem file names.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Discovered {
-    /// Name of the agent.
+    /// Name of the discovered agent.
     pub agent: AgentId,
-    /// The discoverer, for a person: `plugin thermometer`, `zigbee`.
+    /// Name of the discoverer, as text for a person: `plugin thermometer`, `zigbee`.
     pub by: String,
-    /// Whether it takes part in the ecosystem.
+    /// Whether the discovered agent takes part in the ecosystem.
     pub joined: bool,
-    /// Why it does not, or which part of it cannot be used.
+    /// The reason why the discovered agent does not take part, or which part of it cannot be used; `None`
+    /// if there is no problem.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub problem: Option<String>,
-    /// The lines of an ecosystem file that would configure it.
+    /// The lines of an ecosystem file that would configure the discovered agent.
     pub toml: String,
 }

@@ -9,43 +9,45 @@ use crate::content::{Methods, Mode};
 use crate::message::Deadline;
 use crate::name::{AgentId, DaemonId, EcosystemId};
 
-/// Everything that a plugin needs to join, as one line of JSON. The daemon keeps the plugin's standard
-/// input open while the plugin is to run; when it is closed, the plugin must exit.
+/// Everything that a plugin needs to join the ecosystem. It is sent as one line of JSON. The daemon keeps
+/// the plugin's standard input open for as long as the plugin should run; when the input is closed, the
+/// plugin must exit.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
-    /// Version of the protocol; [`crate::SCHEMA_VERSION`].
+    /// Version of the protocol that the daemon uses: [`crate::SCHEMA_VERSION`].
     pub protocol: u32,
-    /// The ecosystem: root of all keys.
+    /// Name of the ecosystem, which is the root of all keys.
     pub ecosystem: EcosystemId,
-    /// Name of the plugin as a host of agents.
+    /// Name under which the plugin hosts agents, as a daemon does.
     pub daemon: DaemonId,
     /// Endpoint to which the plugin connects, as a Zenoh client.
     pub endpoint: String,
-    /// The agent of the daemon that the plugin communicates with at that endpoint.
+    /// The agent of the daemon that the plugin exchanges messages with.
     pub host: HostName,
     /// The agents that the plugin must start.
     pub agents: Vec<HelloAgent>,
     /// The shared ontology, in PDDL.
     pub domain: String,
-    /// The map, in PDDL.
+    /// The map of the ecosystem, in PDDL.
     pub map: String,
-    /// The flow that the ecosystem uses.
+    /// The planning mode of the ecosystem (centralised or decentralised).
     pub mode: Mode,
-    /// Period in which each agent sends a heartbeat.
+    /// Time between two heartbeats of each agent.
     pub heartbeat_period: Deadline,
-    /// Socket of the simulated building, for simulated drivers.
+    /// Path of the socket of the simulated building, which simulated drivers use; `None` if there is no
+    /// simulated building.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub building: Option<String>,
 }
 
-/// The agent that a plugin receives messages from. There is only one.
+/// The agent of the daemon from which the plugin receives messages. A plugin has exactly one.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HostName {
-    /// Daemon of the agent.
+    /// Name of the daemon that hosts the agent.
     pub daemon: DaemonId,
-    /// Name of the agent.
+    /// Name of the agent that the plugin receives messages from.
     pub agent: AgentId,
 }
 
@@ -53,20 +55,20 @@ pub struct HostName {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HelloAgent {
-    /// Name of the agent.
+    /// Name of the agent to start.
     pub name: AgentId,
-    /// Name of the plugin within its package.
+    /// Name of the plugin that implements the agent, as its package calls it.
     pub plugin: String,
-    /// Driver of the agent, if the ecosystem file names one.
+    /// Name of the agent's driver; `None` if the ecosystem file names none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub driver: Option<String>,
-    /// The agent's configuration in the ecosystem file.
+    /// Configuration of the agent from the ecosystem file.
     #[serde(default)]
     pub config: Value,
-    /// Action model from the package, in PDDL; empty if the agent defines its own.
+    /// Action model that the package has for the agent, in PDDL; empty if the agent defines its own.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub model: String,
-    /// Methods from the package for the agent's actions.
+    /// Methods that the package has for the actions of the agent.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub methods: Methods,
 }

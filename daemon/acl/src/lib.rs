@@ -5,8 +5,8 @@
 //! - [`Hello`] is the first input of a plugin that is a process of its own.
 //! - [`codec`] writes and reads JSON. It extracts enough from an unreadable text to answer it.
 //!
-//! Leaves to others: which message may follow which (`conversation`), and the meaning of a message,
-//! which the agent that processes it decides (the paper, “Communication Protocols”).
+//! This crate leaves to others: which message may follow which (`conversation`), and the meaning of a
+//! message, which the agent that processes the message decides (the paper, “Communication Protocols”).
 
 pub mod codec;
 pub mod content;

@@ -1,4 +1,5 @@
-//! The envelope (FIPA SC00061), extended by a message id, the sender's incarnation and a version.
+//! The envelope of a message (FIPA SC00061), extended by a message id, the sender's incarnation and a
+//! version.
 
 use std::fmt;
 use std::sync::Arc;
@@ -17,23 +18,24 @@ pub const SCHEMA_VERSION: u32 = 1;
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Message {
-    /// Version of the envelope; [`SCHEMA_VERSION`].
+    /// Version of the envelope: [`SCHEMA_VERSION`].
     pub version: u32,
-    /// Identifier, unique among all messages of all agents; retries keep it.
+    /// Identifier of the message, unique among all messages of all agents; a retry has the same
+    /// identifier.
     pub id: MessageId,
-    /// Type of the communicative act.
+    /// Performative of the message: the type of the communicative act.
     pub performative: Performative,
     /// The agent that sends the message.
     pub sender: AgentId,
     /// Incarnation of the sender.
     pub incarnation: Incarnation,
-    /// The agents that the message is for; empty means all agents.
+    /// The agents that the message is for; empty if it is for all agents.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub receiver: Vec<AgentId>,
-    /// The content; see [`crate::content`].
+    /// Content of the message; see [`crate::content`].
     #[serde(default, skip_serializing_if = "Value::is_null")]
     pub content: Value,
-    /// Language of the content: `pddl` where it holds PDDL text.
+    /// Language of the content: `pddl` if the content holds PDDL text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub language: Option<String>,
     /// Ontology of the content: the name of the shared PDDL domain.
@@ -42,24 +44,26 @@ pub struct Message {
     /// The interaction protocol that the message belongs to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub protocol: Option<Protocol>,
-    /// The conversation, which all messages about one goal share.
+    /// Identifier of the conversation, which all messages about one goal share.
     pub conversation_id: ConversationId,
     /// Token of the exchange that this message opens.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reply_with: Option<ReplyToken>,
-    /// Token of the exchange that this message continues, in either direction. Unlike in FIPA, both
+    /// Token of the exchange that this message continues, whichever side sends it. Unlike in FIPA, both
     /// sides use the same token in all messages after the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub in_reply_to: Option<ReplyToken>,
-    /// Time for which the sender waits for an answer. Unlike in FIPA, this is a duration.
+    /// Time for which the sender waits for an answer. In FIPA this is a point in time; here it is a
+    /// duration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reply_by: Option<Deadline>,
-    /// Ecosystems that the sender comes through, the farthest first; empty for an agent of this
-    /// ecosystem. Nothing of such an agent is passed on to an ecosystem listed here, so that it cannot
-    /// come back.
+    /// Ecosystems through which the message's sender is represented here, the farthest first; empty if
+    /// the sender is an agent of this ecosystem. Messages and facts of the sender are not passed on to an
+    /// ecosystem in this list, so that they cannot return to it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub via: Vec<EcosystemId>,
-    /// Fields of a newer schema or another program: kept, and sent on unchanged.
+    /// Fields of the envelope that a newer version or another program has added: kept, and sent on
+    /// unchanged.
     #[serde(flatten)]
     pub unknown: Map<String, Value>,
 }
@@ -71,16 +75,16 @@ pub struct Message {
 pub enum Protocol {
     /// A user or an agent requests a goal from the Plan Requester.
     Goal,
-    /// The Plan Requester requests a plan from the Planning Agent (centralised).
+    /// The Plan Requester requests a plan from the Planning Agent (in centralised mode).
     Planning,
-    /// The Plan Requester calls all actuators for proposals (decentralised).
+    /// The Plan Requester calls all actuators for proposals (in decentralised mode).
     ContractNet,
     /// The Plan Requester requests the execution of a plan from the Plan Executor.
     Execution,
     /// The Plan Executor requests an action from an actuator.
     Action,
-    /// An agent or a user requests a change of the state from the Domain Maintainer, or another flow
-    /// from the Plan Requester, or passes a person's answer to a Keyboard Agent.
+    /// An agent or a user requests a change of the state from the Domain Maintainer, requests a change of
+    /// the planning mode from the Plan Requester, or passes a person's answer to a Keyboard Agent.
     StateChange,
     /// An agent asks a person a question.
     Query,
@@ -95,12 +99,12 @@ macro_rules! text_type {
         pub struct $name(Arc<str>);
 
         impl $name {
-            /// Creates it from any text, without a check.
+            /// Creates the identifier from any text, without a check.
             pub fn new(text: &str) -> $name {
                 $name(Arc::from(text))
             }
 
-            /// Returns the text.
+            /// Returns the identifier as text.
             pub fn as_str(&self) -> &str {
                 &self.0
             }
@@ -125,19 +129,21 @@ text_type! {
     MessageId
 }
 text_type! {
-    /// Identifier shared by all messages about one thing: one goal, from its request to its outcome.
+    /// Identifier of a conversation, shared by all messages about one thing, such as one goal from its
+    /// request to its outcome.
     ConversationId
 }
 text_type! {
-    /// Identifier of one exchange between two agents within a conversation. The opening message has it
-    /// in `reply_with`, each later message of both sides in `in_reply_to`.
+    /// Identifier of one exchange between two agents within a conversation. The opening message has it in
+    /// `reply_with`; each later message of both sides has it in `in_reply_to`.
     ReplyToken
 }
 
-/// Number of an agent's incarnation: a restarted agent has a greater one.
+/// Number of an agent's incarnation: when an agent is restarted, its number is greater than before.
 ///
-/// The number is the time of the agent's start, in microseconds since the Unix epoch. This is unique
-/// enough for one name, ordered, and below 2⁵³, so that a program in JavaScript reads it exactly.
+/// The number is the time of the agent's start, in microseconds since the Unix epoch. It is unique enough
+/// for one name, later starts have greater numbers, and all numbers are below 2⁵³, so that a program in
+/// JavaScript reads them exactly.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
@@ -145,10 +151,10 @@ text_type! {
 #[serde(transparent)]
 pub struct Incarnation(pub u64);
 
-/// Time for which an answer is awaited, counted from the receipt of the message.
+/// Duration for which an answer is awaited, counted from the receipt of the message.
 ///
-/// It is relative (FIPA's `+` form), because the clocks of boards without a battery disagree. Sent in
-/// milliseconds.
+/// A duration (FIPA's `+` form) is used instead of a point in time, because the clocks of boards without
+/// a battery disagree. It is sent in milliseconds.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(from = "u64", into = "u64")]
@@ -175,8 +181,8 @@ impl fmt::Display for Incarnation {
 // === impl Message ===
 
 impl Message {
-    /// Returns the exchange that this message belongs to: the one it continues, or else the one it
-    /// opens.
+    /// Returns the token of the exchange that this message belongs to: the exchange that it continues, or
+    /// else the one that it opens.
     pub fn exchange(&self) -> Option<&ReplyToken> {
         self.in_reply_to.as_ref().or(self.reply_with.as_ref())
     }
@@ -190,7 +196,8 @@ impl Message {
     ///
     /// # Errors
     ///
-    /// Returns an error if the content has another shape; it should be answered with `not-understood`.
+    /// Returns an error if the content does not have the shape of `T`; such a message should be answered
+    /// with `not-understood`.
     pub fn content_as<T: DeserializeOwned>(&self) -> Result<T, serde_json::Error> {
         T::deserialize(&self.content)
     }

@@ -1,7 +1,7 @@
 //! Names of agents, daemons and ecosystems: checked when they are created.
 //!
-//! Each is one chunk of a Zenoh key expression, and an agent's name is also its PDDL object, so that
-//! only characters that both allow are used. Names are lower case, because PDDL ignores case and Zenoh
+//! Each name is one chunk of a Zenoh key expression, and the name of an agent is also a PDDL object; so a
+//! name has only characters that both allow. Names are lower case, because PDDL ignores case and Zenoh
 //! does not.
 
 use std::borrow::Borrow;
@@ -10,19 +10,19 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-/// Length of the longest name accepted, in bytes. A key expression has up to six names, and small
-/// devices limit it to 256 bytes.
+/// Length of the longest name that is accepted, in bytes. A key expression has up to six names, and small
+/// devices limit its length to 256 bytes.
 pub(crate) const NAME_BYTES_MAX: usize = 64;
 
-/// A text that cannot be a name.
+/// Error for a text that cannot be a name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{name}` cannot be the name of {what}: {rule}")]
 pub struct InvalidName {
-    /// The text.
+    /// The text that cannot be a name.
     pub name: String,
-    /// The kind of thing to be named, with its article.
+    /// The kind of thing that was to be named, with its article: `an agent`.
     pub what: &'static str,
-    /// The rule for names.
+    /// The rule that names must follow.
     pub rule: &'static str,
 }
 
@@ -125,21 +125,23 @@ name_type! {
     /// The name of a daemon: one `althing` process.
     DaemonId, "a daemon"
 }
-/// Separator between a daemon's name and the role of a guest, which uses the daemon's key.
+/// Separator between the name of a daemon and the role of a guest, which is a short-lived process that
+/// uses the daemon's key.
 const GUEST: &str = "--";
 
 impl DaemonId {
-    /// Returns the name of a guest of this daemon: a command line or a keyboard, which uses the
-    /// daemon's key but is not the daemon.
+    /// Returns the name of a guest of this daemon with the role `role`. A guest is a command line or a
+    /// keyboard, which uses the daemon's key but is not the daemon.
     ///
     /// # Errors
     ///
-    /// Returns an error if the name with the role would be too long.
+    /// Returns an error if the name of the guest would be too long.
     pub fn guest(&self, role: &str) -> Result<DaemonId, InvalidName> {
         DaemonId::new(&format!("{self}{GUEST}{role}"))
     }
 
-    /// Returns the name of the daemon with the key that this name requires: itself, or a guest's host.
+    /// Returns the name of the daemon that has the key for this name: the daemon itself, or for a guest
+    /// the daemon that it belongs to.
     pub fn host(&self) -> &str {
         self.as_str().split_once(GUEST).map_or(self.as_str(), |(host, _)| host)
     }
@@ -151,7 +153,7 @@ impl DaemonId {
 }
 
 name_type! {
-    /// The name of an ecosystem: agents sharing a substrate and a root key expression.
+    /// The name of an ecosystem; all its agents share a substrate and a root key expression.
     EcosystemId, "an ecosystem"
 }
 

@@ -11,33 +11,36 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Performative {
-    /// Paper: *agree*. A plan proposal from an actuator, or its acceptance of a requested action.
+    /// Paper: *agree*. An actuator proposes a plan, or accepts a requested action.
     Agree,
-    /// Paper: *cancel*. Give up the commitment of this exchange.
+    /// Paper: *cancel*. The receiver is asked to give up the commitment of this exchange.
     Cancel,
-    /// Paper: *refuse*. The request is declined, with the reason.
+    /// Paper: *refuse*. The sender declines the request, and gives the reason.
     Refuse,
-    /// Paper: *request*. Plan, achieve, execute, act, change the state.
+    /// Paper: *request*. The receiver is asked to plan, reach a goal, execute a plan, act, or change the
+    /// state.
     Request,
-    /// Paper: *call for proposals*.
+    /// Paper: *call for proposals*. The receivers are asked to propose plans for conjuncts of a goal.
     Cfp,
-    /// Paper: *propose*. A plan proposal from the central planner.
+    /// Paper: *propose*. The central planner proposes a plan.
     Propose,
-    /// Paper: *accept*.
+    /// Paper: *accept*. The sender accepts a proposal of the receiver.
     AcceptProposal,
-    /// Paper: *reject*.
+    /// Paper: *reject*. The sender rejects the proposals of the receiver.
     RejectProposal,
-    /// Paper: *inform*. An action model, an agent's state, a new capability epoch.
+    /// Paper: *inform*. The sender announces an action model, the state of an agent, or a new epoch.
     Inform,
-    /// Paper: *query*. Ask a person.
+    /// Paper: *query*. The receiver is asked to put a question to a person.
     QueryRef,
-    /// Paper: *confirm*. Progress and outcome of an action or a plan; observations.
+    /// Paper: *confirm*. The sender reports the progress or outcome of an action, a plan or a goal, or
+    /// observations.
     Confirm,
-    /// The message could not be read, with the reason. Every FIPA protocol needs it.
+    /// The sender could not read the message, and gives the reason. Every FIPA protocol needs this
+    /// performative.
     NotUnderstood,
 }
 
-/// Error for a text that names no performative.
+/// Error for a text that is not the name of a performative.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is no performative; there are {all}", all = Performative::ALL.map(Performative::as_str).join(", "))]
 pub struct UnknownPerformative(pub String);
@@ -59,7 +62,7 @@ impl Performative {
         Performative::NotUnderstood,
     ];
 
-    /// Returns the FIPA spelling, which is also that of the wire.
+    /// Returns the performative as FIPA spells it, which is also how messages spell it.
     pub const fn as_str(self) -> &'static str {
         match self {
             Performative::Agree => "agree",
@@ -77,12 +80,12 @@ impl Performative {
         }
     }
 
-    /// Whether a message with this performative to one agent is a commitment or an answer to one. Such
-    /// messages are retried until a receipt arrives (docs/design.md, “Delivery”).
+    /// Whether a message that has this performative and one receiver is a commitment or an answer to one.
+    /// Such messages are retried until a receipt arrives (docs/design.md, “Delivery”).
     ///
-    /// `cfp` and `inform` tolerate loss: the initiator sends a `cfp` again to silent agents until the
-    /// round closes, and the next heartbeat replaces a lost one. A `not-understood` is never retried,
-    /// so that two agents that do not understand each other stop sending.
+    /// A lost `cfp` or `inform` does no harm: the initiator sends a `cfp` again to silent agents until
+    /// the round of bids closes, and the next heartbeat replaces a lost one. A `not-understood` is never
+    /// retried, so that two agents that do not understand each other stop sending.
     pub fn is_retried(self) -> bool {
         !matches!(self, Performative::Cfp | Performative::Inform | Performative::NotUnderstood)
     }

@@ -18,7 +18,8 @@ fn of<T: JsonSchema>(generator: &mut SchemaGenerator) -> Value {
     generator.subschema_for::<T>().to_value()
 }
 
-/// Returns the schemas of the `content` of a performative; several if it is used in several protocols.
+/// Returns the schemas of the `content` of messages with a performative: several schemas if several
+/// protocols use the performative.
 fn contents(performative: Performative, generator: &mut SchemaGenerator) -> Vec<Value> {
     match performative {
         Performative::Agree => vec![of::<Bid>(generator), of::<Agreement>(generator)],
@@ -36,8 +37,8 @@ fn contents(performative: Performative, generator: &mut SchemaGenerator) -> Vec<
     }
 }
 
-/// Returns the schema of a message, with the content for each performative, and that of `Hello` in
-/// `$defs`.
+/// Returns the schema of a message, with the schema of the content for each performative, and with the
+/// schema of `Hello` in `$defs`.
 fn schema() -> Value {
     let mut generator = SchemaGenerator::default();
     let message = of::<Message>(&mut generator);

@@ -78,7 +78,7 @@ fn ontology() -> pddl::Domain {
     pddl::parse_domain(ONTOLOGY).into_result().expect("a domain")
 }
 
-/// A map of forty places, each near to every place.
+/// Returns a map of forty places, each of which is near every place.
 fn map() -> pddl::Problem {
     let places: String = (0..40).map(|place| format!("p{place} ")).collect();
     let near: String =

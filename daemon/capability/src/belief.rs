@@ -1,11 +1,11 @@
-//! Beliefs: all claims about facts with their owner, time and duration, and the facts that hold because
-//! of them.
+//! Beliefs of a Domain Maintainer: all claims about facts, each with its owner, time and duration, and
+//! the facts that hold because of these claims.
 //!
 //! A fact of a predicate holds if at least one owner claims it. It is unknown if no owner claims it and
-//! at least one owner reports it as unknown. The value of a function is that of its newest claim. If
-//! repeated heartbeats contradict each other, the value does not alternate: among heartbeats, the claim
-//! with the latest change of its value counts as newest, however often the others are repeated. A claim
-//! that does not fit the composite domain is kept, and takes effect as soon as it fits.
+//! at least one owner reports it as unknown. The value of a function is that of the newest claim about
+//! it. If repeated heartbeats contradict each other, the value does not alternate: among claims by
+//! heartbeats, the one with the latest change of value counts as newest, however often the others are
+//! repeated. A claim that does not fit the composite domain is kept, and takes effect as soon as it fits.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
@@ -25,19 +25,20 @@ use crate::timestamp::Timestamp;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum ClaimSource {
-    /// The `:init` of a model or of the map.
+    /// The claim comes from the `:init` of a model or of the map.
     Model,
-    /// A heartbeat.
+    /// The claim comes from a heartbeat of the owner.
     Heartbeat,
-    /// An effect of a confirmed action.
+    /// The claim is an effect of a confirmed action.
     Effect,
-    /// A request to change the state.
+    /// The claim comes from a request to change the state.
     Request,
-    /// The owner observed the fact and asks for it to be believed.
+    /// The claim is an observation that the owner has sent.
     Observation,
-    /// The agent that was responsible for the fact has left.
+    /// The claim that a fact is unknown was made because the agent that was responsible for the fact has
+    /// left.
     Departure,
-    /// The central maintainer passed on the claim of another owner.
+    /// The central Domain Maintainer has passed on the claim of another owner.
     Announced,
 }
 
@@ -48,13 +49,14 @@ pub(crate) struct FactClaim {
     pub(crate) source: ClaimSource,
     pub(crate) incarnation: Incarnation,
     pub(crate) sequence: u64,
-    /// Time at which the claim was made last.
+    /// Time at which the owner made the claim last.
     pub(crate) said: Timestamp,
     /// Time at which the claim expires; `None` if it does not expire.
     pub(crate) until: Option<Timestamp>,
 }
 
-/// Value of a term, and the time until which it holds at most; `None` means without end.
+/// Value that is believed of a term, and the time at which it expires at the latest; `None` if it does
+/// not expire.
 #[derive(Clone, Copy, Debug)]
 struct BelievedValue {
     value: FactValue,
@@ -65,7 +67,8 @@ struct BelievedValue {
 #[derive(Clone, Debug)]
 struct StampedClaim {
     stamp: u64,
-    /// Stamp of the first of the latest claims that all have this same value.
+    /// Stamp of the claim with which the owner began to claim the present value; later claims only
+    /// repeated it.
     since: u64,
     claim: FactClaim,
 }
@@ -76,38 +79,41 @@ impl StampedClaim {
     }
 }
 
-/// All claims about one fact, sorted by owner. A list, because most facts have one owner only.
+/// All claims about one fact, sorted by owner. They are kept in a list, because most facts have one owner
+/// only.
 #[derive(Clone, Debug)]
 struct ClaimsByOwner(Vec<(Owner, StampedClaim)>);
 
-/// All claims, and the facts that hold because of them.
+/// All claims of all owners, and the facts that hold because of them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Beliefs {
     claims: BTreeMap<FactKey, ClaimsByOwner>,
     by_owner: BTreeMap<Owner, BTreeSet<FactKey>>,
-    /// Owners with claims that are all as their last heartbeat made them. Reading an equal heartbeat
-    /// again would change nothing (fast path).
+    /// Owners that have made no claim other than by their last heartbeat, and all of these claims are
+    /// still in force. For them, parsing a heartbeat that equals the last one would change nothing (fast
+    /// path).
     unchanged: BTreeSet<Owner>,
     deadlines: BTreeSet<(Timestamp, FactKey, Owner)>,
     holding: BTreeMap<FactKey, BelievedValue>,
-    /// Facts for which `holding` may be out of date.
+    /// Facts for which the believed value in `holding` may be out of date.
     touched: BTreeSet<FactKey>,
-    /// Whether `holding` is kept up to date by [`Beliefs::settle`]. If not, each query judges the
-    /// claims anew.
+    /// Whether the believed values in `holding` are kept up to date by [`Beliefs::settle`]. If not, each
+    /// query computes the values from the claims anew.
     settles: bool,
     /// Whether a fact may have begun or ceased to hold since [`Beliefs::take_moved`] was called last.
     is_moved: bool,
-    /// Claims that came by request, were passed on by another maintainer, or follow from an action.
-    /// They end when an agent that is responsible for such a fact contradicts them.
+    /// Claims that came by request, were passed on by another maintainer, or follow from an action. Each
+    /// of them ends when an agent that is responsible for the fact contradicts it.
     requested: BTreeSet<(FactKey, Owner)>,
-    /// Predicates with a fact that is or was unknown. They are kept, so that the domain does not change
-    /// each time such a fact becomes known.
+    /// Predicates that have, or had, a fact that is unknown. They are kept after the fact has become
+    /// known, so that the domain does not change each time.
     unknowable: BTreeSet<Name>,
-    /// Whether a predicate was added to `unknowable` since that was asked last.
+    /// Whether a predicate was added to `unknowable` since [`Beliefs::take_newly_unknowable`] was called
+    /// last.
     is_newly_unknowable: bool,
     pending_changes: PendingChanges,
-    /// Claims changed by requests since another leader may be active elsewhere; `None` if there is no
-    /// possible partition.
+    /// Claims that requests have changed since a partition may have begun, in which another leader may be
+    /// active elsewhere; `None` if there is no possible partition.
     partition_log: Option<PendingChanges>,
     stamps: u64,
 }
@@ -115,8 +121,8 @@ pub(crate) struct Beliefs {
 // === impl ClaimSource ===
 
 impl ClaimSource {
-    /// Whether only the maintainer that took the request knows of the claim, so that it has to pass the
-    /// claim on.
+    /// Whether the claim is known only to the maintainer that took the request for it, so that this
+    /// maintainer has to pass the claim on.
     pub(crate) fn is_requested(self) -> bool {
         match self {
             ClaimSource::Request
@@ -129,8 +135,8 @@ impl ClaimSource {
 }
 
 impl ClaimSource {
-    /// Whether the claim comes neither from a model nor from a heartbeat. Such a claim ends when an
-    /// agent that is responsible for the fact contradicts it.
+    /// Whether a claim of this origin comes neither from a model nor from a heartbeat. Such a claim ends
+    /// when an agent that is responsible for the fact contradicts it.
     fn is_another(self) -> bool {
         self.is_requested() || self == ClaimSource::Announced
     }
@@ -153,7 +159,7 @@ impl fmt::Display for ClaimSource {
 // === impl FactClaim ===
 
 impl FactClaim {
-    /// Creates a claim without an end and without an incarnation.
+    /// Creates a claim that does not expire and belongs to no incarnation.
     pub(crate) fn new(value: FactValue, source: ClaimSource, said: Timestamp) -> FactClaim {
         let incarnation = Incarnation::default();
         FactClaim { value, source, incarnation, sequence: 0, said, until: None }
@@ -197,8 +203,8 @@ impl ClaimsByOwner {
         self.0.iter().map(|(owner, stamped)| (owner, stamped))
     }
 
-    /// Returns the value that these claims give `fact` at `now`. Returns `None` if no visible claim
-    /// that has not expired fits the composite.
+    /// Returns the value that these claims give `fact` at `now`. Returns `None` if there is no visible
+    /// claim that fits the composite domain and has not expired.
     fn judge(
         &self,
         fact: &FactKey,
@@ -235,7 +241,8 @@ impl ClaimsByOwner {
 // === impl Beliefs ===
 
 impl Beliefs {
-    /// Creates an empty set of beliefs. `settles` says whether [`Beliefs::settle`] will be called.
+    /// Creates a set of beliefs without claims. `settles` tells whether [`Beliefs::settle`] will be
+    /// called.
     pub(crate) fn new(settles: bool) -> Beliefs {
         Beliefs { settles, ..Beliefs::default() }
     }
@@ -245,13 +252,14 @@ impl Beliefs {
         &self.unknowable
     }
 
-    /// Returns whether predicates were added to them since the last call.
+    /// Returns whether predicates were added to those that may have unknown facts since this was called
+    /// last.
     pub(crate) fn take_newly_unknowable(&mut self) -> bool {
         std::mem::take(&mut self.is_newly_unknowable)
     }
 
-    /// Adds the predicate of `fact` to those with unknown facts. If there are too many of them, drops
-    /// those without an unknown fact first.
+    /// Records that the predicate of `fact` may have unknown facts. If there are too many such
+    /// predicates, those without an unknown fact at present are dropped first.
     fn note_unknown(&mut self, fact: &FactKey) {
         if self.unknowable.contains(fact.symbol()) {
             return;
@@ -267,7 +275,8 @@ impl Beliefs {
         self.is_newly_unknowable = true;
     }
 
-    /// Returns the facts of one symbol that have claims in `requested`, each with its owner.
+    /// Returns the facts of one symbol for which `requested` contains claims, each with the owner of the
+    /// claim.
     pub(crate) fn requested_of(
         &self,
         space: FactSymbolKind,
@@ -280,7 +289,7 @@ impl Beliefs {
             .map(|(fact, owner)| (fact, owner))
     }
 
-    /// Requires the next heartbeat of `owner` to be read even if it equals the last one.
+    /// Makes sure that the next heartbeat of `owner` is parsed, even if it equals the last one.
     pub(crate) fn wake(&mut self, owner: &Owner) {
         self.unchanged.remove(owner);
     }
@@ -299,32 +308,36 @@ impl Beliefs {
         }
     }
 
-    /// Starts to record which claims requests change, if it is not recorded already.
+    /// Starts to record which claims are changed by requests, unless this is being recorded already.
     pub(crate) fn begin_partition_log(&mut self) {
         self.partition_log.get_or_insert_with(PendingChanges::nothing);
     }
 
-    /// Stops recording, and returns the claims that requests have changed since [`Beliefs::begin_partition_log`].
+    /// Stops recording, and returns the claims that requests have changed since
+    /// [`Beliefs::begin_partition_log`]; `None` if nothing was being recorded.
     pub(crate) fn take_partition_log(&mut self) -> Option<PendingChanges> {
         self.partition_log.take()
     }
 
-    /// Whether requests may have changed the claim of `owner` about `fact` since [`Beliefs::begin_partition_log`].
+    /// Whether requests may have changed the claim of `owner` about `fact` since
+    /// [`Beliefs::begin_partition_log`] was called.
     pub(crate) fn has_changed_apart(&self, fact: &FactKey, owner: &Owner) -> bool {
         self.partition_log.as_ref().is_some_and(|apart| apart.has(fact, owner))
     }
 
-    /// Returns the claims that may have changed since the last call.
+    /// Returns the claims that may have changed since this was called last, so that they can be
+    /// announced.
     pub(crate) fn take_untold(&mut self) -> PendingChanges {
         self.pending_changes.take()
     }
 
-    /// Whether a fact may have changed since the last call. Always `false` if the beliefs settle.
+    /// Whether a fact may have begun or ceased to hold since this was called last. Always `false` if the
+    /// beliefs settle.
     pub(crate) fn take_moved(&mut self) -> bool {
         std::mem::take(&mut self.is_moved) && !self.settles
     }
 
-    /// Checks that `owner` may claim `more` facts in addition to those it claims.
+    /// Checks that `owner` may claim `more` facts in addition to those that it claims already.
     ///
     /// Returns an error if the owner would exceed its limit, or if there are too many owners.
     pub(crate) fn has_room(&self, owner: &Owner, more: usize) -> Result<(), Declined> {
@@ -343,7 +356,7 @@ impl Beliefs {
         Ok(())
     }
 
-    /// Records that all claims of `owner` are as its heartbeat has just made them.
+    /// Records that all claims of `owner` are exactly those that its last heartbeat made.
     pub(crate) fn mark_unchanged(&mut self, owner: Owner) {
         self.unchanged.insert(owner);
     }
@@ -353,9 +366,10 @@ impl Beliefs {
         self.unchanged.contains(owner)
     }
 
-    /// Prepares for a new or withdrawn claim of `owner` about `fact`: requires heartbeats to be read in
-    /// full next time. This is so for the owner, unless its own heartbeat makes the change; and for all
-    /// other owners that claim the fact, because repeating their claim would make it the newest.
+    /// Prepares for a new or withdrawn claim of `owner` about `fact`: the next heartbeats of some owners
+    /// must be parsed even if they equal the last ones. These are `owner`, unless its own heartbeat makes
+    /// the change, and all other owners that claim the fact, because a repetition of their claim would
+    /// make that claim the newest.
     fn invalidate(&mut self, fact: &FactKey, owner: &Owner, source: Option<ClaimSource>) {
         if source != Some(ClaimSource::Heartbeat) {
             self.unchanged.remove(owner);
@@ -367,7 +381,7 @@ impl Beliefs {
         }
     }
 
-    /// Stores a claim of `owner`, in place of its former claim about this fact.
+    /// Stores a claim of `owner` about `fact`, in place of the owner's former claim about it.
     pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: FactClaim) {
         self.invalidate(&fact, owner, Some(claim.source));
         self.note_change(&fact, owner, claim.source);
@@ -417,7 +431,8 @@ impl Beliefs {
         self.mark_dirty(fact);
     }
 
-    /// Adds a claim to `requested`, or removes it, depending on its source.
+    /// Adds the claim of `owner` about `fact` to `requested`, or removes it from there, depending on
+    /// `source`.
     fn list(&mut self, fact: &FactKey, owner: &Owner, source: ClaimSource) {
         let of = (fact.clone(), owner.clone());
         match source.is_another() {
@@ -426,7 +441,7 @@ impl Beliefs {
         };
     }
 
-    /// Removes the claim of `owner` about this fact.
+    /// Removes the claim of `owner` about `fact`.
     pub(crate) fn withdraw(&mut self, fact: &FactKey, owner: &Owner) {
         let Some(owners) = self.claims.get_mut(fact) else { return };
         let Some(StampedClaim { claim, .. }) = owners.remove(owner) else { return };
@@ -450,7 +465,7 @@ impl Beliefs {
         self.mark_dirty(fact.clone());
     }
 
-    /// Removes all claims about this fact.
+    /// Removes all claims about `fact`, whatever their owners.
     pub(crate) fn withdraw_all(&mut self, fact: &FactKey) {
         let owners: Vec<Owner> = { self.claims.get(fact).into_iter() }
             .flat_map(ClaimsByOwner::iter)
@@ -477,9 +492,9 @@ impl Beliefs {
         }
     }
 
-    /// Removes the claims of `owner` for which `is_over` returns `true`, where the fact alone decides.
-    /// Used for the facts that a heartbeat no longer contains: this runs each second for a thousand
-    /// agents.
+    /// Removes the claims of `owner` for which `is_over` returns `true`, where `is_over` needs to know
+    /// the fact only. It is used for facts that a heartbeat no longer contains, and runs each second for
+    /// a thousand agents.
     pub(crate) fn withdraw_facts(&mut self, owner: &Owner, is_over: impl Fn(&FactKey) -> bool) {
         let over: Vec<FactKey> =
             self.facts_of(owner).filter(|fact| is_over(fact)).cloned().collect();
@@ -509,7 +524,8 @@ impl Beliefs {
         }
     }
 
-    /// Turns all claims that another maintainer passed on into requests of this maintainer.
+    /// Turns all claims that another maintainer passed on into claims that were requested of this
+    /// maintainer.
     pub(crate) fn adopt_announced(&mut self) {
         for owners in self.claims.values_mut() {
             for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
@@ -520,8 +536,8 @@ impl Beliefs {
         }
     }
 
-    /// Turns all requests of this maintainer into claims that another maintainer passed on: if the
-    /// other no longer lists one of them, it will be removed.
+    /// Turns all claims that were requested of this maintainer into claims that another maintainer passed
+    /// on. A claim that the other maintainer then does not list will be removed.
     pub(crate) fn demote_requests(&mut self) {
         for owners in self.claims.values_mut() {
             for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
@@ -550,7 +566,7 @@ impl Beliefs {
         self.claims.get(fact)?.get(owner).map(|stamped| (stamped.stamp, &stamped.claim))
     }
 
-    /// Removes the claims that have expired at `now`.
+    /// Removes all claims that have expired at `now`.
     pub(crate) fn expire(&mut self, now: Timestamp) {
         while let Some((until, fact, owner)) = self.deadlines.first().cloned() {
             if until > now {
@@ -564,21 +580,23 @@ impl Beliefs {
         self.deadlines.first().map(|(until, ..)| *until)
     }
 
-    /// Marks the facts that depend on something that differs between two composites.
+    /// Marks the facts with values that must be computed again, because something that they depend on
+    /// differs between the composites `old` and `new`.
     pub(crate) fn reconsider(&mut self, old: &Composite, new: &Composite) {
         let changed = CompositeDifference::between(old, new);
         let facts = self.claims.keys().filter(|fact| changed.touches(fact));
         self.touched.extend(facts.cloned());
     }
 
-    /// Marks the facts that mention one of `objects`, which are new.
+    /// Marks the facts that mention one of `objects`, which are new in the composite, as facts with
+    /// values that must be computed again.
     pub(crate) fn reconsider_about(&mut self, objects: &BTreeSet<&Name>) {
         let speaks = |fact: &&FactKey| fact.arguments().iter().any(|name| objects.contains(name));
         self.touched.extend(self.claims.keys().filter(speaks).cloned());
     }
 
-    /// Brings `holding` up to date. Returns the facts that hold now and did not before, and the
-    /// reverse.
+    /// Brings `holding` up to date. Returns two lists: the facts that have begun to hold or changed their
+    /// value, and the facts that have ceased to hold.
     pub(crate) fn recompute(
         &mut self,
         composite: &Composite,
@@ -626,8 +644,8 @@ impl Beliefs {
         })
     }
 
-    /// Returns the facts that hold at `now` in a composite other than the one last settled in, in the
-    /// same order.
+    /// Returns the facts that hold at `now` in a composite other than the one for which the beliefs were
+    /// last brought up to date. The order is the same as that of [`Beliefs::holding`].
     pub(crate) fn judged<'a>(
         &'a self,
         composite: &'a Composite,
@@ -639,7 +657,8 @@ impl Beliefs {
         })
     }
 
-    /// Returns the value of a term: as last settled, or judged now if the beliefs do not settle.
+    /// Returns the believed value of a term: as last brought up to date, or computed now if the beliefs
+    /// do not settle.
     pub(crate) fn value_of(
         &self,
         fact: &FactKey,
@@ -672,15 +691,16 @@ impl Beliefs {
     }
 }
 
-/// Returns the claim about a function that is believed. Of claims by heartbeats, only the one with the
-/// latest change of its value takes part; of it and all other claims, the one made last is returned.
+/// Returns the claim about a function that is believed. First, among the claims by heartbeats, the one
+/// with the latest change of value is chosen. Of this claim and all claims that are not by heartbeats,
+/// the one made last is returned.
 fn newest<'a>(known: impl Iterator<Item = &'a StampedClaim>) -> Option<&'a StampedClaim> {
     let (beats, others): (Vec<_>, Vec<_>) = known.partition(|stamped| stamped.is_heartbeat());
     let beat = beats.into_iter().max_by_key(|stamped| stamped.since);
     beat.into_iter().chain(others).max_by_key(|stamped| stamped.stamp)
 }
 
-/// Names with a different meaning in each of two composites.
+/// The names that have a different meaning in two composites.
 struct CompositeDifference<'a> {
     everything: bool,
     names: BTreeSet<&'a Name>,

@@ -1,10 +1,11 @@
-//! Canonical texts: two declarations are equal modulo variable names exactly if their canonical
-//! texts are equal.
+//! Canonical texts of declarations: two declarations are equal except for the names of variables exactly
+//! if their canonical texts are equal.
 //!
-//! Variables are numbered in the order in which they are bound, nested `and`s are flattened, and names
-//! are lower case. The order of conjuncts counts: copies of one model have the same order, and where
-//! two authors chose different orders, their declarations are merely not merged. Writing a text also
-//! collects the symbols that it uses, which is how an action that needs something undeclared is found.
+//! In a canonical text, variables are numbered in the order in which they are bound, nested `and`s are
+//! flattened, and names are lower case. The order of conjuncts counts: copies of one model have the same
+//! order, and where two authors chose different orders, their declarations are merely not merged. While a
+//! text is written, the symbols that it uses are collected; so an action that needs something undeclared
+//! is found.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -20,33 +21,34 @@ use crate::digest;
 /// The symbols that a schema uses.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct UsedSymbols {
-    /// Predicates, each with its number of arguments.
+    /// Predicates that the schema uses, each with its number of arguments.
     pub(crate) predicates: BTreeSet<(Name, usize)>,
-    /// Functions, each with its number of arguments.
+    /// Functions that the schema uses, each with its number of arguments.
     pub(crate) functions: BTreeSet<(Name, usize)>,
     /// Predicates or functions that are observed, each with its number of arguments.
     pub(crate) observed: BTreeSet<(Name, usize)>,
-    /// Types of variables.
+    /// Types of the schema's variables.
     pub(crate) types: BTreeSet<Name>,
     /// Objects that the schema names directly.
     pub(crate) objects: BTreeSet<Name>,
-    /// Predicates that effects change.
+    /// Predicates that effects of the schema change.
     pub(crate) changed: BTreeSet<Name>,
-    /// Functions that effects change.
+    /// Functions that effects of the schema change.
     pub(crate) assigned: BTreeSet<Name>,
-    /// Variables that are not bound.
+    /// Variables that the schema uses without declaring them.
     pub(crate) unbound: BTreeSet<Name>,
 }
 
-/// A canonical text. Clones share one allocation. Keys are ordered by their digest first: different
-/// texts of one action differ near the end only, and are compared often.
+/// A canonical text, used as a key. Clones share one allocation. The order of keys compares their digests
+/// first: texts are compared often, and different texts of one action differ near the end only.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct CanonicalText {
     digest: u64,
     text: Arc<str>,
 }
 
-/// The canonical text of an action, without its name, and what it uses.
+/// Returns the canonical text of an action, without the name of the action, and the symbols that the
+/// action uses.
 pub(crate) fn action(schema: &ActionSchema) -> (CanonicalText, UsedSymbols) {
     let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span: _ } =
         schema;
@@ -64,7 +66,8 @@ pub(crate) fn action(schema: &ActionSchema) -> (CanonicalText, UsedSymbols) {
     scribe.finish()
 }
 
-/// The canonical text of an axiom, without the predicate it derives, and what it uses.
+/// Returns the canonical text of an axiom, without the predicate that the axiom derives, and the symbols
+/// that the axiom uses.
 pub(crate) fn axiom(derived: &Derived) -> (CanonicalText, UsedSymbols) {
     let Derived { predicate: _, parameters, condition, span: _ } = derived;
     let mut scribe = CanonicalWriter::default();
@@ -73,7 +76,7 @@ pub(crate) fn axiom(derived: &Derived) -> (CanonicalText, UsedSymbols) {
     scribe.finish()
 }
 
-/// The canonical text of the types of some parameters.
+/// Returns the canonical text of the types of some parameters.
 pub(crate) fn signature<'a>(types: impl IntoIterator<Item = &'a TypeExpr>) -> CanonicalText {
     let mut text = String::new();
     for ty in types {
@@ -98,7 +101,8 @@ fn write_type(text: &mut String, ty: &TypeExpr) {
 #[derive(Default)]
 struct CanonicalWriter {
     text: String,
-    /// Bound variables, innermost last; a variable's number is its place here.
+    /// The variables that are bound at this place, innermost last. The number of a variable is its index
+    /// in this list.
     scope: Vec<Name>,
     uses: UsedSymbols,
 }
@@ -118,7 +122,7 @@ impl CanonicalWriter {
         (CanonicalText::new(&self.text), self.uses)
     }
 
-    /// Writes the types of `variables` and leaves them bound.
+    /// Writes the types of `variables`, and leaves the variables bound for the text that follows.
     fn bind(&mut self, variables: &[Typed]) {
         for Typed { name, ty } in variables {
             write_type(&mut self.text, ty);
@@ -129,7 +133,7 @@ impl CanonicalWriter {
         }
     }
 
-    /// `(WORD (TYPES) BODY)` with the variables bound in the body only.
+    /// Writes a quantified part as `(WORD (TYPES) BODY)`; the variables are bound in the body only.
     fn quantified(
         &mut self,
         word: &str,
@@ -317,7 +321,8 @@ fn flatten_effect<'a>(effect: &'a Effect, parts: &mut Vec<&'a Effect>) {
 
 #[cfg(test)]
 mod tests {
-    /// Checks whether two actions have equal canonical texts, names aside.
+    /// Checks whether the canonical texts of two actions are equal, as `expected`, apart from the
+    /// actions' names.
     #[track_caller]
     fn check(one: &str, two: &str, expected: bool) {
         let key = |rest: &str| {

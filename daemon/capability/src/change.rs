@@ -1,26 +1,28 @@
-//! The change made by one call, as plain data: it is announced to other agents, which can follow it.
+//! The change that one call made to the domain and the state, as plain data. It is announced to other
+//! agents, which can apply it to their copies.
 
 use acl::AgentId;
 use acl::content::EpochChange;
 use pddl::InitElement;
 
-/// Difference between the state before and after a call. If all lists are empty and the epoch is not
-/// new, nothing visible has changed.
+/// Difference between the domain and state before and after a call. If all lists are empty and the epoch
+/// is not new, nothing visible has changed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DomainChange {
-    /// Number of changes of the set of capabilities, from 0 at the start.
+    /// The epoch after the call: the number of changes of the set of capabilities, from 0 at the start.
     pub epoch: u64,
-    /// Number of changes of any kind, from 0 at the start.
+    /// The revision after the call: the number of changes of any kind, from 0 at the start.
     pub revision: u64,
     /// Whether this change began a new epoch.
     pub epoch_changed: bool,
     /// Agents with capabilities that have become available.
     pub joined: Vec<AgentId>,
-    /// Agents with capabilities that are no longer available: the agents are gone, silent or masked.
+    /// Agents with capabilities that are no longer available, because the agents are gone or silent, or
+    /// because their liveliness tokens are lost.
     pub left: Vec<AgentId>,
-    /// Facts that are believed now; for a function, with its new value.
+    /// Facts that have become believed; if the fact is about a function, with the new value.
     pub believed: Vec<InitElement>,
-    /// Facts that are no longer believed; for a function, with its last value.
+    /// Facts that have ceased to be believed; if the fact is about a function, with the last value.
     pub retracted: Vec<InitElement>,
 }
 

@@ -1,13 +1,15 @@
-//! Composes the shared ontology and many models into one [`Composite`], and lists what was left out.
+//! Composes the shared ontology and many models into one [`Composite`], and lists which parts of the
+//! models were left out.
 //!
-//! Pure, and computed from the start each time. The result depends only on which agents are present, on
-//! their order of arrival where two of them disagree, and on action names given before. The cost is
-//! linear in the length of the models. There are three steps, each in a file of its own: selecting
-//! declarations (`declarations`), selecting actions (`actions`), and writing the domain (`assemble`).
+//! Composition is a pure function, computed from the start each time. The result depends only on which
+//! agents are present, on the order of their arrival if two of them disagree, and on the names given to
+//! actions before. The cost is linear in the length of the models. There are three steps, each in a file
+//! of its own: selecting declarations (`declarations`), selecting actions (`actions`), and writing the
+//! domain (`assemble`).
 //!
-//! A maintainer of public scope composes only when a snapshot is requested; until then only the
-//! precedence of declarations is tracked ([`incumbents`]). An agent of an already known type is added
-//! to an existing composite ([`incremental`]).
+//! A maintainer of public scope composes only when a snapshot is requested. Until then it only tracks
+//! which of several different declarations is in force ([`incumbents`]). An agent of an already known
+//! type is added to an existing composite ([`incremental`]).
 
 mod actions;
 mod assemble;
@@ -34,7 +36,7 @@ pub(crate) struct SharedModel {
     pub(crate) ontology: Arc<Domain>,
     pub(crate) map: Arc<Problem>,
     pub(crate) manifest: ModelSummary,
-    /// Index in the manifest of each declared subject.
+    /// Index in `manifest.declarations` of the declaration of each part.
     places: BTreeMap<ModelPart, usize>,
 }
 
@@ -42,26 +44,28 @@ pub(crate) struct SharedModel {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Contribution<'a> {
     pub(crate) agent: &'a AgentId,
-    /// Number of the arrival: if two agents disagree, the one that arrived first is believed.
+    /// Position of the agent in the order of arrival: if two agents disagree, the one that arrived first
+    /// is believed.
     pub(crate) arrival: u64,
     pub(crate) manifest: &'a ModelSummary,
-    /// Whether the whole model of the agent is known here, or only its public part.
+    /// Whether the agent's whole model is used, or only its public part.
     pub(crate) trusted: bool,
 }
 
 /// State that is kept from one composition to the next.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CompositionMemory {
-    /// The declaration in force for each subject. It stays in force while any agent makes it.
+    /// The declaration of each part that is in force. It stays in force for as long as any agent makes
+    /// it.
     incumbents: DeclarationsInForce,
     /// Predicates with facts that may be unknown.
     pub(crate) unknowable: BTreeSet<Name>,
     names: ActionNames,
 }
 
-/// Composes `parties`, which are sorted by name.
+/// Composes the models of `parties`, which are sorted by the name of the agent, into one domain.
 ///
-/// If `everything` is true, the private facts of all agents are visible.
+/// If `everything` is true, the private facts of all agents are visible in the composite.
 pub(crate) fn compose(
     shared: &SharedModel,
     parties: &[Contribution<'_>],
@@ -92,16 +96,17 @@ impl SharedModel {
         SharedModel { ontology, map, manifest, places }
     }
 
-    /// Returns the declaration of a subject by the ontology or the map; `None` if neither declares it.
+    /// Returns the declaration that the ontology or the map makes of the part `subject`; `None` if
+    /// neither declares it.
     fn declared(&self, subject: &ModelPart) -> Option<&Declaration> {
         self.places.get(subject).and_then(|place| self.manifest.declarations.get(*place))
     }
 }
 
 impl CompositionMemory {
-    /// Updates the precedence of declarations without composing, after the declarations of one party
-    /// changed from `former` to `now`. `parties` are all present agents; either all or none are
-    /// trusted.
+    /// Updates which declarations are in force, without composing, after the model of one agent changed
+    /// from `former` to `now`. `parties` are all present agents; `trusted` tells whether the whole models
+    /// of all of them are used, or only the public parts.
     pub(crate) fn keep_standing<'a, P: Iterator<Item = Contribution<'a>>>(
         &mut self,
         former: Option<&ModelSummary>,
@@ -141,7 +146,7 @@ fn private_names<'a>(declarations: impl Iterator<Item = &'a Declaration>) -> BTr
     private.map(|declaration| declaration.subject.name.clone()).collect()
 }
 
-/// The parts left out so far.
+/// The parts of models that were left out of the composition so far.
 #[derive(Default)]
 struct ConflictReport<'a> {
     conflicts: BTreeSet<Conflict>,
@@ -156,7 +161,8 @@ impl<'a> ConflictReport<'a> {
         self.conflicts.insert(Conflict { agents: vec![agent.clone()], subject, detail });
     }
 
-    /// Leaves out the declaration of `loser`, because a different one of `keeper` is in force.
+    /// Records that the declaration of `loser` is left out, because a different declaration by `keeper`
+    /// is in force.
     fn lose(
         &mut self,
         keeper: &AgentId,

@@ -1,6 +1,7 @@
-//! The composite: one domain of many models, and the actions that each agent offers in it.
+//! The composite: one domain made of many models, and the actions that each agent offers in this domain.
 //!
-//! Made by [`compose`](crate::compose). Snapshots share it; each keeps the composite of its time.
+//! A composite is made by [`compose`](crate::compose). Snapshots share it: each snapshot keeps the
+//! composite of its time.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
@@ -14,7 +15,7 @@ use crate::digest::text_digest;
 use crate::fact::{FactKey, FactValue, Owner};
 use crate::vocabulary::DomainVocabulary;
 
-/// The function that plans are measured by if no metric is given.
+/// Name of the function by which plans are compared if no metric is given.
 pub(crate) const TOTAL_COST: &str = "total-cost";
 
 /// One domain made of many models.
@@ -23,46 +24,48 @@ pub(crate) struct Composite {
     pub(crate) domain: Arc<Domain>,
     digest: OnceLock<String>,
     pub(crate) vocabulary: DomainVocabulary,
-    /// The problem's objects, the map's before the agents'.
+    /// The objects of the composite problem: first those of the map, then those of the agents.
     pub(crate) objects: Arc<Vec<ObjectDeclaration>>,
-    /// Number of them that are the map's. Those of agents follow, sorted by name.
+    /// Number of objects in `objects` that the map declares; the objects of agents follow them, sorted by
+    /// name.
     pub(crate) of_map: usize,
-    /// The selected actions, by their names outside.
+    /// The selected actions, by the names that agents gave them.
     pub(crate) schemas: BTreeMap<Name, Vec<SelectedAction>>,
     /// The actions that each agent offers.
     pub(crate) offers: BTreeMap<AgentId, Vec<OfferedAction>>,
-    /// Names inside → names outside, where they differ.
+    /// For actions that are renamed in the composite domain: the name there → the name that the agents
+    /// gave.
     pub(crate) qualified: BTreeMap<Name, Name>,
     pub(crate) secrets: PrivateFacts,
     /// The symbols of the domain that describe what is unknown.
     pub(crate) knowledge: Arc<Knowledge>,
-    /// The functions that costs of actions are made of; collected at the first request.
+    /// The functions that determine the costs of actions; collected when they are needed first.
     costs: OnceLock<BTreeSet<Name>>,
 }
 
 /// An action as one agent offers it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct OfferedAction {
-    /// The name the agent gave it.
+    /// Name that the agent gave the action.
     pub(crate) outside: Name,
-    /// Its name in the composite domain.
+    /// Name of the action in the composite domain.
     pub(crate) inside: Name,
-    /// The predicate that holds of the agents that offer it.
+    /// Name of the guard predicate, which holds for the agents that offer the action.
     pub(crate) guard: Name,
 }
 
-/// A selected action with its first offerer.
+/// A selected action with the first of the agents that offer it, in the order of their names.
 #[derive(Clone, Debug)]
 pub(crate) struct SelectedAction {
-    /// Its canonical text.
+    /// Canonical text of the action.
     pub(crate) key: CanonicalText,
-    /// The schema as written by its first offerer, by name.
+    /// The action as it is written by the first of the agents that offer it, in the order of their names.
     pub(crate) tree: Arc<ActionSchema>,
     pub(crate) first: AgentId,
     pub(crate) offered: OfferedAction,
 }
 
-/// Offered actions while they are being collected.
+/// Offered actions, collected while a composite is made.
 #[derive(Debug, Default)]
 pub(crate) struct CollectedOffers {
     by_agent: BTreeMap<AgentId, Vec<OfferedAction>>,
@@ -70,21 +73,22 @@ pub(crate) struct CollectedOffers {
     qualified: BTreeMap<Name, Name>,
 }
 
-/// Facts that their owners keep private.
+/// The symbols and objects that agents keep private, and the agents that have private facts which are
+/// visible nevertheless.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PrivateFacts {
-    /// Agents with private facts that are visible; `None` means all agents.
+    /// Agents that have private facts which are visible in this composite; `None` means all agents.
     pub(crate) trusted: Option<BTreeSet<AgentId>>,
-    /// Symbols that the ontology makes private to each agent.
+    /// Predicates and functions that the ontology declares private to each agent.
     pub(crate) symbols: BTreeSet<Name>,
-    /// Symbols and objects that agents declare private.
+    /// Predicates, functions and objects that each agent declares private.
     pub(crate) of_agents: BTreeMap<AgentId, BTreeSet<Name>>,
 }
 
 // === impl Composite ===
 
 impl Composite {
-    /// Creates a composite. `of_map` is the number of objects that are the map's; they come first.
+    /// Creates a composite. `of_map` is the number of objects that the map declares; they come first.
     pub(crate) fn new(
         domain: Domain,
         vocabulary: DomainVocabulary,
@@ -115,7 +119,8 @@ impl Composite {
         self.vocabulary.predicates.get(&atom.predicate).is_some_and(|signature| signature.derived)
     }
 
-    /// Returns the reason, for a person, why a claim cannot take effect here; `None` if it can.
+    /// Returns the reason, as text for a person, why a claim about `fact` cannot take effect in this
+    /// composite; `None` if it can.
     pub(crate) fn misfit(&self, fact: &FactKey, value: FactValue) -> Option<String> {
         if self.is_negative_cost(fact, value) {
             return Some(format!(
@@ -126,13 +131,13 @@ impl Composite {
         self.vocabulary.fact_misfit(fact, value)
     }
 
-    /// Whether a claim would give an action a negative cost.
+    /// Whether a claim that `fact` has this value would give an action a negative cost.
     pub(crate) fn is_negative_cost(&self, fact: &FactKey, value: FactValue) -> bool {
         matches!(value, FactValue::Number(number) if number.0 < 0.0)
             && self.costs().contains(fact.symbol())
     }
 
-    /// Returns the functions that costs of actions are made of.
+    /// Returns the functions that determine the costs of actions.
     fn costs(&self) -> &BTreeSet<Name> {
         self.costs.get_or_init(|| {
             let effects = self.domain.actions.iter().flat_map(|action| action.effect.parts());
@@ -145,7 +150,7 @@ impl Composite {
         })
     }
 
-    /// Returns the digest of the domain's text; computed at the first request.
+    /// Returns the digest of the domain's text, which is computed when it is needed first.
     pub(crate) fn digest(&self) -> &str {
         self.digest.get_or_init(|| text_digest(&self.domain.to_string()))
     }
@@ -157,8 +162,8 @@ impl Composite {
         }
     }
 
-    /// Whether planning in `other` is the same as planning in this composite. Both must share the
-    /// allocation of their domain.
+    /// Whether planning with this composite gives the same plans as with `other`. The two composites must
+    /// share the allocation of their domain.
     pub(crate) fn is_as(&self, other: &Composite) -> bool {
         Arc::ptr_eq(&self.domain, &other.domain)
             && self.objects == other.objects
@@ -170,7 +175,7 @@ impl Composite {
 // === impl CollectedOffers ===
 
 impl CollectedOffers {
-    /// Adds a selected action and its offerers, sorted by name.
+    /// Adds a selected action and the agents that offer it, which are sorted by name.
     pub(crate) fn add(
         &mut self,
         key: CanonicalText,
@@ -195,7 +200,7 @@ impl CollectedOffers {
 // === impl PrivateFacts ===
 
 impl PrivateFacts {
-    /// Whether a claim of `owner` about `fact` is visible here.
+    /// Whether a claim of `owner` about `fact` is visible in this composite.
     pub(crate) fn sees(&self, owner: &Owner, fact: &FactKey) -> bool {
         let (Owner::Agent(agent), Some(trusted)) = (owner, &self.trusted) else { return true };
         if trusted.contains(agent) {
@@ -212,7 +217,7 @@ impl PrivateFacts {
 // === impl OfferedAction ===
 
 impl OfferedAction {
-    /// Returns the fact that lets `agent` use this action.
+    /// Returns the guard: the fact that lets `agent` use this action.
     pub(crate) fn guard_fact(&self, agent: &AgentId) -> Atom {
         let object = Term::Object(Name::new(agent.as_str()));
         Atom { predicate: self.guard.clone(), arguments: vec![object], span: Span::default() }

@@ -1,47 +1,50 @@
-//! Conflicts: parts of models that could not be composed as written. All other parts take effect.
+//! Conflicts: parts of models that could not be composed as they were written. All other parts of the
+//! models take effect.
 
 use std::fmt;
 
 use acl::AgentId;
 use pddl::Name;
 
-/// A part of a model that is left out, and the reason. Must be sent to all agents in `agents`.
+/// A conflict: a part of a model that is left out of the composition, and the reason. It must be sent to
+/// all agents in `agents`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Conflict {
-    /// The agent of the part that is left out, preceded by the agent of the part in force, unless that is
-    /// the part of the ontology or the map.
+    /// The agents that the conflict concerns. The last is the agent with the part that is left out. It is
+    /// preceded by the agent with the different part that is in force, unless that is a part of the
+    /// ontology or the map.
     pub agents: Vec<AgentId>,
-    /// The part that is left out.
+    /// The part of a model that is left out.
     pub subject: ModelPart,
-    /// The reason, for a person.
+    /// The reason why the part is left out, as text for a person.
     pub detail: String,
 }
 
-/// A part of a model, by kind and name.
+/// A part of a model, identified by its kind and its name.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ModelPart {
-    /// The kind of the part.
+    /// Kind of the part of a model.
     pub kind: ModelPartKind,
-    /// The name of the part.
+    /// Name of the part of a model.
     pub name: Name,
 }
 
 /// The kinds of parts of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ModelPartKind {
-    /// A type.
+    /// A declaration of a type.
     Type,
-    /// A predicate, with the axioms that derive it.
+    /// A declaration of a predicate, with the axioms that derive the predicate.
     Predicate,
-    /// A function.
+    /// A declaration of a function.
     Function,
-    /// An object.
+    /// A declaration of an object.
     Object,
     /// An axiom for a predicate that the model does not declare.
     Axiom,
-    /// An action.
+    /// A declaration of an action.
     Action,
-    /// An element of `:init`.
+    /// A fact, which is an element of `:init`.
     Fact,
 }
 

@@ -1,4 +1,5 @@
-//! Reasons why an input was declined. These are expected cases: they are answered with `refuse`.
+//! Reasons why an input of a Domain Maintainer was declined. These cases are expected: they are answered
+//! with `refuse`.
 
 use std::fmt;
 
@@ -9,84 +10,84 @@ use acl::{AgentId, Incarnation};
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Declined {
-    /// The model describes another agent than the one that sent it.
+    /// The model describes an agent other than the one that sent it.
     OtherAgent {
-        /// The agent that sent it.
+        /// The agent that sent the model.
         sender: AgentId,
-        /// The agent that it describes.
+        /// The agent that the model describes.
         model: String,
     },
-    /// The model builds on another ontology.
+    /// The model is based on an ontology other than the shared one.
     OtherOntology {
-        /// The ontology that it names.
+        /// The ontology that the model names.
         named: String,
-        /// The ontology that is shared here.
+        /// The ontology that the agents of this ecosystem share.
         shared: String,
     },
-    /// A late message of a former incarnation of the agent.
+    /// The message comes late: it was sent by a former incarnation of the agent.
     FormerIncarnation {
-        /// The agent.
+        /// The agent that sent the message.
         agent: AgentId,
         /// The incarnation that sent the message.
         reported: Incarnation,
-        /// The newest incarnation known.
+        /// The newest known incarnation of the agent.
         current: Incarnation,
     },
-    /// A heartbeat that is not newer than one received before.
+    /// The heartbeat is not newer than one that was received before.
     OldSequence {
-        /// The agent.
+        /// The agent that sent the heartbeat.
         agent: AgentId,
         /// The number of the heartbeat.
         reported: u64,
         /// The number of the newest heartbeat received.
         current: u64,
     },
-    /// No agent of this name, or not this incarnation of it, has announced its model yet.
+    /// The agent has not announced its model, or has not announced it in this incarnation.
     UnknownAgent {
-        /// The agent.
+        /// The agent that is unknown.
         agent: AgentId,
     },
     /// The input has no meaning in the composite domain.
     Meaningless {
-        /// The reason, as the checker states it.
+        /// The reason why the input has no meaning in the domain, as the checker states it.
         detail: String,
     },
     /// An agent that is responsible for the fact reports otherwise.
     Owned {
         /// The fact that was to be believed or retracted.
         fact: String,
-        /// The agent that is responsible for it.
+        /// The agent that is responsible for the fact.
         owner: String,
-        /// The contradicting fact that the agent reports; `None` if it reports none.
+        /// The contradicting fact that the responsible agent reports; `None` if it reports none.
         says: Option<String>,
     },
-    /// The cost of plans would become negative.
+    /// The change would make the cost of plans negative.
     NegativeCost {
         /// The fact that was to be believed.
         fact: String,
         /// The function that would get a negative value.
         function: String,
     },
-    /// No agent concerned offers such an action, or the action is not withheld.
+    /// No agent concerned offers the named action, or the action is not withheld.
     UnknownAction {
-        /// The action.
+        /// The name of the action in the request.
         action: String,
         /// The agent named in the request; `None` if the request was about all agents.
         agent: Option<AgentId>,
-        /// Whether the action was to be given back, rather than withheld.
+        /// Whether the request was to give the action back, rather than to withhold it.
         is_given_back: bool,
     },
-    /// The input exceeds a limit of this maintainer.
+    /// The input exceeds one of the maintainer's limits.
     TooMany {
-        /// The things that are limited, in the plural.
+        /// The kind of thing of which there are too many, in the plural.
         what: &'static str,
-        /// The limit.
+        /// The largest number that is allowed.
         limit: usize,
     },
 }
 
 impl Declined {
-    /// Returns the reason in the form for programs, as a `refuse` carries it.
+    /// Returns the reason as the code for programs that a `refuse` carries.
     pub fn reason(&self) -> Reason {
         match self {
             Declined::OtherAgent { .. }
@@ -100,7 +101,7 @@ impl Declined {
         }
     }
 
-    /// Returns the content of a `refuse`.
+    /// Returns this reason as the content of a `refuse`.
     pub fn refusal(&self) -> Refusal {
         Refusal::new(self.reason(), self.to_string())
     }

@@ -1,8 +1,9 @@
-//! Digests: they let two agents find out whether they have the same text, without sending it.
+//! Digests of texts: two agents can compare them to find out whether they have the same text, without
+//! sending it.
 //!
-//! FNV-1a with 64 bits where other programs may compute the digest too: it is defined in four lines and
-//! the same in every language and version. It protects against accidents, not against forgery; the
-//! certificates of the substrate do that.
+//! If other programs may have to compute a digest too, it is made by FNV-1a with 64 bits, which is
+//! defined in four lines and gives the same value in every language and version. Such a digest protects
+//! against accidents, not against forgery; the certificates of the substrate protect against that.
 
 use std::hash::{BuildHasher as _, Hash as _, Hasher as _};
 
@@ -13,18 +14,19 @@ use pddl::Problem;
 const OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
 const PRIME: u64 = 0x0000_0100_0000_01b3;
 
-/// Returns the digest of a text: 16 hexadecimal digits.
+/// Returns the digest of a text as 16 hexadecimal digits.
 pub fn text_digest(text: &str) -> String {
     hex(of_text(text))
 }
 
-/// Returns the digest of a text, as a number.
+/// Returns the digest of a text as a number.
 pub(crate) fn of_text(text: &str) -> u64 {
     fold(OFFSET, text.as_bytes())
 }
 
-/// Returns the digest of a problem, without its goal, in a domain with the digest `domain`. Much faster
-/// than FNV-1a over the problem's text. Only the same build of the program computes the same value.
+/// Returns the digest of a problem, without the goal, for a domain with the digest `domain`. This is much
+/// faster than FNV-1a over the problem's text, but only the same build of the program computes the same
+/// value.
 pub fn problem_digest(domain: &str, problem: &Problem) -> String {
     let mut state = FixedState::with_seed(field(OFFSET, domain)).build_hasher();
     problem.objects.hash(&mut state);
@@ -33,7 +35,7 @@ pub fn problem_digest(domain: &str, problem: &Problem) -> String {
     hex(state.finish())
 }
 
-/// Returns the digest of an action model's text and its methods, which heartbeats carry.
+/// Returns the digest that heartbeats carry: that of an action model's text and its methods.
 pub fn model_digest(model: &str, methods: &Methods) -> String {
     hex(methods.iter().fold(field(OFFSET, model), |state, (action, method)| {
         method_into(field(state, action), method)
@@ -48,7 +50,8 @@ fn method_into(state: u64, method: &Method) -> u64 {
     fold(state, &u64::from(*timeout).to_le_bytes())
 }
 
-/// Hashes the length before the bytes, so that two different lists of fields never give the same input.
+/// Adds a field to a digest. The length of the field is hashed before its bytes, so that two different
+/// lists of fields never give the same input.
 fn field(state: u64, text: &str) -> u64 {
     fold(fold(state, &(text.len() as u64).to_le_bytes()), text.as_bytes())
 }

@@ -6,16 +6,18 @@ use std::sync::Arc;
 use acl::AgentId;
 use pddl::{Atom, FluentTerm, InitElement, Name, Number, Span, Term};
 
-/// The kind of symbol a fact is about.
+/// The kind of symbol that a fact is about: a predicate or a function.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) enum FactSymbolKind {
     Predicate,
     Function,
 }
 
-/// The term of a fact, without its value: two claims about one term are about the same fact.
+/// The term of a fact, without its value. Two claims that have the same term are claims about the same
+/// fact.
 ///
-/// Cheap to clone: it is kept in several tables of every maintainer, and a machine may run many.
+/// A key is cheap to clone: it is kept in several tables of every maintainer, and a machine may run many
+/// maintainers.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct FactKey(Arc<FactTerm>);
 
@@ -26,33 +28,33 @@ struct FactTerm {
     arguments: Box<[Name]>,
 }
 
-/// The value of a term.
+/// The value that a claim gives a term.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum FactValue {
-    /// For a predicate: it is true.
+    /// The fact of a predicate is true.
     True,
-    /// For a predicate: it is neither known to be true nor known to be false.
+    /// The fact of a predicate is neither known to be true nor known to be false.
     Unknown,
-    /// For a function: its number.
+    /// The value of the function is this number.
     Number(Number),
 }
 
-/// The meaning of an element of `:init`.
+/// The meaning of an element of `:init`, as a statement about a term.
 pub(crate) enum FactStatement {
-    /// The term has this value.
+    /// The term has the given value.
     Is(FactKey, FactValue),
     /// The term is false.
     Not(FactKey),
-    /// The element cannot be believed: it has a variable, or is about another time.
+    /// The element cannot be believed: it contains a variable, or is about a time other than the start.
     Unusable,
 }
 
-/// The owner of a fact.
+/// The owner of a fact: it answers for whether the fact holds.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Owner {
-    /// The map: the fact holds until a request changes it.
+    /// The map is the owner: the fact holds until a request changes it.
     Map,
-    /// An agent: the fact is removed with the agent.
+    /// An agent is the owner: the fact is removed when the agent is removed.
     Agent(AgentId),
 }
 
@@ -75,12 +77,13 @@ impl FactKey {
         FactKey::new(FactSymbolKind::Predicate, symbol, arguments)
     }
 
-    /// Returns the lower bound of the facts of a symbol, in the order of keys.
+    /// Returns a key that is not greater than the key of any fact of the symbol, for searching in sorted
+    /// tables.
     pub(crate) fn first_of(space: FactSymbolKind, symbol: &Name) -> FactKey {
         FactKey(Arc::new(FactTerm { space, symbol: symbol.clone(), arguments: Box::default() }))
     }
 
-    /// Whether this is a fact of the given symbol.
+    /// Whether the fact is about the given symbol.
     pub(crate) fn is_of(&self, space: FactSymbolKind, symbol: &Name) -> bool {
         self.space() == space && self.symbol() == symbol
     }

@@ -1,4 +1,4 @@
-//! A copy of the state, kept up to date by announced changes.
+//! A copy of the believed state, kept up to date by announced changes.
 
 use std::collections::BTreeMap;
 
@@ -15,43 +15,44 @@ pub struct Follower {
     facts: BTreeMap<FactKey, FactValue>,
 }
 
-/// The reason why a change could not be followed. The copy is as before; a fresh one must be requested.
+/// The reason why an announced change could not be applied to a copy of the state. The copy is as it was
+/// before the change; a fresh one must be requested.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FollowError {
-    /// A change before this one was lost.
+    /// A change that was announced before this one has been lost.
     Gap {
-        /// The revision of the copy.
+        /// The revision (number of changes) of the copy.
         known: u64,
-        /// The revision that was announced.
+        /// The revision (number of changes) that the announced change would lead to.
         announced: u64,
     },
-    /// The set of capabilities changed, and with it the domain and the objects.
+    /// The set of capabilities has changed, and with it the domain and the objects.
     NewEpoch {
         /// The epoch of the copy.
         known: u64,
-        /// The epoch that was announced.
+        /// The epoch of the announced change.
         announced: u64,
     },
-    /// The announced facts are not valid PDDL.
+    /// The facts in the announced change are not valid PDDL.
     Unreadable(Vec<Diagnostic>),
 }
 
 // === impl Follower ===
 
 impl Follower {
-    /// Creates a copy from a requested state.
+    /// Creates a copy from a state that was requested, with the epoch and revision of that state.
     pub fn new(epoch: u64, revision: u64, state: &[InitElement]) -> Follower {
         let mut follower = Follower { epoch, revision, facts: BTreeMap::new() };
         follower.believe(state);
         follower
     }
 
-    /// Applies a change; a change that the copy already has is ignored.
+    /// Applies an announced change to the copy. A change that the copy already contains is ignored.
     ///
     /// # Errors
     ///
-    /// Returns an error if a fresh copy must be requested.
+    /// Returns an error if the change cannot be applied, so that a fresh copy must be requested.
     pub fn follow(&mut self, change: &EpochChange) -> Result<(), FollowError> {
         let EpochChange { epoch, revision, believed, retracted, .. } = change;
         if *revision <= self.revision {
@@ -84,17 +85,17 @@ impl Follower {
         }
     }
 
-    /// Returns the believed facts, in a fixed order.
+    /// Returns the facts that are believed according to the copy, in a fixed order.
     pub fn facts(&self) -> impl Iterator<Item = InitElement> {
         self.facts.iter().map(|(key, value)| key.element(*value))
     }
 
-    /// The epoch of the copy.
+    /// Returns the epoch of the copy.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
 
-    /// The revision of the copy.
+    /// Returns the revision of the copy.
     pub fn revision(&self) -> u64 {
         self.revision
     }

@@ -1,7 +1,7 @@
-//! Actions that agents offered in the past: used for explanations, never for plans.
+//! Actions that agents offered in the past. They are used for explanations, never for plans.
 //!
-//! A schema is kept with the declarations of its model, because those are removed with the agent too.
-//! If several agents offered the same schema, the model of one of them is kept.
+//! An action schema is kept together with the declarations of its model, because these are removed with
+//! the agent. If several agents offered the same schema, the model of one of them is kept.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::canonical::CanonicalText;
 use crate::limits;
 use crate::model_summary::ModelSummary;
 
-/// Schemas that were offered, by name and canonical text.
+/// Action schemas that were offered in the past, by name and canonical text.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FormerActions {
     schemas: BTreeMap<(Name, CanonicalText), FormerSchema>,
@@ -21,17 +21,18 @@ pub(crate) struct FormerActions {
 
 #[derive(Clone, Debug)]
 struct FormerSchema {
-    /// Number of the latest model with this schema; the schema with the smallest number is dropped
-    /// first.
+    /// Number of the latest model that contains this schema. If there are too many schemas, the one with
+    /// the smallest number is dropped first.
     stamp: u64,
-    /// The model, with this action only and without facts.
+    /// The model that contained the schema, reduced to this action and without facts.
     model: Arc<ActionModel>,
 }
 
 // === impl FormerActions ===
 
 impl FormerActions {
-    /// Adds the actions of a model, which is given as its frame and its manifest.
+    /// Adds the actions of a model. `frame` is the model without facts and actions; `manifest` is its
+    /// summary, which has the actions.
     pub(crate) fn record(&mut self, frame: &ActionModel, manifest: &ModelSummary) {
         self.stamps += 1;
         let stamp = self.stamps;
@@ -57,8 +58,8 @@ impl FormerActions {
         }
     }
 
-    /// Returns the schemas that none of `living` offers, each as a model with one action, in a fixed
-    /// order.
+    /// Returns the schemas that none of the models `living` contains, each as a model with one action, in
+    /// a fixed order.
     pub(crate) fn not_offered_by<'a>(
         &self,
         living: impl Iterator<Item = &'a ModelSummary>,

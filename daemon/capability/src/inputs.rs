@@ -14,111 +14,115 @@ use crate::declined::Declined;
 use crate::parsed_model::ParsedModel;
 use crate::timestamp::Timestamp;
 
-/// How long an agent may be silent before its capabilities are masked, in proportion to the period of its
-/// own heartbeats.
+/// How long an agent may be silent before its capabilities count as unavailable, in proportion to the
+/// time between its heartbeats.
 ///
-/// The default is three and a half periods: one heartbeat may be lost and one may be late. The half period
-/// prevents a race between a third heartbeat that is on time and the limit.
+/// The default is three and a half times that period: one heartbeat may be lost and one may be late. The
+/// additional half period prevents a race between the limit and a third heartbeat that is on time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SilenceLimit {
     lease: Duration,
     period: Duration,
 }
 
-/// An announced action model with its methods. Cheap to clone: clones share it.
+/// An announced action model with its methods. It is cheap to clone: clones share the model.
 #[derive(Clone, Debug)]
 pub struct Announcement {
-    /// The sender.
+    /// The agent that sent the announcement.
     pub agent: AgentId,
     /// Incarnation of the sender.
     pub incarnation: Incarnation,
-    /// The model taken apart, or the reason why it exceeds a limit.
+    /// The model, divided into its parts; or the reason why the model was declined, which is a limit that
+    /// it exceeds.
     pub(crate) described: Result<ParsedModel, Declined>,
 }
 
 /// A heartbeat: the state of an agent, complete for the facts that the agent owns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParsedHeartbeat {
-    /// The sender.
+    /// The agent that sent the heartbeat.
     pub agent: AgentId,
     /// Incarnation of the sender.
     pub incarnation: Incarnation,
     /// Number of the heartbeat, from 1 in each incarnation.
     pub sequence: u64,
-    /// Digest of the model that the heartbeat belongs to.
+    /// Digest of the sender's action model and methods.
     pub digest: String,
-    /// Facts known to the agent, and `(unknown FACT)` for those that are unknown to it.
+    /// Facts that the agent knows to be true, and `(unknown FACT)` for each fact that is unknown to the
+    /// agent.
     pub facts: Vec<KnownFact>,
-    /// Time until the next heartbeat is due; `None`: the agent is never counted as silent.
+    /// Time until the next heartbeat is due; `None` if the agent never counts as silent.
     pub period: Option<Duration>,
 }
 
 /// A heartbeat that equals the one before it, except for its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RepeatedHeartbeat<'h> {
-    /// The sender.
+    /// The agent that sent the heartbeat.
     pub agent: &'h AgentId,
     /// Incarnation of the sender.
     pub incarnation: Incarnation,
-    /// Digest of the model that the heartbeat belongs to.
+    /// Digest of the sender's action model and methods.
     pub digest: &'h str,
-    /// Number of the heartbeat before it.
+    /// Number of the heartbeat before this one, which it equals.
     pub before: u64,
     /// Number of this heartbeat.
     pub sequence: u64,
-    /// Time until the next heartbeat is due at the latest.
+    /// Longest time until the next heartbeat is sent.
     pub period: Duration,
 }
 
 /// A fact that is known, without end or for a limited time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownFact {
-    /// The fact.
+    /// The known fact.
     pub fact: InitElement,
-    /// Time at which it expires; `None`: it is known until its owner retracts it.
+    /// Time at which the fact expires; `None` if it is known until its owner retracts it.
     pub until: Option<Timestamp>,
 }
 
-/// A change of the state: first the retractions take effect, then the facts to believe.
+/// A change of the state. The retractions take effect first, and then the facts to believe.
 ///
 /// A `(not FACT)` in `believe` retracts the fact.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Effects {
-    /// Facts to believe.
+    /// Facts that the Domain Maintainer should believe.
     pub believe: Vec<InitElement>,
-    /// Facts to retract; for a function, the value is ignored.
+    /// Facts that the Domain Maintainer should retract; for a function, the value is ignored.
     pub retract: Vec<InitElement>,
 }
 
-/// All changes that requests have made at the central maintainer.
+/// All changes that requests have made at the central Domain Maintainer.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RequestedChanges {
-    /// Facts, each with its owner.
+    /// Requested facts, each with its owner.
     pub facts: Vec<(AgentId, KnownFact)>,
-    /// Facts of the map that are retracted.
+    /// Facts of the map that requests have retracted.
     pub retracted: Vec<InitElement>,
-    /// The metric of plans; `None` if it is the map's.
+    /// The requested metric of plans; `None` if the metric of the map is used.
     pub metric: Option<Metric>,
-    /// Actions that are withheld, of one agent or, with `None`, of all.
+    /// Actions that requests withhold from planning: of one agent, or of all agents if the agent is
+    /// `None`.
     pub withheld: Vec<(Name, Option<AgentId>)>,
 }
 
 /// Changes that requests have made since the last announcement of them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RequestedChangesSince {
-    /// Facts that are new or changed, each with its owner.
+    /// Requested facts that are new or changed, each with its owner.
     pub facts: Vec<(AgentId, KnownFact)>,
-    /// Facts that are withdrawn, each with its former owner; the values of functions are arbitrary.
+    /// Requested facts that are withdrawn, each with its former owner; where they are about functions,
+    /// their values have no meaning.
     pub withdrawn: Vec<(AgentId, InitElement)>,
-    /// Facts of the map that are retracted.
+    /// Facts of the map that requests have retracted.
     pub retracted: Vec<InitElement>,
 }
 
 // === impl Announcement ===
 
 impl Announcement {
-    /// Takes apart a model. `methods` carry out its actions; `digest` is that of both, see
-    /// [`model_digest`](crate::model_digest).
+    /// Creates the announcement of `model` by an agent. `methods` carry out the actions of the model;
+    /// `digest` is the digest of the model and the methods, see [`model_digest`](crate::model_digest).
     pub fn new(
         agent: AgentId,
         incarnation: Incarnation,
@@ -133,7 +137,7 @@ impl Announcement {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics, with places in the model's text, if it is not valid PDDL.
+    /// Returns the diagnostics, with places in the model's text, if the model is not valid PDDL.
     pub fn read(
         agent: AgentId,
         incarnation: Incarnation,
@@ -171,7 +175,8 @@ impl ParsedHeartbeat {
 // === impl SilenceLimit ===
 
 impl SilenceLimit {
-    /// Tolerates a silence of `lease` of agents that send a heartbeat every `period`.
+    /// Returns the limit under which agents with one heartbeat every `period` may be silent for `lease`;
+    /// other periods change the limit in proportion.
     pub fn new(lease: Duration, period: Duration) -> SilenceLimit {
         SilenceLimit { lease, period }
     }
@@ -213,8 +218,8 @@ impl KnownFact {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
-    /// mistakes.
+    /// Returns the diagnostics if the observation is not valid PDDL, with places in the first text that
+    /// has mistakes.
     pub fn read(observed: &Observation, now: Timestamp) -> Result<Vec<KnownFact>, Vec<Diagnostic>> {
         let Observation { facts, known_for } = observed;
         KnownFact::read_all(facts, known_for, now)
@@ -234,7 +239,7 @@ impl Effects {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
+    /// Returns the diagnostics if the request is not valid PDDL, with places in the first text that has
     /// mistakes.
     pub fn read(change: &ChangeState) -> Result<Effects, Vec<Diagnostic>> {
         let ChangeState { believe, retract, owner: _ } = change;
@@ -252,8 +257,8 @@ impl RequestedChanges {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
-    /// mistakes.
+    /// Returns the diagnostics if the announcement is not valid PDDL, with places in the first text that
+    /// has mistakes.
     pub fn read(told: &Requested, now: Timestamp) -> Result<RequestedChanges, Vec<Diagnostic>> {
         let Requested { facts, retracted, metric, withheld } = told;
         let metric = metric.as_ref().map(|metric| pddl::parse_metric(metric).into_result());
@@ -275,8 +280,8 @@ impl RequestedChangesSince {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
-    /// mistakes.
+    /// Returns the diagnostics if the announcement is not valid PDDL, with places in the first text that
+    /// has mistakes.
     pub fn read(
         told: &RequestedSince,
         now: Timestamp,

@@ -1,4 +1,5 @@
-//! The known agents: their incarnations, their models, and whether their capabilities count.
+//! The agents that a Domain Maintainer knows: their incarnations, their models, and whether their
+//! capabilities count for new plans.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,29 +13,33 @@ use crate::limits;
 use crate::parsed_model::ParsedModel;
 use crate::timestamp::Timestamp;
 
-/// An agent that has announced its model.
+/// A known agent: one that has announced its model.
 #[derive(Clone, Debug)]
 pub(crate) struct Member {
     pub(crate) incarnation: Incarnation,
-    /// Number of the arrival; kept when the model changes.
+    /// Position of the agent in the order of arrival; it stays the same when the model changes.
     pub(crate) arrival: u64,
     pub(crate) described: ParsedModel,
-    /// Whether its liveliness token is lost.
+    /// Whether the agent's liveliness token is lost.
     pub(crate) is_masked: bool,
-    /// Whether its heartbeats have stopped.
+    /// Whether the agent's heartbeats have stopped.
     pub(crate) is_silent: bool,
-    /// Time at which it counts as silent if no heartbeat comes; `None`: never.
+    /// Time at which the agent counts as silent if no heartbeat arrives before; `None` if it never counts
+    /// as silent.
     pub(crate) due: Option<Timestamp>,
-    /// Time of its entry in `KnownAgents::dues`; not after `due`.
+    /// Time of the agent's entry in `KnownAgents::dues`, which is not after `due`; `None` if it has no
+    /// entry.
     looked: Option<Timestamp>,
-    /// Number of the newest heartbeat of this incarnation.
+    /// Number of the newest heartbeat of the agent's current incarnation.
     pub(crate) sequence: u64,
     pub(crate) heard_at: Timestamp,
-    /// Number of the newest heartbeat that was parsed: the later ones are equal to it.
+    /// Number of the newest heartbeat that was parsed. Later heartbeats were equal to that one and were
+    /// not parsed.
     pub(crate) read: u64,
-    /// The symbols of all facts that its heartbeats have ever contained.
+    /// The symbols of all facts that the agent's heartbeats have ever contained.
     reported_symbols: BTreeSet<(FactSymbolKind, Name)>,
-    /// All facts that its heartbeats have ever contained and that mention none of its objects.
+    /// All facts that the agent's heartbeats have ever contained and that mention none of the objects of
+    /// the agent.
     reported_facts: BTreeSet<FactKey>,
 }
 
@@ -44,23 +49,25 @@ pub(crate) struct KnownAgents {
     members: BTreeMap<AgentId, Member>,
     former: BTreeMap<AgentId, Incarnation>,
     arrivals: u64,
-    /// Times at which to check whether a member is silent, at most one for each. So no heartbeat leads
-    /// to a scan of all members, of which there may be a thousand, and a heartbeat that is on time does
-    /// not change the entry.
+    /// Times at which to check whether an agent is silent, at most one for each agent. With them, no
+    /// heartbeat leads to a scan of all agents, of which there may be a thousand, and a heartbeat that is
+    /// on time does not change the entry.
     dues: BTreeSet<(Timestamp, AgentId)>,
-    /// Members with a presence that may have changed since [`KnownAgents::take_presence_changes`] was called last.
+    /// Agents with capabilities that may have become available or unavailable since
+    /// [`KnownAgents::take_presence_changes`] was called last.
     presence_changes: BTreeSet<AgentId>,
-    /// For each object, the agents that bring it.
+    /// For each object, the agents that declare it.
     bringers: BTreeMap<Name, BTreeSet<AgentId>>,
-    /// For each fact, the agents that are responsible for it although it mentions none of their
-    /// objects.
+    /// For each fact, the agents that are responsible for it although it mentions none of the objects
+    /// that they declare.
     answering: BTreeMap<FactKey, BTreeSet<AgentId>>,
 }
 
 // === impl Member ===
 
 impl Member {
-    /// Creates a member with a new incarnation, a liveliness token and no heartbeat.
+    /// Creates a known agent that has a new incarnation and a liveliness token, and has sent no
+    /// heartbeat.
     pub(crate) fn new(incarnation: Incarnation, described: ParsedModel, now: Timestamp) -> Member {
         Member {
             incarnation,
@@ -78,12 +85,13 @@ impl Member {
         }
     }
 
-    /// Returns the member with another model, in the same incarnation.
+    /// Returns the same agent in the same incarnation, with another model.
     pub(crate) fn with(self, described: ParsedModel) -> Member {
         Member { described, ..self }
     }
 
-    /// Records a heartbeat.
+    /// Records that a heartbeat has arrived at `now`. The agent counts as silent if the next one does not
+    /// arrive until `due`.
     fn record_heartbeat(&mut self, sequence: u64, due: Option<Timestamp>, now: Timestamp) {
         self.sequence = sequence;
         self.due = due;
@@ -91,9 +99,9 @@ impl Member {
         self.is_silent = false;
     }
 
-    /// Records that a heartbeat contains `fact`: from now on, the agent's heartbeats are complete for
-    /// facts with the same symbol, and the agent is responsible for this one. Returns `true` if the
-    /// fact is new and mentions none of the agent's objects.
+    /// Records that a heartbeat of the agent contains `fact`. From now on, the agent's heartbeats are
+    /// complete for facts with the same symbol, and the agent is responsible for `fact`. Returns `true`
+    /// if no heartbeat contained the fact before and it mentions none of the agent's objects.
     fn own(&mut self, fact: &FactKey) -> bool {
         let like = (fact.space(), fact.symbol().clone());
         if self.reported_symbols.len() < limits::DECLARATIONS_PER_AGENT_MAX {
@@ -105,15 +113,15 @@ impl Member {
         is_new && self.reported_facts.insert(fact.clone())
     }
 
-    /// Whether a fact mentions an object that the agent brings.
+    /// Whether a fact mentions an object that the agent declares.
     fn names_its_own(&self, fact: &FactKey) -> bool {
         let objects = &self.described.manifest.objects;
         fact.arguments().iter().any(|argument| objects.contains(argument))
     }
 
-    /// Whether the agent is responsible for a fact, so that its claim overrides requests. This is so if
-    /// its heartbeats have contained the fact; or if the fact mentions an object of the agent, and its
-    /// symbol occurs in the facts of the agent's model or heartbeats.
+    /// Whether the agent is responsible for a fact, so that the agent's claim overrides requests. This is
+    /// so if the agent's heartbeats have contained the fact. It is also so if the fact mentions an object
+    /// of the agent, and the symbol of the fact occurs in the agent's model or heartbeats.
     pub(crate) fn is_responsible_for(&self, fact: &FactKey) -> bool {
         let says = || {
             let like = (fact.space(), fact.symbol().clone());
@@ -122,29 +130,31 @@ impl Member {
         self.reported_facts.contains(fact) || (self.names_its_own(fact) && says())
     }
 
-    /// Whether its heartbeats are complete for facts with this symbol.
+    /// Whether the agent's heartbeats are complete for facts with this symbol, so that a missing fact is
+    /// false.
     pub(crate) fn reports_symbol(&self, space: FactSymbolKind, symbol: &Name) -> bool {
         let like = (space, symbol.clone());
         self.reported_symbols.contains(&like) || self.described.manifest.owned.contains(&like)
     }
 
-    /// Returns the symbols of facts that it may be responsible for.
+    /// Returns the symbols of facts that the agent may be responsible for.
     pub(crate) fn symbols(&self) -> impl Iterator<Item = &(FactSymbolKind, Name)> {
         self.reported_symbols.union(&self.described.manifest.said)
     }
 
-    /// Returns the facts that it is responsible for although they mention none of its objects.
+    /// Returns the facts that the agent is responsible for although they mention none of its objects.
     pub(crate) fn reported_facts(&self) -> impl Iterator<Item = &FactKey> {
         self.reported_facts.iter()
     }
 
-    /// Whether the agent's heartbeats are complete for facts with the symbol of this one.
+    /// Whether the agent's heartbeats are complete for facts with the symbol of `fact`, so that a missing
+    /// fact is false.
     pub(crate) fn owns(&self, fact: &FactKey) -> bool {
         self.reports_symbol(fact.space(), fact.symbol())
     }
 
-    /// Whether its model contains a fact, which its actions do not change, that it is on the agent
-    /// `base`.
+    /// Whether the agent `own`, described here, is carried by the agent `base`: its model contains a fact
+    /// about the two, and its own actions do not change that fact.
     pub(crate) fn is_carried_by(&self, own: &AgentId, base: &AgentId) -> bool {
         let manifest = &self.described.manifest;
         manifest.init.iter().any(|(fact, _)| match fact.arguments() {
@@ -157,7 +167,7 @@ impl Member {
         })
     }
 
-    /// Whether its capabilities count for new plans.
+    /// Whether the agent's capabilities count for new plans.
     pub(crate) fn is_present(&self) -> bool {
         !self.is_masked && !self.is_silent
     }
@@ -174,7 +184,7 @@ impl KnownAgents {
         self.members.get(agent)
     }
 
-    /// Returns all members in the form to be composed, sorted by name.
+    /// Returns the contributions of all known agents to a composition, sorted by name.
     pub(crate) fn parties(
         &self,
         trusts: impl Fn(&AgentId) -> bool,
@@ -187,22 +197,23 @@ impl KnownAgents {
         })
     }
 
-    /// Returns a member in the form to be composed as a trusted one.
+    /// Returns the contribution of an agent to a composition that uses its whole model; `None` if the
+    /// agent is unknown.
     pub(crate) fn party(&self, agent: &AgentId) -> Option<Contribution<'_>> {
         let (agent, member) = self.members.get_key_value(agent)?;
         let manifest = &*member.described.manifest;
         Some(Contribution { agent, arrival: member.arrival, manifest, trusted: true })
     }
 
-    /// Returns the agents with a presence that may have changed since the last call, each with whether
-    /// its capabilities count for new plans now.
+    /// Returns the agents with capabilities that may have become available or unavailable since this was
+    /// called last. With each agent, returns whether its capabilities count for new plans now.
     pub(crate) fn take_presence_changes(&mut self) -> Vec<(AgentId, bool)> {
         let stirred = std::mem::take(&mut self.presence_changes).into_iter();
         let is_present = |agent: &AgentId| self.members.get(agent).is_some_and(Member::is_present);
         stirred.map(|agent| (agent.clone(), is_present(&agent))).collect()
     }
 
-    /// Records that a heartbeat of a member contains a fact.
+    /// Records that a heartbeat of `agent` contains `fact`.
     pub(crate) fn own(&mut self, agent: &AgentId, fact: &FactKey) {
         let Some(member) = self.members.get_mut(agent) else { return };
         if member.own(fact) {
@@ -210,7 +221,7 @@ impl KnownAgents {
         }
     }
 
-    /// Returns the members that are responsible for a fact.
+    /// Returns the known agents that are responsible for a fact.
     pub(crate) fn answering(&self, fact: &FactKey) -> BTreeSet<&AgentId> {
         let bringers = fact.arguments().iter().filter_map(|object| self.bringers.get(object));
         let named = bringers.flatten().filter(|agent| {
@@ -220,7 +231,7 @@ impl KnownAgents {
         named.chain(others).collect()
     }
 
-    /// Adds a member to the indexes by object and by fact.
+    /// Adds an agent to the indexes of agents by object and by fact.
     fn index(&mut self, agent: &AgentId, member: &Member) {
         for object in &member.described.manifest.objects {
             self.bringers.entry(object.clone()).or_default().insert(agent.clone());
@@ -239,7 +250,7 @@ impl KnownAgents {
         }
     }
 
-    /// Records a heartbeat of a member. Returns an error if the agent is unknown.
+    /// Records that a heartbeat of a known agent has arrived. Returns an error if the agent is unknown.
     pub(crate) fn record_heartbeat(
         &mut self,
         agent: &AgentId,
@@ -264,7 +275,7 @@ impl KnownAgents {
         Ok(member)
     }
 
-    /// Marks the members with an overdue heartbeat as silent.
+    /// Marks the agents with an overdue heartbeat as silent.
     pub(crate) fn mark_silent(&mut self, now: Timestamp) {
         while self.dues.first().is_some_and(|(due, _)| *due <= now) {
             let Some((_, agent)) = self.dues.pop_first() else { return };
@@ -284,12 +295,12 @@ impl KnownAgents {
         }
     }
 
-    /// Returns the next time at which a member may become silent.
+    /// Returns the next time at which an agent may become silent; `None` if there is none.
     pub(crate) fn next_silence(&self) -> Option<Timestamp> {
         self.dues.first().map(|(due, _)| *due)
     }
 
-    /// Records that a member's liveliness token is lost or has returned.
+    /// Records that the liveliness token of an agent is lost or has returned.
     pub(crate) fn mask(&mut self, agent: &AgentId, reported: Incarnation, is_masked: bool) {
         if let Ok(member) = self.current(agent, reported)
             && std::mem::replace(&mut member.is_masked, is_masked) != is_masked
@@ -298,7 +309,8 @@ impl KnownAgents {
         }
     }
 
-    /// Checks that a message is not of a former incarnation. Returns an error if it is.
+    /// Checks that a message does not come from a former incarnation of the agent. Returns an error if it
+    /// does.
     pub(crate) fn check(&self, agent: &AgentId, reported: Incarnation) -> Result<(), Declined> {
         let current = self.members.get(agent).map(|member| member.incarnation);
         match current.or_else(|| self.former.get(agent).copied()) {
@@ -309,7 +321,8 @@ impl KnownAgents {
         }
     }
 
-    /// Returns the member. Returns an error if its current incarnation is not the given one.
+    /// Returns the data of an agent. Returns an error if the agent is unknown or has another current
+    /// incarnation than `reported`.
     pub(crate) fn current(
         &mut self,
         agent: &AgentId,
@@ -322,7 +335,7 @@ impl KnownAgents {
             .ok_or_else(|| Declined::UnknownAgent { agent: agent.clone() })
     }
 
-    /// Checks that there is room for `agent`. Returns an error if there are too many agents.
+    /// Checks that `agent` may be added. Returns an error if there are too many agents.
     pub(crate) fn has_room(&self, agent: &AgentId) -> Result<(), Declined> {
         if self.members.len() < limits::AGENTS_MAX || self.members.contains_key(agent) {
             return Ok(());
@@ -330,8 +343,8 @@ impl KnownAgents {
         Err(Declined::TooMany { what: "agents", limit: limits::AGENTS_MAX })
     }
 
-    /// Adds a member, in place of a known one of the same name. A known agent keeps its number of
-    /// arrival.
+    /// Adds an agent, or replaces the data of a known agent of the same name. A known agent keeps its
+    /// position in the order of arrival.
     pub(crate) fn insert_member(&mut self, agent: &AgentId, member: Member) {
         let arrival = self.members.get(agent).map(|member| member.arrival).unwrap_or_else(|| {
             self.arrivals += 1;
@@ -353,7 +366,8 @@ impl KnownAgents {
         self.dues.extend(looked.map(|looked| (looked, agent.clone())));
     }
 
-    /// Removes a member, and records its incarnation as a former one.
+    /// Removes an agent, and records its incarnation as a former one. Returns the data of the agent;
+    /// `None` if it was unknown.
     pub(crate) fn remove_member(&mut self, agent: &AgentId) -> Option<Member> {
         let member = self.members.remove(agent)?;
         self.unindex(agent, &member);

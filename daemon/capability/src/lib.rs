@@ -1,24 +1,25 @@
 //! The Domain Maintainer: composes the action models and facts of many agents into one domain and one
 //! problem.
 //!
-//! Start reading at [`Maintainer`]. Agents join and leave, announce their action models and report
-//! facts. At every moment there is one composite domain, one state with the provenance of each fact,
-//! and a [`DomainSnapshot`] of both to plan in. The central maintainer and the maintainer that the actuators
-//! of a daemon share are the same state machine with another [`MaintainerScope`]. What an actuator knows in
-//! addition to the public part is added [per actuator](Maintainer::snapshot_for).
+//! Start reading at [`Maintainer`]. Agents join and leave, announce their action models and report facts.
+//! At every moment there is one composite domain, one state with the origin of each fact, and a
+//! [`DomainSnapshot`] of both to plan in. The central maintainer and the maintainer that the actuators of
+//! a daemon share are the same state machine with different [`MaintainerScope`]s. What an actuator knows
+//! in addition to the public part is added [per actuator](Maintainer::snapshot_for).
 //!
-//! - `maintainer` takes inputs and returns a [`DomainChange`], or the reason why an input was [`Declined`].
-//! - `compose` makes one domain of many models. `model_summary` takes a model apart for it; `parsed_model` is
-//!   what is kept of a model.
-//! - `belief` keeps all claims about facts; `known_agents` keeps the present agents; `former_actions` keeps the
-//!   actions of agents that have left.
+//! - `maintainer` takes inputs and returns the [`DomainChange`] that each makes, or the reason why an
+//!   input was [`Declined`].
+//! - `compose` makes one domain of many models. `model_summary` divides a model into its parts for
+//!   `compose`; `parsed_model` is the part of a model that is kept.
+//! - `belief` keeps all claims about facts; `known_agents` keeps the present agents; `former_actions`
+//!   keeps the actions of agents that have left.
 //! - [`Follower`] keeps a copy of the state from announced changes.
 //!
-//! Leaves to others: messages and tokens (`agent`), parsing and checking (`pddl`), planning
-//! (`planner`), deciding when a lost agent is removed (the plugin).
+//! This crate leaves to others: messages and tokens (`agent`), parsing and checking (`pddl`), planning
+//! (`planner`), and deciding when a lost agent is removed (the plugin).
 //!
-//! **Invariant:** nothing here reads a clock or does I/O; a [`Timestamp`] enters with each call, and the
-//! same calls give the same results everywhere.
+//! **Invariant:** nothing in this crate reads a clock or does I/O; a [`Timestamp`] is passed to each
+//! call, and the same calls give the same results everywhere.
 //! **Invariant:** no agent can make the composite domain unreadable for a planner: a part of a model
 //! that does not fit is left out and named in a [`Conflict`].
 

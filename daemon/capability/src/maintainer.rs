@@ -1,9 +1,10 @@
 //! The Domain Maintainer: a state machine that takes inputs and returns what changed.
 //!
-//! - Takes models, heartbeats, lost and returned tokens, confirmed actions and requests. The caller
-//!   reads the messages: a plugin, or an actuator for itself.
-//! - Returns a [`DomainChange`] to be announced for each input, or the reason why it was [`Declined`].
-//! - Leaves to others: the form of messages, the clock, when a lost agent is removed.
+//! - Takes as inputs: models, heartbeats, lost and returned liveliness tokens, confirmed actions and
+//!   requests. The caller, which is a plugin or an actuator, parses the messages.
+//! - Returns for each input the [`DomainChange`] that is to be announced, or the reason why the input was
+//!   [`Declined`].
+//! - Leaves to others: the form of messages, the clock, and the decision when a lost agent is removed.
 
 mod departure;
 mod facts;
@@ -31,12 +32,12 @@ use crate::known_agents::{KnownAgents, Member};
 use crate::model_summary::ModelSummary;
 use crate::timestamp::Timestamp;
 
-/// The part of the models that a maintainer shows.
+/// The part of the agents' models that a maintainer shows in its snapshots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MaintainerScope {
-    /// All models, whole: for the maintainer of the whole ecosystem.
+    /// All models with all their parts: for the maintainer of the whole ecosystem.
     Everything,
-    /// The ontology, the map, and public facts and objects; no actions, and nothing private. For the
+    /// The ontology, the map, and public facts and objects, but no actions and nothing private: for the
     /// maintainer that actuators share. Each actuator sees more [in a snapshot of its
     /// own](Maintainer::snapshot_for).
     ///
@@ -46,22 +47,22 @@ pub enum MaintainerScope {
     Public,
 }
 
-/// Changes of models that have not been composed yet.
+/// Changes of models since the last composition.
 #[derive(Clone, Debug, Default)]
 struct Uncomposed {
     /// Agents that have joined.
     joined: Vec<AgentId>,
-    /// Whether a model has changed or an agent has left.
+    /// Whether a model has changed or an agent has left, in addition to the agents in `joined`.
     others: bool,
 }
 
 /// The result of admitting a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AdmitResult {
-    /// The change; empty for a model that is known already.
+    /// The change that the model made; empty for a model that is known already.
     pub change: DomainChange,
-    /// Parts that can no longer be composed as written because of this model, in any of the models.
-    /// Must be sent to the agents that each conflict names.
+    /// Conflicts that the model has caused: parts of it or of other models that can no longer be composed
+    /// as written. Each must be sent to the agents that it names.
     pub conflicts: Vec<Conflict>,
 }
 
@@ -75,29 +76,31 @@ pub struct Maintainer {
     shared: Arc<SharedModel>,
     scope: MaintainerScope,
     silence: SilenceLimit,
-    /// Whether it adopts the changes by requests that the central maintainer announces.
+    /// Whether this maintainer adopts the changes by requests that the central maintainer announces.
     follows: bool,
     roster: KnownAgents,
     remembered: FormerActions,
     memory: CompositionMemory,
-    /// Number of changes of models, on which the composite depends.
+    /// Number of changes of models so far; the composite depends on the models.
     models: u64,
-    /// The current composite; for [`MaintainerScope::Public`], that of the ontology and the map alone.
+    /// The current composite. For [`MaintainerScope::Public`], it is composed of the ontology and the map
+    /// alone.
     composite: Arc<Composite>,
     conflicts: Vec<Conflict>,
     beliefs: Beliefs,
-    /// Agents that have left facts behind that are now unknown, the earliest to leave first.
+    /// Agents that have left and for which facts are kept as unknown, in the order in which they left.
     departed: VecDeque<AgentId>,
-    /// Actions withheld by request, of one agent or, with `None`, of all.
+    /// Actions that requests withhold from planning: of one agent, or of all agents if the agent is
+    /// `None`.
     withheld: BTreeSet<(Name, Option<AgentId>)>,
     metric: Option<Metric>,
-    /// Agents with capabilities that were available at the end of the last call.
+    /// Agents with capabilities that were available at the end of the last call, as it was announced.
     announced: BTreeSet<AgentId>,
     /// Whether the set of capabilities has changed since the last [`DomainChange`] was returned.
     is_changed: bool,
     uncomposed: Uncomposed,
-    /// The conflicts that existed before the first uncomposed model arrived; `None` if none has
-    /// arrived.
+    /// The conflicts that existed before the first model was added that has not been composed yet; `None`
+    /// if all models have been composed.
     known_conflicts: Option<BTreeSet<Conflict>>,
     epoch: u64,
     revision: u64,
@@ -108,7 +111,7 @@ pub struct Maintainer {
 impl Maintainer {
     /// Creates a maintainer with the shared ontology and the map, and without agents.
     ///
-    /// Both are used without a check: the caller must check them first.
+    /// The ontology and the map are used without a check: the caller must check them first.
     pub fn new(
         ontology: impl Into<Arc<Domain>>,
         map: impl Into<Arc<Problem>>,
@@ -150,20 +153,21 @@ impl Maintainer {
         maintainer
     }
 
-    /// Sets how long an agent may be silent before its capabilities are masked.
+    /// Sets how long an agent may be silent before its capabilities count as unavailable.
     #[must_use]
     pub fn with_silence_limit(mut self, silence: SilenceLimit) -> Maintainer {
         self.silence = silence;
         self
     }
 
-    /// Adds a model that is new, changed, or of a new incarnation of the agent; and composes.
+    /// Adds a model that is new, changed, or of a new incarnation of the agent, and then composes.
     ///
     /// # Errors
     ///
-    /// Returns an error if the model describes another agent or names another ontology, if it comes
-    /// from a former incarnation, or if it is too large. Then no part of it takes effect. A single part
-    /// that cannot be used is no error: it is left out and named among the conflicts.
+    /// Returns an error if the model describes another agent than the sender or names another ontology,
+    /// if it comes from a former incarnation, or if it is too large. Then no part of the model takes
+    /// effect. A single part that cannot be used is no error: it is left out and named among the
+    /// conflicts.
     pub fn admit(
         &mut self,
         announced: Announcement,
@@ -173,12 +177,12 @@ impl Maintainer {
         Ok(self.compose_added(now))
     }
 
-    /// Adds a model as [`admit`](Maintainer::admit) does, without composing, so that it can be composed
-    /// together with others that arrive soon. Until then no visible change occurs.
+    /// Adds a model as [`admit`](Maintainer::admit) does, but without composing, so that it can be
+    /// composed together with other models that arrive soon. Until then nothing changes visibly.
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as `admit`.
+    /// Returns an error in the same cases as [`admit`](Maintainer::admit).
     pub fn add_model(&mut self, announced: Announcement, now: Timestamp) -> Result<(), Declined> {
         let Announcement { agent, incarnation, described } = announced;
         self.roster.check(&agent, incarnation)?;
@@ -205,7 +209,7 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Whether there are [added](Maintainer::add_model) models that have not been composed yet.
+    /// Whether there are models that were [added](Maintainer::add_model) and have not been composed yet.
     pub fn is_stale(&self) -> bool {
         self.uncomposed.others || !self.uncomposed.joined.is_empty()
     }
@@ -234,8 +238,9 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Returns the announcement of an agent, if its incarnation and digest are the given ones. It can
-    /// be passed to another maintainer that receives the same messages.
+    /// Returns the announced model of an agent, if the incarnation and the digest are the given ones. It
+    /// can be passed to another maintainer that receives the same messages, so that the model is parsed
+    /// only once.
     pub fn announcement(
         &self,
         agent: &AgentId,
@@ -248,7 +253,8 @@ impl Maintainer {
         is_this.then_some(Announcement { agent, incarnation, described })
     }
 
-    /// Whether the model with this digest has to be requested from the agent.
+    /// Whether the model with this digest has to be requested from the agent, because it is not known
+    /// here.
     pub fn needs_model(&self, agent: &AgentId, digest: &str) -> bool {
         self.roster.get(agent).is_none_or(|member| *member.described.digest != *digest)
     }
@@ -314,21 +320,22 @@ impl Maintainer {
         self.take_change(now)
     }
 
-    /// Advances the time: removes expired claims, and masks the agents with overdue heartbeats.
+    /// Advances the time to `now`: removes expired claims, and marks the agents with overdue heartbeats
+    /// as silent.
     pub fn expire(&mut self, now: Timestamp) -> DomainChange {
         self.beliefs.expire(now);
         self.roster.mark_silent(now);
         self.take_change(now)
     }
 
-    /// Returns the next time at which [`expire`](Maintainer::expire) has an effect, if no other input
-    /// comes before.
+    /// Returns the next time at which [`expire`](Maintainer::expire) has an effect if there is no other
+    /// input before; `None` if there is no such time.
     pub fn next_expiry(&self) -> Option<Timestamp> {
         self.beliefs.next_expiry().into_iter().chain(self.roster.next_silence()).min()
     }
 
-    /// Adds or replaces a member, and claims the facts of its model. Claims by heartbeats of the same
-    /// incarnation take precedence over them.
+    /// Adds or replaces an agent, and claims the facts of its model. Claims by heartbeats of the same
+    /// incarnation take precedence over the claims of the model.
     fn upsert_member(&mut self, agent: &AgentId, member: Member, now: Timestamp) {
         let owner = Owner::Agent(agent.clone());
         let same_life =
@@ -343,7 +350,7 @@ impl Maintainer {
         self.roster.get(agent).map(|member| Arc::clone(&member.described.manifest))
     }
 
-    /// Handles a change of an agent's model. `former` is the manifest before the change.
+    /// Handles a change of an agent's model. `former` is the summary of the model before the change.
     fn model_changed(&mut self, agent: &AgentId, former: Option<&ModelSummary>) {
         self.models += 1;
         let everything = self.scope == MaintainerScope::Everything;
@@ -364,7 +371,8 @@ impl Maintainer {
         }
     }
 
-    /// Adds the predicates with unknown facts to the domain's symbols, after they have become more.
+    /// Adds the predicates that may have unknown facts to the domain. Called after there are more of
+    /// them.
     fn unknowable_changed(&mut self) {
         self.memory.unknowable.clone_from(self.beliefs.unknowable());
         match self.scope {
@@ -395,8 +403,8 @@ impl Maintainer {
         self.composite = Arc::new(composite);
     }
 
-    /// Adds the agents that joined to the existing composite. Returns `false` if one of them changes
-    /// more than that.
+    /// Adds the agents that joined to the existing composite. Returns `false` if this is not possible,
+    /// because one of them changes more than its own objects and offers.
     fn add(&mut self, joined: &[AgentId]) -> bool {
         // An agent that joins may resolve a conflict.
         if !self.conflicts.is_empty() {
@@ -413,8 +421,8 @@ impl Maintainer {
         is_whole
     }
 
-    /// Composes one domain of all models. Models of agents for which `trusts` returns `true` are used
-    /// whole.
+    /// Composes one domain of all models. Of agents for which `trusts` returns `true` the whole model is
+    /// used, of others the public part.
     fn compose(
         &self,
         trusts: impl Fn(&AgentId) -> bool,
@@ -424,7 +432,7 @@ impl Maintainer {
         compose(&self.shared, &parties, self.scope == MaintainerScope::Everything, memory)
     }
 
-    /// Ends a call: returns the difference to the state at the end of the call before.
+    /// Ends a call: returns the change of the domain and state since the end of the call before.
     fn take_change(&mut self, now: Timestamp) -> DomainChange {
         if self.beliefs.take_newly_unknowable() {
             self.unknowable_changed();

@@ -1,7 +1,7 @@
-//! A manifest: a model, taken apart once when it arrives, in the form that composing compares and
-//! copies.
+//! The summary of a model (its manifest): the model is divided into its parts once, when it arrives, in
+//! the form that composing compares and copies.
 //!
-//! The shared ontology is taken apart in the same way, so that both can be compared.
+//! The shared ontology is divided into parts in the same way, so that it can be compared with models.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -22,14 +22,15 @@ use crate::limits;
 pub(crate) struct Declaration {
     pub(crate) subject: ModelPart,
     pub(crate) item: DeclaredItem,
-    /// The canonical text of its types.
+    /// Canonical text of the types in the declaration.
     pub(crate) signature: CanonicalText,
-    /// For a predicate: the axioms that derive it, in the order of their canonical texts.
+    /// For a predicate: the axioms that derive it, in the order of their canonical texts. Otherwise
+    /// empty.
     pub(crate) axioms: Vec<ModelAxiom>,
     pub(crate) private: bool,
 }
 
-/// The declared thing as written.
+/// The declared type, predicate, function or object, as it is written in the model.
 #[derive(Clone, Debug)]
 pub(crate) enum DeclaredItem {
     Type(Typed),
@@ -49,34 +50,35 @@ pub(crate) struct ModelAxiom {
 /// An action that an agent offers.
 #[derive(Clone, Debug)]
 pub(crate) struct ModelAction {
-    /// The canonical text: offers with equal names and keys are one schema.
+    /// Canonical text of the action. Offers of several agents with equal names and equal canonical texts
+    /// are one schema.
     pub(crate) key: CanonicalText,
     pub(crate) uses: UsedSymbols,
     pub(crate) schema: Arc<ActionSchema>,
 }
 
-/// A part of a model that cannot be used, and the reason.
+/// A part of a model that cannot be used, with the reason.
 #[derive(Clone, Debug)]
 pub(crate) struct ModelFlaw {
     pub(crate) subject: ModelPart,
     pub(crate) detail: String,
 }
 
-/// A model, taken apart.
+/// Summary of a model: its declarations, actions and facts, prepared for composing.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ModelSummary {
     pub(crate) requirements: Vec<Name>,
     pub(crate) declarations: Vec<Declaration>,
-    /// Axioms for predicates that the model does not declare.
+    /// Axioms for predicates that the model itself does not declare.
     pub(crate) loose_axioms: Vec<ModelAxiom>,
     pub(crate) offers: Vec<ModelAction>,
     pub(crate) init: Vec<(FactKey, FactValue)>,
-    /// Symbols of facts that the agent knows from the start and can change: its heartbeats are complete
-    /// for these facts.
+    /// Symbols of the facts that the model states at the start and the agent's actions can change. The
+    /// agent's heartbeats are complete for such facts.
     pub(crate) owned: BTreeSet<(FactSymbolKind, Name)>,
-    /// Symbols of all facts that the agent knows from the start.
+    /// Symbols of all facts that the model states at the start.
     pub(crate) said: BTreeSet<(FactSymbolKind, Name)>,
-    /// The objects that the agent brings.
+    /// The objects that the model declares.
     pub(crate) objects: BTreeSet<Name>,
     pub(crate) flaws: Vec<ModelFlaw>,
 }
@@ -84,14 +86,15 @@ pub(crate) struct ModelSummary {
 // === impl Declaration ===
 
 impl Declaration {
-    /// Whether two agents declare the same.
+    /// Whether the declarations of two agents are the same.
     pub(crate) fn agrees(&self, other: &Declaration) -> bool {
         self.signature == other.signature
             && self.axioms.len() == other.axioms.len()
             && self.axioms.iter().zip(&other.axioms).all(|(one, two)| one.key == two.key)
     }
 
-    /// Whether an agent repeats what the ontology declares. It need not repeat the axioms.
+    /// Whether an agent's declaration repeats the declaration `shared` of the ontology. It need not
+    /// repeat the axioms.
     pub(crate) fn repeats(&self, shared: &Declaration) -> bool {
         self.signature == shared.signature && (self.axioms.is_empty() || self.agrees(shared))
     }
@@ -122,8 +125,8 @@ fn parameters_of(parameters: &[Typed]) -> CanonicalText {
 // === impl DeclaredItem ===
 
 impl DeclaredItem {
-    /// Returns the types it depends on: those of parameters, that of an object, or the supertypes of a
-    /// type.
+    /// Returns the types that the declaration mentions: those of the parameters, that of the object, or
+    /// the supertypes of the type.
     pub(crate) fn types(&self) -> Vec<&TypeExpr> {
         match self {
             DeclaredItem::Type(typed) => vec![&typed.ty],
@@ -139,8 +142,7 @@ impl DeclaredItem {
 // === impl ModelSummary ===
 
 impl ModelSummary {
-    /// Takes an agent's model apart. Leaves in `model` its frame, which is the model without facts and
-    /// actions.
+    /// Divides an agent's model into the parts of a summary. Removes the facts and actions from `model`.
     ///
     /// Returns an error if the model exceeds a limit.
     pub(crate) fn of_model(model: &mut ActionModel) -> Result<ModelSummary, Declined> {
@@ -167,7 +169,7 @@ impl ModelSummary {
         Ok(manifest)
     }
 
-    /// Takes the shared ontology and the map's objects apart.
+    /// Divides the shared ontology and the objects of the map into the parts of a summary.
     pub(crate) fn of_ontology(ontology: &Domain, map: &Problem) -> ModelSummary {
         let mut manifest = ModelSummary::default();
         let public =

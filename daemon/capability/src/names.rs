@@ -1,9 +1,9 @@
-//! The names of actions inside the composite domain.
+//! Names of actions inside the composite domain.
 //!
-//! Outside, an action has the name that its agent gave it. Inside, different actions of the same name
-//! are named `NAME--AGENT`, where the agent is the one that brought that variant first. A variant keeps
-//! its qualified name for as long as any agent offers it, so that plans under way stay valid when
-//! another agent leaves.
+//! An action has two names. Its name outside the composite domain is the one that its agent gave it.
+//! Inside the domain, different actions that have the same name outside are named `NAME--AGENT`, where
+//! the agent is the one that offered that variant of the action first. A variant keeps its name inside
+//! for as long as any agent offers it, so that plans under way stay valid when another agent leaves.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,11 +12,11 @@ use pddl::Name;
 
 use crate::canonical::CanonicalText;
 
-/// The offered variants of each name. Each has the agent to name it after: of its offerers, the one
-/// that has been present longest.
+/// The different actions (variants) that are offered under each name. With each variant is the agent to
+/// name it after: of the agents that offer it, the one that has been present longest.
 pub(crate) type ActionVariants<'a> = BTreeMap<&'a Name, BTreeMap<&'a CanonicalText, &'a AgentId>>;
 
-/// Names that are kept from one composition to the next.
+/// Names of actions inside the domain, kept from one composition to the next.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ActionNames {
     variants: BTreeMap<Name, BTreeMap<CanonicalText, ActionVariant>>,
@@ -31,7 +31,8 @@ struct ActionVariant {
 // === impl ActionNames ===
 
 impl ActionNames {
-    /// Returns a name for every variant in `live`. Drops variants that are not in `live`.
+    /// Returns a name inside the domain for every variant in `live`. Forgets the names of all other
+    /// variants.
     pub(crate) fn assign<'a>(
         &mut self,
         live: &ActionVariants<'a>,
@@ -78,7 +79,8 @@ impl ActionNames {
     }
 }
 
-/// Returns `wanted`, or the first of `wanted-2`, `wanted-3`, … that is not taken.
+/// Returns the name `wanted` if it is not taken, or else the first of `wanted-2`, `wanted-3`, … that is
+/// not taken.
 pub(crate) fn unique(wanted: &str, is_taken: impl Fn(&Name) -> bool) -> Name {
     let numbered = (2..).map(|number| Name::new(&format!("{wanted}-{number}")));
     std::iter::once(Name::new(wanted))

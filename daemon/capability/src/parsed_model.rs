@@ -1,4 +1,4 @@
-//! An announced model, taken apart once for all maintainers of a process.
+//! An announced model, divided into its parts once for all maintainers of a process.
 
 use std::sync::Arc;
 
@@ -8,20 +8,20 @@ use pddl::ActionModel;
 use crate::declined::Declined;
 use crate::model_summary::ModelSummary;
 
-/// A model and its methods. Cheap to clone: it is kept across heartbeats and incarnations, and the
-/// maintainers of one process share it.
+/// A model and its methods. It is cheap to clone, because it is kept across heartbeats and incarnations,
+/// and the maintainers of one process share it.
 #[derive(Clone, Debug)]
 pub(crate) struct ParsedModel {
     pub(crate) digest: Arc<str>,
-    /// The model as written, without its facts and actions: those are in the manifest.
+    /// The model as written, without its facts and actions, which are in `manifest`.
     pub(crate) frame: Arc<ActionModel>,
-    /// The model, taken apart.
+    /// Summary of the model, which has its declarations, actions and facts.
     pub(crate) manifest: Arc<ModelSummary>,
     pub(crate) methods: Arc<Methods>,
 }
 
 impl ParsedModel {
-    /// Takes a model apart.
+    /// Divides a model into its parts.
     ///
     /// Returns an error if the model exceeds a limit.
     pub(crate) fn of(

@@ -1,25 +1,27 @@
-//! Requested claims that have not yet been announced to the agents that receive heartbeats only.
+//! Requested claims that have not yet been announced to the maintainers of actuators, which receive
+//! heartbeats only.
 
 use std::collections::BTreeSet;
 
 use crate::belief::ClaimSource;
 use crate::fact::{FactKey, Owner};
 
-/// If more claims than this change, all of them are announced anew.
+/// Maximum number of changed claims that are recorded one by one. If more have changed, all claims are
+/// announced.
 const UNTOLD_MAX: usize = 1_024;
 
 /// Claims that may have changed since they were last announced.
 #[derive(Clone, Debug, Default)]
 pub(crate) enum PendingChanges {
-    /// All claims: none has been announced yet, or too many have changed.
+    /// All claims may have changed: none has been announced yet, or too many have changed.
     #[default]
     All,
     These(BTreeSet<(FactKey, Owner)>),
 }
 
 impl PendingChanges {
-    /// Adds a claim that was made or withdrawn. It must be announced if its owner is the map or it came
-    /// by request; other claims are ignored.
+    /// Records a claim that was made or withdrawn, if it must be announced: if the owner is the map, or
+    /// the claim came by request.
     pub(crate) fn record(&mut self, fact: &FactKey, owner: &Owner, source: ClaimSource) {
         let PendingChanges::These(untold) = self else { return };
         if *owner != Owner::Map && !source.is_requested() {
@@ -31,7 +33,7 @@ impl PendingChanges {
         }
     }
 
-    /// Returns the recorded claims, and starts again with none.
+    /// Returns the recorded claims, and clears the record.
     pub(crate) fn take(&mut self) -> PendingChanges {
         std::mem::replace(self, PendingChanges::nothing())
     }
@@ -41,7 +43,7 @@ impl PendingChanges {
         PendingChanges::These(BTreeSet::new())
     }
 
-    /// Whether a claim may be recorded.
+    /// Whether the claim of `owner` about `fact` may be recorded as changed.
     pub(crate) fn has(&self, fact: &FactKey, owner: &Owner) -> bool {
         match self {
             PendingChanges::All => true,

@@ -1,4 +1,5 @@
-//! Snapshots: what a planner needs, at one moment, and the mapping between names inside and outside.
+//! Snapshots: the domain and problem that a planner needs, at one moment, and the mapping between the
+//! names of actions inside the domain and those that agents gave them.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
@@ -13,20 +14,22 @@ use crate::composite::{Composite, OfferedAction};
 /// The composite domain and problem at one moment.
 #[derive(Clone, Debug)]
 pub struct DomainSnapshot {
-    /// Number of changes of the set of capabilities: plans made in another epoch may not be possible.
+    /// The epoch: the number of changes of the set of capabilities. Plans made in another epoch may not
+    /// be possible now.
     pub epoch: u64,
-    /// Number of changes of any kind.
+    /// The revision: the number of changes of any kind.
     pub revision: u64,
-    /// The composite domain; the same allocation as long as it does not change.
+    /// The composite domain. Snapshots share its allocation for as long as it does not change.
     pub domain: Arc<Domain>,
     /// The objects and the state as known; the goal is empty.
     pub problem: Problem,
-    /// Names of actions inside the domain → names outside, as the agents call them, where they differ.
+    /// For actions that are renamed in the domain: the name inside the domain → the name that the agents
+    /// gave.
     pub qualified: BTreeMap<Name, Name>,
     /// The methods of each agent with known actions.
     pub methods: BTreeMap<AgentId, Methods>,
-    /// Schemas that no present agent offers, but that were offered in the past or are described in the
-    /// ontology, each in a model of its own. Used for explanations, never for plans.
+    /// Action schemas that no present agent offers, but that an agent offered in the past or the ontology
+    /// describes. Each is in a model of its own. They are used for explanations, never for plans.
     pub former: Vec<Arc<ActionModel>>,
     composite: Arc<Composite>,
 }
@@ -51,19 +54,20 @@ impl DomainSnapshot {
         self.composite.digest()
     }
 
-    /// Returns the problem of reaching `goal` with certainty, measured by `metric`. If that is `None`,
-    /// the metric of the maintainer is used.
+    /// Returns the problem of reaching `goal` with certainty, with plans compared by `metric`. If
+    /// `metric` is `None`, the metric of the maintainer is used.
     pub fn with_goal(&self, goal: &Condition, metric: Option<Metric>) -> Problem {
         let metric = metric.or_else(|| self.problem.metric.clone());
         Problem { goal: self.known_to_hold(goal), metric, ..self.problem.clone() }
     }
 
-    /// Returns the condition that `condition` is known to hold, in the symbols of the domain.
+    /// Returns the condition that is true if `condition` is known to hold, in the symbols of the domain.
     pub fn known_to_hold(&self, condition: &Condition) -> Condition {
         self.composite.knowledge.known_to_hold(condition)
     }
 
-    /// Returns a step with the action's name inside the domain, given the name outside.
+    /// Returns the step with the name that its action has inside the domain. In `step`, the action has
+    /// the name that its agent gave it.
     #[must_use]
     pub fn inside(&self, step: &PlanStep) -> PlanStep {
         let offers =
@@ -73,7 +77,8 @@ impl DomainSnapshot {
         PlanStep { action: action.clone(), ..step.clone() }
     }
 
-    /// Returns a step with the action's name outside, given the name inside the domain.
+    /// Returns the step with the name that its agent gave the action. In `step`, the action has its name
+    /// inside the domain.
     #[must_use]
     pub fn outside(&self, step: &PlanStep) -> PlanStep {
         let action = self.qualified.get(&step.action).unwrap_or(&step.action);

@@ -1,4 +1,4 @@
-//! Time, as this crate sees it: a number that the caller reads from a clock.
+//! Time in this crate: a number that the caller reads from a clock.
 
 use std::time::Duration;
 
@@ -8,13 +8,13 @@ use std::time::Duration;
 pub struct Timestamp(pub u64);
 
 impl Timestamp {
-    /// Returns the point `span` later.
+    /// Returns the point in time that is `span` later.
     #[must_use]
     pub fn after(self, span: Duration) -> Timestamp {
         Timestamp(self.0.saturating_add(u64::try_from(span.as_millis()).unwrap_or(u64::MAX)))
     }
 
-    /// Returns the time from `earlier` to this; zero if `earlier` is later.
+    /// Returns the time from `earlier` to this point; zero if `earlier` is the later one.
     pub fn since(self, earlier: Timestamp) -> Duration {
         Duration::from_millis(self.0.saturating_sub(earlier.0))
     }

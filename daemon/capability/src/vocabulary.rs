@@ -1,8 +1,8 @@
-//! The vocabulary: what a composite domain declares, and whether a schema, a declaration or a fact fits
-//! it.
+//! The vocabulary of a composite domain: what the domain declares, and whether an action schema, a
+//! declaration or a fact fits it.
 //!
-//! Everything is checked here before it is composed, so that no agent can make the common domain or
-//! problem unreadable for a planner.
+//! Every part of a model is checked here before it is composed, so that no agent can make the common
+//! domain or problem unreadable for a planner.
 
 use std::collections::BTreeMap;
 
@@ -11,15 +11,15 @@ use pddl::{Name, TypeExpr, Types};
 use crate::canonical::UsedSymbols;
 use crate::fact::{FactKey, FactSymbolKind, FactValue};
 
-/// The types of a symbol's parameters.
+/// The types of the parameters of a predicate or function.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Signature {
     pub(crate) parameters: Vec<TypeExpr>,
-    /// Whether axioms derive the predicate: then no agent may claim or change its facts.
+    /// Whether axioms derive the predicate. If so, no agent may claim or change facts of it.
     pub(crate) derived: bool,
 }
 
-/// All declared symbols.
+/// All symbols that a composite domain declares.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct DomainVocabulary {
     pub(crate) types: Types,
@@ -36,7 +36,8 @@ impl DomainVocabulary {
         self.predicates.contains_key(name) || self.functions.contains_key(name)
     }
 
-    /// Returns the reason why a schema with these uses cannot be in the domain; `None` if it can.
+    /// Returns the reason why an action schema that uses these symbols cannot be in the domain; `None` if
+    /// it can.
     pub(crate) fn misfit(&self, uses: &UsedSymbols) -> Option<String> {
         let UsedSymbols {
             predicates,

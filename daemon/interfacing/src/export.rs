@@ -1,7 +1,8 @@
-//! The part of an agent's action model that another ecosystem may know: the model of its proxy agent.
+//! Export of an agent's action model: the part that another ecosystem may know becomes the model of the
+//! proxy agent.
 //!
 //! All functions are pure: the same model, vocabulary and ontologies give the same result. So `althing
-//! check` and the running daemon leave out the same things for the same reasons.
+//! check` and the running daemon leave out the same parts of a model for the same reasons.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -17,64 +18,65 @@ use pddl::{
 use super::translate::{TOTAL_COST, Translator, Untranslatable};
 use super::vocabulary::{AgentMapping, InterfaceVocabulary};
 
-/// Both ecosystems, as their files describe them.
+/// Ontologies and maps of the two ecosystems of an interface, as the ecosystem files contain them. An
+/// agent runs on the far side; its proxy agent runs on the near side.
 #[derive(Clone, Copy)]
 pub struct EcosystemFiles<'s> {
-    /// Ontology and map of the agent's side.
+    /// Ontology and map of the far side, where the agent runs.
     pub far: (&'s Domain, &'s Problem),
-    /// Ontology and map of the proxy agent's side.
+    /// Ontology and map of the near side, where the proxy agent runs.
     pub near: (&'s Domain, &'s Problem),
 }
 
-/// Model of a proxy agent, and what was left out of it.
+/// Model of a proxy agent, and what was left out of the original model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExportedModel {
-    /// The model.
+    /// Action model of the proxy agent, in the vocabulary of the near side.
     pub model: ActionModel,
-    /// Facts that hold regardless of the agent's announcements: the exported facts of the far map, and the
-    /// guards of exported objects.
+    /// Facts that hold whatever the agent announces: the exported facts of the far map, and the facts
+    /// that allow actions to use the exported objects (guards).
     pub constant_facts: Vec<InitElement>,
-    /// Longest duration of each of its actions on the far side.
+    /// Longest duration on the far side of each action of the proxy agent.
     pub timeouts: BTreeMap<String, Duration>,
-    /// Actions that cannot be exported.
+    /// Actions that a rule names and that cannot be exported.
     pub excluded: Vec<ExcludedAction>,
 }
 
 /// An action that a rule names and that cannot be exported.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExcludedAction {
-    /// Its far name.
+    /// Name of the action on the far side, where the agent runs.
     pub action: String,
-    /// Its near name, which is in the rule.
+    /// Name of the action on the near side, as the rule gives it.
     pub near: String,
-    /// The reason.
+    /// The reason why the action cannot be exported.
     pub why: ExportError,
 }
 
 /// Why an action is not exported.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ExportError {
-    /// The agent does not offer it.
+    /// The agent does not offer the action.
     NotOffered,
-    /// A condition cannot be translated.
+    /// A condition of the action cannot be translated.
     Condition(Untranslatable),
-    /// The exported parameter type would admit objects that the original action does not accept.
+    /// The exported type of a parameter would admit objects that the original action does not accept.
     Parameter(Name, Untranslatable),
-    /// An effect cannot be translated exactly.
+    /// An effect of the action cannot be translated exactly.
     Effect(Untranslatable),
-    /// The cost cannot be translated.
+    /// The cost of the action cannot be translated.
     Cost(Untranslatable),
-    /// No effect is exported.
+    /// No effect of the action is exported.
     NoEffect,
     /// The action is durative.
     Durative,
 }
 
-/// Returns the part of `model` that the near side may know.
+/// Returns the part of the agent's model `model` that the near side may know.
 ///
 /// # Errors
 ///
-/// Returns an error if the agent has no exported type.
+/// Returns an error if none of the agent's types is exported.
 pub fn export(
     words: &InterfaceVocabulary,
     passage: &AgentMapping,
@@ -189,7 +191,8 @@ fn declared_functions(
     .collect()
 }
 
-/// Returns the proxy agent itself, and the exported objects that the near map does not declare.
+/// Returns the objects of the proxy agent's model: the proxy agent itself, and the exported objects that
+/// the near map does not declare.
 fn objects(
     words: &InterfaceVocabulary,
     passage: &AgentMapping,
@@ -221,7 +224,7 @@ fn objects(
     objects
 }
 
-/// Returns the translations of those facts that are exported, once each.
+/// Returns the translations of those facts in `said` that are exported, each once.
 fn facts(said: &[InitElement], translator: &Translator<'_>) -> Vec<InitElement> {
     let mut facts: Vec<InitElement> = Vec::new();
     for fact in said.iter().filter_map(|fact| translator.fact(fact)) {
@@ -232,7 +235,8 @@ fn facts(said: &[InitElement], translator: &Translator<'_>) -> Vec<InitElement> 
     facts
 }
 
-/// Declares the guard predicate and returns its facts: actions are offered only for exported objects.
+/// Declares the guard predicate in the proxy agent's model, and returns the facts of this predicate.
+/// Through them, actions are offered for exported objects only.
 fn add_guards(
     words: &InterfaceVocabulary,
     passage: &AgentMapping,
@@ -256,7 +260,7 @@ fn guard_atom(guard: &Name, thing: Term) -> Atom {
     Atom { predicate: guard.clone(), arguments: vec![thing], span: Span::default() }
 }
 
-/// Returns an action in near terms, or the reason why it cannot be exported.
+/// Returns an action in the names of the near side, or the reason why it cannot be exported.
 fn exported_schema(
     schema: &ActionSchema,
     near: &Name,
@@ -303,7 +307,7 @@ fn exported_schema(
     })
 }
 
-/// Returns the variable of the acting agent.
+/// Returns the name of the variable that stands for the acting agent in an action.
 fn agent_variable(schema: &ActionSchema) -> Name {
     schema.agent.as_ref().map_or_else(|| Name::new("self"), |agent| agent.name.clone())
 }
@@ -318,8 +322,8 @@ fn cost_effect(value: Expression) -> Effect {
     Effect::Assign(Box::new(Assign { assignment, fluent, value, span }))
 }
 
-/// Translates a goal: a conjunction of facts over the predicates that a rule lets pass. The error is a text
-/// for a person.
+/// Translates a goal, which must be a conjunction of facts over the predicates that a rule lets pass. If
+/// it cannot be translated, returns the reason as text for a person.
 pub(crate) fn goal(
     text: &str,
     predicates: &BTreeSet<String>,
@@ -351,7 +355,7 @@ pub(crate) fn goal(
     Ok(format!("(and {})", said.join(" ")))
 }
 
-/// Returns the facts of a conjunction.
+/// Returns the facts that a condition is a conjunction of, or the reason why it is none.
 fn atoms(condition: &Condition) -> Result<Vec<&Atom>, String> {
     match condition {
         Condition::Atom(atom) => Ok(vec![atom]),
@@ -393,7 +397,8 @@ impl fmt::Display for ExcludedAction {
 }
 
 impl ExcludedAction {
-    /// Returns a change of the rule that would let the action pass, if there is one.
+    /// Returns advice on how to change the rule so that the action can be exported; `None` if there is
+    /// none.
     pub fn help(&self) -> Option<String> {
         let ExcludedAction { near, why, .. } = self;
         match why {
@@ -435,7 +440,8 @@ mod tests {
         pairs.iter().map(|(far, near)| ((*far).to_owned(), Name::new(near))).collect()
     }
 
-    /// Returns the exported form of one action of a robot `r1`, as `do` of `helper`.
+    /// Returns the exported form of one action of the robot `r1`. On the near side, the action is `do` of
+    /// the agent `helper`.
     fn exported(action: &str) -> Result<String, String> {
         let words = InterfaceVocabulary {
             types: table(&[("place", "spot"), ("robot", "aide")]),
@@ -549,7 +555,7 @@ mod tests {
         assert!(exported(&other).expect_err("not offered").contains("does not offer"));
     }
 
-    /// The name of a variable is a symbol of the agent's, too.
+    /// The name of a variable is one of the agent's symbols too, so it is not passed on.
     #[test]
     fn variables_are_numbered_and_stay_bound_as_they_were() {
         let text = exported(&action(

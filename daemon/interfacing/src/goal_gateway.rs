@@ -1,9 +1,9 @@
-//! A desk: the agent that accepts goals of one ecosystem for the other.
+//! The goal desk: the agent that accepts goals in one ecosystem for the other ecosystem.
 //!
-//! The desk accepts goals over the predicates of its rule, translates them, and requests them from the
-//! other ecosystem's Plan Requester. It passes back how they stand, in texts of its own. It refuses a goal
-//! of an agent that comes from another ecosystem itself: otherwise two desks could pass one goal to each
-//! other for ever.
+//! A goal desk accepts goals over the predicates of its rule, translates them, and requests them from the
+//! Plan Requester of the other ecosystem. It passes reports about each goal back to the initiator, in
+//! texts of its own. It refuses a goal of an agent that is itself represented from another ecosystem:
+//! otherwise two goal desks could pass one goal to each other for ever.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -22,26 +22,27 @@ use super::remote_client::{RemoteClient, RemoteRequest, RemoteUpdate};
 use super::translate::Translator;
 use super::vocabulary::InterfaceVocabulary;
 
-/// Maximum number of goals that one desk follows at a time.
+/// Maximum number of goals that one goal desk follows at a time.
 const GOALS_MAX: usize = 64;
 
 pub(super) struct GoalGateway {
-    /// The ecosystem that is to achieve the goals.
+    /// Name of the ecosystem that should reach the goals.
     pub(super) far: EcosystemId,
-    /// Predicates, by near name, that goals may contain.
+    /// Predicates that goals may contain, by their names on the near side, where the goals are requested.
     pub(super) goals: BTreeSet<String>,
-    /// Vocabulary, near name = far name.
+    /// Vocabulary of the interface for goals: near name = far name.
     pub(super) words: InterfaceVocabulary,
     pub(super) near: (Arc<Domain>, Arc<Problem>),
     pub(super) revocable: bool,
     pub(super) voice: RemoteClient,
     pub(super) outward: Arc<RateLimiter>,
     pub(super) counters: Arc<InterfaceCounters>,
-    /// Open goals, by initiator and token: tokens of different initiators may be equal.
+    /// Open goals, by initiator and token. The token alone is not enough: different initiators may use
+    /// the same one.
     pub(super) open: BTreeMap<RequestKey, WorkHandle>,
 }
 
-/// Initiator of a request, and the token that it gave it.
+/// Key of a request: its initiator, and the token that the initiator gave the request.
 pub(super) type RequestKey = (AgentId, ReplyToken);
 
 impl Agent for GoalGateway {
@@ -69,7 +70,7 @@ impl GoalGateway {
         }
     }
 
-    /// Translates a goal. Returns a refusal if it must not pass.
+    /// Translates a requested goal. Returns a refusal if the goal must not pass to the other ecosystem.
     fn admit(&self, message: &Message, achieve: Achieve) -> Result<GoalRequest, Refusal> {
         let GoalGateway { far, goals, words, near, outward, counters, .. } = self;
         if !message.via.is_empty() {
@@ -107,7 +108,7 @@ impl GoalGateway {
         self.open.insert(asking, work);
     }
 
-    /// Waits for the next report on a goal.
+    /// Waits for the next report from the other ecosystem about a goal.
     fn await_update(
         &mut self,
         engagement: Participation,
@@ -130,7 +131,7 @@ impl GoalGateway {
         self.open.insert(asking, work);
     }
 
-    /// Passes on how a goal stands, without the other ecosystem's texts.
+    /// Reports the state of a goal to the initiator. The texts of the other ecosystem are not passed on.
     fn answer(&mut self, engagement: &Participation, news: &RemoteUpdate, ctx: &mut Context<Self>) {
         let far = &self.far;
         match news {
@@ -171,7 +172,7 @@ fn request_key(engagement: &Participation) -> RequestKey {
 mod tests {
     use super::*;
 
-    /// Tokens are counted by their initiator: two initiators may give the same one.
+    /// Each initiator counts its own tokens, so two initiators may use the same token.
     #[test]
     fn what_two_call_the_same_is_two_things() {
         let of = |asker: &str| {

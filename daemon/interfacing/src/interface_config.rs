@@ -1,5 +1,5 @@
-//! An interface between two ecosystems as the file of one of them declares it. The reader of that file has
-//! checked it against the vocabularies of both.
+//! An interface between two ecosystems, as the ecosystem file of one of them declares it. The reader of
+//! that file has checked the interface against the vocabularies of both ecosystems.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -7,49 +7,52 @@ use std::path::PathBuf;
 use acl::{AgentId, DaemonId, Performative};
 
 /// Performatives that a rule can let pass: reports, calls for proposals, requests, and cancellations. An
-/// answer passes if the message that it answers did.
+/// answer passes if the message that it answers has passed.
 pub const PASSABLE_PERFORMATIVES: [Performative; 4] =
     [Performative::Inform, Performative::Cfp, Performative::Request, Performative::Cancel];
 
-/// One `[[interface]]`.
+/// One `[[interface]]` table of an ecosystem file: the interface to one other ecosystem.
 #[derive(Clone, Debug)]
 pub struct InterfaceEntry {
-    /// File of the other ecosystem.
+    /// Path of the other ecosystem's file.
     pub file: PathBuf,
-    /// The daemon of this ecosystem that joins both; `None` if the only daemon does.
+    /// The daemon of this ecosystem that takes part in both ecosystems; `None` if this ecosystem has only
+    /// one daemon.
     pub daemon: Option<DaemonId>,
-    /// Name in the other ecosystem of the daemon, and of the agent that makes requests for this one.
+    /// Name, in the other ecosystem, of the daemon that joins both, and of the agent that makes requests
+    /// there for this ecosystem.
     pub remote_name: AgentId,
-    /// Maximum number of messages per second, each way.
+    /// Maximum number of messages per second in each direction.
     pub rate: f64,
-    /// Types, own name = other name. Symbols without an entry do not pass; the same holds for the next
-    /// three.
+    /// Types that may pass: name in this ecosystem = name in the other. Types without an entry do not
+    /// pass.
     pub types: BTreeMap<String, String>,
-    /// Predicates, own name = other name.
+    /// Predicates that may pass: name in this ecosystem = name in the other.
     pub predicates: BTreeMap<String, String>,
-    /// Functions, own name = other name.
+    /// Functions that may pass: name in this ecosystem = name in the other.
     pub functions: BTreeMap<String, String>,
-    /// Objects, own name = other name.
+    /// Objects that may pass: name in this ecosystem = name in the other.
     pub objects: BTreeMap<String, String>,
-    /// Rules for agents and goals of the other ecosystem that are available here.
+    /// Rules for agents and goals of the other ecosystem that are available in this one.
     pub imports: Vec<RuleEntry>,
-    /// Rules for agents and goals of this ecosystem that are available there.
+    /// Rules for agents and goals of this ecosystem that are available in the other.
     pub exports: Vec<RuleEntry>,
 }
 
-/// One `[[interface.import]]` or `[[interface.export]]`.
+/// One rule of an interface: an `[[interface.import]]` or `[[interface.export]]` table.
 #[derive(Clone, Debug)]
 pub struct RuleEntry {
-    /// The agent to represent, by its own name; `None` if the rule is about goals.
+    /// The agent to represent, by its name in its own ecosystem; `None` if the rule is about goals.
     pub agent: Option<AgentId>,
-    /// Name on the other side of the agent, or of the desk that takes the goals.
+    /// Name of the proxy agent, or of the goal desk, in the ecosystem where it runs.
     pub proxy_name: AgentId,
-    /// Performatives that pass.
+    /// Performatives of messages that may pass under the rule.
     pub performatives: BTreeSet<Performative>,
-    /// Actions of the agent: own name = other name.
+    /// Actions of the agent that may pass: name in this ecosystem = name in the other.
     pub actions: BTreeMap<String, String>,
-    /// Costs of its actions in plans of the side where it is represented, under the names there.
+    /// Costs of the agent's actions in plans of the ecosystem where it is represented, by the names that
+    /// the actions have there.
     pub costs: BTreeMap<String, f64>,
-    /// Predicates of this ecosystem that goals may contain.
+    /// Predicates that goals may contain, by their names in this ecosystem.
     pub goals: BTreeSet<String>,
 }

@@ -1,17 +1,19 @@
-//! Interfacing nodes (the paper, “Interfacing Node”; docs/design.md, “Between ecosystems”): a daemon that
-//! takes part in two ecosystems, and passes on exactly what its rules export.
+//! Interfacing nodes (the paper, “Interfacing Node”; docs/design.md, “Between ecosystems”): daemons that
+//! take part in two ecosystems, and pass on exactly what the rules of an interface export.
 //!
-//! - No message crosses; agents are represented. On the *far* side, where an agent runs, an
-//!   `agent::Observer` watches it. On the *near* side a proxy agent (`proxy_device`) stands for it: an actuator
-//!   of its own, with the agent's model translated into the near vocabulary (`words`, `translate`,
-//!   `export`). A request to the proxy agent is sent to the real agent by a Keyboard Agent on the far side
-//!   (`voice`), as a person would. So tokens, receipts, incarnations and conversations belong to one
-//!   ecosystem each, and no identifier of one ever appears in the other.
-//! - `desk` accepts goals for the other side. `crossing` starts and stops a proxy agent with the real one,
-//!   and rejects agents that would return to the ecosystem they come from. `rate_limiter` limits the rate.
+//! - No message passes from one ecosystem to the other; agents are represented instead. On the *far*
+//!   side, where an agent runs, an `agent::Observer` watches it. On the *near* side a proxy agent
+//!   (`proxy_device`) represents it: an actuator of its own, with the agent's model translated into the
+//!   near vocabulary (`vocabulary`, `translate`, `export`). A request to the proxy agent is sent to the
+//!   real agent by a Keyboard Agent on the far side (`remote_client`), as a person would send it. So
+//!   tokens, receipts, incarnations and conversations belong to one ecosystem each, and no identifier of
+//!   one ecosystem ever appears in the other.
+//! - `goal_gateway` accepts goals for the other side. `proxy_lifecycle` starts and stops a proxy agent
+//!   with the real agent, and rejects agents that would return to the ecosystem they come from.
+//!   `rate_limiter` limits the number of messages per second.
 //!
-//! This crate leaves to others: the behaviour of a proxy agent as an actuator (`actuator`); reading the
-//! rules, checking them against both ecosystems' vocabularies, and both substrates (`althing`).
+//! This crate leaves to others: the behaviour of a proxy agent as an actuator (`actuator`); and reading
+//! the rules, checking them against the vocabularies of both ecosystems, and both substrates (`althing`).
 
 pub mod export;
 mod goal_gateway;
@@ -39,42 +41,43 @@ use rate_limiter::RateLimiter;
 use remote_client::RemoteClient;
 use vocabulary::{AgentMapping, InterfaceVocabulary, RuleDirection};
 
-/// One of the two ecosystems, and where this daemon's agents are started in it.
+/// One of the two ecosystems of an interface, and the place where this daemon starts agents in it.
 #[derive(Clone)]
 pub struct EcosystemEndpoint {
-    /// The ecosystem.
+    /// Name of the ecosystem.
     pub name: EcosystemId,
-    /// Its ontology.
+    /// Ontology of the ecosystem.
     pub domain: Arc<Domain>,
-    /// Its map.
+    /// Map of the ecosystem.
     pub problem: Arc<Problem>,
-    /// Where agents are started.
+    /// Starts the agents of this daemon in the ecosystem.
     pub spawner: Spawner,
 }
 
 /// Counters of a running interface.
 pub struct Interface {
-    /// From the other ecosystem to this one.
+    /// Counters of what passed, or did not, from the other ecosystem to this one.
     pub imported: Arc<InterfaceCounters>,
-    /// From this ecosystem to the other.
+    /// Counters of what passed, or did not, from this ecosystem to the other.
     pub exported: Arc<InterfaceCounters>,
 }
 
-/// Why an interface cannot work. Completes “failed to …”.
+/// Why an interface cannot work. The text of the error completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 pub enum InterfaceError {
-    /// The name of an agent cannot be formed.
+    /// No valid name can be formed for an agent of the interface.
     #[error("join `{far}`: {source}")]
     Name {
-        /// The other ecosystem.
+        /// Name of the other ecosystem.
         far: EcosystemId,
-        /// Why the name is not valid.
+        /// Why the formed name is not valid.
         #[source]
         source: acl::InvalidName,
     },
 }
 
-/// Starts an interface, which runs until its daemon drains: `home` is this ecosystem, `away` the other.
+/// Starts an interface between the ecosystems `home` (this one) and `away` (the other one). It runs until
+/// the daemon drains in the ecosystem.
 ///
 /// # Errors
 ///
@@ -125,7 +128,7 @@ struct InterfaceDirection<'b> {
     far: EcosystemEndpoint,
     /// Name in `far` of the agent that makes requests for `near`.
     client_name: AgentId,
-    /// Rate limits to `far`, and from it.
+    /// Limits the rate of messages to `far`; `inbound_limit` limits the rate of messages from it.
     outbound_limit: Arc<RateLimiter>,
     inbound_limit: Arc<RateLimiter>,
     counters: Arc<InterfaceCounters>,
@@ -150,7 +153,8 @@ impl InterfaceDirection<'_> {
         }
     }
 
-    /// The route of the agents that act for `near` in `far`: they come from `near`.
+    /// Returns the route of the agents that act for `near` in `far`: the list of ecosystems that they
+    /// come from, which is `near` alone.
     fn client_route(&self) -> Vec<EcosystemId> {
         vec![self.near.name.clone()]
     }

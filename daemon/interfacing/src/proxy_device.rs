@@ -1,9 +1,9 @@
-//! Proxy agents: an agent of another ecosystem, as far as this one may know it.
+//! Proxy agents: each represents an agent of another ecosystem, as far as this ecosystem may know it.
 //!
-//! A proxy agent is an actuator like any other here, with heartbeats, tokens and bids of its own. A request
-//! to it is passed to the real agent through the Plan Executor of that agent's ecosystem ([`RemoteClient`]). Each
-//! side has a conversation of its own. Only a step in translated names passes to the far side, and only its
-//! outcome passes back.
+//! A proxy agent is an actuator like any other in this ecosystem, with heartbeats, tokens and bids of its
+//! own. A request to the proxy agent is passed to the real agent through the Plan Executor of the real
+//! agent's ecosystem ([`RemoteClient`]). Each side has a conversation of its own. Only a step in
+//! translated names passes to the far side, and only the outcome of the step passes back.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -25,38 +25,41 @@ use super::remote_client::{RemoteClient, RemoteUpdate};
 use super::translate::{self, Translator};
 use super::vocabulary::{AgentMapping, InterfaceVocabulary};
 
-/// Time for the far side's Plan Executor in addition to the method's own: discovery, agreement and
-/// confirmation there, and the same on this side.
+/// Time that the proxy agent allows for an action in addition to the time limit of the real agent's
+/// method. It is for the far side's Plan Executor (discovery, agreement and confirmation), and for the
+/// same on this side.
 const METHOD_MARGIN: Duration = Duration::from_secs(10);
 
-/// Everything that one rule passes between the two ecosystems.
+/// Everything that a proxy agent needs of the rule for it and of the two ecosystems.
 pub(super) struct ProxyContext {
     pub(super) mapping: AgentMapping,
     pub(super) performatives: BTreeSet<Performative>,
-    /// Vocabulary, far name = near name.
+    /// Vocabulary of the interface: far name = near name.
     pub(super) vocabulary: InterfaceVocabulary,
-    /// The ecosystem of the real agent.
+    /// Name of the far ecosystem, where the real agent runs.
     pub(super) far: EcosystemId,
     pub(super) far_files: (Arc<Domain>, Arc<Problem>),
     pub(super) near_files: (Arc<Domain>, Arc<Problem>),
     /// Client that makes requests in the far ecosystem.
     pub(super) voice: RemoteClient,
-    /// Rate limits to the far side, and from it.
+    /// Limits the rate of messages to the far side; `near_limit` limits the rate of messages from it.
     pub(super) far_limit: Arc<RateLimiter>,
     pub(super) near_limit: Arc<RateLimiter>,
     pub(super) counters: Arc<InterfaceCounters>,
 }
 
-/// Numbers of requests and agents that passed or did not, for the operator.
+/// Numbers of requests and agents that an interface passed on or stopped in one direction, for the
+/// operator.
 #[derive(Debug, Default)]
 pub struct InterfaceCounters {
-    /// Requests passed on.
+    /// Number of requests that were passed on.
     pub passed: AtomicU64,
-    /// Requests refused because of the rate limit.
+    /// Number of requests that were refused because of the rate limit.
     pub over_rate: AtomicU64,
-    /// Requests that name a symbol that is not exported.
+    /// Number of requests that named a symbol that is not exported.
     pub unexported: AtomicU64,
-    /// Agents and goals that would have returned to the ecosystem they come from.
+    /// Number of agents and goals that were rejected because they would have returned to the ecosystem
+    /// they come from.
     pub loops: AtomicU64,
 }
 
@@ -67,11 +70,11 @@ impl ProxyContext {
         self.performatives.contains(&performative)
     }
 
-    /// Returns the proxy agent's model of the agent.
+    /// Returns the proxy agent's model, made from the observed model of the real agent.
     ///
     /// # Errors
     ///
-    /// Returns an error if the agent cannot be represented at all.
+    /// Returns an error if no part of the agent can be represented.
     pub(super) fn export(&self, sighted: &AgentSnapshot) -> Result<ExportedModel, String> {
         let shores = EcosystemFiles {
             far: (&self.far_files.0, &self.far_files.1),
@@ -90,7 +93,8 @@ impl ProxyContext {
         Translator::of_model(&self.vocabulary, &self.mapping, far, model)
     }
 
-    /// Translates a step to the far side. The error names what is not exported.
+    /// Translates a step of the near side to the names of the far side. If that is not possible, returns
+    /// a text that names what is not exported.
     fn to_far_step(&self, action: &str) -> Result<String, String> {
         let step = pddl::parse_step(action).into_result();
         let step = step.map_err(|_| "the action cannot be read".to_owned())?;
@@ -104,7 +108,7 @@ impl ProxyContext {
 
 // === impl ProxyDevice ===
 
-/// Device of the actuator that is a proxy agent.
+/// Device that lets an actuator act as a proxy agent: it passes actions to the real agent.
 pub(super) struct ProxyDevice {
     context: Arc<ProxyContext>,
     sight: AgentWatch,
@@ -113,7 +117,7 @@ pub(super) struct ProxyDevice {
 }
 
 impl ProxyDevice {
-    /// Returns a proxy of the agent as it is observed now.
+    /// Returns a device for the real agent as it is observed now.
     pub(super) fn new(
         crossing: Arc<ProxyContext>,
         sight: AgentWatch,
@@ -124,8 +128,8 @@ impl ProxyDevice {
         ProxyDevice { context: crossing, sight, sighted, exported }
     }
 
-    /// Updates the proxy from the latest observation. If the agent is gone, nothing changes here;
-    /// `crossing` ends the proxy agent.
+    /// Updates the model and state of the proxy agent from the latest observation of the real agent. If
+    /// the real agent is gone, nothing changes here; `proxy_lifecycle` ends the proxy agent.
     fn update(&mut self) {
         let Some(sighted) = self.sight.borrow_and_update().clone() else { return };
         if sighted.digest != self.sighted.digest {
@@ -264,7 +268,8 @@ impl Device for ProxyDevice {
     }
 }
 
-/// Converts the end of a request to a result, without the other ecosystem's texts.
+/// Converts the last report on a far request to the result of the action. The texts of the other
+/// ecosystem are left out.
 fn method_result(crossing: &ProxyContext, news: RemoteUpdate) -> Result<Report, MethodFailure> {
     let far = &crossing.far;
     let reason = news.reason();

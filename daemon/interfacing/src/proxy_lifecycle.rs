@@ -1,4 +1,5 @@
-//! Lifecycle of a proxy agent: it exists while the real agent is present, and leaves when that leaves.
+//! Lifecycle of a proxy agent: it exists while the real agent is present, and leaves when the real agent
+//! leaves.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -11,14 +12,16 @@ use serde_json::Value;
 
 use super::proxy_device::{ProxyContext, ProxyDevice};
 
-/// Maximum number of ecosystems on an agent's route. An ecosystem that lends on what has been lent twice
-/// before cannot oversee what it lends.
+/// Maximum number of ecosystems on an agent's route, which is the list of ecosystems that represent the
+/// agent one after the other. An ecosystem cannot oversee an agent that it would represent after more
+/// than two others.
 const VIA_MAX: usize = 3;
 
-/// Pause before a proxy agent is started again that ended by itself, because its name is taken.
+/// Pause before a proxy agent is started again that ended by itself, which happens if its name is taken.
 const RESTART_DELAY: Duration = Duration::from_secs(5);
 
-/// Keeps the proxy agent of one agent running until the daemon drains.
+/// Keeps the proxy agent of one real agent running for as long as the real agent is present, until the
+/// daemon drains.
 pub(super) async fn run_proxy(crossing: Arc<ProxyContext>, mut sight: AgentWatch, near: Spawner) {
     let stopping = near.stopping.clone();
     loop {
@@ -102,7 +105,8 @@ async fn run_incarnation(
     false
 }
 
-/// Returns the route of an agent up to here; `None` if it must not be represented here.
+/// Returns the list of ecosystems through which a real agent reaches this one; `None` if the agent must
+/// not be represented here.
 fn route(
     crossing: &ProxyContext,
     sighted: &AgentSnapshot,
@@ -122,12 +126,13 @@ fn route(
     Some(via)
 }
 
-/// Waits until the agent is present. Returns `None` if the observer has ended.
+/// Waits until the real agent is present, and returns its observed state. Returns `None` if the observer
+/// has ended.
 async fn wait_until_present(sight: &mut AgentWatch) -> Option<AgentSnapshot> {
     sight.wait_for(Option::is_some).await.ok()?.clone()
 }
 
-/// Waits until the agent is gone, or another incarnation of it is present.
+/// Waits until the real agent is gone or has another incarnation.
 async fn wait_until_gone(sight: &mut AgentWatch, incarnation: Incarnation) {
     let is_gone = |sighted: &Option<AgentSnapshot>| {
         sighted.as_ref().is_none_or(|it| it.incarnation != incarnation)
@@ -136,8 +141,8 @@ async fn wait_until_gone(sight: &mut AgentWatch, incarnation: Incarnation) {
     let _ = sight.wait_for(is_gone).await;
 }
 
-/// Waits until the agent has another incarnation or model, or is gone: the present one cannot be
-/// represented.
+/// Waits until the real agent has another incarnation or another model, or is gone. Used if the agent
+/// cannot be represented with its present model.
 async fn wait_until_changed(sight: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
     let is_other = |sighted: &Option<AgentSnapshot>| {
         sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)

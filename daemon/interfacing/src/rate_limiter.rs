@@ -1,14 +1,15 @@
-//! Rate limit of one direction: a token bucket.
+//! Limit on the rate of messages in one direction of an interface: a token bucket.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// Capacity of a bucket in seconds of its rate: enough for a plan of a few steps and the reports about it.
+/// Capacity of a token bucket, as the number of seconds in which it fills: enough for a plan of a few
+/// steps and the reports about it.
 const BURST_SECONDS: f64 = 2.0;
 
-/// Limits the number of messages per second.
+/// Token bucket that limits the number of messages per second.
 #[derive(Debug)]
 pub(super) struct RateLimiter {
     per_second: f64,
@@ -22,7 +23,7 @@ struct BucketState {
 }
 
 impl RateLimiter {
-    /// Returns a full bucket.
+    /// Returns a full bucket that allows `per_second` messages per second.
     pub(super) fn new(per_second: f64) -> RateLimiter {
         let tokens = RateLimiter::burst_capacity(per_second);
         RateLimiter {
@@ -31,7 +32,7 @@ impl RateLimiter {
         }
     }
 
-    /// Returns the number of messages per second.
+    /// Returns the number of messages per second that the bucket allows.
     pub(super) fn per_second(&self) -> f64 {
         self.per_second
     }
@@ -40,7 +41,7 @@ impl RateLimiter {
         (per_second * BURST_SECONDS).max(1.0)
     }
 
-    /// Takes a token; returns `false` if there is none.
+    /// Takes one token from the bucket; returns `false` if the bucket is empty.
     pub(super) fn try_acquire(&self) -> bool {
         let mut state = self.refill();
         let is_enough = state.tokens >= 1.0;
@@ -50,7 +51,7 @@ impl RateLimiter {
         is_enough
     }
 
-    /// Waits for a token and takes it.
+    /// Waits until the bucket has a token, and takes it.
     pub(super) async fn acquire(&self) {
         loop {
             let missing = {

@@ -1,8 +1,9 @@
-//! Client in another ecosystem: an ordinary Keyboard Agent, as a person's would be.
+//! Client that makes requests in another ecosystem: an ordinary Keyboard Agent, as a person uses one.
 //!
-//! An action is requested from that ecosystem's own Plan Executor, and a goal from its own Plan Requester,
-//! with the tokens, the receipts and the checks that apply to all requests. So the actions there follow the
-//! rules of that ecosystem, and no identifier of one ecosystem ever appears in the other.
+//! An action is requested from the Plan Executor of the other ecosystem, and a goal from its Plan
+//! Requester, with the tokens, the receipts and the checks that apply to all requests. So the actions in
+//! the other ecosystem follow the rules there, and no identifier of one ecosystem ever appears in the
+//! other.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -11,11 +12,12 @@ use acl::{ConversationId, Message, Performative};
 use keyboard::{GoalRequest, Terminal, UserEvent, UserRequest};
 use tokio::sync::mpsc;
 
-/// Maximum number of queued requests, and of queued reports of one request.
+/// Maximum number of requests that wait in the client's queue. `UPDATES_MAX` is the maximum number of
+/// reports on one request that wait.
 const COMMANDS_MAX: usize = 256;
 const UPDATES_MAX: usize = 64;
 
-/// Handle of the client. Clones share one client.
+/// Handle of a client that makes requests in another ecosystem. Clones share one client.
 #[derive(Clone, Debug)]
 pub struct RemoteClient(mpsc::Sender<RemoteCommand>);
 
@@ -25,28 +27,30 @@ enum RemoteCommand {
     Cancel(ConversationId),
 }
 
-/// A request that was sent. If it is dropped before its end, it is cancelled.
+/// A request that was sent to another ecosystem. If this handle is dropped before the request has ended,
+/// the request is cancelled, if it is revocable.
 pub struct RemoteRequest {
     client: RemoteClient,
     updates: mpsc::Receiver<UserEvent>,
     conversation: Option<ConversationId>,
-    /// Whether it is cancelled when it is dropped.
+    /// Whether the request is cancelled when this handle is dropped.
     revocable: bool,
 }
 
-/// Progress or end of a request.
+/// Progress or end of a request in another ecosystem.
 #[derive(Clone, Debug)]
 pub enum RemoteUpdate {
-    /// A report of its state.
+    /// A report of the state of the request.
     Report(Report),
-    /// The request was refused.
+    /// The request was refused, for this reason.
     Refused(Refusal),
-    /// No agent answered.
+    /// No agent answered the request.
     Unanswered,
 }
 
 impl RemoteClient {
-    /// Returns a client that uses this terminal; the future runs it.
+    /// Returns a client that sends its requests through `terminal`, and a future that must be run for the
+    /// client to work.
     pub fn new(terminal: Terminal) -> (RemoteClient, impl Future<Output = ()> + Send + 'static) {
         let (orders, heard) = mpsc::channel(COMMANDS_MAX);
         let speaker = ClientTask {
@@ -58,23 +62,25 @@ impl RemoteClient {
         (RemoteClient(orders), speaker.run())
     }
 
-    /// Requests one action.
+    /// Requests one action. If `revocable` is true, the action is cancelled when the returned handle is
+    /// dropped early.
     pub async fn request_action(&self, action: String, revocable: bool) -> RemoteRequest {
         self.send_request(UserRequest::Act(action), revocable).await
     }
 
-    /// Requests a goal.
+    /// Requests a goal. If `revocable` is true, the goal is cancelled when the returned handle is dropped
+    /// early.
     pub async fn request_goal(&self, wish: GoalRequest, revocable: bool) -> RemoteRequest {
         self.send_request(UserRequest::RequestGoal(wish), revocable).await
     }
 
-    /// Cancels a request.
+    /// Cancels the request that has this conversation.
     pub async fn cancel(&self, conversation: ConversationId) {
         // A client that has ended has cancelled everything.
         let _ = self.0.send(RemoteCommand::Cancel(conversation)).await;
     }
 
-    /// Sends a request that is answered.
+    /// Sends a request of any kind, and returns a handle that receives the answers.
     pub async fn send_request(&self, said: UserRequest, revocable: bool) -> RemoteRequest {
         let (tell, news) = mpsc::channel(UPDATES_MAX);
         // A client that has ended drops the sender; [`RemoteRequest::next`] then returns [`RemoteUpdate::Unanswered`].
@@ -84,12 +90,12 @@ impl RemoteClient {
 }
 
 impl RemoteRequest {
-    /// Returns its conversation; `None` until it has one.
+    /// Returns the conversation of the request; `None` until the request has one.
     pub fn conversation(&self) -> Option<&ConversationId> {
         self.conversation.as_ref()
     }
 
-    /// Waits for the next report; the last one is final.
+    /// Waits for the next report on the request; the last report is final.
     pub async fn next(&mut self) -> RemoteUpdate {
         loop {
             let Some(heard) = self.updates.recv().await else {
@@ -127,7 +133,7 @@ impl Drop for RemoteRequest {
 }
 
 impl RemoteUpdate {
-    /// Whether no further report follows.
+    /// Whether no further report on the request follows this one.
     pub fn is_final(&self) -> bool {
         match self {
             RemoteUpdate::Report(report) => report.outcome.is_final(),
@@ -135,8 +141,8 @@ impl RemoteUpdate {
         }
     }
 
-    /// Returns why the request did not succeed; `None` if it did or still runs. Only the reason crosses,
-    /// not the other ecosystem's text.
+    /// Returns the reason why the request did not succeed; `None` if it succeeded or still runs. The text
+    /// of the other ecosystem is not included.
     pub fn reason(&self) -> Option<Reason> {
         match self {
             RemoteUpdate::Refused(refusal) => Some(refusal.reason),
@@ -149,7 +155,8 @@ impl RemoteUpdate {
     }
 }
 
-/// Returns the report that follows from an answer to a message that was sent literally.
+/// Converts an answer to a message that was sent as it was written. Returns `None` if the answer says
+/// nothing about the state of the request.
 fn update_of(message: &Message, is_final: bool) -> Option<RemoteUpdate> {
     match message.performative {
         Performative::Confirm => message.content_as().ok().map(RemoteUpdate::Report),
@@ -160,11 +167,12 @@ fn update_of(message: &Message, is_final: bool) -> Option<RemoteUpdate> {
     }
 }
 
-/// Task that owns the terminal.
+/// Task that sends the requests of a client through the terminal, and passes the answers on.
 struct ClientTask {
     terminal: Terminal,
     commands: mpsc::Receiver<RemoteCommand>,
-    /// Requests that have no conversation yet; the keyboard assigns conversations in this order.
+    /// Where to send the answers to requests that have no conversation yet. The keyboard assigns
+    /// conversations in the order of this queue.
     awaiting_conversation: VecDeque<mpsc::Sender<UserEvent>>,
     open: BTreeMap<ConversationId, mpsc::Sender<UserEvent>>,
 }

@@ -1,12 +1,14 @@
-//! Translates an agent's symbols to those of another ecosystem, one by one, by a vocabulary.
+//! Translates the symbols of an agent to those of another ecosystem, one by one, by the vocabulary of an
+//! interface.
 //!
-//! - Symbols that are not in the vocabulary are left out. Private symbols are left out even if they are in
-//!   it. No text is passed on: the output consists of names of the vocabulary and of renumbered variables.
+//! - Symbols that are not in the vocabulary are left out. Private symbols are left out even if the
+//!   vocabulary contains them. No text is passed on: the output consists of names of the vocabulary and
+//!   of renumbered variables.
 //! - The *preconditions* of an action must be translated completely, or the action is not offered
-//!   ([`Untranslatable`]): otherwise plans would contain steps that cannot be done. Only a condition over private
-//!   symbols alone is left to the agent, which checks it when it is requested to act (MA-PDDL's public
-//!   projection).
-//! - *Effects* may be left out: the other side cannot observe them anyway.
+//!   ([`Untranslatable`]): otherwise plans would contain steps that cannot be done. The only exception is
+//!   a condition over private symbols alone. The agent checks it when it is requested to act (MA-PDDL's
+//!   public projection).
+//! - *Effects* may be left out, because the other ecosystem cannot observe what is not exported.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -20,31 +22,33 @@ use pddl::{
 
 use super::vocabulary::{AgentMapping, InterfaceVocabulary};
 
-/// The function that measures plans, in every ontology.
+/// Name of the function by which plans are compared; every ontology has it.
 pub(crate) const TOTAL_COST: &str = "total-cost";
 
-/// Part of an action that cannot be translated.
+/// Part of an action that cannot be translated into the names of the other ecosystem.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Untranslatable {
-    /// A symbol that is not in the vocabulary: its sort and its name.
+    /// A symbol that is not in the vocabulary: the kind of the symbol, and its name.
     Unexported(&'static str, Name),
-    /// A private symbol, in a condition that cannot be left to the agent.
+    /// A private symbol in a condition that cannot be left to the agent to check.
     Private(Name),
     /// A predicate that axioms derive; axioms are not exported.
     Derived(Name),
-    /// A construct that has another meaning where other objects exist.
+    /// A construct that means something else in an ecosystem with other objects.
     Construct(&'static str),
 }
 
-/// Translates symbols of the far side to the near one.
+/// Translates symbols of the far side (where an agent runs) to those of the near side (where it is
+/// represented).
 pub struct Translator<'t> {
     words: &'t InterfaceVocabulary,
-    /// The agent and its proxy agent, if a model is translated.
+    /// The names of the agent and of its proxy agent; `None` if facts and goals are translated rather
+    /// than a model.
     agent_and_proxy: Option<(&'t AgentId, &'t AgentId)>,
     types: Types,
     private: BTreeSet<Name>,
     derived: BTreeSet<Name>,
-    /// Variables of the current action or declaration, in the order of their first use.
+    /// Variables of the action or declaration that is being translated, in the order of their first use.
     variables: RefCell<Vec<Name>>,
 }
 
@@ -53,7 +57,7 @@ type Translation<T> = Result<T, Untranslatable>;
 // === impl Translator ===
 
 impl<'t> Translator<'t> {
-    /// Returns a translator for the model of an agent, over the far ontology.
+    /// Returns a translator for the model of an agent that is based on the far ontology.
     pub fn of_model(
         words: &'t InterfaceVocabulary,
         passage: &'t AgentMapping,
@@ -72,7 +76,7 @@ impl<'t> Translator<'t> {
         translator
     }
 
-    /// Returns a translator for facts and goals over an ontology and a map.
+    /// Returns a translator for facts and goals over an ontology and a map, without an agent's model.
     pub fn of_ontology(
         words: &'t InterfaceVocabulary,
         (ontology, map): (&Domain, &Problem),
@@ -94,7 +98,7 @@ impl<'t> Translator<'t> {
         self.private.extend(private.map(|(name, _)| name.clone()));
     }
 
-    /// Whether a symbol is private.
+    /// Whether a symbol is private to the agent or to its ecosystem.
     pub fn is_private(&self, name: &str) -> bool {
         self.private.contains(name)
     }
@@ -132,14 +136,14 @@ impl<'t> Translator<'t> {
         }
     }
 
-    /// Begins another action or declaration, with numbers of variables from 1.
+    /// Begins the translation of another action or declaration: its variables are numbered from 1 again.
     pub(crate) fn reset_variables(&self) {
         self.variables.borrow_mut().clear();
     }
 
-    /// Returns the numbered name of a variable. Names of variables are symbols of the agent's too, and are
-    /// not passed on. Equal names get equal numbers and different names different ones, so the bindings
-    /// stay the same.
+    /// Returns the numbered name that replaces the name of a variable. The agent's own names of variables
+    /// are not passed on. Equal names get equal numbers and different names get different numbers, so
+    /// each variable still refers to the same parameter.
     pub(crate) fn variable(&self, name: &Name) -> Name {
         let mut variables = self.variables.borrow_mut();
         let known = variables.iter().position(|known| known == name);
@@ -161,7 +165,8 @@ impl<'t> Translator<'t> {
         terms.iter().map(|term| self.term(term)).collect()
     }
 
-    /// Translates a type exactly: another type would admit objects that the agent does not accept.
+    /// Translates a type to exactly its counterpart; a wider type would admit objects that the agent does
+    /// not accept.
     pub(crate) fn exact_type(&self, ty: &TypeExpr) -> Translation<TypeExpr> {
         if ty.is_object() {
             return Ok(TypeExpr::default());
@@ -174,7 +179,8 @@ impl<'t> Translator<'t> {
         Ok(TypeExpr { alternatives })
     }
 
-    /// Returns the narrowest exported type of an object of this type.
+    /// Returns the narrowest exported type that contains all objects of the type `ty`; `None` if there is
+    /// none.
     pub(crate) fn nearest_type(&self, ty: &TypeExpr) -> Option<TypeExpr> {
         let [name] = &ty.alternatives[..] else { return None };
         match self.words.types.get(name.as_str()) {
@@ -183,7 +189,8 @@ impl<'t> Translator<'t> {
         }
     }
 
-    /// Returns the narrowest exported supertype.
+    /// Returns the narrowest exported supertype of the type `name`, in the names of the near side; `None`
+    /// if there is none.
     pub(crate) fn nearest_supertype(&self, name: &str) -> Option<TypeExpr> {
         // The nearest supertype comes first.
         let mut above = self.types.supertypes(name);
@@ -202,7 +209,7 @@ impl<'t> Translator<'t> {
         Ok(Atom { predicate, arguments: self.terms(&atom.arguments)?, span: atom.span })
     }
 
-    /// Translates an atom that an action observes: of a predicate or a function.
+    /// Translates a term that an action observes, which is of a predicate or a function.
     pub(crate) fn observed(&self, observed: &Atom) -> Translation<Atom> {
         let named = self.predicate(&observed.predicate);
         let predicate = named.or_else(|_| self.function(&observed.predicate))?;
@@ -244,7 +251,7 @@ impl<'t> Translator<'t> {
 
     // === conditions ===
 
-    /// Translates a precondition, conjunct by conjunct, without conjuncts over private symbols alone.
+    /// Translates a precondition conjunct by conjunct. Conjuncts over private symbols alone are left out.
     pub(crate) fn precondition(&self, condition: &Condition) -> Translation<Condition> {
         let mut kept = Vec::new();
         for conjunct in conjuncts(condition) {
@@ -257,8 +264,8 @@ impl<'t> Translator<'t> {
         Ok(Condition::And(kept))
     }
 
-    /// Translates a condition completely. `holds` is `false` under a negation, where `exists` and `forall`
-    /// change places.
+    /// Translates a condition completely. `holds` is `false` for a part under a negation. There `forall`
+    /// can be translated and `exists` cannot; elsewhere it is the reverse.
     pub(crate) fn condition(&self, condition: &Condition, holds: bool) -> Translation<Condition> {
         let all = |parts: &[Condition]| -> Translation<Vec<Condition>> {
             parts.iter().map(|part| self.condition(part, holds)).collect()
@@ -299,7 +306,7 @@ impl<'t> Translator<'t> {
         })
     }
 
-    /// Whether a condition contains private symbols and no others.
+    /// Whether a condition contains private symbols and no other symbols.
     fn is_all_private(&self, condition: &Condition) -> bool {
         let mut symbols = condition.symbols().peekable();
         symbols.peek().is_some() && symbols.all(|name| self.private.contains(name))
@@ -307,7 +314,7 @@ impl<'t> Translator<'t> {
 
     // === effects ===
 
-    /// Translates the observable part of an effect; `None` if there is none.
+    /// Translates the exported part of an effect; `None` if no part is exported.
     pub(crate) fn effect(&self, effect: &Effect) -> Translation<Option<Effect>> {
         Ok(match effect {
             Effect::And(parts) => {
@@ -336,7 +343,8 @@ impl<'t> Translator<'t> {
         })
     }
 
-    /// Translates a numeric effect; `None` for one on the cost, which [`Translator::cost`] handles.
+    /// Translates a numeric effect; `None` if it is on the cost of plans, which [`Translator::cost`]
+    /// handles.
     fn assign(&self, assign: &Assign) -> Translation<Option<Effect>> {
         let Assign { assignment, fluent, value, span } = assign;
         if fluent.function == TOTAL_COST {
@@ -348,7 +356,7 @@ impl<'t> Translator<'t> {
         Ok(Some(Effect::Assign(Box::new(assign))))
     }
 
-    /// Returns the cost that an action adds to a plan; `None` if it declares none.
+    /// Returns the translated cost that an action adds to a plan; `None` if the action declares no cost.
     pub(crate) fn cost(&self, effect: &Effect) -> Translation<Option<Expression>> {
         match effect {
             Effect::And(parts) => {
@@ -370,8 +378,8 @@ impl<'t> Translator<'t> {
     }
 }
 
-/// Translates the names in a ground action: of the agent, of the action, of the objects. The error names
-/// what is not exported.
+/// Translates a ground action: the names of the agent, of the action and of the objects. If that is not
+/// possible, returns a text that names what is not exported.
 pub(crate) fn step(
     step: &PlanStep,
     actions: &BTreeMap<String, Name>,

@@ -1,4 +1,5 @@
-//! The vocabulary of one direction: the near name of each far symbol. Symbols without an entry do not pass.
+//! The vocabulary of one direction of an interface: the near name of each far symbol. Symbols without an
+//! entry do not pass.
 
 use std::collections::BTreeMap;
 
@@ -7,50 +8,50 @@ use pddl::Name;
 
 use crate::interface_config::{InterfaceEntry, RuleEntry};
 
-/// Near names of far symbols.
+/// Names on the near side of the symbols of the far side.
 ///
 /// *Far* is the side where an agent runs, *near* the side of its proxy agent.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct InterfaceVocabulary {
-    /// Types.
+    /// Near names of types, by far name.
     pub types: BTreeMap<String, Name>,
-    /// Predicates.
+    /// Near names of predicates, by far name.
     pub predicates: BTreeMap<String, Name>,
-    /// Functions.
+    /// Near names of functions, by far name.
     pub functions: BTreeMap<String, Name>,
-    /// Objects.
+    /// Near names of objects, by far name.
     pub objects: BTreeMap<String, Name>,
 }
 
-/// Direction of a rule.
+/// Direction of a rule: which ecosystem the represented agent belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RuleDirection {
-    /// An agent of the other ecosystem is represented here.
+    /// An agent of the other ecosystem is represented in this one.
     Import,
-    /// An agent of this ecosystem is represented there.
+    /// An agent of this ecosystem is represented in the other.
     Export,
 }
 
-/// Content of one rule about an agent, from the far side to the near one.
+/// Content of one rule about an agent: what of the agent passes from the far side to the near one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AgentMapping {
-    /// Far name of the agent.
+    /// Name of the agent on the far side.
     pub agent: AgentId,
-    /// Name of its proxy agent.
+    /// Name of the proxy agent on the near side.
     pub proxy: AgentId,
-    /// Predicate that holds of the exported objects. Actions of the proxy agent require it, because each
-    /// side has objects that the other does not know.
+    /// Name of the guard predicate, which holds for the exported objects. Actions of the proxy agent
+    /// require it of their objects, because each side has objects that the other does not know.
     pub guard: Name,
-    /// Actions, far name = near name.
+    /// Actions that pass: far name = near name.
     pub actions: BTreeMap<String, Name>,
-    /// Cost of an action in plans, by its near name.
+    /// Costs of actions in plans of the near side, by near name.
     pub costs: BTreeMap<String, f64>,
 }
 
 // === impl InterfaceVocabulary ===
 
 impl InterfaceVocabulary {
-    /// Returns the vocabulary of an interface for one direction.
+    /// Returns the vocabulary of an interface for the direction `way`.
     pub fn of(entry: &InterfaceEntry, way: RuleDirection) -> InterfaceVocabulary {
         let turned = |table: &BTreeMap<String, String>| far_to_near(table, way);
         InterfaceVocabulary {
@@ -61,7 +62,7 @@ impl InterfaceVocabulary {
         }
     }
 
-    /// Returns the vocabulary for the opposite direction.
+    /// Returns the vocabulary for the opposite direction, with far and near exchanged.
     pub fn reversed(&self) -> InterfaceVocabulary {
         let reversed = |table: &BTreeMap<String, Name>| -> BTreeMap<String, Name> {
             table.iter().map(|(far, near)| (near.as_str().to_owned(), Name::new(far))).collect()
@@ -91,7 +92,7 @@ impl AgentMapping {
     }
 }
 
-/// Converts a table “own = other” to “far = near”.
+/// Converts a table “own name = other name” to one “far name = near name”.
 fn far_to_near(table: &BTreeMap<String, String>, way: RuleDirection) -> BTreeMap<String, Name> {
     let entry = |(ours, theirs): (&String, &String)| match way {
         RuleDirection::Import => (theirs.clone(), Name::new(ours)),

@@ -1,10 +1,11 @@
-//! The cost of a session: the time to open it, and the memory and threads of the idle process.
+//! Measures the cost of a session: the time to open it, and the memory and threads of the idle process.
 //!
 //! ```text
 //! cargo run --release -p substrate-zenoh --example idle [LISTEN [CONNECT]]
 //! ```
 //!
-//! Prints its figures, its locators, and then the figures again for every line it reads.
+//! Prints its measurements and its locators, and then the measurements again for every line that it
+//! reads.
 
 use std::io::BufRead as _;
 use std::sync::Arc;

@@ -1,18 +1,18 @@
-//! Plain Zenoh without any checks: publishes a number of bytes under a key that has a subscriber. Tests use
-//! it to send messages that no daemon would send.
+//! A plain Zenoh program without any checks: it publishes a number of bytes under a key that has a
+//! subscriber. Tests use it to send messages that no daemon would send.
 //!
 //! ```text
 //! cargo run --release -p substrate-zenoh --example put -- FILE.json5 KEY BYTES
 //! ```
 //!
-//! Prints a line when the bytes are sent, and runs until its standard input ends.
+//! It prints a line when the bytes are sent, and runs until its standard input ends.
 
 use std::error::Error;
 use std::time::Duration;
 
 use zenoh::{Config, qos::CongestionControl};
 
-/// How long a subscriber is awaited.
+/// How long the program waits for a subscriber.
 const HEARD_WITHIN: Duration = Duration::from_secs(20);
 
 #[tokio::main]

@@ -5,7 +5,7 @@
 //! cargo run --release -p substrate-zenoh --example router -- FILE.json5
 //! ```
 //!
-//! Prints the endpoints at which it listens, and runs until its standard input ends.
+//! It prints the endpoints on which it listens, and runs until its standard input ends.
 
 use std::error::Error;
 

@@ -1,22 +1,24 @@
-//! Anti-entropy of membership: calls all daemons periodically, and declares everything again when an answer
-//! shows that some daemon has missed it.
+//! Anti-entropy of membership: a daemon periodically sends a query (a *call*) to all daemons, and makes
+//! all its declarations again if an answer shows that some daemon has missed them.
 //!
-//! Zenoh's routers send each declaration to each other once (subscriptions, queryables, tokens), and never
-//! again. Between a change of the mesh and the moment the routes are computed anew (a tenth of a second) a
-//! router can miss a new declaration, drop a valid one, or receive one of a dead session; and it stays so.
-//! (`pubsub_tree_change` compares indices in the graph, which are reused; declarations of a router that is
-//! not in the graph are kept, and those of a router that was cut off for a moment are not.) So declarations
-//! that were missed have to be made again:
+//! Zenoh's routers send each declaration (of a subscription, a queryable or a token) to each other once,
+//! and never again. Between a change of the mesh and the moment at which the routes are computed anew, a
+//! tenth of a second later, a router can miss a new declaration, drop a valid one, or receive one of a
+//! dead session. This error then remains. (`pubsub_tree_change` compares indices in the graph, which are
+//! reused; declarations of a router that is not in the graph are kept, and those of a router that was cut
+//! off for a moment are not.) So declarations that were missed have to be made again:
 //!
 //! - Each session has a liveliness token of its own, with its Zenoh id. `told` is the set of sessions
-//!   from which a session has received a token.
-//! - Each session answers a call with the agents it hosts, its `told` sessions, and those daemons that do
-//!   not answer its own calls. The agents are left out as a rule: the call carries a digest of the agents
-//!   that the caller knows of each daemon, and a daemon lists its agents only if its digest is different.
-//! - In a secured ecosystem the answer also carries the sequence numbers that the daemon has signed so far.
-//!   A session that has just begun to listen can then reject recordings of earlier messages.
-//! - A session undeclares and declares everything again if an answer lacks it or calls it silent, if an
-//!   answer names a session that it does not know, or if it has a link to a router that it does not know.
+//!   from which a session has received such a token.
+//! - Each session answers a call with three things: the agents that it hosts, its `told` sessions, and
+//!   the daemons that do not answer its own calls. The agents are usually left out: the call carries, for
+//!   each daemon, a digest of the agents that the caller knows, and a daemon lists its agents only if its
+//!   own digest is different.
+//! - In a secured ecosystem the answer also carries the sequence numbers that the daemon has signed so
+//!   far. A session that has just begun to listen can then reject recordings of messages sent earlier.
+//! - A session makes all its declarations again in three cases: if an answer does not list it or calls
+//!   its daemon silent, if an answer lists a session that it does not know, or if it has a link to a
+//!   router that it does not know.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
@@ -40,67 +42,68 @@ use crate::key_expr::KeySpace;
 use crate::presence::LivelinessSubscriber;
 use crate::queries::QuerySender;
 
-/// Pause between two calls while the membership changes or is in doubt, and the time within which a call is
-/// answered. It is far longer than the tenth of a second after which Zenoh's routes are computed anew.
-/// Without changes there is one call per lease.
+/// Pause between two calls while the membership changes or is in doubt, and the time within which a call
+/// must be answered. It is far longer than the tenth of a second after which Zenoh's routes are computed
+/// anew. If there are no changes, one call is made per lease.
 const UNREST_PERIOD: Duration = Duration::from_secs(1);
 
-/// How long the short pause is kept after the last change.
+/// How long after the last change of the membership the pause between calls remains `UNREST_PERIOD`.
 const UNREST: Duration = Duration::from_secs(3);
 
 /// Longest pause between two repetitions of all declarations.
 const PAUSE_MAX: Duration = Duration::from_secs(60);
 
-/// Maximum number of repetitions because of one session that stays unknown: it may be a plain router, a
-/// foreign program, or a dead session that another router still advertises.
+/// Maximum number of repetitions of all declarations that one unknown session causes. Such a session may
+/// be a plain router, a foreign program, or a dead session that another router still advertises.
 const TOLD_MAX: u32 = 3;
 
-/// Maximum number of callers remembered: as many daemons as an ecosystem may have.
+/// Maximum number of calling daemons that are remembered: as many daemons as an ecosystem may have.
 const CALLERS_MAX: usize = 1_024;
 
-/// Maximum number of sessions known: twice the number of daemons, as guests come and go. Every answer names
-/// all of them.
+/// Maximum number of sessions that are known: twice the number of daemons, because guests (short-lived
+/// sessions) come and go. Every answer names all of them.
 const SESSIONS_MAX: usize = 2 * CALLERS_MAX;
 
-/// Maximum number of declarations of one session's token: normally one, or two for a moment.
+/// Maximum number of declarations of one session's token that are recorded: normally there is one, or two
+/// for a moment when it is declared again.
 const TELLINGS_MAX: usize = 8;
 
-/// The longest answer that is read, in bytes.
+/// Maximum length of an answer that is read, in bytes.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
 
-/// Answer of a daemon to a call.
+/// Answer of a daemon to a call (the periodic query to all daemons).
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct SyncReply {
-    /// Agents that it hosts; `None` if the digest in the call was right.
+    /// Agents that the daemon hosts; `None` if the call contained the right digest of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) hosts: Option<Vec<(AgentId, Incarnation)>>,
-    /// Sessions from which it has received a token, by their Zenoh ids.
+    /// Sessions from which the answering session has received a token, by their Zenoh ids.
     told: BTreeSet<String>,
-    /// Daemons that have a token and do not answer its calls.
+    /// Daemons that have a token and do not answer the calls of the answering daemon.
     #[serde(default)]
     silent: BTreeSet<DaemonId>,
-    /// In a secured ecosystem: the sequence numbers it has signed so far.
+    /// The sequence numbers that the daemon has signed so far; `None` if the ecosystem is not secured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) said: Option<SequenceState>,
 }
 
-/// Content of a call.
+/// Content of a call (the periodic query to all daemons).
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(crate) struct SyncRequest {
-    /// A [`digest`] of the agents that the caller knows, per daemon.
+    /// For each daemon, a [`digest`] of the agents that the caller knows it to host.
     #[serde(default)]
     known: BTreeMap<DaemonId, u64>,
-    /// The daemon that calls.
+    /// Name of the calling daemon.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     by: Option<DaemonId>,
 }
 
-/// Sessions from which this one has received a token, and the part of its answers that concerns other
-/// daemons.
+/// The sessions from which this session has received a token, and the daemons that are silent or have
+/// called. This is the part of an answer that concerns other daemons.
 #[derive(Clone, Default)]
 pub(crate) struct KnownSessions {
     table: Arc<Mutex<SessionTable>>,
-    /// Notified whenever another daemon calls.
+    /// Notified whenever a call of another daemon arrives.
     called: Arc<Notify>,
 }
 
@@ -108,11 +111,11 @@ pub(crate) struct KnownSessions {
 struct SessionTable {
     sessions: BTreeMap<String, BTreeSet<u64>>,
     silent: BTreeSet<DaemonId>,
-    /// Daemons that have called, by the name in the call, which is not verified.
+    /// Daemons that have called, by the name in the call. The name is not verified.
     callers: BTreeSet<DaemonId>,
 }
 
-/// Task that calls all daemons until the session is closed.
+/// Task that sends calls to all daemons until the session is closed.
 pub(crate) struct AntiEntropy {
     pub(crate) session: Weak<Session>,
     pub(crate) queries: QuerySender,
@@ -122,23 +125,24 @@ pub(crate) struct AntiEntropy {
     pub(crate) lease: Duration,
 }
 
-/// Result of one call to all.
+/// Result of one call to all daemons.
 #[derive(Debug, Default)]
 struct SyncRound {
     answered: BTreeSet<DaemonId>,
-    /// Daemons that do not know this session, or do not receive its answers.
+    /// Daemons that do not know this session, or do not receive its answers to their calls.
     unaware: BTreeSet<DaemonId>,
-    /// Sessions that others or this session's links know, and from which it has received no token.
+    /// Sessions from which this session has received no token, although other sessions name them or this
+    /// session has a link to them.
     unknown_sessions: BTreeSet<String>,
 }
 
-/// State kept between calls, to decide whether everything has to be declared again.
+/// State that is kept between calls, to decide whether all declarations have to be made again.
 #[derive(Debug)]
 struct RedeclarePolicy {
-    /// Whether the last call found something amiss. One such call alone does not count: it may have come
-    /// too early.
+    /// Whether the last call found that a declaration is missing. One such call alone does not count,
+    /// because it may have come too early.
     is_suspicious: bool,
-    /// Number of repetitions that each unknown session has caused.
+    /// Number of repetitions of all declarations that each unknown session has caused.
     tries: BTreeMap<String, u32>,
     not_before: Instant,
     pause: Duration,
@@ -154,7 +158,8 @@ enum SyncDecision {
 // === impl SyncReply ===
 
 impl SyncReply {
-    /// Builds the answer of this session. It leaves out the hosted agents if the call has their digest.
+    /// Builds the answer of this session to a call. The hosted agents are left out if the call contains
+    /// their digest.
     pub(crate) fn answer(
         hosts: Vec<(AgentId, Incarnation)>,
         told: &KnownSessions,
@@ -170,8 +175,8 @@ impl SyncReply {
         serde_json::to_vec(&roll).map_or_else(|_| Bytes::new(), Bytes::from)
     }
 
-    /// Reads an answer. Returns `None` if it is too long or malformed; the daemon has answered all the
-    /// same.
+    /// Parses an answer. Returns `None` if it is too long or malformed. The daemon then still counts as
+    /// having answered.
     pub(crate) fn read(answer: &[u8]) -> Option<SyncReply> {
         let is_read = answer.len() <= ANSWER_BYTES_MAX;
         is_read.then(|| serde_json::from_slice(answer).ok()).flatten()
@@ -185,7 +190,8 @@ impl SyncRequest {
         SyncRequest { known, by: Some(by.clone()) }
     }
 
-    /// Reads a call. A call that is too long or malformed counts as one without digests and without a name.
+    /// Parses a call. A call that is too long or malformed is treated as one without digests and without
+    /// a name.
     pub(crate) fn read(call: &[u8]) -> SyncRequest {
         let is_read = call.len() <= ANSWER_BYTES_MAX;
         is_read.then(|| serde_json::from_slice(call).ok()).flatten().unwrap_or_default()
@@ -196,8 +202,8 @@ impl SyncRequest {
     }
 }
 
-/// Returns a digest of agents that are sorted by name: 53 bits, which every JSON reader can hold. Another
-/// version or build may compute another digest; then the agents are listed.
+/// Returns a digest of agents, which must be sorted by name. It has 53 bits, which every JSON parser can
+/// hold. Another version or build may compute another digest; then the agents are listed in the answer.
 pub(crate) fn digest<'a>(agents: impl IntoIterator<Item = &'a (AgentId, Incarnation)>) -> u64 {
     let mut hasher = DefaultHasher::new();
     agents.into_iter().for_each(|agent| agent.hash(&mut hasher));
@@ -207,7 +213,8 @@ pub(crate) fn digest<'a>(agents: impl IntoIterator<Item = &'a (AgentId, Incarnat
 // === impl KnownSessions ===
 
 impl KnownSessions {
-    /// Declares the subscriber for session tokens; tokens that were declared earlier are delivered too.
+    /// Declares the subscriber for the tokens of sessions. Tokens that were declared before are delivered
+    /// too.
     pub(crate) fn declare(
         session: &Session,
         keys: &KeySpace,
@@ -233,7 +240,8 @@ impl KnownSessions {
         Ok(told)
     }
 
-    /// Handles a session's token; returns `false` if there is no room for it.
+    /// Handles that the token of a session has come or gone; returns `false` if there is no room to
+    /// record it.
     fn receive_token(&self, zid: &str, telling: u64, kind: SampleKind) -> bool {
         let told = &mut lock(&self.table).sessions;
         match kind {
@@ -259,7 +267,7 @@ impl KnownSessions {
         true
     }
 
-    /// Notes the daemon that has called. It is called after the answer was sent.
+    /// Records which daemon has sent a call. It must be called after the answer was sent.
     pub(crate) fn record_caller(&self, call: &SyncRequest) {
         let Some(by) = &call.by else { return };
         let callers = &mut lock(&self.table).callers;
@@ -268,7 +276,7 @@ impl KnownSessions {
         }
     }
 
-    /// Waits until all of these daemons have called, for two seconds at most.
+    /// Waits until all of the daemons in `those` have called, for two seconds at most.
     pub(crate) async fn called_by(&self, those: &BTreeSet<DaemonId>) {
         let called = async {
             loop {
@@ -294,7 +302,7 @@ impl KnownSessions {
 // === impl AntiEntropy ===
 
 impl AntiEntropy {
-    /// Runs until the session is closed.
+    /// Sends calls until the session is closed.
     pub(crate) async fn run(self) {
         let mut judgement = RedeclarePolicy::new(Instant::now());
         let mut unrest_until = Instant::now() + UNREST;
@@ -329,8 +337,8 @@ impl AntiEntropy {
         }
     }
 
-    /// Calls all daemons, and compares the linked routers with the known sessions. Returns `None` if the
-    /// session is closed.
+    /// Sends a call to all daemons, and compares the routers that this session is linked with to the
+    /// sessions that it knows. Returns `None` if the session is closed.
     async fn call(&self, mark: u64, call: &SyncRequest) -> Option<SyncRound> {
         let answers = Arc::<Mutex<SyncRound>>::default();
         let (ends, ended) = oneshot::channel::<()>();
@@ -396,9 +404,9 @@ impl RedeclarePolicy {
         }
     }
 
-    /// Decides what to do after a call. Declarations are repeated, at growing intervals, as long as another
-    /// daemon does not know this session. A session that stays unknown may declare nothing, so it causes
-    /// only [`TOLD_MAX`] repetitions.
+    /// Decides what to do after a call. All declarations are repeated, at growing intervals, for as long
+    /// as another daemon does not know this session. An unknown session may be one that declares nothing,
+    /// so it causes only [`TOLD_MAX`] repetitions.
     fn judge(&mut self, answers: &SyncRound, now: Instant) -> SyncDecision {
         self.tries.retain(|zid, _| answers.unknown_sessions.contains(zid));
         let tries = |zid: &String| self.tries.get(zid).copied().unwrap_or_default();

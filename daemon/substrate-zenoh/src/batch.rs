@@ -1,21 +1,21 @@
-//! Batches: heartbeats of several agents of one daemon in one message, one line of JSON each.
+//! Batches: the heartbeats of several agents of one daemon in one message, each as one line of JSON.
 //!
-//! Each message takes a way through every router, a place in every queue and, in a secured ecosystem, a
-//! signature at one end and its verification at the other. With a hundred heartbeats in one message that
-//! is paid once.
+//! Each message must be routed by every router, takes a place in every queue and, in a secured ecosystem,
+//! needs a signature at one end and its verification at the other. If a hundred heartbeats are sent in
+//! one message, this cost is incurred once.
 
 use acl::{AgentId, sender_of};
 use bytes::Bytes;
 
-/// Maximum length of a batch: with its key and its seal it fits into one batch of Zenoh's (65,535 bytes),
-/// so that it is not fragmented.
+/// Maximum length of a batch of heartbeats, in bytes. Together with its key and its seal, it fits into
+/// one batch of Zenoh's (65,535 bytes), so that it is not fragmented.
 const BUNDLE_BYTES_MAX: usize = 60 << 10;
 
-/// Maximum number of heartbeats in a batch: four times as many as fit if they have any content. A batch of
-/// bare names would otherwise be thousands of messages.
+/// Maximum number of heartbeats in a batch: four times as many as fit if they have any content. Without
+/// this limit, a batch of bare names could contain thousands of messages.
 const BUNDLE_MESSAGES_MAX: usize = 1_024;
 
-/// A message to send.
+/// A message that carries one or several heartbeats.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum HeartbeatMessage {
     /// Heartbeat of one agent, under the agent's key.
@@ -24,7 +24,7 @@ pub(crate) enum HeartbeatMessage {
     Batch(Bytes),
 }
 
-/// Packs heartbeats into as few messages as possible, in their order.
+/// Packs heartbeats into as few messages as possible, and keeps their order.
 pub(crate) fn pack(beats: Vec<(AgentId, Bytes)>) -> Vec<HeartbeatMessage> {
     let mut parcels = Vec::new();
     let mut gathered = Vec::new();
@@ -56,8 +56,8 @@ fn closed(gathered: &mut Vec<(AgentId, Bytes)>) -> Option<HeartbeatMessage> {
 }
 
 /// Returns the heartbeats in a batch, each with the sender that it names. Lines that name no sender are
-/// left out, because the batch comes from outside. Returns `None` if the batch exceeds the bounds, so that
-/// [`pack`] cannot have made it.
+/// left out, because the batch comes from outside. Returns `None` if the batch is larger than [`pack`]
+/// makes batches.
 pub(crate) fn unpack(bundle: &Bytes) -> Option<Vec<(AgentId, Bytes)>> {
     if bundle.len() > BUNDLE_BYTES_MAX {
         return None;
@@ -80,7 +80,8 @@ mod tests {
         (AgentId::new(sender).expect("a name"), Bytes::from(text))
     }
 
-    /// Returns the heartbeats after packing and unpacking, and the number of messages.
+    /// Returns the heartbeats after packing and unpacking them, and the number of messages that carried
+    /// them.
     fn carried(beats: Vec<(AgentId, Bytes)>) -> (Vec<(AgentId, Bytes)>, usize) {
         let parcels = pack(beats);
         let count = parcels.len();

@@ -1,8 +1,8 @@
-//! Settings of a session. The fields of [`Config`] override the `[zenoh]` table of the ecosystem's file,
-//! which overrides the defaults here, which override Zenoh's.
+//! Settings of a Zenoh session. The fields of [`Config`] override the `[zenoh]` table of the ecosystem
+//! file, that table overrides the defaults of this module, and these override Zenoh's defaults.
 //!
-//! The layers are merged as JSON and read by Zenoh once, as a whole: some of its sections accept nothing
-//! less than a whole object.
+//! The three layers of settings are merged as JSON, and Zenoh parses the result once as a whole: some of
+//! its sections are accepted as whole objects only.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,86 +19,95 @@ use crate::sealing::Security;
 use crate::session::ZenohSubstrate;
 use crate::{listen_problem, own_address};
 
-/// How long a silent daemon counts as alive. A killed process is detected in milliseconds whatever the
-/// lease is; this is for the frozen machine and the pulled cable. It is four keep-alives, of which a loaded
-/// board may miss three; below 2 s such boards are declared dead while they run.
+/// How long a silent daemon counts as alive. A killed process is detected in milliseconds whatever this
+/// duration is; it matters if a machine freezes or a cable is pulled. It is four keep-alive periods, of
+/// which a loaded board may miss three. With less than 2 s, such boards are declared dead while they run.
 pub const LEASE: Duration = Duration::from_secs(4);
 
-/// Priority of all messages: a single one keeps those of one conversation in order.
+/// Priority of all messages. A single priority keeps the messages of one conversation in order.
 pub(crate) const MESSAGE_PRIORITY: Priority = Priority::DataHigh;
 
-/// The longest message accepted, in bytes. A building's composite domain is far below 1 MiB; the bound
-/// keeps one sender from filling a small board's memory (Zenoh's own is 1 GiB).
+/// Maximum length of a message that is accepted, in bytes. A building's composite domain is far below 1
+/// MiB. The limit keeps one sender from filling the memory of a small board (Zenoh's own limit is 1 GiB).
 pub const MESSAGE_BYTES_MAX: usize = 16 << 20;
 
-/// Keep-alives per lease.
+/// Number of keep-alive messages that a session sends per lease.
 const KEEP_ALIVES: u32 = 4;
 
-/// Outgoing batches (64 KiB each, allocated when used) that wait per priority and link. This is the maximum
-/// of Zenoh: what does not fit is dropped, because a sender never waits.
+/// Maximum number of outgoing batches that wait per priority and link (64 KiB each, allocated when used).
+/// This is the largest number that Zenoh allows. Messages that do not fit are dropped, because a sender
+/// never waits.
 const BATCHES_MAX: u32 = 16;
 
-/// How long one sender waits for a batch to come free before its message is dropped, in
-/// microseconds. A burst then survives a receiver that is busy for a moment (Zenoh's own is
-/// 1 ms, which fifty messages exceeded here). Once a link is congested, all that follows is
-/// dropped at once: a link that stands still costs a Tokio worker this wait once, not per message.
+/// How long a sender waits for a free batch before its message is dropped, in microseconds. With this
+/// wait, a burst is not lost if a receiver is busy for a moment (Zenoh's own wait of 1 ms was too short
+/// for fifty messages here). Once a link is congested, all messages that follow are dropped at once: a
+/// link that stands still costs a Tokio worker this wait once, not once per message.
 const WAIT_BEFORE_DROP_US: u32 = 50_000;
 
-/// How long a link may take to open: Zenoh's own bound, and that of a guest. If the daemon at the first
-/// address hangs, the guest's command waits this long before it tries the next address.
+/// How long a link may take to open, in milliseconds. This is Zenoh's own limit; `CLIENT_OPEN_MS` is the
+/// limit for guests (short-lived sessions). If the daemon at the first address hangs, the guest's command
+/// waits this long before it tries the next address.
 const OPEN_MS: u32 = 10_000;
 const CLIENT_OPEN_MS: u32 = 5_000;
 
-/// First and longest pause between attempts to connect. Daemons of one building start together,
-/// so the first attempt often comes before the other listens.
+/// First pause between attempts to connect, in milliseconds; `RECONNECT_LAST_MS` is the longest pause.
+/// Daemons of one building start together, so the first attempt often comes before the other daemon
+/// listens.
 const RECONNECT_FIRST_MS: u32 = 250;
 const RECONNECT_LAST_MS: u32 = 4_000;
 const _: () = assert!(RECONNECT_FIRST_MS < RECONNECT_LAST_MS);
 
-/// How long a Zenoh router takes to recompute its routes (its `TREES_COMPUTATION_DELAY_MS`). A router that
-/// comes within this time after another has left can get the other's index in the graph, and then does not
-/// receive the declarations there are; so no reconnection is tried as early as that.
+/// How long a Zenoh router takes to compute its routes anew, in milliseconds (its
+/// `TREES_COMPUTATION_DELAY_MS`). If a router leaves and another comes within this time, the new one can
+/// get the index of the old one in the graph, and then does not receive the declarations that exist. So
+/// no reconnection is tried as early as that.
 const ROUTES_MS: u32 = 100;
 const _: () = assert!(RECONNECT_FIRST_MS > 2 * ROUTES_MS);
 
-/// How long a daemon that has left should wait before it opens a session again, for the same reason.
+/// How long a daemon that has left should wait before it opens a session again, so that the other routers
+/// have computed their routes anew.
 pub const REOPEN_DELAY: Duration = Duration::from_millis(250);
 const _: () = assert!(REOPEN_DELAY.as_millis() > 2 * ROUTES_MS as u128);
 
-/// Settings of a session. Plain data: cloning it opens nothing.
+/// Settings of a Zenoh session. They are plain data: cloning them opens nothing.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// The ecosystem, root of all key expressions.
+    /// Name of the ecosystem, which is the root of all key expressions.
     pub ecosystem: EcosystemId,
     /// The name of this daemon.
     pub daemon: DaemonId,
-    /// The Zenoh id: up to 16 bytes in lower-case hexadecimal, without leading zeros. With `None` Zenoh
-    /// chooses; persist [`ZenohSubstrate::zid`] so that others recognise this daemon later.
+    /// Zenoh id of the session: up to 16 bytes in lower-case hexadecimal, without leading zeros. With
+    /// `None`, Zenoh chooses one; store [`ZenohSubstrate::zid`] so that others recognise this daemon
+    /// later.
     pub zid: Option<String>,
-    /// How the session takes part.
+    /// How the session takes part in the mesh: as a router or as a client.
     pub mode: SessionMode,
-    /// Endpoints at which others reach this daemon, like `tls/[::]:7447` or `unixsock-stream/PATH`.
+    /// Endpoints on which this daemon listens, so that others reach it, like `tls/[::]:7447` or
+    /// `unixsock-stream/PATH`.
     pub listen: Vec<String>,
-    /// Endpoints it connects to, and again whenever the connection is lost.
+    /// Endpoints to which this daemon connects, again whenever the connection is lost.
     pub connect: Vec<String>,
-    /// How long a silent daemon counts as alive; [`LEASE`] unless the network is worse.
+    /// How long a silent daemon counts as alive; should be [`LEASE`], or longer if the network is bad.
     pub lease: Duration,
-    /// Keys for a secured ecosystem: links are then TLS both ways with the daemon's certificate, and every
+    /// Keys for a secured ecosystem, in which links are TLS with certificates on both sides, and every
     /// message is signed. `None` if the ecosystem is not secured.
     pub security: Option<Security>,
-    /// Zenoh's own settings, as it documents them; they override everything except the fields above. Its
-    /// `listen.endpoints` and `connect.endpoints` are added to those above, and `scouting` may also be just
-    /// `true` or `false`.
+    /// Zenoh's own settings, in the form that Zenoh documents. They override all defaults, but not the
+    /// fields above. The endpoints in `listen.endpoints` and `connect.endpoints` are added to those of
+    /// the fields, and `scouting` may also be just `true` or `false`.
     pub zenoh: Value,
 }
 
 /// How a session takes part in the mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SessionMode {
-    /// Relays for others. Every daemon is a router, because Zenoh's peers do not relay since 1.9.
+    /// The session relays messages for others. Every daemon is a router, because Zenoh's peers do not
+    /// relay since 1.9.
     #[default]
     Router,
-    /// Connects to one router and relays nothing: a command line, a plugin in its own process.
+    /// The session connects to one router and relays nothing: for a command line, or a plugin in its own
+    /// process.
     Client,
 }
 
@@ -106,74 +115,77 @@ pub enum SessionMode {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum OpenError {
-    /// An endpoint is refused.
+    /// An endpoint may not be used, for the reason in this error.
     #[error(transparent)]
     Endpoint(#[from] EndpointError),
     /// A client has no endpoint to connect to.
     #[error("connect as a client: name the endpoint of a daemon, like `tls/office-pi.local:7447`")]
     NowhereToConnect,
-    /// The settings choose a mode.
+    /// The `[zenoh]` table chooses a mode.
     #[error(
         "read `[zenoh]`: leave out `mode`; a daemon is a router, because Zenoh's peers do not \
          relay messages, and a command line is a client"
     )]
     ModeInSettings,
-    /// The settings are not a table.
+    /// The `[zenoh]` settings are not a table.
     #[error("read `[zenoh]`: write a table of Zenoh's settings, like `connect.endpoints = [...]`")]
     NotATable,
-    /// Scouting without security: other daemons could be found, but no link with them is allowed.
+    /// The settings ask for scouting without security: other daemons could be found, but no link with
+    /// them is allowed.
     #[error(
         "scout (`scouting = true` in `[zenoh]`): plain text stays on this machine, so no \
          daemon elsewhere could be reached; secure the ecosystem (`althing help cert`)"
     )]
     ScoutingUnsecured,
-    /// Zenoh rejects the settings.
+    /// Zenoh rejects a setting.
     #[error("read `{at}` of `[zenoh]`; Zenoh's DEFAULT_CONFIG.json5 lists the settings")]
     Settings {
-        /// The setting that it rejects.
+        /// Path of the setting that Zenoh rejects.
         at: String,
-        /// Zenoh's error.
+        /// Error that Zenoh returned.
         source: zenoh::Error,
     },
-    /// An endpoint cannot be listened on: its port is taken, or its address is not one of this machine.
+    /// The daemon cannot listen on an endpoint, because its port is taken or its address is not one of
+    /// this machine.
     #[error("{obstacle}")]
     Listen {
-        /// The endpoint, the reason, and the remedy.
+        /// The endpoint, the reason why the daemon cannot listen on it, and the remedy.
         obstacle: String,
-        /// Zenoh's error.
+        /// Error that Zenoh returned.
         source: zenoh::Error,
     },
     /// Zenoh could not open the session.
     #[error("{}", unopened(listen, connect))]
     Session {
-        /// Endpoints to listen on.
+        /// Endpoints on which the session was to listen.
         listen: Vec<String>,
-        /// Endpoints to connect to.
+        /// Endpoints to which the session was to connect.
         connect: Vec<String>,
-        /// Zenoh's error.
+        /// Error that Zenoh returned.
         source: zenoh::Error,
     },
     /// The session is open, but a declaration of the kind that every daemon makes failed.
     #[error("declare {what}")]
     Declare {
-        /// The declaration.
+        /// The declaration that failed.
         what: String,
-        /// Zenoh's error.
+        /// Error that Zenoh returned.
         source: zenoh::Error,
     },
 }
 
-/// The settings, checked and merged.
+/// The settings of a session after they were checked and merged.
 #[derive(Debug)]
 pub(crate) struct SessionSettings {
     pub(crate) zenoh: zenoh::Config,
-    /// All endpoints to connect to, in the shape in which they were written.
+    /// All endpoints to connect to, in the JSON shape in which the settings give them.
     connect_as_written: Value,
     pub(crate) listen: Vec<String>,
     pub(crate) connect: Vec<String>,
-    /// Multicast address at which it scouts; `None` if it does not.
+    /// Multicast address at which the session scouts; `None` if it does not scout.
     pub(crate) scouts_at: Option<String>,
-    /// The lease: from the `[zenoh]` table if it is set there, otherwise from the field of [`Config`].
+    /// How long a silent daemon counts as alive: from the `[zenoh]` table if it is set there, otherwise
+    /// from the field of [`Config`].
     pub(crate) lease: Duration,
     pub(crate) security: Option<Security>,
     pub(crate) mode: SessionMode,
@@ -182,7 +194,8 @@ pub(crate) struct SessionSettings {
 // === impl Settings ===
 
 impl SessionSettings {
-    /// Removes the endpoints that are this daemon's own: one file for all machines names every daemon.
+    /// Removes the endpoints to connect to at which this daemon listens itself: one ecosystem file for
+    /// all machines names every daemon.
     pub(crate) async fn without_self(mut self) -> SessionSettings {
         let own = own_address::own(&self.listen, &self.connect).await;
         if own.is_empty() {
@@ -200,7 +213,8 @@ impl SessionSettings {
     }
 }
 
-/// Returns why a session did not open: an endpoint that cannot be listened on, or Zenoh's error.
+/// Returns the error for a session that did not open: an endpoint that cannot be listened on, or Zenoh's
+/// error.
 pub(crate) fn not_opened(
     listen: Vec<String>,
     connect: Vec<String>,
@@ -230,19 +244,19 @@ impl Config {
         }
     }
 
-    /// Opens the session and makes the declarations of a daemon. `inbound` may be called before this
-    /// returns. A router does not wait for the daemons it connects to.
+    /// Opens the session and makes the declarations of a daemon. `inbound` may receive messages before
+    /// this returns. A router does not wait until it is connected to other daemons.
     ///
     /// # Errors
     ///
-    /// Returns an error if the settings are refused, an endpoint cannot be listened on, or a client reaches
-    /// no daemon.
+    /// Returns an error if the settings are refused, if the daemon cannot listen on an endpoint, or if a
+    /// client reaches no daemon.
     pub async fn open(self, inbound: Arc<dyn Inbound>) -> Result<Arc<ZenohSubstrate>, OpenError> {
         let settings = self.settings()?.without_self().await;
         ZenohSubstrate::open(&self.ecosystem, self.daemon, settings, inbound).await
     }
 
-    /// Whether the session scouts by multicast; `false` if the settings are refused.
+    /// Whether the session will scout by multicast; `false` if the settings are refused.
     pub fn scouts(&self) -> bool {
         self.settings().is_ok_and(|settings| settings.scouts_at.is_some())
     }
@@ -315,7 +329,7 @@ impl Config {
         })
     }
 
-    /// Returns the settings that differ from Zenoh's defaults, with the reasons.
+    /// Returns the settings with which Althing differs from Zenoh's defaults, with the reasons.
     fn defaults(&self) -> Value {
         let mode = match self.mode {
             SessionMode::Router => "router",
@@ -368,9 +382,9 @@ impl Config {
 /// A setting in the `[zenoh]` table with which no session could be opened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SettingProblem {
-    /// The setting, such as `connect.endpoints.0`; empty for the whole table.
+    /// Path of the setting, such as `connect.endpoints.0`; empty for the whole table.
     pub at: String,
-    /// The problem. Completes “failed to …”.
+    /// Description of the problem. The text completes “failed to …”.
     pub message: String,
 }
 
@@ -421,14 +435,16 @@ pub fn problems(ecosystem: &EcosystemId, zenoh: &Value, is_secured: bool) -> Vec
     found
 }
 
-/// Suggests `listen.endpoints` for `listen_endpoints`; `None` if Zenoh has no such setting.
+/// Returns the nested setting that is probably meant by a flat one: `listen.endpoints` for
+/// `listen_endpoints`; `None` if Zenoh has no such setting.
 fn split_setting(key: &str) -> Option<String> {
     let (table, setting) = key.split_once(['_', '-'])?;
     let probe = json!({ table: { setting: [] } });
     read(&probe).is_ok().then(|| format!("{table}.{setting}"))
 }
 
-/// Returns the endpoints in any of the shapes Zenoh knows, each with its path.
+/// Returns the endpoints in a setting that may have any of the shapes that Zenoh allows. Each is returned
+/// with its path.
 fn located_endpoints(value: &Value, path: &str) -> Vec<(String, String)> {
     match value {
         Value::String(endpoint) => vec![(path.to_owned(), endpoint.clone())],
@@ -446,13 +462,14 @@ fn located_endpoints(value: &Value, path: &str) -> Vec<(String, String)> {
     }
 }
 
-/// Returns how long a silent daemon counts as alive by Zenoh's settings; `None` if they do not say.
+/// Returns how long a silent daemon counts as alive according to the `[zenoh]` settings; `None` if they
+/// do not contain it.
 pub fn lease(zenoh: &Value) -> Option<Duration> {
     let millis = zenoh.pointer("/transport/link/tx/lease").and_then(Value::as_u64);
     millis.map(Duration::from_millis)
 }
 
-/// Settings for TLS both ways, with the certificates of this ecosystem.
+/// Returns the settings for TLS with certificates of this ecosystem on both sides.
 fn secured(security: &Security) -> Value {
     let (key, certificate, authority) = security.identity.files();
     json!({
@@ -471,9 +488,10 @@ fn secured(security: &Security) -> Value {
     })
 }
 
-/// Settings that let links carry only keys of this ecosystem: no other keys, and no queries to routers
-/// about themselves. A rule by the name in a link's certificate would apply to the daemon that relayed
-/// last. So rights are checked where messages are read.
+/// Returns settings with which links carry only the keys of this ecosystem: no other keys, and no queries
+/// to routers about themselves. Rights of single daemons cannot be set here: a rule for the name in a
+/// link's certificate would apply to the daemon that relayed the message last. They are checked where
+/// messages are received.
 fn access_control(everything: &str) -> Value {
     json!({
         "enabled": true,
@@ -507,15 +525,15 @@ pub(crate) fn merge(base: &mut Value, over: &Value) {
     }
 }
 
-/// Appends endpoints to a plain list. Zenoh knows other shapes (per mode, with a strategy); a file that
-/// uses one of these is taken as complete.
+/// Appends endpoints to a plain list. Zenoh also allows other shapes (per mode, with a strategy). If the
+/// file uses one of these, it is taken as complete, and nothing is appended.
 fn add_endpoints(list: &mut Value, ours: &[String]) {
     if let Value::Array(list) = list {
         list.extend(ours.iter().map(|endpoint| json!(endpoint)));
     }
 }
 
-/// Returns the endpoints in any of the shapes Zenoh knows.
+/// Returns the endpoints in a setting that may have any of the shapes that Zenoh allows.
 fn endpoints(value: &Value) -> Vec<String> {
     match value {
         Value::String(endpoint) => vec![endpoint.clone()],
@@ -532,7 +550,8 @@ fn read(settings: &Value) -> zenoh::Result<zenoh::Config> {
     zenoh::Config::from_json5(&settings.to_string())
 }
 
-/// Returns the path of the first setting that Zenoh rejects even alone; its errors do not name it.
+/// Returns the path of the first setting that Zenoh rejects even if it is the only one. Zenoh's errors do
+/// not name the setting.
 fn culprit(settings: &Value) -> Vec<String> {
     let mut path: Vec<String> = Vec::new();
     let mut table = settings;
@@ -553,8 +572,8 @@ fn scouts(settings: &Value) -> bool {
     settings["scouting"]["multicast"]["enabled"] == json!(true)
 }
 
-/// Describes why a session did not open. Without endpoints to listen on, no connection was made; with them,
-/// either may be the reason.
+/// Describes why a session did not open. If there are no endpoints to listen on, the reason is that no
+/// connection was made; otherwise either kind of endpoint may be the reason.
 fn unopened(listen: &[String], connect: &[String]) -> String {
     if let ([], [_, ..]) = (listen, connect) {
         let places = connect.join("`, `");

@@ -1,9 +1,9 @@
-//! Everything that a session declares: its subscribers, its queryables, its tokens. All of it can be
-//! declared again.
+//! Everything that a session declares: its subscribers, its queryables and its tokens. All these
+//! declarations can be made again.
 //!
 //! Zenoh does not send a declaration to routers that it believes to have it already. So a repeated
-//! declaration uses another key expression with the same meaning, where there is one: undeclaring the old
-//! one is not enough, because another session at the same router may hold it too.
+//! declaration uses another key expression with the same meaning, where there is one. It is not enough to
+//! undeclare the old key expression, because another session at the same router may have declared it too.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -27,12 +27,12 @@ use crate::sealing::Security;
 /// The declarations of one session.
 pub(crate) struct Declarations {
     keys: KeySpace,
-    /// Weak, because the session's callbacks lead back to here.
+    /// Weak reference, because the session's callbacks hold these declarations.
     session: Weak<Session>,
     inbound: Arc<dyn Inbound>,
     security: Option<Security>,
     known_sessions: KnownSessions,
-    /// How often everything was declared again.
+    /// How often all declarations were made again.
     round: AtomicU64,
     held: Mutex<HeldDeclarations>,
 }
@@ -40,12 +40,12 @@ pub(crate) struct Declarations {
 #[derive(Default)]
 struct HeldDeclarations {
     entities: Vec<ZenohDeclaration>,
-    /// Agents this daemon has announced; only these may have a model. `None` while the token is being
-    /// declared.
+    /// Agents that this daemon has announced; only these may have a model. The token is `None` while it
+    /// is being declared.
     residents: BTreeMap<(AgentId, Incarnation), Option<LivelinessToken>>,
 }
 
-/// A declaration, valid for as long as this is held.
+/// A declaration, which is valid for as long as this value is held.
 enum ZenohDeclaration {
     Subscriber(Subscriber<()>),
     Queryable(Queryable<()>),
@@ -77,8 +77,9 @@ impl Declarations {
         Ok(declarations)
     }
 
-    /// Declares everything again. Messages to this session in the instant between are lost, as on any bad
-    /// link. No agent seems to leave, because its new token is declared before the old one is undeclared.
+    /// Makes all declarations again. Messages to this session are lost in the instant between the old and
+    /// the new declaration, as on any bad link. No agent seems to leave, because its new token is
+    /// declared before the old one is undeclared.
     pub(crate) fn redeclare_all(self: &Arc<Self>) {
         let Some(session) = self.session.upgrade().filter(|session| !session.is_closed()) else {
             return;
@@ -95,7 +96,7 @@ impl Declarations {
         }
     }
 
-    /// Announces an agent until [`Declarations::withdraw`].
+    /// Announces an agent: declares its token, which remains until [`Declarations::withdraw`].
     pub(crate) fn announce(
         &self,
         session: &Session,
@@ -124,7 +125,7 @@ impl Declarations {
         held.residents.range(from..).next().is_some_and(|((next, _), _)| next == agent)
     }
 
-    /// The agents this daemon has announced.
+    /// Returns the agents that this daemon has announced.
     pub(crate) fn residents(&self) -> Vec<(AgentId, Incarnation)> {
         self.lock().residents.keys().cloned().collect()
     }
@@ -143,8 +144,8 @@ impl Declarations {
         }
     }
 
-    /// Holds a token in place of the previous one. That one is undeclared outside the lock, as it was
-    /// declared: its callback may lead back to here.
+    /// Stores the token of an agent in place of the previous one. The previous token is undeclared
+    /// outside the lock (as tokens are also declared), because its callback may call this type again.
     fn replace_token(&self, agent: AgentId, incarnation: Incarnation, token: LivelinessToken) {
         let old = match self.lock().residents.get_mut(&(agent, incarnation)) {
             Some(held) => held.replace(token),

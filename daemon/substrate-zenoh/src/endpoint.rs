@@ -1,7 +1,7 @@
 //! Which endpoints a daemon may listen on and connect to, checked before Zenoh uses them.
 //!
-//! Plain text stays on the machine; links beyond it are TLS. Zenoh reports a bad endpoint late and without
-//! its name, so errors that can be found early are reported here.
+//! Links in plain text stay on the machine; links beyond it are TLS. Zenoh reports a bad endpoint late
+//! and without its name, so errors that can be found early are reported here.
 
 use std::net::IpAddr;
 
@@ -9,60 +9,63 @@ use std::net::IpAddr;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EndpointError {
-    /// Not `protocol/address`.
+    /// The endpoint does not have the form `protocol/address`.
     #[error("read endpoint `{0}`: write PROTOCOL/ADDRESS, like `tls/office-pi.local:7447`")]
     Malformed(String),
-    /// A protocol this build does not speak.
+    /// The endpoint has a protocol that this build does not support.
     #[error("use endpoint `{endpoint}`: this build speaks {}, not `{protocol}`", PROTOCOLS.join(", "))]
     UnknownProtocol {
-        /// The endpoint.
+        /// The refused endpoint.
         endpoint: String,
-        /// Its protocol.
+        /// The protocol of the endpoint.
         protocol: String,
     },
-    /// An address that nothing can have.
+    /// The address of the endpoint cannot be the address of anything.
     #[error(
         "use endpoint `{endpoint}`: `{address}` is no address; write HOST:PORT, with a port from {first} to \
          65535, like `{protocol}/office-pi.local:7447`"
     )]
     Address {
-        /// The endpoint.
+        /// The refused endpoint.
         endpoint: String,
-        /// Its protocol.
+        /// The protocol of the endpoint.
         protocol: String,
-        /// Its address.
+        /// The address of the endpoint.
         address: String,
-        /// The first port allowed: 0 is allowed for listening, where the kernel then chooses a port.
+        /// The smallest port that is allowed: 0 for listening, where the kernel then chooses a port, and
+        /// 1 for connecting.
         first: u16,
     },
-    /// Plain text that every host on the network could read and write.
+    /// The endpoint would accept plain text, which every host on the network could read and write.
     #[error(
         "listen on `{endpoint}`: plain TCP is for this machine alone; write `tls/{address}` for \
          others, or `unixsock-stream/PATH` or `tcp/127.0.0.1:PORT` for this machine"
     )]
     PlainText {
-        /// The endpoint.
+        /// The refused endpoint.
         endpoint: String,
-        /// Its address.
+        /// The address of the endpoint.
         address: String,
     },
-    /// Plain text in a secured ecosystem.
+    /// The endpoint is for plain text, but the ecosystem is secured.
     #[error(
         "use endpoint `{endpoint}`: this ecosystem is secured; write `tls/{address}`, or \
          `unixsock-stream/PATH` for this machine"
     )]
     Unsecured {
-        /// The endpoint.
+        /// The refused endpoint.
         endpoint: String,
-        /// Its address.
+        /// The address of the endpoint.
         address: String,
     },
 }
 
-/// Protocols of a secured ecosystem: none that other hosts on a network could read or write.
+/// Protocols that a secured ecosystem may use: other hosts on the network cannot read or write their
+/// links.
 pub(crate) const SECURED_PROTOCOLS: [&str; 2] = ["tls", "unixsock-stream"];
 
-/// Protocols of this build: the transports among `zenoh`'s features in the workspace's manifest.
+/// Protocols that this build supports: the transports among `zenoh`'s features in the workspace's
+/// manifest.
 const PROTOCOLS: [&str; 3] = ["tls", "unixsock-stream", "tcp"];
 
 /// Checks an endpoint to connect to.
@@ -82,7 +85,7 @@ pub(crate) fn check_listen(endpoint: &str) -> Result<(), EndpointError> {
     Ok(())
 }
 
-/// Checks an endpoint, of either kind, for a secured ecosystem.
+/// Checks an endpoint to listen on or to connect to, for a secured ecosystem.
 pub(crate) fn check_secured(endpoint: &str) -> Result<(), EndpointError> {
     let (protocol, address) = split(endpoint)?;
     if SECURED_PROTOCOLS.contains(&protocol) {
@@ -91,13 +94,13 @@ pub(crate) fn check_secured(endpoint: &str) -> Result<(), EndpointError> {
     Err(EndpointError::Unsecured { endpoint: endpoint.to_owned(), address: address.to_owned() })
 }
 
-/// Whether other machines can reach an endpoint that is listened on.
+/// Whether other machines can reach this daemon at an endpoint on which it listens.
 pub(crate) fn leaves_machine(endpoint: &str) -> bool {
     let beyond = |(protocol, address)| protocol != "unixsock-stream" && !is_loopback(address);
     split(endpoint).is_ok_and(beyond)
 }
 
-/// Returns host and port of an endpoint over IP, the host without brackets.
+/// Returns host and port of an endpoint over IP; the host is without brackets.
 pub(crate) fn host_and_port(endpoint: &str) -> Option<(String, u16)> {
     let (protocol, address) = split(endpoint).ok()?;
     let (host, port) = address.rsplit_once(':').filter(|_| protocol != "unixsock-stream")?;
@@ -127,7 +130,7 @@ fn check_address(
     Err(EndpointError::Address { endpoint, protocol, address: address.to_owned(), first })
 }
 
-/// Returns protocol and address, without Zenoh's metadata (`?…`) and configuration (`#…`).
+/// Returns protocol and address of an endpoint, without Zenoh's metadata (`?…`) and configuration (`#…`).
 fn split(endpoint: &str) -> Result<(&str, &str), EndpointError> {
     let malformed = || EndpointError::Malformed(endpoint.to_owned());
     let (protocol, rest) = endpoint.split_once('/').ok_or_else(malformed)?;
@@ -142,8 +145,8 @@ fn split(endpoint: &str) -> Result<(&str, &str), EndpointError> {
     Ok((protocol, address))
 }
 
-/// Whether `HOST:PORT` can be reached from this machine alone. Host names count as not local, because they
-/// could resolve to anything, except the one that RFC 6761 fixes.
+/// Whether `HOST:PORT` can be reached from this machine alone. Host names count as not local, because
+/// they could resolve to anything; the exception is the one that RFC 6761 fixes (`localhost`).
 fn is_loopback(address: &str) -> bool {
     let Some((host, _port)) = address.rsplit_once(':') else { return false };
     let host = host.trim_start_matches('[').trim_end_matches(']');

@@ -1,9 +1,10 @@
-//! Incoming messages: reads the key, verifies the seal, and passes the message to [`Inbound`].
+//! Incoming messages: this module parses the key, verifies the seal, and passes the message to
+//! [`Inbound`].
 //!
-//! Zenoh calls on its receiving threads (or, for messages of this daemon to itself, on the sender's); a
-//! callback that blocks stops the whole session. Nothing here blocks, waits or calls back into the session,
-//! and everything uses callbacks: Zenoh's own channel of 256 hangs for ever if there are more liveliness
-//! tokens than that at the start.
+//! Zenoh runs callbacks on its receiving threads or, for messages of this daemon to itself, on the
+//! sender's thread. A callback that blocks stops the whole session, so nothing in this module blocks,
+//! waits or calls the session. Callbacks are used for everything: Zenoh's own channel of 256 entries
+//! hangs for ever if there are more liveliness tokens than that at the start.
 
 use std::sync::Arc;
 
@@ -26,14 +27,14 @@ use crate::sealing::Security;
 struct InboundReceiver {
     keys: KeySpace,
     inbound: Arc<dyn Inbound>,
-    /// Opens the seals of messages that come over links; `None` if the ecosystem is not secured.
+    /// Keys that open the seals of messages from links; `None` if the ecosystem is not secured.
     security: Option<Security>,
 }
 
-/// Declares the subscribers of a daemon: its inbox, the broadcasts and the models.
+/// Declares the subscribers of a daemon: for messages to its agents, for broadcasts, and for models.
 ///
-/// In a secured ecosystem its own messages have separate subscribers, because only those that come over
-/// links may be forged. `telling` is how often everything was declared again.
+/// In a secured ecosystem there are separate subscribers for the daemon's own messages, because only
+/// messages from links may be forged. `telling` is how often all declarations were made again.
 pub(crate) fn declare(
     session: &Session,
     keys: &KeySpace,
@@ -99,7 +100,7 @@ impl InboundReceiver {
         inbound.deliver(Delivery { destination: addressed, payload, origin });
     }
 
-    /// Delivers the heartbeats of a batch, each as if it had come alone.
+    /// Delivers the heartbeats of a batch, each as if it had arrived in a message of its own.
     fn deliver_together(&self, key: &str, bundle: &Bytes, origin: Option<&Origin>, is_own: bool) {
         let claimed = origin.map(|origin| origin.daemon.as_str());
         let reject = |breach, detail: &str| {
@@ -127,7 +128,8 @@ impl InboundReceiver {
     }
 }
 
-/// Copies the payload, so that a message kept for long does not keep the whole batch it came in.
+/// Copies the payload of a message, so that a message that is kept for long does not keep the whole batch
+/// in which it arrived.
 pub(crate) fn into_bytes(payload: &ZBytes) -> Bytes {
     Bytes::from(payload.to_bytes().into_owned())
 }

@@ -1,31 +1,32 @@
-//! All key expressions of an ecosystem: how they are built, and how they are read.
+//! All key expressions of an ecosystem: how they are built, and how they are parsed.
 //!
 //! There is one constructor and one parser per row of the table in docs/design.md, “Key expressions”.
-//! Chunks are plain, so that any Zenoh tool can listen. Parsers return `None` for a key that does not parse:
-//! keys come from outside, where any client can write anything.
+//! Chunks are plain text, so that any Zenoh tool can listen. Parsers return `None` for a key that is not
+//! valid, because keys come from outside, where any client can write anything.
 //!
-//! `telling` is how often a session has declared everything again; see `declarations`.
+//! The argument `telling` is how often a session has made all its declarations again; see `declarations`.
 
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
 use substrate::{AgentAddress, Destination, Resident, Resource, Subject};
 use zenoh::key_expr::KeyExpr;
 
-/// The last chunk of a receipt's key, where a message has its performative.
+/// Last chunk of the key of a receipt, in the place where the key of a message has the performative.
 const RECEIPT: &str = "receipt";
 
-/// The last chunk of a probe's key, where a question has its resource.
+/// Last chunk of the key of a probe (whether a daemon can be reached), in the place where the key of a
+/// question has the resource.
 const REACH: &str = "reach";
 
-/// The selector parameter that names the agent a question is about.
+/// Name of the selector parameter that contains the agent that a question is about.
 pub(crate) const AGENT_PARAMETER: &str = "agent";
 
 /// The key expressions of one daemon in one ecosystem.
 #[derive(Clone, Debug)]
 pub(crate) struct KeySpace {
-    /// `althing/{ecosystem}`.
+    /// Root of all keys: `althing/{ecosystem}`.
     root: String,
     daemon: DaemonId,
-    /// Whether this session is short-lived, as that of a command is.
+    /// Whether this session is that of a guest: a short-lived one, such as that of a command.
     is_guest: bool,
 }
 
@@ -36,11 +37,12 @@ impl KeySpace {
         KeySpace { root: format!("althing/{ecosystem}"), daemon, is_guest: false }
     }
 
-    /// Returns keys that subscribe to the same under key expressions other than those of daemons.
+    /// Returns keys with which a guest subscribes to the same messages as a daemon, under key expressions
+    /// of other texts.
     ///
-    /// Zenoh 1.10.2 keeps its records of a closed link as long as another link declares a key expression of
-    /// the same text, which for daemons is for ever; a command each minute would fill the memory of a
-    /// board.
+    /// Zenoh 1.10.2 keeps its records of a closed link for as long as another link declares a key
+    /// expression of the same text. Daemons declare theirs for ever, so one command each minute would
+    /// fill the memory of a board.
     pub(crate) fn of_guest(self) -> KeySpace {
         KeySpace { is_guest: true, ..self }
     }
@@ -50,7 +52,7 @@ impl KeySpace {
         &self.daemon
     }
 
-    /// `in/{daemon}/{agent}/{performative}`: a message to one agent.
+    /// Builds `in/{daemon}/{agent}/{performative}`: the key of a message to one agent.
     pub(crate) fn to_one(&self, to: &AgentAddress, subject: Subject) -> KeyExpr<'static> {
         let what = match subject {
             Subject::Message(performative) => performative.as_str(),
@@ -59,13 +61,13 @@ impl KeySpace {
         self.build(&["in", to.daemon.as_str(), to.agent.as_str(), what])
     }
 
-    /// `all/{performative}/{sender}`: a message to all.
+    /// Builds `all/{performative}/{sender}`: the key of a message to all agents.
     pub(crate) fn to_all(&self, sender: &AgentId, performative: Performative) -> KeyExpr<'static> {
         self.build(&["all", performative.as_str(), sender.as_str()])
     }
 
-    /// `alive/{daemon}/{agent}/{incarnation}`: the presence of one agent of this daemon. If `telling` is
-    /// not 0, it is one more chunk.
+    /// Builds `alive/{daemon}/{agent}/{incarnation}`: the key of the token for the presence of one agent
+    /// of this daemon. If `telling` is not 0, it is added as one more chunk.
     pub(crate) fn alive(
         &self,
         agent: &AgentId,
@@ -77,38 +79,40 @@ impl KeySpace {
         self.build(if telling == "0" { &chunks[..4] } else { &chunks })
     }
 
-    /// `session/{daemon}/{zid}/{telling}`: the presence of one Zenoh session.
+    /// Builds `session/{daemon}/{zid}/{telling}`: the key of the token for the presence of one Zenoh
+    /// session.
     pub(crate) fn own_session(&self, zid: &str, telling: u64) -> KeyExpr<'static> {
         self.build(&["session", self.daemon.as_str(), zid, &telling.to_string()])
     }
 
-    /// `model/{daemon}/{agent}`: the action model of one agent of this daemon.
+    /// Builds `model/{daemon}/{agent}`: the key of the action model of one agent of this daemon.
     pub(crate) fn model(&self, agent: &AgentId) -> KeyExpr<'static> {
         self.build(&["model", self.daemon.as_str(), agent.as_str()])
     }
 
-    /// `model/{daemon}`: the heartbeats of several agents of this daemon, together.
+    /// Builds `model/{daemon}`: the key of a batch of heartbeats of several agents of this daemon.
     pub(crate) fn models_together(&self) -> KeyExpr<'static> {
         self.build(&["model", self.daemon.as_str()])
     }
 
-    /// `at/{daemon}/{what}`: a resource of this daemon.
+    /// Builds `at/{daemon}/{what}`: the key of a resource of this daemon.
     pub(crate) fn at(&self, resource: Resource) -> KeyExpr<'static> {
         self.build(&["at", self.daemon.as_str(), resource.as_str()])
     }
 
-    /// `at/{daemon}/reach`: the probe whether a daemon can be reached; this crate answers it.
+    /// Builds `at/{daemon}/reach`: the key of the probe whether a daemon can be reached; this crate
+    /// answers it.
     pub(crate) fn reach(&self, daemon: &DaemonId) -> KeyExpr<'static> {
         self.build(&["at", daemon.as_str(), REACH])
     }
 
-    /// Matches everything sent to agents of this daemon.
+    /// Builds an expression that matches every message to an agent of this daemon.
     pub(crate) fn inbox(&self) -> KeyExpr<'static> {
         self.build(&["in", self.daemon.as_str(), "**"])
     }
 
-    /// Matches everything sent to all. Even and odd `telling` give two texts with the same meaning; see
-    /// `declarations`.
+    /// Builds an expression that matches every message to all agents. Even and odd `telling` give two
+    /// texts with the same meaning; see `declarations`.
     pub(crate) fn every_broadcast(&self, telling: u64) -> KeyExpr<'static> {
         match (self.is_guest, telling.is_multiple_of(2)) {
             (false, true) => self.build(&["all", "**"]),
@@ -118,7 +122,8 @@ impl KeySpace {
         }
     }
 
-    /// Matches the action models and heartbeats of all agents, single ones and batches.
+    /// Builds expressions that match the action models and heartbeats of all agents, both single
+    /// heartbeats and batches.
     pub(crate) fn every_model(&self, telling: u64) -> Vec<KeyExpr<'static>> {
         match (self.is_guest, telling.is_multiple_of(2)) {
             (false, true) => vec![self.build(&["model", "**"])],
@@ -130,22 +135,23 @@ impl KeySpace {
         }
     }
 
-    /// Matches all messages of the ecosystem.
+    /// Builds an expression that matches all messages of the ecosystem.
     pub(crate) fn everything(&self) -> KeyExpr<'static> {
         self.build(&["**"])
     }
 
-    /// `revoked`: the list of revoked certificates, sent to all.
+    /// Builds `revoked`: the key of the list of revoked certificates, which is sent to all daemons.
     pub(crate) fn revoked(&self) -> KeyExpr<'static> {
         self.build(&["revoked"])
     }
 
-    /// Same as [`KeySpace::revoked`], to subscribe to: one of two texts with the same meaning.
+    /// Builds an expression to subscribe to [`KeySpace::revoked`]: one of two texts with the same
+    /// meaning, depending on `telling`.
     pub(crate) fn every_revocation(&self, telling: u64) -> KeyExpr<'static> {
         if telling.is_multiple_of(2) { self.revoked() } else { self.build(&["revoked", "**"]) }
     }
 
-    /// Matches the session tokens of all daemons.
+    /// Builds an expression that matches the session tokens of all daemons.
     pub(crate) fn every_session(&self) -> KeyExpr<'static> {
         if self.is_guest {
             self.build(&["session", "*", "*", "*"])
@@ -154,12 +160,12 @@ impl KeySpace {
         }
     }
 
-    /// The probe of all daemons.
+    /// Builds the expression of a probe of all daemons.
     pub(crate) fn everyone_reached(&self) -> KeyExpr<'static> {
         self.build(&["at", "*", REACH])
     }
 
-    /// Matches the presence tokens of all agents.
+    /// Builds an expression that matches the presence tokens of all agents.
     pub(crate) fn everyone_alive(&self) -> KeyExpr<'static> {
         if self.is_guest {
             self.build(&["alive", "*", "*", "*", "**"])
@@ -168,18 +174,19 @@ impl KeySpace {
         }
     }
 
-    /// Everything this daemon can be asked for, except its models.
+    /// Builds an expression that matches all resources that this daemon can be asked for, except its
+    /// models.
     pub(crate) fn own_resources(&self) -> KeyExpr<'static> {
         self.build(&["at", self.daemon.as_str(), "*"])
     }
 
-    /// The action models this daemon can be asked for.
+    /// Builds an expression that matches the action models that this daemon can be asked for.
     pub(crate) fn own_models(&self) -> KeyExpr<'static> {
         self.build(&["model", self.daemon.as_str(), "*"])
     }
 
-    /// Returns the key expression of a question. With `None` it goes to all daemons, each of which answers
-    /// under its own key.
+    /// Builds the key expression of a question to `daemon`. If `daemon` is `None`, the question goes to
+    /// all daemons, and each of them answers under its own key.
     pub(crate) fn query(
         &self,
         daemon: Option<&DaemonId>,
@@ -193,7 +200,7 @@ impl KeySpace {
         }
     }
 
-    /// Returns the agent of this daemon that a query for a single model names.
+    /// Returns the agent of this daemon that is named in the key of a query for a single model.
     pub(crate) fn asked_for(&self, key: &str) -> Option<AgentId> {
         match self.chunks(key)?.as_slice() {
             ["model", daemon, agent] if *daemon == self.daemon.as_str() => AgentId::new(agent).ok(),
@@ -210,7 +217,7 @@ impl KeySpace {
 // === reading ===
 
 impl KeySpace {
-    /// Returns how a message with this key was addressed; `None` if it is not one for this daemon.
+    /// Returns how the message with this key was addressed; `None` if the message is not for this daemon.
     pub(crate) fn addressed(&self, key: &str) -> Option<Destination> {
         match self.chunks(key)?.as_slice() {
             ["in", daemon, agent, what] if *daemon == self.daemon.as_str() => {
@@ -227,12 +234,13 @@ impl KeySpace {
         }
     }
 
-    /// Whether a message with this key is a batch of heartbeats.
+    /// Whether the message with this key is a batch of heartbeats.
     pub(crate) fn is_together(&self, key: &str) -> bool {
         matches!(self.chunks(key).as_deref(), Some(["model", daemon]) if DaemonId::new(daemon).is_ok())
     }
 
-    /// Returns the agent that a liveliness token with this key declares present, and the token's `telling`.
+    /// Returns the agent that is declared present by the liveliness token with this key, and the token's
+    /// `telling`.
     pub(crate) fn resident(&self, key: &str) -> Option<(Resident, u64)> {
         let chunks = self.chunks(key)?;
         let ["alive", daemon, agent, incarnation, telling @ ..] = chunks.as_slice() else {
@@ -251,8 +259,8 @@ impl KeySpace {
         Some((resident, telling))
     }
 
-    /// Returns the Zenoh id of the session that a liveliness token with this key declares present, and the
-    /// token's `telling`.
+    /// Returns the Zenoh id of the session that is declared present by the liveliness token with this
+    /// key, and the token's `telling`.
     pub(crate) fn session<'key>(&self, key: &'key str) -> Option<(&'key str, u64)> {
         let chunks = self.chunks(key)?;
         let ["session", daemon, zid, telling] = chunks.as_slice() else { return None };
@@ -260,7 +268,7 @@ impl KeySpace {
         Some((zid, number(telling)?))
     }
 
-    /// Returns the daemon that answered a probe under this key.
+    /// Returns the daemon that answered a probe, from the key of the answer.
     pub(crate) fn reached(&self, key: &str) -> Option<DaemonId> {
         match self.chunks(key)?.as_slice() {
             ["at", daemon, REACH] => DaemonId::new(daemon).ok(),
@@ -268,7 +276,8 @@ impl KeySpace {
         }
     }
 
-    /// Returns the only daemon that may send under this key; `None` if there is no such restriction.
+    /// Returns the only daemon that may send messages with this key; `None` if there is no such
+    /// restriction.
     pub(crate) fn only_sender<'key>(&self, key: &'key str) -> Option<&'key str> {
         match self.chunks(key)?.as_slice() {
             ["model" | "at", daemon, _] | ["model", daemon] => Some(daemon),
@@ -276,7 +285,7 @@ impl KeySpace {
         }
     }
 
-    /// Returns the resource and the agent that an answer with this key is about.
+    /// Returns the resource and the agent that the answer with this key is about.
     pub(crate) fn answered_resource(&self, key: &str) -> Option<(Resource, Option<AgentId>)> {
         match self.chunks(key)?.as_slice() {
             ["model", _, agent] => Some((Resource::Model, AgentId::new(agent).ok())),
@@ -288,7 +297,7 @@ impl KeySpace {
         }
     }
 
-    /// Returns the chunks below the ecosystem's root.
+    /// Returns the chunks of `key` below the ecosystem's root; `None` if it has another root.
     fn chunks<'key>(&self, key: &'key str) -> Option<Vec<&'key str>> {
         let below = key.strip_prefix(self.root.as_str())?.strip_prefix('/')?;
         Some(below.split('/').collect())
@@ -302,8 +311,8 @@ fn subject(what: &str) -> Option<Subject> {
     }
 }
 
-/// Reads only the spelling that [`KeySpace::alive`] writes: if `7` and `007` were the same incarnation, the end
-/// of one token would end the other.
+/// Parses a number only in the spelling that [`KeySpace::alive`] writes: if `7` and `007` were the same
+/// incarnation, the end of one token would end the other.
 fn number(chunk: &str) -> Option<u64> {
     let number: u64 = chunk.parse().ok()?;
     (number.to_string() == chunk).then_some(number)
@@ -352,7 +361,8 @@ mod tests {
         }
     }
 
-    /// A guest subscribes to the same messages as a daemon, but never by the same text.
+    /// A guest subscribes to the same messages as a daemon, but never with a key expression of the same
+    /// text.
     #[test]
     fn guests_hear_the_same_under_other_key_expressions() {
         let (daemons, guests) = (keys(), keys().of_guest());

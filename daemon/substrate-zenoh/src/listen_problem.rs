@@ -1,5 +1,5 @@
-//! Explains why a daemon cannot listen: the endpoint, the kernel's error, and the process that has the
-//! port. Zenoh reports all of it in one sentence for experts in Zenoh.
+//! Explains why a daemon cannot listen on an endpoint: names the endpoint, the kernel's error, and the
+//! process that has the port. Zenoh reports all of this in one sentence for experts in Zenoh.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -8,13 +8,14 @@ use std::os::unix::fs::MetadataExt as _;
 
 use crate::endpoint;
 
-/// The state of a socket that listens, as `/proc/net/tcp` writes it.
+/// The state of a listening socket, as `/proc/net/tcp` writes it.
 const LISTENS: &str = "0A";
 
-/// Maximum length of a reported command line, in characters.
+/// Maximum length of a command line in a report, in characters.
 const COMMAND_CHARS_MAX: usize = 120;
 
-/// Returns why an endpoint cannot be listened on; `None` if all can. Completes “failed to …”.
+/// Returns the reason why the daemon cannot listen on one of the endpoints; `None` if it can listen on
+/// all. The text completes “failed to …”.
 pub(crate) fn obstacle(listen: &[String]) -> Option<String> {
     listen.iter().find_map(|endpoint| {
         let (host, port) = endpoint::host_and_port(endpoint)?;
@@ -57,8 +58,8 @@ fn next(port: u16) -> u16 {
     port.checked_add(1).unwrap_or(port - 1)
 }
 
-/// Returns the process that listens at a port of this machine; only its user, if this user may not see
-/// more.
+/// Returns a description of the process that listens on a port of this machine. If this user may not see
+/// the process, only its user is described.
 fn holder(port: u16) -> Option<String> {
     let tables = ["/proc/net/tcp", "/proc/net/tcp6"];
     let listener = tables.iter().find_map(|table| listener(&fs::read_to_string(table).ok()?, port));
@@ -69,7 +70,8 @@ fn holder(port: u16) -> Option<String> {
     }
 }
 
-/// Returns the user and the inode of the socket that listens at a port.
+/// Returns the user and the inode of the socket that listens on a port, according to `table` (the text of
+/// `/proc/net/tcp`).
 fn listener(table: &str, port: u16) -> Option<(String, String)> {
     table.lines().skip(1).find_map(|line| {
         let fields: Vec<&str> = line.split_whitespace().collect();
@@ -79,7 +81,7 @@ fn listener(table: &str, port: u16) -> Option<(String, String)> {
     })
 }
 
-/// Returns the process that has a file open, and its command line.
+/// Returns the identifier and the command line of the process that has a file open.
 fn process_with(file: &str) -> Option<(u32, String)> {
     let own = fs::metadata("/proc/self").ok()?.uid();
     for entry in fs::read_dir("/proc").ok()?.flatten() {

@@ -1,11 +1,11 @@
-//! Membership as this daemon sees it: liveliness tokens, the daemons that have answered a call, and the
-//! presence that was passed on.
+//! Membership as this daemon sees it. It follows from liveliness tokens, from the answers of daemons to
+//! calls (periodic queries to all), and from the changes of presence that were passed on before.
 //!
 //! A token alone does not prove presence. It may arrive before the route to its daemon exists. A router
 //! that has not yet detected a failure can advertise the token of a dead agent again, to daemons that had
 //! already seen it removed; these then never receive its removal. So three rules hold: no agent joins
-//! before its daemon has answered; an agent that its daemon does not host has left; and so has every agent
-//! of a daemon that does not answer for a lease.
+//! before its daemon has answered; an agent that its daemon does not host has left; and all agents of a
+//! daemon have left if the daemon does not answer for a lease.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
@@ -13,45 +13,48 @@ use std::time::{Duration, Instant};
 use acl::{AgentId, DaemonId, Incarnation};
 use substrate::{Presence, Resident};
 
-/// Maximum number of joined agents: four times as many as a Domain Maintainer takes. Tokens beyond it have
-/// no effect, least of all on agents that have joined.
+/// Maximum number of joined agents: four times as many as a Domain Maintainer accepts. Tokens beyond this
+/// number have no effect, least of all on agents that have joined.
 const AGENTS_MAX: usize = 4_096;
 
-/// Maximum number of joined agents per certificate name, which covers a daemon and its guests. Ten daemons
-/// usually share about a thousand agents. It takes four daemons at the limit to exclude all others.
+/// Maximum number of joined agents per name in a certificate, which covers a daemon and its guests. Ten
+/// daemons usually share about a thousand agents. At least four daemons at this limit are needed to
+/// exclude all others.
 const AGENTS_PER_HOST_MAX: usize = 1_024;
 
-/// Maximum number of tokens that their daemons have not confirmed. Tokens are not signed, so any client can
-/// invent them; beyond the limit the oldest unconfirmed tokens are dropped.
+/// Maximum number of tokens that have not been confirmed by their daemons. Tokens are not signed, so any
+/// client can invent them; beyond the limit the oldest unconfirmed tokens are dropped.
 const UNCONFIRMED_MAX: usize = 2 * AGENTS_MAX;
 
-/// Maximum number of declarations of one token: normally one, or two for a moment when it is declared
-/// again.
+/// Maximum number of declarations of one token that are recorded: normally there is one, or two for a
+/// moment when the token is declared again.
 const TELLINGS_MAX: usize = 8;
 
-/// Tokens and answers of all daemons, and the presence that follows from them.
+/// The tokens and answers of all daemons, and the presence of agents that follows from them.
 ///
-/// The presence changes that its methods return have to be passed on in the order of the calls.
+/// The methods return changes of presence, which have to be passed on in the order of the calls of the
+/// methods.
 #[derive(Debug)]
 pub(crate) struct Membership {
     own: DaemonId,
-    /// Longest time that a daemon may be silent before its agents have left.
+    /// Longest time that a daemon may be silent before its agents count as having left.
     lease: Duration,
-    /// Counts tokens as they arrive. An answer says nothing about a token that arrived after the call.
+    /// Number of tokens that have arrived so far. It tells which tokens arrived after a call was sent:
+    /// the answer to the call says nothing about them.
     tokens: u64,
     daemons: BTreeMap<DaemonId, DaemonMembers>,
-    /// Numbers of tokens and of joined agents.
+    /// Numbers of tokens and of joined agents, for comparison with the limits.
     counts: MemberCounts,
-    /// Tokens rejected because there is no room, still to be reported.
+    /// Tokens that were rejected because there is no room, and have not been reported yet.
     rejected: Vec<Resident>,
 }
 
-/// Numbers of tokens and of joined agents, for the limits.
+/// Numbers of tokens and of joined agents, for comparison with the limits.
 #[derive(Debug)]
 struct MemberCounts {
     own: DaemonId,
     tokens: usize,
-    /// Joined agents, by the name in the certificate of their daemon.
+    /// Numbers of joined agents, by the name in the certificate of their daemon.
     joined: BTreeMap<String, usize>,
 }
 
@@ -61,47 +64,50 @@ struct DaemonMembers {
     tokens: BTreeMap<Resident, TokenDeclarations>,
     joined: BTreeSet<Resident>,
     route_state: RouteState,
-    /// Time of the first call that it did not answer; `None` if it answered the last one.
+    /// Time of the first call that the daemon did not answer; `None` if it answered the last one.
     silent_since: Option<Instant>,
 }
 
-/// The declarations of one incarnation's token: one, or two for a moment when it is declared again.
+/// The declarations of the token of one incarnation of an agent: one, or two for a moment when it is
+/// declared again.
 #[derive(Debug)]
 struct TokenDeclarations {
     number: u64,
     rounds: BTreeSet<u64>,
-    /// Whether it was reported that there is no room for it.
+    /// Whether it was reported that there is no room for the token.
     is_surplus: bool,
 }
 
-/// Whether a daemon can be reached.
+/// Whether the route to a daemon is known to work.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum RouteState {
-    /// Not known: not probed yet, or the probe ended without an answer.
+    /// The route is not known to work: the daemon was not probed yet, or the probe ended without an
+    /// answer.
     #[default]
     Unknown,
-    /// A probe is under way.
+    /// A probe of the daemon is under way.
     Probed,
-    /// The daemon answered, and answered again after one of its agents had left.
+    /// The daemon has answered a probe; if one of its agents has left since, it has answered another.
     Known,
 }
 
-/// Agents that a daemon hosts, as its answer to a call gives them.
+/// Agents that a daemon hosts, according to its answer to a call.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum HostedAgents<'h> {
-    /// The answer does not say; all agents with a token are taken as hosted.
+    /// The answer does not tell the agents; all agents with a token are taken as hosted.
     Unstated,
-    /// Exactly the agents with a token at the time of the call: the digest in the call was right.
+    /// The daemon hosts exactly the agents that had a token at the time of the call: the digest in the
+    /// call was right.
     AsKnown,
-    /// Exactly these agents.
+    /// The daemon hosts exactly these agents.
     Listed(&'h [(AgentId, Incarnation)]),
 }
 
-/// Effects of a token that has come or gone.
+/// Effects of the arrival or removal of a token.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct TokenEffects {
     pub(crate) passed_on: Vec<Presence>,
-    /// Whether the daemon of the token has to be probed.
+    /// Whether the daemon that the token belongs to has to be probed.
     pub(crate) probe: bool,
 }
 
@@ -114,13 +120,14 @@ impl Membership {
         Membership { own, lease, tokens: 0, daemons, counts: crowd, rejected: surplus }
     }
 
-    /// Returns the number of tokens received so far. A call stores it when it goes out.
+    /// Returns the number of tokens received so far. It must be stored when a call is sent, as the `mark`
+    /// of the call.
     pub(crate) fn watermark(&self) -> u64 {
         self.tokens
     }
 
-    /// Handles a token that has come, with the number of its declaration. The agent joins at once if its
-    /// daemon is this one or is known to be reachable.
+    /// Handles a token that has arrived, with the number of its declaration. The agent joins at once if
+    /// its daemon is this one or is known to be reachable.
     pub(crate) fn add_token(&mut self, resident: Resident, telling: u64) -> TokenEffects {
         self.tokens += 1;
         let is_own = resident.daemon == self.own;
@@ -147,13 +154,13 @@ impl Membership {
         TokenEffects { passed_on: Vec::new(), probe }
     }
 
-    /// Returns the tokens rejected since the last call for lack of room, each once.
+    /// Returns the tokens that were rejected for lack of room since this was called last, each once.
     pub(crate) fn take_rejected(&mut self) -> Vec<Resident> {
         std::mem::take(&mut self.rejected)
     }
 
-    /// Drops the older half of the tokens that their daemons have not confirmed. If a valid token is among
-    /// them, its agent joins when its daemon declares the token again.
+    /// Drops the older half of the tokens that have not been confirmed by their daemons. If a valid token
+    /// is among them, its agent joins when the daemon declares the token again.
     fn forget_unconfirmed(&mut self) {
         let unconfirmed = self.daemons.values().flat_map(|hosted| {
             let waiting = hosted.tokens.iter().filter(|(each, _)| !hosted.joined.contains(*each));
@@ -175,8 +182,8 @@ impl Membership {
         self.daemons.retain(|_, hosted| !hosted.tokens.is_empty());
     }
 
-    /// Handles a token that has gone. Its daemon may have gone too, so it is probed at once: agents of it
-    /// that come next need not wait until that is known.
+    /// Handles the removal of a token. The daemon of the token may have gone too, so it is probed at
+    /// once: then the next agents of the daemon need not wait for the result.
     pub(crate) fn remove_token(&mut self, resident: &Resident, telling: u64) -> TokenEffects {
         let Some(hosted) = self.daemons.get_mut(&resident.daemon) else {
             return TokenEffects::default();
@@ -200,12 +207,12 @@ impl Membership {
         TokenEffects { passed_on, probe }
     }
 
-    /// Whether a probe of the daemon is still under way.
+    /// Whether a probe of `daemon` is still under way.
     pub(crate) fn awaits(&self, daemon: &DaemonId) -> bool {
         self.daemons.get(daemon).is_some_and(|hosted| hosted.route_state == RouteState::Probed)
     }
 
-    /// Returns the agents that have a token, per daemon: of all daemons, or of `one`.
+    /// Returns the agents that have a token, per daemon: of all daemons, or of `one` only if it is given.
     pub(crate) fn known_agents(
         &self,
         one: Option<&DaemonId>,
@@ -218,8 +225,9 @@ impl Membership {
         })
     }
 
-    /// Handles the answer of `daemon` to a call that went out at `mark`. Confirmed agents join; agents that
-    /// had a token at the time of the call and are not hosted leave.
+    /// Handles the answer of `daemon` to the call that was sent when the number of tokens was `mark`.
+    /// Agents that the answer confirms join; agents that had a token at the time of the call and are not
+    /// hosted leave.
     pub(crate) fn receive_reply(
         &mut self,
         daemon: &DaemonId,
@@ -259,7 +267,7 @@ impl Membership {
         follows
     }
 
-    /// Ends a probe that was given up. The daemon is still called together with all others.
+    /// Ends a probe of `daemon` that was given up. The daemon still receives the calls to all daemons.
     pub(crate) fn unreached(&mut self, daemon: &DaemonId) {
         if let Some(hosted) =
             self.daemons.get_mut(daemon).filter(|it| it.route_state == RouteState::Probed)
@@ -268,8 +276,8 @@ impl Membership {
         }
     }
 
-    /// Handles the end of a call to all that went out at `mark`, with the daemons that answered. The agents
-    /// of a daemon that has not answered for a lease leave.
+    /// Handles the end of a call to all daemons that was sent when the number of tokens was `mark`; some
+    /// of the daemons have answered. The agents of a daemon that has not answered for a lease leave.
     pub(crate) fn finish_round(
         &mut self,
         answered: &BTreeSet<DaemonId>,
@@ -303,9 +311,9 @@ impl Membership {
 // === impl DaemonMembers ===
 
 impl DaemonMembers {
-    /// Adds an agent if there is room. If another incarnation of it has joined already, the older of the
-    /// two is a remnant, and the newer takes its place. If the newer token was invented, the older
-    /// incarnation joins again with its daemon's next answer.
+    /// Lets an agent join if there is room. If two incarnations of the agent have tokens, the older one
+    /// is a remnant, and the newer takes its place. If the token of the newer one was invented, the older
+    /// incarnation joins again with the next answer of its daemon.
     fn join(
         &mut self,
         resident: Resident,
@@ -345,7 +353,7 @@ impl DaemonMembers {
 // === impl MemberCounts ===
 
 impl MemberCounts {
-    /// Whether one more agent of a daemon may join; always `true` for this daemon.
+    /// Whether one more agent of `daemon` may join; always `true` for this daemon itself.
     fn has_room(&self, daemon: &DaemonId) -> bool {
         if *daemon == self.own {
             return true;
@@ -503,7 +511,7 @@ mod tests {
         assert!(roster.silent().is_empty());
     }
 
-    /// A token is not signed: any client can make one for an agent of another daemon.
+    /// A token is not signed: any client can declare one for an agent of another daemon.
     #[test]
     fn an_invented_life_displaces_nobody_for_good() {
         let (mut roster, robot) = (roster(), resident("robot", "pi", 1));

@@ -1,9 +1,9 @@
 //! Detects messages that are longer than allowed: each is logged with its sender and counted.
 //!
-//! Zenoh assembles a long message from its fragments, drops it when it grows beyond `max_message_size`, and
-//! reports that only in its own log, at `trace`, without the sender. So [`oversize`] reads that log. The
-//! vendored crate of TLS links knows from which peer it is reading. A peer on another kind of link
-//! is on this machine and remains unknown.
+//! Zenoh assembles a long message from its fragments, drops it when it grows beyond `max_message_size`,
+//! and reports that only in its own log, at level `trace`, without the sender. So the layer
+//! [`oversize_layer`] reads that log. The vendored crate for TLS links knows which peer it is reading
+//! from. A peer on another kind of link is on this machine and remains unknown.
 
 use std::fmt::{self, Write as _};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -20,27 +20,31 @@ use zenoh_link_tls::reading::{self, Peer};
 
 use crate::sealing::Security;
 
-/// Target under which Zenoh logs it.
+/// Log target under which Zenoh reports a message that is too long.
 const TARGET: &str = "zenoh_transport::unicast::universal::rx";
 
-/// Beginning of the line.
+/// Beginning of the log line by which Zenoh reports a message that is too long.
 const BEGINNING: &str = "Defragmentation buffer full";
 
-/// Maximum number of detections that wait to be counted. Each stands for sixteen megabytes received.
+/// Maximum number of detected messages that wait to be counted. Each stands for sixteen megabytes
+/// received.
 const WAITING_MAX: usize = 64;
 
-/// Sessions of this process that are notified.
+/// Sessions of this process that are notified of messages that are too long.
 static LISTENING: Mutex<Vec<Weak<OversizeListener>>> = Mutex::new(Vec::new());
 
-/// Registration of a session, which is notified for as long as it holds this.
+/// Registration of a session: the session is notified of messages that are too long for as long as it
+/// holds this.
 pub(crate) struct OversizeListener {
-    /// File of the key that the session's own links use; `None` if the ecosystem is not secured.
+    /// Path of the key file that the session's own links use; `None` if the ecosystem is not secured.
     key_file: Option<String>,
-    /// Channel for the name of the peer that sent a message that was too long, if it is known.
+    /// Channel for detected messages. Each entry is the name of the peer that sent the message; `None` if
+    /// it is unknown.
     peers: mpsc::Sender<Option<String>>,
 }
 
-/// Reports messages that were too long to `inbound`. It needs [`oversize`] among the layers of the log.
+/// Reports messages that were too long to `inbound`. It has an effect only if [`oversize_layer`] is among
+/// the layers of the log.
 ///
 /// # Panics
 ///
@@ -68,11 +72,12 @@ pub(crate) fn listen(
     listening
 }
 
-/// Returns a log layer that detects messages that are too long; without it they are dropped silently.
+/// Returns a log layer that detects messages that are too long. Without the layer, they are dropped
+/// silently.
 ///
-/// It writes nothing to the log. Each detection is [rejected](substrate::Inbound::rejected) like any other
-/// message that is not believed. In a process with several sessions, all of them are notified of a message
-/// that came over a link other than TLS.
+/// The layer writes nothing to the log. Each detected message is [rejected](substrate::Inbound::rejected)
+/// like any other message that is not believed. In a process with several sessions, all of them are
+/// notified of such a message if it came over a link other than TLS.
 pub fn oversize_layer<S>() -> impl Layer<S>
 where
     S: Subscriber + for<'a> LookupSpan<'a>,
@@ -94,7 +99,7 @@ impl<S: Subscriber> Layer<S> for OversizeLayer {
     }
 }
 
-/// Notifies the session that owns the link; all sessions, if that is not known.
+/// Notifies the session that owns the link to `peer`. If the session is not known, notifies all sessions.
 fn notify_sessions(peer: Option<&Peer>) {
     let all: Vec<_> = all().iter().filter_map(Weak::upgrade).collect();
     let key_file = peer.map(|peer| &*peer.key_file);
@@ -111,8 +116,8 @@ fn all() -> MutexGuard<'static, Vec<Weak<OversizeListener>>> {
     LISTENING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Compares the beginning of a line with the expected text. Zenoh logs every batch with its content under
-/// this target; so formatting stops at the first difference.
+/// Compares the beginning of a log line with the expected text. Zenoh logs every batch with its content
+/// under the same target, so formatting stops at the first difference.
 struct PrefixMatcher {
     awaited: &'static str,
 }
@@ -149,7 +154,7 @@ mod tests {
         beginning.awaited.is_empty()
     }
 
-    /// Panics if it is formatted.
+    /// A value that panics if it is formatted.
     struct Unread;
 
     impl fmt::Display for Unread {

@@ -1,5 +1,5 @@
-//! Finds the endpoints to connect to that are this daemon's own: one file for all machines names every
-//! daemon, and no daemon connects to itself.
+//! Finds which of the endpoints to connect to belong to this daemon itself: one ecosystem file for all
+//! machines names every daemon, but no daemon connects to itself.
 
 use std::collections::BTreeSet;
 use std::fmt::Debug;
@@ -17,11 +17,11 @@ use crate::endpoint;
 /// Target under which Zenoh logs that a link could not be made.
 const ESTABLISHMENT: &str = "zenoh_transport::unicast::establishment";
 
-/// How long host names may take to be resolved. A later name counts as foreign; Zenoh then closes the link
-/// to itself.
+/// How long the resolution of host names may take. A name that is resolved later counts as that of
+/// another machine; Zenoh then closes the daemon's link to itself.
 const RESOLVED_WITHIN: Duration = Duration::from_secs(2);
 
-/// Returns the endpoints of `connect` at which this daemon listens itself.
+/// Returns the endpoints in `connect` at which this daemon itself listens.
 pub(crate) async fn own(listen: &[String], connect: &[String]) -> BTreeSet<String> {
     let places: Vec<_> = listen.iter().filter_map(|each| place(each)).collect();
     let mut own = BTreeSet::new();
@@ -49,7 +49,7 @@ pub(crate) async fn own(listen: &[String], connect: &[String]) -> BTreeSet<Strin
     own
 }
 
-/// Removes endpoints from a list in any of the shapes Zenoh knows.
+/// Removes endpoints from a setting that may have any of the shapes that Zenoh allows.
 pub(crate) fn without(value: &mut Value, own: &BTreeSet<String>) {
     match value {
         Value::Array(list) => {
@@ -61,8 +61,9 @@ pub(crate) fn without(value: &mut Value, own: &BTreeSet<String>) {
     }
 }
 
-/// Returns a log filter that drops Zenoh's lines about links to itself, which Zenoh closes. They can still
-/// occur: a host name that did not resolve at the start may become this machine's later.
+/// Returns a log filter that drops the lines in which Zenoh reports a link of the daemon to itself, which
+/// Zenoh closes. Such links can still occur: a host name that did not resolve at the start may become a
+/// name of this machine later.
 pub fn self_link_filter<S>() -> impl Filter<S> {
     SelfLinkFilter
 }
@@ -101,7 +102,8 @@ fn place(endpoint: &str) -> Option<(String, u16)> {
     (port != 0).then_some((host, port))
 }
 
-/// Whether `host` is an address of this machine that one of the hosts in `listening` covers.
+/// Whether `host` is an address of this machine, and one of the endpoints in `listening` accepts
+/// connections to it.
 fn is_own(host: &str, port: u16, listening: &[String]) -> bool {
     let called = resolved(host, port);
     listening.iter().any(|at| {
@@ -117,8 +119,8 @@ fn resolved(host: &str, port: u16) -> Vec<IpAddr> {
     addresses.map(|address| address.ip().to_canonical()).collect()
 }
 
-/// Whether an interface has this address. (Binding to it would prove nothing where
-/// `net.ipv4.ip_nonlocal_bind` is set.)
+/// Whether a network interface of this machine has the address. (Binding to the address would prove
+/// nothing where `net.ipv4.ip_nonlocal_bind` is set.)
 fn is_of_this_machine(address: IpAddr) -> bool {
     let has_it = |interface: InterfaceAddress| {
         let of = interface.address?;

@@ -1,8 +1,8 @@
 //! Turns liveliness tokens into [`Presence`]: agents that are present *and can be reached*.
 //!
-//! Each Zenoh router recomputes its routes at most every 100 ms. Until then it drops messages and answers
-//! every query with nothing. So the first token of a daemon starts a probe, and its agents join only when
-//! the probe is answered; the rules are in `roster`.
+//! Each Zenoh router computes its routes anew at most every 100 ms. Until then it drops messages and
+//! answers every query with nothing. So the first token of a daemon starts a probe of the daemon, and its
+//! agents join only when the probe is answered; the rules are in `membership`.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -22,23 +22,24 @@ use crate::inbound::undeclared;
 use crate::membership::{HostedAgents, Membership, TokenEffects};
 use crate::queries::QuerySender;
 
-/// How long a daemon is probed after its first token; after that it is called together with all others,
-/// once a second. The routes exist after 100 ms on an idle machine, and took three times as long on a busy
-/// one.
+/// How long a daemon is probed after its first token. After that, it receives the calls to all daemons,
+/// once a second. The routes exist after 100 ms on an idle machine, and took three times as long on a
+/// busy one.
 const REACHED_WITHIN: Duration = Duration::from_secs(1);
 
-/// How long the answer to a probe is awaited before the next probe, because it may have been lost. A later
-/// answer counts as well.
+/// How long the answer to a probe is awaited before the next probe is sent, because the answer may have
+/// been lost. An answer that comes later counts as well.
 const ANSWERED_WITHIN: Duration = Duration::from_millis(100);
 
-/// Pause between two probes. A probe without a route costs a fifth of a millisecond.
+/// Pause between two probes of a daemon. A probe without a route costs a fifth of a millisecond.
 const PROBE_PERIOD: Duration = Duration::from_millis(5);
 const _: () = assert!(PROBE_PERIOD.as_millis() < ANSWERED_WITHIN.as_millis());
 
-/// The liveliness subscriber. It passes presence on in the order in which it was received.
+/// The subscriber for liveliness tokens. It passes on changes of presence in the order in which they
+/// arise.
 pub(crate) struct LivelinessSubscriber {
     queries: QuerySender,
-    /// Weak: the session owns the callback that owns this.
+    /// Weak reference, because the session owns the callback that owns this subscriber.
     session: Weak<Session>,
     runtime: Handle,
     state: Mutex<PresenceState>,
@@ -48,12 +49,13 @@ pub(crate) struct LivelinessSubscriber {
 
 struct PresenceState {
     membership: Membership,
-    /// Presence that is still to be passed on. `is_passing` is set while a thread is doing so.
+    /// Changes of presence that are still to be passed on. `is_passing` is `true` while a thread is doing
+    /// so.
     outbox: VecDeque<Presence>,
     is_passing: bool,
 }
 
-/// Declares the liveliness subscriber; tokens that were declared earlier are delivered too.
+/// Declares the subscriber for liveliness tokens. Tokens that were declared before are delivered too.
 ///
 /// # Panics
 ///
@@ -118,9 +120,10 @@ impl LivelinessSubscriber {
         }
     }
 
-    /// Applies a change to the roster and passes on the resulting presence. The lock is not held meanwhile,
-    /// because the receiver may announce an agent, which leads back to here. If another thread is already
-    /// passing on, that thread takes this presence too, so that the order is kept.
+    /// Applies `change` to the membership and passes on the changes of presence that it returns. The lock
+    /// is not held meanwhile, because the receiver may announce an agent, which calls this subscriber
+    /// again. If another thread is already passing on changes, that thread passes on these too, so that
+    /// the order is kept.
     fn with(&self, change: impl FnOnce(&mut Membership) -> Vec<Presence>) {
         let surplus = {
             let mut state = self.lock();
@@ -141,7 +144,7 @@ impl LivelinessSubscriber {
         state.is_passing = false;
     }
 
-    /// Reports tokens for which there is no room.
+    /// Reports tokens that were rejected because there is no room for them.
     fn reject(&self, surplus: &[Resident]) {
         for Resident { agent, daemon, .. } in surplus {
             let detail = format!("is a token of `{agent}`, for which there is no room");
@@ -156,19 +159,20 @@ impl LivelinessSubscriber {
         }
     }
 
-    /// Returns the other daemons that have a token.
+    /// Returns the daemons other than this one that have a token.
     pub(crate) fn others(&self) -> BTreeSet<DaemonId> {
         let (_, known) = self.known_digests();
         known.into_keys().filter(|daemon| daemon != self.queries.keys.daemon()).collect()
     }
 
-    /// Returns the number of tokens received so far, to be stored when a call goes out, and the digest of
-    /// the known agents per daemon.
+    /// Returns the number of tokens received so far, which is to be stored when a call is sent, and for
+    /// each daemon the digest of the agents that are known.
     pub(crate) fn known_digests(&self) -> (u64, BTreeMap<DaemonId, u64>) {
         self.known_of(None)
     }
 
-    /// Same as [`LivelinessSubscriber::known`]; of `one` daemon only, if it is given.
+    /// Returns the same as [`LivelinessSubscriber::known_digests`]; if `one` is given, for this daemon
+    /// only.
     fn known_of(&self, one: Option<&DaemonId>) -> (u64, BTreeMap<DaemonId, u64>) {
         let state = self.lock();
         let known = state.membership.known_agents(one);
@@ -178,7 +182,7 @@ impl LivelinessSubscriber {
         )
     }
 
-    /// Handles the reply of `daemon` to a call sent when the token counter was `mark`.
+    /// Handles the answer of `daemon` to the call that was sent when the number of tokens was `mark`.
     pub(crate) fn receive_reply(&self, daemon: &DaemonId, roll: Option<&SyncReply>, mark: u64) {
         let hosts = roll.map_or(HostedAgents::Unstated, |roll| match &roll.hosts {
             Some(hosts) => HostedAgents::Listed(hosts),
@@ -187,7 +191,8 @@ impl LivelinessSubscriber {
         self.with(|roster| roster.receive_reply(daemon, hosts, mark));
     }
 
-    /// Handles the end of a call to all. Returns the daemons that have a token and did not answer.
+    /// Handles the end of a call to all daemons. Returns the daemons that have a token and did not
+    /// answer.
     pub(crate) fn finish_round(
         &self,
         answered: &BTreeSet<DaemonId>,
@@ -197,7 +202,8 @@ impl LivelinessSubscriber {
         self.lock().membership.silent()
     }
 
-    /// Probes a daemon until it answers, all its tokens are gone, or [`REACHED_WITHIN`] has passed.
+    /// Probes a daemon until it answers, until all its tokens are gone, or until [`REACHED_WITHIN`] has
+    /// passed.
     async fn probe(watch: Arc<LivelinessSubscriber>, daemon: DaemonId) {
         let answered = async {
             while watch.lock().membership.awaits(&daemon) {
@@ -214,8 +220,8 @@ impl LivelinessSubscriber {
         }
     }
 
-    /// Calls one daemon. The returned future ends with the first answer, or when no more will come. Returns
-    /// `None` if the session is closed.
+    /// Sends a probe to one daemon. The returned future ends with the first answer, or when no more
+    /// answers will come. Returns `None` if the session is closed.
     fn call(watch: &Arc<LivelinessSubscriber>, daemon: &DaemonId) -> Option<impl Future + use<>> {
         let (ends, ended) = oneshot::channel::<()>();
         let mut ends = Some(ends);

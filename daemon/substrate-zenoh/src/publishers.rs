@@ -1,25 +1,28 @@
-//! Declared publishers, kept for as long as they are used.
+//! Declared Zenoh publishers, kept for as long as they are used.
 //!
-//! A publication by key costs time in proportion to the subscriptions of the whole ecosystem; one
-//! through a declared publisher does not (0.2 µs against 2.3 ms at ten thousand).
+//! Publishing by key takes time in proportion to the number of subscriptions in the whole ecosystem;
+//! publishing through a declared publisher does not (0.2 µs instead of 2.3 ms with ten thousand
+//! subscriptions).
 
 use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Maximum number of publishers kept. A daemon of ten agents that each converse with twenty others in five
-/// performatives uses a thousand; each takes three or four kilobytes with its routes.
+/// Maximum number of publishers that are kept. A daemon of ten agents, each of which converses with
+/// twenty others in five performatives, uses a thousand; each publisher takes three or four kilobytes
+/// with its routes.
 pub(crate) const PUBLISHERS_MAX: usize = 1024;
 
-/// Cache with two generations of values: a value that is not used for a whole generation is dropped.
+/// Cache with two generations of values: a value that is not used during a whole generation is dropped.
 ///
-/// This is nearly least-recently-used, without a list to maintain on every message.
+/// The effect is nearly that of dropping the least recently used value, without a list that must be
+/// updated on every message.
 pub(crate) struct GenerationCache<K, V>(Mutex<Generations<K, V>>);
 
 struct Generations<K, V> {
     young: Generation<K, V>,
     old: Generation<K, V>,
-    /// Size of a generation: half of all values.
+    /// Maximum number of values in one generation: half of all values.
     young_max: usize,
 }
 
@@ -35,11 +38,11 @@ impl<K: Clone + Eq + Hash, V> GenerationCache<K, V> {
         }))
     }
 
-    /// Returns the value of `key`, made by `make` if there is none.
+    /// Returns the value of `key`. If there is none, it is made by `make`.
     ///
-    /// `make` runs outside the lock, and so does the drop of old values: both call into Zenoh, which may
-    /// call back into this crate. Two concurrent callers may therefore both make a value; the last one's is
-    /// kept.
+    /// `make` runs outside the lock, and old values are dropped outside it, because both call into Zenoh,
+    /// which may call this crate again. Two concurrent callers may therefore both make a value; the value
+    /// of the last one is kept.
     pub(crate) fn get_or_make<E>(
         &self,
         key: &K,
@@ -69,8 +72,8 @@ impl<K: Clone + Eq + Hash, V> GenerationCache<K, V> {
 }
 
 impl<K: Clone + Eq + Hash, V> Generations<K, V> {
-    /// Finds a value. One found in the old generation moves to the young one. Also returns the generation
-    /// to drop because of it.
+    /// Returns the value of `key`. If it is in the old generation, it is moved to the young one. Also
+    /// returns the generation that has to be dropped after this move.
     fn get(&mut self, key: &K) -> Option<(Arc<V>, Generation<K, V>)> {
         if let Some(value) = self.young.get(key) {
             return Some((Arc::clone(value), Generation::new()));
@@ -80,7 +83,7 @@ impl<K: Clone + Eq + Hash, V> Generations<K, V> {
         Some((value, ended))
     }
 
-    /// Adds a value; returns the generation to drop because of it.
+    /// Adds a value; returns the generation that has to be dropped after that.
     fn insert(&mut self, key: K, value: Arc<V>) -> Generation<K, V> {
         let mut ended = Generation::new();
         if self.young.len() >= self.young_max {
@@ -95,7 +98,7 @@ impl<K: Clone + Eq + Hash, V> Generations<K, V> {
 mod tests {
     use super::*;
 
-    /// Uses the keys in order; returns those for which a value was made.
+    /// Uses these keys in their order; returns the keys for which a value was made.
     fn made(values_max: usize, keys: &[u8]) -> Vec<u8> {
         let cache = GenerationCache::new(values_max);
         let mut made = Vec::new();

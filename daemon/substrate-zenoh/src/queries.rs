@@ -1,8 +1,8 @@
-//! Questions to other daemons and answers to theirs, by Zenoh's queries.
+//! Questions to other daemons and answers to their questions, by Zenoh's queries.
 //!
-//! Each daemon answers under a key of its own and nothing is consolidated: under one key, all answers but
-//! one would be lost. In a secured ecosystem a question or a call carries a nonce, and the answer is signed
-//! together with it.
+//! Each daemon answers under a key of its own, and Zenoh's consolidation is off: it would keep only one
+//! of several answers under one key. In a secured ecosystem a question or a call carries a nonce, and the
+//! answer is signed together with the nonce.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Weak};
@@ -32,7 +32,7 @@ use crate::sealing::{Security, UnverifiedAnswer, seal_answer};
 #[derive(Clone)]
 pub(crate) struct QueryResponder {
     pub(crate) keys: KeySpace,
-    /// Weak, because the declarations hold the queryables that hold this.
+    /// Weak reference, because the declarations hold the queryables that hold this responder.
     pub(crate) declarations: Weak<Declarations>,
     pub(crate) known_sessions: KnownSessions,
     pub(crate) inbound: Arc<dyn Inbound>,
@@ -47,10 +47,10 @@ pub(crate) struct QuerySender {
     pub(crate) security: Option<Security>,
 }
 
-/// Sends a question. The returned future resolves to the answers that came within `timeout`.
+/// Sends a question. The returned future resolves to the answers that arrive within `timeout`.
 ///
-/// The question goes out before this returns. If no daemon can answer, the future resolves to an empty list
-/// at once.
+/// The question is sent before this returns. If no daemon can answer, the future resolves to an empty
+/// list at once.
 pub(crate) fn ask(
     session: &Session,
     asking: &QuerySender,
@@ -86,17 +86,19 @@ pub(crate) fn ask(
 // === impl QuerySender ===
 
 impl QuerySender {
-    /// Returns the nonce to which the answers to one question are bound. Returns `None` if the ecosystem is
-    /// not secured, or if the system has no randomness; in a secured ecosystem no answer is then believed.
+    /// Returns a nonce for one question, to which the answers are bound. Returns `None` if the ecosystem
+    /// is not secured, or if the system has no randomness; in a secured ecosystem no answer is then
+    /// believed.
     pub(crate) fn nonce(&self) -> Option<Nonce> {
         self.security.as_ref().and_then(|_| credentials::nonce())
     }
 
-    /// Calls one daemon or all. `hear` is called with each daemon that answers and its roll, and is dropped
-    /// when no more answers will come. Returns `None` if the session is closed.
+    /// Sends a call to one daemon or all. `hear` is called for each daemon that answers, with its answer
+    /// if that is readable, and is dropped when no more answers will come. Returns `None` if the session
+    /// is closed.
     ///
-    /// An answer is handled as it arrives, and has the priority of messages: a broadcast that its daemon
-    /// sends after it must not be handled before it.
+    /// An answer is handled as it arrives, and has the priority of messages: a broadcast that the same
+    /// daemon sends after the answer must not be handled before it.
     pub(crate) fn call(
         &self,
         session: &Session,
@@ -119,8 +121,9 @@ impl QuerySender {
         get.wait().ok()
     }
 
-    /// Returns the daemon that has answered a call, and its roll if that can be read. Returns `None` if the
-    /// reply is an error, is not under a probe's key, or has no valid signature in a secured ecosystem.
+    /// Returns the daemon that has answered a call, and its answer if that can be parsed. Returns `None`
+    /// if the reply is an error, is not under the key of a probe, or has no valid signature in a secured
+    /// ecosystem.
     fn roll(&self, reply: &Reply, nonce: Option<&Nonce>) -> Option<(DaemonId, Option<SyncReply>)> {
         let sample = reply.result().ok()?;
         let daemon = self.keys.reached(sample.key_expr().as_str())?;
@@ -174,7 +177,8 @@ impl QueryResponder {
         ])
     }
 
-    /// Passes on a query for resources; a wildcard may ask for several. A probe is answered here.
+    /// Passes on a query for resources, which may ask for several by a wildcard. A probe is answered
+    /// here.
     fn resources(&self, query: &Query) {
         let probed = self.keys.reach(self.keys.daemon());
         if *query.key_expr() == probed || *query.key_expr() == self.keys.everyone_reached() {
@@ -198,8 +202,8 @@ impl QueryResponder {
         }
     }
 
-    /// Passes on a query for models: one question per agent of this daemon that the query matches, so that
-    /// each answer has its agent's key.
+    /// Passes on a query for models: one question for each agent of this daemon that the query matches,
+    /// so that each answer is under the key of its agent.
     fn models(&self, query: &Query) {
         if let Some(agent) = self.keys.asked_for(query.key_expr().as_str()) {
             // One lookup: with a thousand agents queried one by one, no query may search all of them.
@@ -253,7 +257,7 @@ fn reply(query: &Query, key_expr: &KeyExpr, payload: Bytes, security: Option<&Se
     }
 }
 
-/// Returns the agent that a question is about; `None` if it names none.
+/// Returns the agent that a question is about; `None` if the question names none.
 fn agent(parameters: &Parameters) -> Result<Option<AgentId>, acl::InvalidName> {
     parameters.get(AGENT_PARAMETER).map(AgentId::new).transpose()
 }

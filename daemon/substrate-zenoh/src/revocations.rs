@@ -1,10 +1,12 @@
-//! How a revocation spreads: a daemon with a newer list sends it to all, periodically. The list is believed
-//! because of the authority's signature, whichever daemon sends it.
+//! How the revocation of certificates spreads: a daemon with a newer list of revoked certificates sends
+//! it to all daemons, periodically. The list is believed because of the authority's signature, whichever
+//! daemon sends it.
 //!
-//! Links with a revoked daemon are refused. Those that exist are closed when the list is next checked,
-//! within a second, so that daemons reached only over such a link may have received the list.
+//! New links with a revoked daemon are refused. Existing links are closed when the list is next checked,
+//! within a second; so daemons that can be reached only over such a link may have received the list
+//! before.
 //!
-//! The list enters the ecosystem as a file, in the folder of any daemon.
+//! The list enters the ecosystem as a file in the folder of any daemon.
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Weak};
@@ -26,13 +28,15 @@ use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::KeySpace;
 use crate::sealing::Security;
 
-/// How often the file is checked.
+/// How often the file with the list of revoked certificates is checked.
 const REREAD_PERIOD: Duration = Duration::from_secs(1);
 
-/// How often the list is sent to all: a daemon that was cut off receives it within this time.
+/// How often the list of revoked certificates is sent to all daemons: a daemon that was cut off receives
+/// it within this time.
 const REPEAT_PERIOD: Duration = Duration::from_secs(10);
 
-/// Declares the subscriber for lists. `telling` is how often everything was declared again.
+/// Declares the subscriber for lists of revoked certificates. `telling` is how often all declarations
+/// were made again.
 pub(crate) fn declare(
     session: &Session,
     keys: &KeySpace,
@@ -47,8 +51,8 @@ pub(crate) fn declare(
     subscriber.wait().map_err(|source| undeclared("subscriber", &key_expr, source))
 }
 
-/// Refuses links with revoked certificates, and reports every refused link. It has to be called before the
-/// session is opened.
+/// Makes links with revoked certificates be refused, and reports every refused link to `inbound`. It has
+/// to be called before the session is opened.
 pub(crate) fn admission(security: &Security, inbound: &Arc<dyn Inbound>) -> Arc<Admission> {
     let (verifier, inbound) = (Arc::clone(&security.verifier), Arc::downgrade(inbound));
     let (key, _, _) = security.identity.files();
@@ -84,7 +88,7 @@ fn refused(
     }
 }
 
-/// Starts the task that sends the list.
+/// Starts the task that sends the list of revoked certificates.
 ///
 /// # Panics
 ///
@@ -124,7 +128,7 @@ fn receive_list(verifier: &Verifier, inbound: &dyn Inbound, sample: &Sample) {
     }
 }
 
-/// Sends the list to all until the session is closed.
+/// Sends the list of revoked certificates to all daemons until the session is closed.
 async fn send_periodically(
     session: Weak<Session>,
     keys: KeySpace,

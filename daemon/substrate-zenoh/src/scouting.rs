@@ -1,13 +1,14 @@
-//! How daemons of one network find each other without configured addresses: by multicast, and by gossip, in
-//! which known daemons pass on the addresses of others.
+//! How daemons of one network find each other without configured addresses: by multicast, and by gossip,
+//! in which daemons pass on the addresses of others.
 //!
-//! `[zenoh]` may say `scouting = true` or `false`, or override single settings of Zenoh. Without a setting,
-//! a secured ecosystem that listens beyond its machine scouts: such an ecosystem takes part in a network
-//! anyway. An ecosystem in plain text does not listen beyond its machine, so it could not be found.
+//! The `[zenoh]` table may contain `scouting = true` or `false`, or override single scouting settings of
+//! Zenoh. Without such a setting, the daemons of an ecosystem scout if it is secured and listens beyond
+//! the machine: then it takes part in a network anyway. An ecosystem in plain text does not listen beyond
+//! its machine, so it could not be found.
 //!
-//! Each ecosystem scouts at a port of its own, made from its name, so that two on one network do not even
-//! receive each other's packets. That only avoids noise; ecosystems are kept apart by the authorities of
-//! their certificates and by the prefix of their key expressions.
+//! Each ecosystem scouts at a port of its own, computed from its name, so that two ecosystems on one
+//! network do not even receive each other's packets. That only avoids noise; ecosystems are kept apart by
+//! the authorities of their certificates and by the prefix of their key expressions.
 
 use acl::EcosystemId;
 use serde_json::{Value, json};
@@ -15,26 +16,28 @@ use serde_json::{Value, json};
 use crate::config::{OpenError, merge};
 use crate::endpoint;
 
-/// Zenoh's own group. It is in the block 224.0.0.0/24, which is never routed beyond a network, and which
-/// cheap switches pass on to all hosts without a subscription.
+/// Multicast address for scouting, which is Zenoh's own group. It is in the block 224.0.0.0/24, which is
+/// never routed beyond a network, and which cheap switches pass on to all hosts without a subscription.
 const GROUP: &str = "224.0.0.224";
 
-/// The ports of ecosystems: below the range from which Linux picks ports (32768 and up), and not Zenoh's
-/// own (7446), where foreign routers would receive every packet.
+/// Smallest port at which an ecosystem scouts. The ports are below the range from which Linux picks ports
+/// (32768 and up), and do not include Zenoh's own (7446), where foreign routers would receive every
+/// packet.
 const PORT_FIRST: u16 = 20_000;
 const PORTS: u16 = 10_000;
 const _: () = assert!(PORT_FIRST + PORTS < 32_768);
 
-/// Endpoint of a daemon that scouts and has no endpoint of its own: any address, and a port that the kernel
-/// chooses and that scouting announces. Multicast is IPv4 here, so this is too.
+/// Endpoint of a daemon that scouts and has no endpoint for others: any address, and a port that the
+/// kernel chooses and that scouting announces. The address is IPv4, because multicast is IPv4 here.
 const ANYWHERE: &str = "tls/0.0.0.0:0";
 
-/// Completes the scouting settings in `said`: the file's settings override the defaults here. Returns the
-/// endpoint at which the daemon has to listen for scouting besides `listen`, if any.
+/// Completes the scouting settings in `said`, the `[zenoh]` table: the settings of the file override the
+/// defaults of this module. Returns the endpoint on which the daemon has to listen for scouting in
+/// addition to `listen`, if any.
 ///
 /// # Errors
 ///
-/// Returns an error if the file asks for scouting in an ecosystem that is not secured.
+/// Returns an error if the ecosystem file asks for scouting in an ecosystem that is not secured.
 pub(crate) fn complete_settings(
     ecosystem: &EcosystemId,
     is_secured: bool,
@@ -55,9 +58,10 @@ pub(crate) fn complete_settings(
     Ok((scouts && !listens_beyond).then(|| ANYWHERE.to_owned()))
 }
 
-/// Default settings. Of two daemons that find each other, the one with the greater id connects: if both did
-/// at once, Zenoh could close both links. Gossip goes one step: a daemon that has lost the hub through
-/// which it learnt of another connects to that one itself, and has done so before.
+/// Returns the default settings for scouting. Of two daemons that find each other, the one with the
+/// greater id connects: if both did at once, Zenoh could close both links. Gossip passes addresses on by
+/// one step. If a daemon learnt the address of another from a hub and the hub is lost, it does not need
+/// the hub, because it has connected to the other itself.
 fn ours(ecosystem: &EcosystemId) -> Value {
     let found = json!({
         "enabled": true,
@@ -69,8 +73,8 @@ fn ours(ecosystem: &EcosystemId) -> Value {
     json!({ "multicast": multicast, "gossip": found })
 }
 
-/// Opens a session that scouts `at` a multicast address. If the address cannot be used, the session opens
-/// without multicast: a daemon that is not found is better than none.
+/// Opens a session that scouts at the multicast address `at`. If the address cannot be used, the session
+/// opens without multicast, because a daemon that is not found is better than none.
 pub(crate) async fn open(settings: zenoh::Config, at: &str) -> zenoh::Result<zenoh::Session> {
     let mut without = settings.clone();
     let problem = match zenoh::open(settings).await {
@@ -86,7 +90,8 @@ pub(crate) async fn open(settings: zenoh::Config, at: &str) -> zenoh::Result<zen
     Ok(session)
 }
 
-/// Returns the ecosystem's port by FNV-1a, because every version on every machine must compute the same.
+/// Returns the port at which an ecosystem scouts. It is computed by FNV-1a, because every version on
+/// every machine must compute the same port.
 fn port(ecosystem: &EcosystemId) -> u16 {
     let fold = |hash: u32, byte: &u8| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193);
     let hash = ecosystem.as_str().as_bytes().iter().fold(0x811c_9dc5, fold);
@@ -102,7 +107,8 @@ mod tests {
         EcosystemId::new(name).expect("a name")
     }
 
-    /// Returns the scouting settings that follow from `[zenoh]`, and the additional endpoint.
+    /// Returns the scouting settings that follow from the `[zenoh]` table `said`, and the additional
+    /// endpoint to listen on.
     fn settled(secured: bool, listen: &str, said: &Value) -> (Value, Option<String>) {
         let mut said = said.clone();
         let listen = [listen.to_owned()];

@@ -1,8 +1,8 @@
-//! Puts seals on outgoing messages and opens those of incoming ones. A seal is needed because a link does
-//! not show the origin of a message: messages are relayed.
+//! Puts seals (signatures) on outgoing messages, and opens the seals of incoming ones. Seals are needed
+//! because messages are relayed: the link over which a message arrives does not show its origin.
 //!
-//! A message from a daemon to its own agents never leaves the process and has no seal. Every message that
-//! comes over a link is opened here, before anything reads it.
+//! A message from a daemon to its own agents never leaves the process and has no seal. The seal of every
+//! message that comes over a link is opened here, before anything parses the message.
 
 use std::sync::Arc;
 
@@ -18,55 +18,57 @@ use zenoh::sample::Sample;
 
 use crate::key_expr::KeySpace;
 
-/// Keys of a daemon of a secured ecosystem.
+/// Keys of one daemon of a secured ecosystem.
 #[derive(Clone, Debug)]
 pub struct Security {
-    /// The daemon's own key and certificate, which sign.
+    /// The daemon's own key and certificate, with which it signs.
     pub identity: Arc<DaemonIdentity>,
-    /// The trusted certificates, which verify.
+    /// The trusted certificates, with which signatures are verified.
     pub verifier: Arc<Verifier>,
 }
 
-/// An answer, with what is needed to verify it.
+/// An answer to a question, with what is needed to verify it.
 #[derive(Clone, Copy)]
 pub(crate) struct UnverifiedAnswer<'a> {
     pub(crate) keys: &'a KeySpace,
     pub(crate) inbound: &'a dyn Inbound,
     pub(crate) sample: &'a Sample,
     pub(crate) payload: &'a Bytes,
-    /// Nonce sent with the question. Without one, no answer is believed.
+    /// Nonce that was sent with the question. If it is `None`, no answer is believed.
     pub(crate) nonce: Option<&'a Nonce>,
 }
 
 // === impl Security ===
 
 impl Security {
-    /// Returns the seal for a payload that goes to all under this key.
+    /// Returns the sealed form of a payload that goes to all daemons under this key.
     pub(crate) fn seal(&self, channel: SealChannel, key_expr: &str, payload: &[u8]) -> ZBytes {
         ZBytes::from(self.identity.seal(channel, key_expr, payload, None))
     }
 
-    /// Returns the seal for a message to one daemon, bound to the incarnation in which that daemon last
-    /// answered.
+    /// Returns the sealed form of a message to the daemon `to`. The seal is valid only for the
+    /// incarnation in which that daemon last answered.
     pub(crate) fn seal_to(&self, to: &DaemonId, key_expr: &str, payload: &[u8]) -> ZBytes {
         let life = self.verifier.incarnation(to);
         ZBytes::from(self.identity.seal(SealChannel::Message, key_expr, payload, life))
     }
 
-    /// Returns the sequence numbers this daemon has signed so far, for its answers to calls.
+    /// Returns the sequence numbers that this daemon has signed so far, which it sends in its answers to
+    /// calls.
     pub(crate) fn said(&self) -> SequenceState {
         self.identity.sequence_state()
     }
 
-    /// Handles the answer of a daemon to a call. Broadcasts with a number up to `said` are rejected from
-    /// now on.
+    /// Handles the answer of a daemon to a call. From now on, broadcasts of that daemon are rejected if
+    /// their sequence numbers are not greater than those in `said`.
     pub(crate) fn record_reply(&self, answerer: Origin, said: SequenceState) {
         let Origin { daemon: speaker, signing_daemon: voucher } = answerer;
         self.verifier
             .record_reply(&VerifiedOrigin { sender: speaker, signing_daemon: voucher }, said);
     }
 
-    /// Returns the verified origin of a message. If there is none, the message is reported to `inbound`.
+    /// Returns the verified origin of a message. If the origin cannot be verified, the message is
+    /// reported to `inbound`.
     pub(crate) fn origin(
         &self,
         keys: &KeySpace,
@@ -82,7 +84,7 @@ impl Security {
         self.open(keys, inbound, channel, key, payload, sample.attachment(), None)
     }
 
-    /// Whether this is an answer to the question with this nonce, from a daemon that may give it.
+    /// Whether `answered` is an answer to the question with this nonce, from a daemon that may answer it.
     pub(crate) fn admits(&self, answered: &UnverifiedAnswer<'_>) -> bool {
         let origin = self.answerer(answered);
         let about = answered.keys.answered_resource(answered.sample.key_expr().as_str());
@@ -98,8 +100,8 @@ impl Security {
         })
     }
 
-    /// Returns the verified origin of an answer to the question with this nonce. It is the daemon that the
-    /// answer's key names.
+    /// Returns the verified origin of an answer to the question with this nonce. The origin is the daemon
+    /// that the key of the answer names.
     pub(crate) fn answerer(&self, answered: &UnverifiedAnswer<'_>) -> Option<Origin> {
         let UnverifiedAnswer { keys, inbound, sample, payload, nonce } = *answered;
         let (key, seal, channel) =
@@ -156,7 +158,7 @@ impl Security {
     }
 }
 
-/// Returns the seal for an answer; `None` if the question came without a nonce.
+/// Returns the sealed form of an answer; `None` if the question came without a nonce.
 pub(crate) fn seal_answer(
     identity: &DaemonIdentity,
     key_expr: &str,

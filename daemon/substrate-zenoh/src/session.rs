@@ -1,4 +1,4 @@
-//! One Zenoh session as a [`Substrate`].
+//! A Zenoh session in the form of a [`Substrate`].
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -28,34 +28,36 @@ use crate::queries::{self, QuerySender};
 use crate::sealing::Security;
 use crate::{revocations, scouting};
 
-/// Part of the longest message that is reserved for its seal, its key and Zenoh's own headers.
+/// Maximum length of the seal, the key and Zenoh's own headers of a message, in bytes. The longest
+/// payload is shorter than the longest message by this much.
 const SEAL_BYTES_MAX: usize = 16 << 10;
 
-/// A daemon's connection to its ecosystem. Dropping the last handle closes it.
+/// A daemon's connection to its ecosystem. Dropping the last handle closes the connection.
 ///
 /// A message from a daemon to its own agents arrives on the sender's thread before `send` returns, as it
-/// does in memory: hold no lock that [`Inbound`] takes.
+/// does in the substrate in memory. So a caller of `send` must hold no lock that its [`Inbound`] takes.
 pub struct ZenohSubstrate {
     keys: KeySpace,
     declarations: Arc<Declarations>,
     queries: QuerySender,
     known_sessions: KnownSessions,
     liveliness: Arc<LivelinessSubscriber>,
-    /// Seals messages that go over links; `None` if the ecosystem is not secured.
+    /// Keys that seal messages to links; `None` if the ecosystem is not secured.
     security: Option<Security>,
-    /// Stands before `session`, so that they are undeclared while it is still open.
+    /// Publishers by destination. The field comes before `session`, so that the publishers are undeclared
+    /// while the session is still open.
     publishers: GenerationCache<Route, Publisher<'static>>,
     session: Arc<Session>,
-    /// Detector of messages that are too long; `None` after `close`.
+    /// Detector of received messages that are too long; `None` after `close`.
     too_long: Mutex<Option<Arc<OversizeListener>>>,
 }
 
-/// Destination of a message; there is one declared publisher for each.
+/// Destination of a message; for each destination there is one declared publisher.
 #[derive(Clone, PartialEq, Eq, Hash)]
 enum Route {
     To(AgentAddress, Subject),
     All(AgentId, Performative),
-    /// Heartbeats of several agents of this daemon.
+    /// All daemons: a batch with the heartbeats of several agents of this daemon.
     HeartbeatBatch,
 }
 
@@ -118,7 +120,7 @@ impl ZenohSubstrate {
         locators.into_iter().map(|locator| locator.to_string()).collect()
     }
 
-    /// Returns the Zenoh id of this session, in the form [`crate::Config::zid`] takes.
+    /// Returns the Zenoh id of this session, in the form that [`crate::Config::zid`] accepts.
     pub fn zid(&self) -> String {
         self.session.zid().to_string()
     }
@@ -144,14 +146,14 @@ impl ZenohSubstrate {
         if self.session.is_closed() { Err(SendError::Closed) } else { Ok(()) }
     }
 
-    /// Declares the publisher of a route.
+    /// Declares the publisher for a destination.
     ///
-    /// Congestion control is `Drop` for all. `Block` would hold the sender, which is a Tokio worker, for up
-    /// to 5 s; then close the link, lose all that is queued, and make every agent behind it look dead. A
-    /// message that must arrive is retried until its receipt comes, and a burst has a megabyte of queue per
-    /// link (`BATCHES_MAX`).
+    /// Congestion control is `Drop` for all publishers. `Block` would hold the sender, which is a Tokio
+    /// worker, for up to 5 s; then it would close the link, lose all that is queued, and make every agent
+    /// behind the link look dead. A message that must arrive is retried until its receipt comes, and a
+    /// burst has a megabyte of queue per link (`BATCHES_MAX`).
     ///
-    /// Models, which are long and repeated, have a lower priority than messages.
+    /// Action models, which are long and repeated, have a lower priority than messages.
     fn declare_publisher(&self, route: &Route) -> zenoh::Result<Publisher<'static>> {
         let key_expr = match route {
             Route::To(to, subject) => self.keys.to_one(to, *subject),
@@ -185,8 +187,8 @@ impl Substrate for ZenohSubstrate {
         self.put(Route::All(sender.clone(), performative), payload)
     }
 
-    /// Publishes by key, without a declared publisher: that would take three or four kilobytes with its
-    /// routes, and save a few microseconds once a second.
+    /// Publishes a heartbeat by its key, without a declared publisher. A declared publisher would take
+    /// three or four kilobytes with its routes, and save a few microseconds once a second.
     fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         self.check_open()?;
         check_length(&payload)?;

@@ -1,4 +1,4 @@
-//! A passive listener: receives all messages of an ecosystem, as any Zenoh tool could.
+//! A passive listener, which receives all messages of an ecosystem, as any Zenoh tool could.
 
 use bytes::Bytes;
 use zenoh::sample::{Sample, SampleKind};
@@ -9,14 +9,14 @@ use crate::config::{Config, OpenError};
 use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::KeySpace;
 
-/// Handle of a listener, which runs until this is dropped.
+/// Handle of a passive listener, which runs until the handle is dropped.
 pub struct Tap {
     _session: Session,
 }
 
-/// Passes all messages, broadcasts and models of `config`'s ecosystem to `heard`: the key and the payload
-/// as they were sent. A batch of heartbeats is passed on as single ones. `heard` runs on Zenoh's threads
-/// and must not block.
+/// Passes all messages, broadcasts and models of the ecosystem of `config` to `heard`, each as its key
+/// and its payload as they were sent. A batch of heartbeats is passed on as single heartbeats. `heard`
+/// runs on Zenoh's threads and must not block.
 ///
 /// # Errors
 ///

@@ -1,9 +1,9 @@
-//! Zenoh's own errors in the log: each kind is reported once, as a sentence that says what it means for the
-//! ecosystem.
+//! Zenoh's own errors in the log: each kind of error is reported once, as a sentence that tells what it
+//! means for the ecosystem.
 //!
 //! Zenoh logs some passing conditions as errors, once for every name that is concerned: hundreds of lines
-//! if a daemon is killed. They need no action: agents send again what was not received, and the roll call
-//! repeats.
+//! if a daemon is killed. They need no action: agents send again what was not received, and the calls to
+//! all daemons are repeated.
 
 use std::collections::BTreeSet;
 use std::fmt::{self, Write as _};
@@ -17,13 +17,14 @@ use tracing_subscriber::filter::{LevelFilter, filter_fn};
 use tracing_subscriber::layer::Context;
 use tracing_subscriber::registry::LookupSpan;
 
-/// Maximum length of a reported line of Zenoh's, in characters: the rest may be a whole message.
+/// Maximum number of characters of a line of Zenoh's log that are reported: the rest may be a whole
+/// message.
 const LINE_CHARS_MAX: usize = 300;
 
-/// Maximum number of kinds of errors that are reported; Zenoh has some dozens.
+/// Maximum number of kinds of errors that are reported; Zenoh has some dozens of kinds.
 const KINDS_MAX: usize = 64;
 
-/// Part of a line of Zenoh's log, and its meaning.
+/// Parts of lines in Zenoh's log, each with its meaning for the ecosystem.
 const MEANINGS: &[(&str, &str)] = &[
     (
         "cannot get index of",
@@ -37,7 +38,7 @@ const MEANINGS: &[(&str, &str)] = &[
     ),
 ];
 
-/// Whether an event is an error of Zenoh's that this module reports.
+/// Whether a log event is an error of Zenoh's that this module reports.
 pub fn is_error_of_zenoh(about: &Metadata<'_>) -> bool {
     *about.level() == Level::ERROR && about.target().starts_with("zenoh")
 }
@@ -97,7 +98,7 @@ fn sentence(about: &Metadata<'_>, line: &str) -> (String, String) {
     }
 }
 
-/// Text of an event, up to [`LINE_CHARS_MAX`].
+/// Text of a log event, up to [`LINE_CHARS_MAX`] characters.
 #[derive(Default)]
 struct EventText(String);
 

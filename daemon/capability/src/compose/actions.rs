@@ -14,15 +14,16 @@ use crate::conflict::{ModelPart, ModelPartKind};
 use crate::model_summary::ModelAction;
 use crate::names::{ActionNames, ActionVariants};
 
-/// The selected schemas, by name outside (as the agents call them) and canonical text.
+/// The selected action schemas, by the name that agents gave the action and by its canonical text.
 pub(super) type SelectedSchemas<'a> = BTreeMap<(&'a Name, &'a CanonicalText), SelectedSchema<'a>>;
 
-/// A selected schema.
+/// A selected action schema, with the agents that offer it.
 pub(super) struct SelectedSchema<'a> {
-    /// The schema as written by its first offerer, by name.
+    /// The action schema as it is written by the first of the agents that offer it, in the order of their
+    /// names.
     pub(super) tree: &'a Arc<ActionSchema>,
     pub(super) uses: &'a UsedSymbols,
-    /// The agents that offer it, sorted by name.
+    /// The agents that offer the action, sorted by name.
     pub(super) offerers: Vec<&'a AgentId>,
 }
 
@@ -90,8 +91,8 @@ fn lost_declaration(
     Some(format!("it uses the {subject}, which another agent declares differently"))
 }
 
-/// Checks that the agent is itself an object of the type that `:agent` requires. Returns the fault, or
-/// `None`.
+/// Checks that an agent is itself an object of the type that `:agent` requires. Returns the fault, or
+/// `None` if there is none.
 fn wrong_agent(
     party: &Contribution<'_>,
     offer: &ModelAction,
@@ -106,7 +107,7 @@ fn wrong_agent(
         .then(|| format!("its agent is a `{}`, and `{name}` is a `{ty}`", agent.ty))
 }
 
-/// Returns the name of every schema inside the composite domain.
+/// Returns the name that every selected schema has inside the composite domain.
 pub(super) fn name<'a>(
     schemas: &SelectedSchemas<'a>,
     parties: &[Contribution<'a>],

@@ -64,7 +64,8 @@ fn by_name_inside<'a>(
     { schemas.iter() }.filter_map(|(at, schema)| Some((inside.get(at)?, (*at, schema)))).collect()
 }
 
-/// Collects the requirements: those of the ontology in their order, then those of the agents by name.
+/// Collects the PDDL requirements of the composite domain: first those of the ontology in their order,
+/// then those of the agents in the order of the agents' names.
 fn require(domain: &mut Domain, parties: &[Contribution<'_>]) {
     let theirs = parties.iter().filter(|party| party.trusted);
     let theirs: BTreeSet<&Name> = theirs.flat_map(|party| &party.manifest.requirements).collect();
@@ -100,7 +101,8 @@ fn declare(
     }
 }
 
-/// Returns the objects that schemas name directly: they must be constants of the domain.
+/// Returns the objects that selected schemas name directly. These objects must be constants of the
+/// domain.
 fn named_objects<'a>(
     standing: &SelectedDeclarations<'a>,
     schemas: &SelectedSchemas<'a>,
@@ -110,8 +112,8 @@ fn named_objects<'a>(
     in_actions.chain(in_axioms).collect()
 }
 
-/// Writes a schema under its name inside the domain, with a guard, so that it is grounded for its
-/// offerers only.
+/// Writes an action schema into the domain under the name `inside`. The guard is added to its
+/// precondition, so that it is grounded only for the agents that offer it.
 fn write(domain: &mut Domain, inside: &Name, guard: &Name, schema: &SelectedSchema<'_>) {
     let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span } =
         &**schema.tree;

@@ -1,5 +1,6 @@
-//! Selects the declarations of the composite. The ontology takes precedence over all agents; equal
-//! declarations count once; if two agents disagree, the declaration that was in force before wins.
+//! Selects the declarations of the composite. The ontology takes precedence over all agents. Equal
+//! declarations count once. If two agents disagree, the declaration that was in force before takes
+//! precedence.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +13,7 @@ use crate::conflict::{ModelPart, ModelPartKind};
 use crate::model_summary::{Declaration, DeclaredItem, ModelAxiom};
 use crate::vocabulary::{DomainVocabulary, Signature};
 
-/// The selected declarations of agents, and the vocabulary that results from them.
+/// The selected declarations of the agents, and the vocabulary of the domain that results from them.
 #[derive(Default)]
 pub(super) struct SelectedDeclarations<'a> {
     pub(super) kept: Vec<SelectedDeclaration<'a>>,
@@ -20,22 +21,25 @@ pub(super) struct SelectedDeclarations<'a> {
     pub(super) vocabulary: DomainVocabulary,
 }
 
-/// A selected declaration.
+/// A selected declaration and what the agents that make it have in common.
 #[derive(Clone, Copy)]
 pub(super) struct SelectedDeclaration<'a> {
-    /// The declaration as written by its first declarer, by name.
+    /// The declaration as it is written by the first of the agents that make it, in the order of their
+    /// names.
     pub(super) declaration: &'a Declaration,
     by: Contribution<'a>,
-    /// Whether all its declarers declare it private.
+    /// Whether all agents that make the declaration declare it private.
     pub(super) private: bool,
-    /// Whether one of its declarers is trusted, so that its axioms are known.
+    /// Whether the whole model of one of the agents that make the declaration is used, so that the axioms
+    /// are known.
     trusted: bool,
 }
 
-/// The declaration of a subject by one party.
+/// The declaration that one agent makes of a part, with the agent's contribution.
 type ContributedDeclaration<'a> = (Contribution<'a>, &'a Declaration);
 
-/// Signature and axioms: two declarations are equal if both are.
+/// Signature and axioms of a declaration, as canonical texts: two declarations are equal if both are
+/// equal.
 pub(super) type DeclarationVariant = (CanonicalText, Vec<CanonicalText>);
 
 pub(super) fn select_declarations<'a>(
@@ -67,7 +71,8 @@ pub(super) fn select_declarations<'a>(
     stand(shared, parties, kept, report)
 }
 
-/// Returns all declarations of agents that are visible here, sorted by subject and then by agent.
+/// Returns all declarations of agents that are visible in this composition, sorted by the declared part
+/// and then by agent.
 fn words_of<'a>(parties: &[Contribution<'a>]) -> Vec<ContributedDeclaration<'a>> {
     let known = |party: &Contribution<'a>| {
         let party = *party;
@@ -105,8 +110,8 @@ fn yield_to_ontology(
     }
 }
 
-/// Chooses the declaration of one subject that is in force. Reports a conflict for each agent that
-/// declares it differently.
+/// Chooses which declaration of one part is in force. Reports a conflict for each agent that declares the
+/// part differently.
 fn choose<'a>(
     subject: &'a ModelPart,
     words: &[ContributedDeclaration<'a>],
@@ -163,8 +168,8 @@ fn shown(declaration: &Declaration) -> String {
     }
 }
 
-/// Leaves out declarations that use undeclared types or form circles, and computes the vocabulary and
-/// the axioms of the rest.
+/// Leaves out declarations that use undeclared types or form circles, and computes the vocabulary and the
+/// axioms of the remaining declarations.
 fn stand<'a>(
     shared: &'a SharedModel,
     parties: &[Contribution<'a>],

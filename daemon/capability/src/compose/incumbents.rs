@@ -1,9 +1,9 @@
-//! Tracks which declaration of each subject is in force, without composing. Used by maintainers that
+//! Tracks which declaration of each part is in force, without composing. This is used by maintainers that
 //! receive many models and compose only on request.
 //!
 //! The order of arrivals decides which declaration is in force, so tracking cannot be postponed to the
-//! composition. But each subject is independent of the others: if an agent joins or leaves, only the
-//! subjects that it declares are checked.
+//! composition. But each part is independent of the others: if an agent joins or leaves, only the parts
+//! that it declares are checked.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,11 +12,12 @@ use super::declarations::{DeclarationVariant, variant_of};
 use crate::conflict::ModelPart;
 use crate::model_summary::{Declaration, ModelSummary};
 
-/// The declaration in force for each subject known here.
+/// The declaration that is in force for each declared part of the models.
 pub(crate) type DeclarationsInForce = BTreeMap<ModelPart, DeclarationVariant>;
 
-/// Updates the declarations in force, after the declarations of one party changed from `former` to
-/// `now`. `parties` are all present agents; either all or none are trusted.
+/// Updates the declarations in force, after the model of one agent changed from `former` to `now`.
+/// `parties` are all present agents; `trusted` tells whether their whole models are used, or only the
+/// public parts.
 pub(super) fn update<'a, P: Iterator<Item = Contribution<'a>>>(
     incumbents: &mut DeclarationsInForce,
     former: Option<&ModelSummary>,
@@ -40,8 +41,9 @@ pub(super) fn update<'a, P: Iterator<Item = Contribution<'a>>>(
     }
 }
 
-/// Chooses the declaration in force again, after the agent that made it has ceased to. It stays in
-/// force if another agent makes it too; otherwise that of the agent present longest is chosen.
+/// Chooses the declaration in force again, after the agent that made it has ceased to make it. It stays
+/// in force if another agent makes it too. Otherwise the declaration by the agent that has been present
+/// longest comes into force.
 fn choose_again<'a>(
     incumbents: &mut DeclarationsInForce,
     subject: &ModelPart,

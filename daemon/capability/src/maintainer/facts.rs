@@ -19,13 +19,13 @@ use crate::timestamp::Timestamp;
 // === impl Maintainer ===
 
 impl Maintainer {
-    /// Applies a heartbeat. A heartbeat is complete for the facts that its agent owns: facts that it
-    /// knows from the start and can change, and facts with symbols that its heartbeats have ever
-    /// contained. An owned fact that is missing is false; an owned fact reported as `(unknown FACT)` is
-    /// unknown. For facts that the agent is responsible for, the heartbeat overrides requests and the
-    /// effects of others.
+    /// Applies a heartbeat. A heartbeat is complete for the facts that its agent owns: facts that the
+    /// agent's model states and its actions can change, and facts with symbols that the agent's
+    /// heartbeats have ever contained. An owned fact that is missing is false; an owned fact that is
+    /// reported as `(unknown FACT)` is unknown. For facts that the agent is responsible for, the
+    /// heartbeat overrides requests and the effects of other agents' actions.
     ///
-    /// A new incarnation of an agent does not have to announce its model again if that is unchanged.
+    /// A new incarnation of an agent does not have to announce its model again if the model is unchanged.
     ///
     /// # Errors
     ///
@@ -89,10 +89,10 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Applies a heartbeat that equals the last one, without parsing it (fast path): each second,
-    /// nearly all of a thousand agents repeat what they reported before. Returns `None` if it must be
-    /// parsed nevertheless: the last heartbeat received here was a different one, or its claims have
-    /// changed since.
+    /// Applies a heartbeat that equals the last one, without parsing it (fast path): each second, nearly
+    /// all of a thousand agents repeat what they reported before. Returns `None` if the heartbeat must be
+    /// parsed nevertheless, because the last heartbeat received here was a different one, or because the
+    /// agent's claims have changed since.
     pub fn believe_repeated(
         &mut self,
         repeated: &RepeatedHeartbeat<'_>,
@@ -114,8 +114,8 @@ impl Maintainer {
         Some(self.take_change(now))
     }
 
-    /// Withdraws the claims of requests, and of the effects of others' actions, about facts that this
-    /// agent is responsible for and does not report itself.
+    /// Withdraws claims about facts that `agent` is responsible for and does not report itself, if they
+    /// come from requests or from effects of other agents' actions.
     fn override_others(&mut self, agent: &AgentId, owner: &Owner) {
         let Some(member) = self.roster.get(agent) else { return };
         let mut over = Vec::new();
@@ -133,15 +133,15 @@ impl Maintainer {
         over.iter().for_each(|(fact, other)| self.beliefs.withdraw(fact, other));
     }
 
-    /// Requires the next heartbeats of agents that are responsible for `fact` to be parsed: the fact
-    /// was requested or follows from another agent's action.
+    /// Makes sure that the next heartbeats of all agents that are responsible for `fact` are parsed,
+    /// because the fact was requested or follows from another agent's action.
     pub(super) fn wake_answering(&mut self, fact: &FactKey) {
         for agent in self.roster.answering(fact) {
             self.beliefs.wake(&Owner::Agent(agent.clone()));
         }
     }
 
-    /// Starts a new incarnation of an agent, if its model is unchanged.
+    /// Starts a new incarnation of an agent, if the agent's model is unchanged.
     fn revive(&mut self, agent: &AgentId, incarnation: Incarnation, digest: &str, now: Timestamp) {
         let former = self.roster.get(agent).filter(|member| {
             member.incarnation < incarnation && *member.described.digest == *digest
@@ -151,9 +151,9 @@ impl Maintainer {
         }
     }
 
-    /// Applies the effects of an action that `agent` confirmed. They hold until the agent's own
-    /// heartbeats override them. Claims of any owner about facts that become false are withdrawn, until
-    /// their owners make them again.
+    /// Applies the effects of an action that `agent` confirmed. The effects hold until the agent's own
+    /// heartbeats override them. Claims about facts that become false are withdrawn, whatever their
+    /// owners, until the owners make them again.
     ///
     /// # Errors
     ///
@@ -175,7 +175,8 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Changes the state by request, with claims of `owner`, which need not have a model.
+    /// Changes the state by request. The requested facts become claims of `owner`, which need not be an
+    /// agent with a model.
     ///
     /// # Errors
     ///
@@ -218,8 +219,8 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Returns the reason to decline a change of a fact: a present agent is responsible for the fact
-    /// and reports otherwise. Returns `None` if there is no such agent.
+    /// Returns the reason to decline a requested change of a fact: a present agent is responsible for the
+    /// fact and reports otherwise. Returns `None` if there is no such agent.
     fn contradicted(
         &self,
         speaker: &Owner,
@@ -247,7 +248,8 @@ impl Maintainer {
         Some(Declined::Owned { fact, owner: owner.to_string(), says })
     }
 
-    /// Returns a fact that an owner claims instead of `key`: one with the same symbol and first object.
+    /// Returns a fact with the same symbol and the same first object as `key` that `owner` claims; `None`
+    /// if there is none.
     fn about(&self, key: &FactKey, owner: &Owner) -> Option<InitElement> {
         let is_alike = |(other, _): &(&FactKey, &FactClaim)| {
             other.is_of(key.space(), key.symbol())
@@ -258,9 +260,9 @@ impl Maintainer {
         alike.map(|(other, claim)| other.element(claim.value))
     }
 
-    /// Applies an observation of an agent. The facts become claims of the agent, until it reports
-    /// otherwise, its heartbeats do, or they expire. All claims about facts that the agent saw to be
-    /// false are withdrawn, until an owner makes them again.
+    /// Applies an observation of an agent. The observed facts become claims of the agent, until they
+    /// expire, or the agent's observations or heartbeats report otherwise. All claims about facts that
+    /// the agent saw to be false are withdrawn, until an owner makes them again.
     ///
     /// # Errors
     ///
@@ -354,7 +356,7 @@ impl Maintainer {
         }
     }
 
-    /// Handles that an action has made a fact known: withdraws all claims that it is unknown.
+    /// Handles that an action has made a fact known: withdraws all claims that this fact is unknown.
     fn withdraw_unknown(&mut self, fact: &Atom) {
         let FactStatement::Is(key, _) = FactStatement::of(&InitElement::Unknown(fact.clone()))
         else {
@@ -368,7 +370,8 @@ impl Maintainer {
         }
     }
 
-    /// Claims the facts of a model, except those for which the agent's heartbeats are complete already.
+    /// Claims the facts of an agent's model, except those for which the agent's heartbeats are complete
+    /// already.
     pub(super) fn believe_model(&mut self, owner: &Owner, member: &Member, now: Timestamp) {
         let claim = FactClaim::new(FactValue::True, ClaimSource::Model, now);
         let claim = FactClaim { incarnation: member.incarnation, ..claim };

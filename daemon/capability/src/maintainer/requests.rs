@@ -1,6 +1,6 @@
-//! Requests that change more than facts: the metric, and which actions can be planned with. Also passes
-//! all requested changes on to the maintainers of actuators, which receive heartbeats only, and merges
-//! the changes of two central maintainers after a partition.
+//! Requests that change more than facts: they change the metric, or which actions can be planned with.
+//! This module also passes all requested changes on to the maintainers of actuators, which receive
+//! heartbeats only, and merges the changes of two central maintainers after a partition.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -19,8 +19,8 @@ use crate::limits;
 use crate::pending_changes::PendingChanges;
 use crate::timestamp::Timestamp;
 
-/// A fact with an expiry counts as unchanged if the expiry moves by less than this, in milliseconds:
-/// messages take time.
+/// Smallest difference between two expiry times of a fact that counts as a change, in milliseconds.
+/// Smaller differences arise because messages take time.
 const SAME_END_MS: u64 = 1_000;
 
 type ActionOfAgent = (Name, Option<AgentId>);
@@ -28,8 +28,9 @@ type ActionOfAgent = (Name, Option<AgentId>);
 // === impl Maintainer ===
 
 impl Maintainer {
-    /// Withholds an action by request, of one agent or, with `None`, of all. Its schema stays in the
-    /// domain, but no plan uses the agents concerned for it. `action` is the name outside.
+    /// Withholds an action by request: of one agent, or of all agents if `agent` is `None`. The action
+    /// schema stays in the domain, but no plan lets these agents use it. `action` is the name that the
+    /// agents gave the action.
     ///
     /// # Errors
     ///
@@ -43,8 +44,8 @@ impl Maintainer {
         self.change_actions(&[(action, agent)], &[], now)
     }
 
-    /// Gives back an action withheld by [`disable_action`](Maintainer::disable_action). The arguments must be the
-    /// same.
+    /// Gives back an action that was withheld by [`disable_action`](Maintainer::disable_action). The
+    /// arguments must be the same as in that call.
     ///
     /// # Errors
     ///
@@ -58,12 +59,12 @@ impl Maintainer {
         self.change_actions(&[], &[(action, agent)], now)
     }
 
-    /// Withholds some actions and gives others back, all of them or none.
+    /// Withholds some actions and gives others back. Either all of these changes take effect, or none.
     ///
     /// # Errors
     ///
-    /// Returns an error if no agent concerned offers one of those to withhold, if one of those to give
-    /// back is not withheld, or if too many actions would be withheld.
+    /// Returns an error if no agent concerned offers one of the actions to withhold, if one of the
+    /// actions to give back is not withheld, or if too many actions would be withheld.
     pub fn change_actions(
         &mut self,
         withhold: &[ActionOfAgent],
@@ -107,8 +108,9 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Sets the metric of plans by request; `None` restores the metric of the map, or the total cost.
-    /// Begins a new epoch if the metric differs, because costs of earlier plans may no longer be right.
+    /// Sets the metric of plans by request; `None` restores the metric of the map, or the total cost if
+    /// the map has none. If the metric differs from the one before, begins a new epoch, because the costs
+    /// of earlier plans may no longer be right.
     ///
     /// # Errors
     ///
@@ -136,8 +138,8 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Returns all changes by requests that no heartbeat reports, for agents that receive heartbeats
-    /// only.
+    /// Returns all changes by requests that no heartbeat reports. They are announced to agents that
+    /// otherwise receive heartbeats only.
     pub fn requested(&self, now: Timestamp) -> Requested {
         let mut facts = Vec::new();
         for (fact, claims) in self.beliefs.claims() {
@@ -163,10 +165,10 @@ impl Maintainer {
         }
     }
 
-    /// Returns the changes since the last call, without the metric and the withheld actions, which
-    /// [`requested`](Maintainer::requested) has. Returns `None` if [`requested`](Maintainer::requested)
-    /// must be announced instead: at the first call, if facts of the map hold again, or if very many
-    /// facts have changed.
+    /// Returns the changes by requests since this was called last, without the metric and the withheld
+    /// actions, which only [`requested`](Maintainer::requested) contains. Returns `None` if all of
+    /// [`requested`](Maintainer::requested) must be announced instead: at the first call, if facts of the
+    /// map hold again, or if very many facts have changed.
     pub fn requested_since(&mut self, now: Timestamp) -> Option<RequestedSince> {
         let PendingChanges::These(untold) = self.beliefs.take_untold() else { return None };
         let is_back = |(fact, owner): &(FactKey, Owner)| {
@@ -178,7 +180,8 @@ impl Maintainer {
         Some(self.announced_claims(&untold, now))
     }
 
-    /// Returns the current claims of these facts and owners, in the form to be announced.
+    /// Returns the current claims about these facts by these owners, in the form in which they are
+    /// announced.
     fn announced_claims(&self, of: &BTreeSet<(FactKey, Owner)>, now: Timestamp) -> RequestedSince {
         let mut since = RequestedSince::default();
         let (mut told, mut gone) = (Vec::new(), Vec::new());
@@ -213,20 +216,22 @@ impl Maintainer {
 
     // === partition and heal of several leaders ===
 
-    /// Marks the start of a possible partition: another leader may be active elsewhere. From now on,
-    /// records which claims requests change, so that they can be merged when the partition heals.
+    /// Marks the start of a possible partition, in which another leader may be active elsewhere. From now
+    /// on, the maintainer records which claims are changed by requests, so that they can be merged when
+    /// the partition heals.
     pub fn begin_partition_log(&mut self) {
         self.beliefs.begin_partition_log();
     }
 
-    /// Ends the recording without a merge: every replica that could be the leader elsewhere is
-    /// connected again, and has no changes to merge.
+    /// Ends the recording that a possible partition began, without a merge: every replica that could have
+    /// been the leader elsewhere is connected again, and has no changes to merge.
     pub fn drop_partition_log(&mut self) {
         self.beliefs.take_partition_log();
     }
 
-    /// Becomes standby after a heal. Returns the changes by requests since [`begin_partition_log`](Maintainer::begin_partition_log),
-    /// for the surviving leader. From now on, the announcements of that leader are authoritative.
+    /// Makes this maintainer a standby after a partition has healed. Returns the changes by requests
+    /// since [`begin_partition_log`](Maintainer::begin_partition_log), which the surviving leader merges.
+    /// From now on, the announcements of that leader are authoritative.
     pub fn stand_down(&mut self, now: Timestamp) -> RequestedSince {
         let changed = match self.beliefs.take_partition_log() {
             None => RequestedSince::default(),
@@ -241,12 +246,12 @@ impl Maintainer {
         changed
     }
 
-    /// Merges the changes that requests made at the other leader, after a heal; this maintainer is the
-    /// surviving leader. Of claims that were changed at both, that of this maintainer is kept.
+    /// Merges the changes that requests made at the other leader during a partition; this maintainer is
+    /// the surviving leader. Of claims that were changed at both, the claim of this maintainer is kept.
     ///
     /// # Errors
     ///
-    /// Returns an error if a limit is exceeded; the changes before it take effect.
+    /// Returns an error if a limit is exceeded; the changes that were merged before that take effect.
     pub fn merge_partition_log(
         &mut self,
         changed: &RequestedChangesSince,
@@ -283,8 +288,9 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Returns a claim in the form to be announced. Returns `None` if the owner's model or heartbeats
-    /// report it, or if it has expired.
+    /// Returns a claim in the form in which it is announced. Returns `None` if the claim need not be
+    /// announced, because the owner's model or heartbeats report the fact, or because the claim has
+    /// expired.
     fn announced_claim(
         &self,
         owner: &AgentId,
@@ -303,20 +309,20 @@ impl Maintainer {
         })
     }
 
-    /// Whether a known agent reports in its heartbeats whether a fact holds.
+    /// Whether the heartbeats of `agent`, if it is known, report whether `fact` holds.
     fn is_reported_by(&self, agent: &AgentId, fact: &FactKey) -> bool {
         self.roster.get(agent).is_some_and(|member| member.owns(fact))
     }
 
-    /// Whether it adopts the changes by requests that another maintainer announces. If not, these
-    /// announcements need not be parsed.
+    /// Whether this maintainer adopts the changes by requests that another maintainer announces. If not,
+    /// these announcements need not be parsed.
     pub fn is_follower(&self) -> bool {
         self.follows
     }
 
-    /// Adopts all changes by requests that the central maintainer announces, in place of those
-    /// announced before. Claims of owners with heartbeats that are received here take precedence. Does
-    /// nothing if this maintainer does not follow, because it is the leader itself.
+    /// Adopts all changes by requests that the central maintainer announces, in place of those announced
+    /// before. Claims of owners that send heartbeats to this maintainer take precedence. Does nothing if
+    /// this maintainer does not follow another, because it is the leader itself.
     ///
     /// # Errors
     ///
@@ -332,8 +338,8 @@ impl Maintainer {
         self.adopt(requests, now)
     }
 
-    /// Adopts the changes by requests that the central maintainer announces since its last
-    /// announcement; those announced before are kept.
+    /// Adopts the changes by requests that the central maintainer has made since its last announcement;
+    /// changes that were announced before are kept.
     ///
     /// # Errors
     ///
@@ -363,8 +369,8 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Sets whether this central maintainer is a standby, which follows the announcements of the
-    /// leader. When it becomes the leader, the requests that it adopted become its own.
+    /// Sets whether this central maintainer is a standby, which adopts the changes that the leader
+    /// announces. When it becomes the leader, the adopted changes count as requested of this maintainer.
     pub fn set_standby(&mut self, stands_by: bool) {
         self.follows = stands_by;
         if !stands_by {
@@ -372,7 +378,8 @@ impl Maintainer {
         }
     }
 
-    /// Restores the changes by requests that were kept in the Journals, as its own.
+    /// Restores the changes by requests that were kept in the Journals; they count as requested of this
+    /// maintainer.
     ///
     /// # Errors
     ///
@@ -414,7 +421,8 @@ impl Maintainer {
         }
     }
 
-    /// Claims an announced fact, unless the heartbeats of its owner are received here.
+    /// Claims a fact that another maintainer announced, unless this maintainer receives the heartbeats of
+    /// its owner.
     fn claim_announced(
         &mut self,
         agent: &AgentId,
@@ -439,8 +447,8 @@ impl Maintainer {
     }
 }
 
-/// Whether an announced claim differs from the known one. Equal claims must be skipped: making a claim
-/// again would make it newer than those of others.
+/// Whether the announced claim `told` differs from the claim `known`. Equal claims must be skipped:
+/// making a claim again would make it newer than those of other owners.
 fn is_other(known: &FactClaim, told: &FactClaim) -> bool {
     let is_same_end = match (known.until, told.until) {
         (Some(known), Some(told)) => known.0.abs_diff(told.0) < SAME_END_MS,
@@ -449,7 +457,7 @@ fn is_other(known: &FactClaim, told: &FactClaim) -> bool {
     !is_same_end || known.value != told.value
 }
 
-/// Returns an arbitrary value for a fact, for cases where only the term counts.
+/// Returns an arbitrary value for a fact, used where only the term of the fact matters.
 fn any_value(fact: &FactKey) -> FactValue {
     match fact.space() {
         FactSymbolKind::Predicate => FactValue::True,

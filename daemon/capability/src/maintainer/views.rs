@@ -1,4 +1,5 @@
-//! Outputs of the Domain Maintainer: snapshots to plan in, and the state with its provenance.
+//! Outputs of the Domain Maintainer: snapshots to plan in, and the believed state with the origin of each
+//! fact.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -22,27 +23,29 @@ use crate::known_agents::Member;
 use crate::snapshot::DomainSnapshot;
 use crate::timestamp::Timestamp;
 
-/// A claimed fact, and whether it holds.
+/// A claimed fact, whether it holds, and all claims about it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Provenance {
-    /// The fact; for a function, with the believed value, or the first claimed one if none is believed.
+    /// The claimed fact. If it is about a function, it has the believed value, or the first claimed value
+    /// if none is believed.
     pub fact: InitElement,
-    /// The reason, for a person, why it does not hold although it is claimed; `None` if it holds.
+    /// The reason, as text for a person, why the fact does not hold although it is claimed; `None` if it
+    /// holds.
     pub left_out: Option<String>,
-    /// All claims about it; never empty.
+    /// All claims about the fact; never empty.
     pub claims: Vec<OwnerClaim>,
 }
 
-/// The claim of one owner.
+/// The claim of one owner about a fact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnerClaim {
-    /// The owner.
+    /// The owner that makes the claim.
     pub owner: Owner,
-    /// The claimed fact; for a function, with the value that this owner claims.
+    /// The claimed fact; if it is about a function, with the value that this owner claims.
     pub said: InitElement,
-    /// Incarnation of the owner that made the claim; 0 for the map and for requests.
+    /// Incarnation of the owner when it made the claim; 0 for the map and for requests.
     pub incarnation: Incarnation,
-    /// Number of the latest heartbeat with the claim; 0 if no heartbeat has made it.
+    /// Number of the owner's latest heartbeat that contains the claim; 0 if no heartbeat has made it.
     pub sequence: u64,
     /// The origin of the claim.
     pub source: ClaimSource,
@@ -52,27 +55,27 @@ pub struct OwnerClaim {
     pub left: Option<Duration>,
 }
 
-/// The state of a known agent.
+/// State of a known agent, for display.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AgentView {
-    /// The agent's name.
+    /// Name of the known agent.
     pub agent: AgentId,
-    /// The agent's incarnation.
+    /// Incarnation of the known agent.
     pub incarnation: Incarnation,
     /// Digest of the agent's model and methods.
     pub digest: String,
-    /// Whether its liveliness token is lost.
+    /// Whether the agent's liveliness token is lost.
     pub is_masked: bool,
-    /// Whether its heartbeats have stopped.
+    /// Whether the agent's heartbeats have stopped.
     pub is_silent: bool,
-    /// Time since its last heartbeat was received.
+    /// Time since the last heartbeat of the agent was received.
     pub age: Duration,
-    /// The actions that it can be planned with, under its own names for them.
+    /// The actions for which planning may use this agent, under the agent's own names for them.
     pub actions: Vec<Name>,
 }
 
-/// Cache of the composite that was made for the last snapshot. It is reused until a model changes. It
-/// may be used with one maintainer and its clones.
+/// Cache of the composite that was made for the last snapshot. The composite is reused until a model
+/// changes. One cache may be used with one maintainer and its clones only.
 #[derive(Clone, Debug, Default)]
 pub struct CompositionCache(Option<CachedComposition>);
 
@@ -87,7 +90,7 @@ struct CachedComposition {
 // === impl Maintainer ===
 
 impl Maintainer {
-    /// Returns the domain and the problem at `now`, to plan in.
+    /// Returns a snapshot: the domain and the problem at `now`, to plan in.
     pub fn snapshot(&self, now: Timestamp) -> DomainSnapshot {
         match self.scope {
             MaintainerScope::Everything => {
@@ -98,8 +101,8 @@ impl Maintainer {
         }
     }
 
-    /// Returns the details of a claim. The age of a claim by a heartbeat is measured from the last
-    /// heartbeat received, including equal ones that were not parsed.
+    /// Returns the details of a claim. The age of a claim by a heartbeat is counted from the last
+    /// heartbeat received, including equal heartbeats that were not parsed.
     fn claimed_by(
         &self,
         fact: &FactKey,
@@ -120,7 +123,7 @@ impl Maintainer {
         }
     }
 
-    /// Returns the current composite.
+    /// Returns the current composite; it is composed now if necessary.
     pub(super) fn composed(&self) -> Arc<Composite> {
         match self.scope {
             MaintainerScope::Everything => Arc::clone(&self.composite),
@@ -131,10 +134,11 @@ impl Maintainer {
     }
 
     /// Returns the snapshot of an actuator that acts for the agents in `whole`: itself and those it
-    /// carries. Their models are used whole. Of the other agents, the public parts are used, without
-    /// actions.
+    /// carries. The whole models of these agents are used. Of all other agents, only the public parts are
+    /// used, without actions.
     ///
-    /// Composed at each call: one maintainer serves all actuators that receive the same messages.
+    /// The snapshot is composed at each call, because one maintainer serves all actuators that receive
+    /// the same messages.
     pub fn snapshot_for(&self, whole: &BTreeSet<AgentId>, now: Timestamp) -> DomainSnapshot {
         self.snapshot_again(&mut CompositionCache::default(), whole, now)
     }
@@ -246,7 +250,7 @@ impl Maintainer {
         self.metric.clone().or_else(|| self.shared.map.metric.clone()).or_else(cheapest)
     }
 
-    /// Returns every claimed fact that is visible here, in a fixed order.
+    /// Returns every claimed fact that is visible in this maintainer's scope, in a fixed order.
     pub fn provenance(&self, now: Timestamp) -> Vec<Provenance> {
         let composite = self.composed();
         { self.beliefs.claims() }
@@ -269,8 +273,8 @@ impl Maintainer {
             .collect()
     }
 
-    /// Returns the reason, for a person, why a fact cannot hold here even if it is claimed; `None` if
-    /// it can.
+    /// Returns the reason, as text for a person, why a fact cannot hold in the composite even if it is
+    /// claimed; `None` if it can.
     pub fn misfit(&self, fact: &InitElement) -> Option<String> {
         match FactStatement::of(fact) {
             FactStatement::Is(key, value) => self.composed().misfit(&key, value),
@@ -279,8 +283,8 @@ impl Maintainer {
         }
     }
 
-    /// Returns the claims of owners other than `speaker` that contradict a fact: another number for a
-    /// function, or a claim that a denied fact is true.
+    /// Returns the claims of owners other than `speaker` that contradict `fact`: if `fact`
+    /// gives a function a number, claims of another number; if `fact` is a denial, claims that it denies.
     pub fn contradicting(&self, fact: &InitElement, speaker: &Owner) -> Vec<(Owner, InitElement)> {
         let (key, value) = match FactStatement::of(fact) {
             FactStatement::Is(key, value @ FactValue::Number(_)) => (key, Some(value)),
@@ -315,8 +319,8 @@ impl Maintainer {
     }
 
     /// Returns an agent and the agents that it carries, directly or through others. An agent is carried
-    /// by another if its model contains a fact about the two that its own actions do not change, with
-    /// any predicate, for example `(mounted-on ir-1 turtlebot-1)`.
+    /// by another if its model contains a fact about the two that its own actions do not change. The
+    /// predicate can be any, for example `(mounted-on ir-1 turtlebot-1)`.
     pub fn with_carried(&self, agent: &AgentId) -> BTreeSet<AgentId> {
         let mut carried = BTreeSet::from([agent.clone()]);
         let mut added = vec![agent.clone()];
@@ -330,8 +334,8 @@ impl Maintainer {
         carried
     }
 
-    /// Whether the agent's capabilities count for new plans: it has announced its model, its liveliness
-    /// token is not lost, and its heartbeats arrive.
+    /// Whether the agent's capabilities count for new plans: the agent has announced its model, its
+    /// liveliness token is not lost, and its heartbeats arrive.
     pub fn is_present(&self, agent: &AgentId) -> bool {
         self.roster.get(agent).is_some_and(Member::is_present)
     }
@@ -346,7 +350,7 @@ impl Maintainer {
         self.roster.get(agent).is_some_and(|member| member.is_masked)
     }
 
-    /// Returns all parts that are left out of the composite, in a fixed order.
+    /// Returns all parts of models that are left out of the composite, in a fixed order.
     pub fn conflicts(&self) -> Vec<Conflict> {
         match self.scope {
             MaintainerScope::Everything => self.conflicts.clone(),
@@ -354,19 +358,19 @@ impl Maintainer {
         }
     }
 
-    /// Returns the number of changes of the set of capabilities.
+    /// Returns the epoch: the number of changes of the set of capabilities so far.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
 
-    /// Returns the number of changes of any kind.
+    /// Returns the revision: the number of changes of any kind so far.
     pub fn revision(&self) -> u64 {
         self.revision
     }
 }
 
-/// Converts a fact to what a planner reads: that a fact is unknown, or has a value, is a fact of its
-/// own.
+/// Converts a fact to the facts that a planner reads. That a fact is unknown, or that a function has a
+/// value, becomes a separate fact.
 fn planner_facts(knowledge: &Knowledge, element: InitElement) -> [Option<InitElement>; 2] {
     match element {
         InitElement::Unknown(atom) => [knowledge.unknown(&atom).map(InitElement::Atom), None],

@@ -1,10 +1,12 @@
-//! Tests that a part that cannot be composed is left out and named, and does not affect other parts.
+//! Tests that a part of a model that cannot be composed is left out and named, and does not affect other
+//! parts.
 
 use expect_test::{Expect, expect};
 
 use crate::office::{model, office, turtlebot};
 
-/// Admits models of the agents `a`, `b`, … with these sections; then checks the conflicts and actions.
+/// Admits models of the agents `a`, `b`, …, each with one of these sections; then checks the conflicts
+/// and the actions.
 #[track_caller]
 fn check<const N: usize>(sections: [&str; N], expected: Expect) {
     let names = ["a", "b", "c"];

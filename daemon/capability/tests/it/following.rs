@@ -1,4 +1,4 @@
-//! Tests that a copy that follows announced changes equals the state of the maintainer.
+//! Tests that a copy of the state that follows announced changes equals the state of the maintainer.
 
 use acl::content::EpochChange;
 use capability::{DomainChange, FollowError, Follower, Timestamp};

@@ -1,4 +1,4 @@
-//! Tests that input beyond a limit is refused with a reason and changes nothing.
+//! Tests that an input that exceeds a limit is refused with a reason and changes nothing.
 
 use acl::AgentId;
 use acl::content::Reason;

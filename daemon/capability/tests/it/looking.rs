@@ -1,11 +1,12 @@
-//! Tests that composing on request and composing at each input give the same result.
+//! Tests that a maintainer that composes on request and one that composes at each input give the same
+//! result.
 
 use proptest::prelude::*;
 
 use crate::office::{Office, announcement, model, office, office_of, thermometer, turtlebot};
 
-/// Contradicting sections of models. Nothing in them is private, so that both kinds of maintainer show
-/// the same.
+/// Sections of models that contradict each other. No part of them is private, so that both kinds of
+/// maintainer show the same.
 const WORDS: [&str; 9] = [
     "",
     "(:types drone - mobile-base) (:predicates (aloft ?d - drone))",
@@ -49,7 +50,7 @@ fn tell(office: &mut Office, event: &Event) {
     }
 }
 
-/// Seeds are not kept in files: a failure prints its case, which then becomes a test of its own.
+/// Configuration without files of seeds: a failure prints its case, which then becomes a test of its own.
 fn config() -> ProptestConfig {
     ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() }
 }
@@ -103,7 +104,7 @@ proptest! {
     }
 }
 
-/// Models of the same type of agent, and some models of other types.
+/// Returns models of an agent `name`: several of the same type of agent, and some of other types.
 fn kinds(name: &str) -> Vec<String> {
     let flies = |parameter: &str| {
         format!(
@@ -136,8 +137,8 @@ fn kind() -> impl Strategy<Value = (usize, Option<usize>)> {
 proptest! {
     #![proptest_config(config())]
 
-    /// Compares with a maintainer that never adds incrementally: there each agent joins with an empty
-    /// model, and then changes it.
+    /// Compares a maintainer with one that never adds agents incrementally: in that one, each agent joins
+    /// with an empty model, and then changes the model.
     #[test]
     fn who_is_added_is_composed_the_same(events in prop::collection::vec(kind(), 1..16)) {
         let (mut added, mut anew) = (office(), office());
@@ -171,8 +172,8 @@ proptest! {
 proptest! {
     #![proptest_config(config())]
 
-    /// Several agents join at once, and some of them cannot be added incrementally: those added before
-    /// are composed together with the rest.
+    /// Several agents join at once, and some of them cannot be added incrementally. The agents added
+    /// before these are then composed together with the rest.
     #[test]
     fn who_are_added_together_are_composed_the_same(
         first in prop::collection::vec(0_usize..12, 1..4),

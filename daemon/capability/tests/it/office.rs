@@ -1,4 +1,4 @@
-//! The office that the tests use: its ontology, its map, its agents, and short functions for inputs.
+//! An office that the tests use: its ontology, its map, its agents, and short functions for inputs.
 
 use std::collections::BTreeSet;
 
@@ -25,11 +25,11 @@ const MAP: &str = "
   (:objects office2 - room corridor - location)
   (:init (connected corridor office2) (= (distance corridor office2) 6)) (:goal (and)))";
 
-/// A maintainer, the time, and agents in their first incarnation.
+/// A test fixture: a maintainer, the time, and agents in their first incarnation.
 pub(crate) struct Office {
     pub(crate) maintainer: Maintainer,
     pub(crate) now: Timestamp,
-    /// Agents with models that the snapshots use whole; `None` for all.
+    /// Agents of which the snapshots use the whole models; `None` for all agents.
     pub(crate) eyes: Option<BTreeSet<AgentId>>,
 }
 
@@ -37,7 +37,7 @@ pub(crate) fn office() -> Office {
     scoped(MaintainerScope::Everything, None)
 }
 
-/// Creates an office with a maintainer of public scope; snapshots are those of `own`.
+/// Creates an office with a maintainer of public scope; its snapshots are those of the actuator `own`.
 pub(crate) fn office_of(own: &str) -> Office {
     scoped(MaintainerScope::Public, Some([id(own)].into()))
 }
@@ -56,12 +56,13 @@ pub(crate) fn facts(text: &str) -> Vec<InitElement> {
     pddl::parse_init_elements(text).into_result().expect("facts")
 }
 
-/// Returns effects with these facts; `(not FACT)` retracts a fact.
+/// Returns effects that make these facts believed; `(not FACT)` retracts a fact.
 pub(crate) fn effects(believe: &str) -> Effects {
     Effects { believe: facts(believe), retract: Vec::new() }
 }
 
-/// The example of docs/design.md, “Action models”, with a private object.
+/// Returns the model of a TurtleBot: the example of docs/design.md, “Action models”, with a private
+/// object.
 pub(crate) fn turtlebot(name: &str) -> String {
     format!(
         "(define (agent {name}) (:domain smart-office)
@@ -97,7 +98,7 @@ pub(crate) fn ir_sensor(name: &str, base: &str) -> String {
     )
 }
 
-/// Returns a model with these sections only.
+/// Returns a model of the agent `name` that has these sections only.
 pub(crate) fn model(name: &str, sections: &str) -> String {
     format!("(define (agent {name}) (:domain smart-office) {sections})")
 }
@@ -113,7 +114,7 @@ pub(crate) fn announcement(model: &str, incarnation: u64) -> Announcement {
 // === impl Office ===
 
 impl Office {
-    /// Admits models of first incarnations, one after the other.
+    /// Admits these models, one after the other, each in the first incarnation of its agent.
     pub(crate) fn with<S: AsRef<str>>(mut self, models: impl IntoIterator<Item = S>) -> Office {
         for model in models {
             self.admit(model.as_ref());
@@ -134,7 +135,7 @@ impl Office {
         self.maintainer.admit(announcement(model, incarnation), self.now)
     }
 
-    /// Applies a heartbeat with `facts_`, and with the facts in `brief`, which are known for ten
+    /// Applies a heartbeat with the facts in `facts_`, and with those in `brief`, which are known for ten
     /// seconds.
     pub(crate) fn beat(
         &mut self,

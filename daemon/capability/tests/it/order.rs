@@ -31,7 +31,7 @@ fn check(order: &[String], reference: &Office, office: Office) -> Result<(), Tes
     Ok(())
 }
 
-/// Seeds are not kept in files: a failure prints its case, which then becomes a test of its own.
+/// Configuration without files of seeds: a failure prints its case, which then becomes a test of its own.
 fn config() -> ProptestConfig {
     ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() }
 }
@@ -50,8 +50,8 @@ proptest! {
         check(&order, &own().with(models()), own())?;
     }
 
-    /// After any joining and leaving, the remaining agents are composed as if they had been alone. Only
-    /// qualified names may be kept.
+    /// After any agents have joined and left, the remaining ones are composed as if they had always been
+    /// alone. Only qualified names may be kept.
     #[test]
     fn who_left_leaves_nothing(order in Just(models()).prop_shuffle(), stay in 0_usize..8) {
         let mut office = office().with(&order);

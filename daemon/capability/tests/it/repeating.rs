@@ -1,4 +1,5 @@
-//! Tests that skipping heartbeats that equal the one before gives the same result as parsing them all.
+//! Tests that skipping a heartbeat that equals the one before it gives the same result as parsing every
+//! heartbeat.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,7 +12,8 @@ use crate::office::{Office, effects, facts, id, office, office_of, thermometer, 
 
 const AGENTS: [&str; 3] = ["turtlebot-1", "turtlebot-2", "thermometer-1"];
 
-/// The facts of heartbeats: about the agents themselves, about each other, more or fewer.
+/// The facts of the heartbeats in the tests: about the sending agents themselves, about each other, more
+/// or fewer.
 const WORDS: [&str; 8] = [
     "",
     "(at turtlebot-1 corridor) (= (speed turtlebot-1) 0.3)",
@@ -25,7 +27,7 @@ const WORDS: [&str; 8] = [
 
 #[derive(Clone, Debug)]
 enum Deed {
-    /// A heartbeat, usually equal to the one before.
+    /// An agent sends a heartbeat, which usually equals the one before it.
     Beat {
         who: usize,
         word: Option<usize>,
@@ -58,7 +60,7 @@ fn deed() -> impl Strategy<Value = Deed> {
     ]
 }
 
-/// An office, and whether it parses every heartbeat.
+/// An office, and whether its maintainer parses every heartbeat.
 struct House {
     office: Office,
     reads_all: bool,

@@ -19,7 +19,8 @@ fn observed(office: &mut Office, who: &str, facts: &str, known_for: &[(&str, u64
     office.maintainer.apply_observation(&id(who), &known, office.now).expect("room");
 }
 
-/// Passes all requested changes of the central maintainer on to the actuator's.
+/// Passes all requested changes of the maintainer in `central` on to the actuator's maintainer in
+/// `local`.
 fn tell(central: &Office, local: &mut Office) -> Requested {
     let told = central.maintainer.requested(central.now);
     let requests = RequestedChanges::read(&told, local.now).expect("PDDL");
@@ -27,7 +28,8 @@ fn tell(central: &Office, local: &mut Office) -> Requested {
     told
 }
 
-/// Passes the changes since the last call on to the actuator's maintainer, or all if that is necessary.
+/// Passes the requested changes since the last call on to the actuator's maintainer, or all of them if
+/// that is necessary.
 fn tell_news(central: &mut Office, local: &mut Office) -> Option<RequestedSince> {
     let Some(since) = central.maintainer.requested_since(central.now) else {
         tell(central, local);
@@ -202,7 +204,8 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
     vec(step, 1..60)
 }
 
-/// Applies a step to the central maintainer; heartbeats and time also to those of the actuators.
+/// Applies a step to the central maintainer. A heartbeat or a step of time is also applied to the
+/// maintainers of the actuators.
 fn happen(step: Step, beat: u64, central: &mut Office, locals: [&mut Office; 2]) {
     let Step { what, who, fact, number, .. } = step;
     let (owner, now) = (Owner::Agent(id(who)), central.now);
@@ -234,7 +237,7 @@ fn happen(step: Step, beat: u64, central: &mut Office, locals: [&mut Office; 2])
     }
 }
 
-/// Returns all claims, each with owner, source and expiry.
+/// Returns all claims in the office, each with owner, source and expiry.
 fn claims(office: &Office) -> Vec<String> {
     let mut claims = Vec::new();
     for fact in office.maintainer.provenance(office.now) {

@@ -1,11 +1,12 @@
-//! Tests of what an actuator sees of other agents, and what it does not.
+//! Tests of what an actuator sees of other agents, and of what it does not see.
 
 use capability::text_of;
 use expect_test::expect;
 
 use crate::office::{Office, id, ir_sensor, model, office_of, thermometer, turtlebot};
 
-/// The office as seen by `turtlebot-1`. That can carry `ir-1`, and there is another robot.
+/// Returns the office as the actuator `turtlebot-1` sees it. This robot can carry `ir-1`, and there is
+/// another robot.
 fn local() -> Office {
     let ir = ir_sensor("ir-1", "turtlebot-1");
     office_of("turtlebot-1").with([turtlebot("turtlebot-1"), turtlebot("turtlebot-2"), ir])
@@ -54,7 +55,7 @@ fn what_is_carried_is_known_whole() {
     assert_eq!(other.known("offers-move"), "(offers-move turtlebot-2)");
 }
 
-/// The carried agent's model contains the fact that it is carried, with any predicate.
+/// An agent is found to be carried if its model contains a fact that says so, with any predicate.
 #[test]
 fn what_is_carried_is_found_whatever_says_so() {
     let arm = model(

@@ -1,4 +1,5 @@
-//! The whole stack: two daemons, an agent that requests a change of the state and one that confirms it.
+//! The benchmark of the whole stack: two daemons, with an agent that requests changes of the state and
+//! one that confirms them.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -20,7 +21,7 @@ use tokio_util::sync::CancellationToken;
 use crate::secured::House;
 use crate::{Asker, Error, Sizes};
 
-/// How long an answer is awaited; on one machine a longer wait would mean a defect.
+/// How long an answer is awaited. On one machine, an answer that takes longer means a defect.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Handles that keep the daemons running.
@@ -29,8 +30,8 @@ pub(crate) struct Daemons {
     _stopping: CancellationToken,
 }
 
-/// Starts two daemons with one agent each, and measures the length of their messages. Links are plain
-/// unless `house` is given.
+/// Starts two daemons with one agent each, and measures the length of the agents' messages. The links are
+/// plain, unless `house` contains certificates for them.
 pub(crate) async fn start(house: Option<&House>) -> Result<(Asker, Sizes, Daemons), Error> {
     let stopping = CancellationToken::new();
     let (here, a) = open("a", &[], house).await?;
@@ -116,7 +117,7 @@ impl Echo {
     }
 }
 
-/// Agent that sends the next request when the answer comes, as often as it is told.
+/// Agent that sends a number of requests, each when the answer to the one before has come.
 struct Curious {
     turns: Option<Receiver<usize>>,
     waiting: Option<WorkHandle>,

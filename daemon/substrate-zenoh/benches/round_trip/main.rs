@@ -1,18 +1,18 @@
-//! Cost of a conversation of two agents compared with plain Zenoh: request and reply between two daemons,
-//! against a plain Zenoh echo that is also passed to a Tokio task.
+//! Measures the cost of a conversation between two agents, compared with plain Zenoh: a request and a
+//! reply between two daemons, compared with an echo over plain Zenoh that is also passed to a Tokio task.
 //!
 //! ```text
 //! cargo bench -p substrate-zenoh --bench round_trip [-- TURNS]
 //! ```
 //!
-//! - `plain` is the baseline: declared publishers, callbacks, channels, tasks, nothing else.
-//! - `substrate` adds this crate: keys that are read, publishers that are looked up.
+//! - `plain` is the baseline: declared publishers, callbacks, channels and tasks, and nothing else.
+//! - `substrate` adds this crate: keys are parsed, and publishers are looked up.
 //! - `agents` is the whole stack: an agent asks, another answers, with everything that the Communication
 //!   Agent does for them (JSON, protocols, deadlines, duplicates, receipts).
-//! - `secured` is the same over mutual TLS, with every message signed, checked for replay, and checked
-//!   against the rights of its sender.
+//! - `secured` is the same as `agents`, over mutual TLS, with every message signed, checked for replay,
+//!   and checked against the rights of its sender.
 //!
-//! All use real router sessions over TCP on this machine, at ports that the kernel chooses. They run
+//! All four use real router sessions over TCP on this machine, at ports that the kernel chooses. They run
 //! alternately within one run, so that a busy moment of the machine affects all of them.
 
 mod agents;
@@ -28,17 +28,18 @@ use tokio::sync::mpsc::{self, Receiver, Sender, UnboundedReceiver};
 
 type Error = Box<dyn std::error::Error + Send + Sync>;
 
-/// Default number of turns: a run takes seconds on any machine, and the p99 is stable.
+/// Default number of turns of each candidate: a run then takes seconds on any machine, and the p99 is
+/// stable.
 const TURNS: usize = 100;
 
-/// Long enough that the change from one candidate to the next does not count, short enough that drift
-/// affects all alike.
+/// Number of round trips that a candidate makes before the next one runs. It is large enough that the
+/// change of candidates does not count, and small enough that drift affects all candidates alike.
 const ROUND_TRIPS_PER_TURN: usize = 200;
 
-/// Maximum ratio of the p50 of the agents to that of plain Zenoh.
+/// Maximum ratio of the p50 of `agents` to the p50 of `plain`.
 const AIM: f64 = 1.3;
 
-/// Maximum ratio of the p50 of secured agents to that of agents without security.
+/// Maximum ratio of the p50 of `secured` to the p50 of `agents`.
 const SECURED_AIM: f64 = 2.5;
 
 /// Lengths of the messages of a round trip, in bytes.
@@ -48,13 +49,13 @@ struct Sizes {
     reply: usize,
 }
 
-/// Handle of a task that makes as many round trips as it is told, and returns the duration of each.
+/// Handle of a task that makes as many round trips as it is told to, and returns the duration of each.
 struct Asker {
     turns: Sender<usize>,
     taken: Receiver<Vec<Duration>>,
 }
 
-/// Two worker threads, as the daemon has.
+/// Runs the benchmark on two worker threads, as many as the daemon has.
 #[tokio::main(worker_threads = 2)]
 async fn main() -> Result<(), Error> {
     let turns = turns()?;
@@ -133,7 +134,7 @@ impl Asker {
         self.taken.recv().await.ok_or_else(|| "the asker has ended".into())
     }
 
-    /// An asker that sends bytes and waits for bytes.
+    /// Returns an asker that sends bytes and waits for bytes.
     fn of_bytes(
         send: impl Fn(Bytes) -> Result<(), Error> + Send + 'static,
         mut heard: UnboundedReceiver<Bytes>,
@@ -159,7 +160,7 @@ impl Asker {
     }
 }
 
-/// Starts the task at the other end, which answers every message.
+/// Starts the task that answers every message, at the other end.
 fn echo(
     send: impl Fn(Bytes) -> Result<(), Error> + Send + 'static,
     mut heard: UnboundedReceiver<Bytes>,

@@ -1,4 +1,4 @@
-//! The baseline: an echo over plain Zenoh, with the key layout of Althing's messages.
+//! The benchmark's baseline: an echo over plain Zenoh, with the key layout of Althing's messages.
 
 use std::time::Duration;
 

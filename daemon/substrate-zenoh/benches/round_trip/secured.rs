@@ -1,4 +1,4 @@
-//! Certificates for the secured pair of daemons.
+//! Certificates for the secured pair of daemons in the benchmark.
 
 use std::sync::Arc;
 
@@ -12,10 +12,10 @@ use tempfile::TempDir;
 
 use crate::Error;
 
-/// Rate limit, which two agents that do nothing else cannot reach.
+/// Rate limit per second that two agents cannot reach, even if they do nothing but exchange messages.
 const MESSAGES_PER_SECOND: u32 = 1_000_000;
 
-/// An authority in a folder of its own.
+/// A certificate authority with its files in a temporary folder.
 pub(crate) struct House {
     folder: CredentialFolder,
     authority: Authority,
@@ -39,7 +39,7 @@ impl House {
         Ok(Security { identity, verifier: Arc::new(Verifier::new(trust, MESSAGES_PER_SECOND)) })
     }
 
-    /// The default rights of an ecosystem's file; every message is checked against them.
+    /// Returns the default rights of an ecosystem file; every message is checked against them.
     pub(crate) fn rights() -> Rights {
         Rights {
             guests: AllowedNames::All,

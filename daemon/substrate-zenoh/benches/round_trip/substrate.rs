@@ -1,4 +1,4 @@
-//! The echo over this crate alone, without agents.
+//! The benchmark's echo over this crate alone, without agents.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use tokio::sync::mpsc::{self, UnboundedReceiver, UnboundedSender};
 
 use crate::{Asker, Error, Sizes};
 
-/// Passes every message to a channel, and notifies when an agent joins.
+/// Receiver that passes every message to a channel, and notifies when an agent joins.
 struct Ear {
     messages: UnboundedSender<Bytes>,
     joined: UnboundedSender<()>,
@@ -67,7 +67,7 @@ async fn open(name: &str, connect: &[String]) -> Result<Opened, Error> {
     Ok((config.open(Arc::new(Ear { messages, joined })).await?, heard, joins))
 }
 
-/// Settings of a router on this machine.
+/// Returns the settings of a router that listens on this machine.
 pub(crate) fn config(ecosystem: &str, daemon: &str, connect: &[String]) -> Result<Config, Error> {
     let mut config = Config::new(EcosystemId::new(ecosystem)?, DaemonId::new(daemon)?);
     config.listen = vec!["tcp/127.0.0.1:0".to_owned()];

@@ -1,4 +1,4 @@
-//! Questions and answers.
+//! Tests of questions and answers between daemons.
 
 use std::time::Instant;
 

@@ -27,7 +27,8 @@ pub(crate) struct Daemon {
     heard: mpsc::UnboundedReceiver<String>,
 }
 
-/// Records the messages it receives, and answers every question with its name, the resource and the agent.
+/// Receiver that records messages as text, and answers every question with its name, the resource and the
+/// agent.
 struct Ear {
     name: &'static str,
     heard: mpsc::UnboundedSender<String>,
@@ -91,7 +92,7 @@ pub(crate) fn agent(name: &str) -> AgentId {
     AgentId::new(name).expect("a name")
 }
 
-/// Returns an inbound that writes to the returned receiver.
+/// Returns a receiver for messages, and the channel to which it writes each of them as a line.
 pub(crate) fn ear(name: &'static str) -> (Arc<dyn Inbound>, mpsc::UnboundedReceiver<String>) {
     let (sender, heard) = mpsc::unbounded_channel();
     (Arc::new(Ear { name, heard: sender }), heard)
@@ -111,7 +112,7 @@ impl Daemon {
         Daemon::open(name, |config| config.listen = vec![HERE.to_owned()]).await
     }
 
-    /// Opens a router that listens, and connects to another.
+    /// Opens a router that listens, and connects to `other`.
     pub(crate) async fn linked(name: &'static str, other: &Daemon) -> Daemon {
         let connect = other.substrate.locators();
         Daemon::open(name, |config| {
@@ -121,7 +122,7 @@ impl Daemon {
         .await
     }
 
-    /// Opens a client of another daemon.
+    /// Opens a client that connects to the daemon `other`.
     pub(crate) async fn client(name: &'static str, other: &Daemon) -> Daemon {
         let connect = other.substrate.locators();
         Daemon::open(name, |config| {
@@ -131,7 +132,7 @@ impl Daemon {
         .await
     }
 
-    /// Waits for a line; returns all lines up to it.
+    /// Waits until this line is recorded; returns all lines up to it.
     #[track_caller]
     pub(crate) fn hear(&mut self, line: &str) -> impl Future<Output = Vec<String>> {
         let at = std::panic::Location::caller();
@@ -148,7 +149,7 @@ impl Daemon {
         }
     }
 
-    /// Waits for lines in whatever order they come.
+    /// Waits until all of these lines are recorded, in whatever order they come.
     pub(crate) async fn hear_all(&mut self, lines: &[&str]) {
         let mut missing: Vec<_> = lines.to_vec();
         while !missing.is_empty() {
@@ -157,13 +158,13 @@ impl Daemon {
         }
     }
 
-    /// Waits for the next line.
+    /// Waits until a line is recorded, whatever it is.
     pub(crate) async fn hear_any(&mut self) -> Vec<String> {
         let line = tokio::time::timeout(DEADLINE, self.heard.recv()).await.expect("in time");
         vec![line.expect("the ear lives with its session")]
     }
 
-    /// Returns a line that is already there; `None` if there is none.
+    /// Returns a line that has been recorded already; `None` if there is none.
     pub(crate) fn heard_already(&mut self) -> Option<String> {
         self.heard.try_recv().ok()
     }
@@ -182,7 +183,7 @@ impl Daemon {
         self.send(daemon, to, Subject::Message(Performative::Request), text);
     }
 
-    /// Asks, and returns the answers sorted.
+    /// Sends a question, and returns the answers sorted.
     pub(crate) async fn ask(
         &self,
         daemon: Option<&str>,

@@ -1,4 +1,4 @@
-//! Messages to one agent and to all, and heartbeats.
+//! Tests of messages to one agent and to all, and of heartbeats.
 
 use acl::Performative;
 use bytes::Bytes;
@@ -14,7 +14,7 @@ async fn pair() -> (Daemon, Daemon) {
     (a, b)
 }
 
-/// Lets each daemon see an agent of the other, and forgets the tokens, so that the agents stay present.
+/// Makes each daemon see an agent of the other. The tokens are leaked, so that the agents stay present.
 async fn meet(a: &mut Daemon, b: &mut Daemon) {
     for (from, to) in [(&*a, "x"), (&*b, "y")] {
         std::mem::forget(from.announce(to));

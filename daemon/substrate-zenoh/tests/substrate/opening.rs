@@ -1,4 +1,4 @@
-//! Opening a session, and the errors when it cannot be opened.
+//! Tests of opening a session, and of the errors when it cannot be opened.
 
 use substrate_zenoh::{Config, SessionMode};
 
@@ -56,7 +56,7 @@ async fn refusals_name_the_endpoint_and_what_would_be_right() {
     assert!(error.contains(&nobody), "{error}");
 }
 
-/// One file for all machines names every daemon.
+/// One ecosystem file for all machines names every daemon, including the one that reads it.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_daemon_that_is_told_to_call_itself_does_not() {
     let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");

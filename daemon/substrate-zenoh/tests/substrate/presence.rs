@@ -1,4 +1,4 @@
-//! Presence of agents.
+//! Tests of the presence of agents.
 
 use acl::Incarnation;
 use substrate::{Resource, Substrate as _};

@@ -1,5 +1,5 @@
-//! Links that close and open again before the routes are computed anew: Zenoh then does not send its
-//! declarations again.
+//! Tests of links that close and open again before the routes are computed anew: Zenoh then does not send
+//! its declarations again.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::daemon::{Daemon, HERE};
 /// How often the link is cut.
 const CUTS: usize = 3;
 
-/// A relay between a daemon and the sessions that connect to `endpoint`; it can be cut.
+/// A relay between a daemon and the sessions that connect to `endpoint`; its connections can be cut.
 struct Cable {
     endpoint: String,
     cut: Arc<Notify>,
@@ -49,7 +49,7 @@ impl Cable {
         self.cut.notify_waiters();
     }
 
-    /// Opens a router that connects through it, and reconnects at once.
+    /// Opens a router that connects through this relay, and reconnects at once.
     async fn router(&self, name: &'static str) -> Daemon {
         Daemon::open(name, |config| {
             config.listen = vec![HERE.to_owned()];

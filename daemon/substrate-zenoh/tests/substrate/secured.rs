@@ -1,7 +1,7 @@
-//! A secured ecosystem: which sessions get in, which messages are believed, and that the rest does not
-//! disturb other daemons.
+//! Tests of a secured ecosystem: which sessions are accepted, which messages are believed, and that all
+//! others do not disturb the daemons.
 //!
-//! Everything goes over TLS on this machine's loopback, with certificates made for the test.
+//! All messages go over TLS on this machine's loopback interface, with certificates made for the test.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -29,14 +29,15 @@ use crate::daemon::{DEADLINE, Daemon, agent, config, ear};
 
 const TLS_HERE: &str = "tls/127.0.0.1:0";
 
-/// Rate limit beyond what any test sends.
+/// Rate limit per second that no test reaches.
 const PLENTY: u32 = 100_000;
 
-/// An authority and its daemons' certificates.
+/// A certificate authority and the certificates of its daemons.
 struct House {
     folder: CredentialFolder,
     authority: Authority,
-    /// Incarnation in which each daemon was opened last: a message to it is sealed for that one.
+    /// Incarnation in which each daemon was opened last: a message to the daemon is sealed for that
+    /// incarnation.
     lives: Mutex<BTreeMap<String, u64>>,
     _temporary: TempDir,
 }
@@ -59,7 +60,7 @@ impl House {
         DaemonIdentity::read(&self.folder, &name, &trust).expect("just made")
     }
 
-    /// Makes the folder of another machine: one daemon's certificate and the authority's.
+    /// Makes the folder of another machine, with the certificate of one daemon and that of the authority.
     fn apart(&self, name: &str) -> House {
         drop(self.identity(name));
         let temporary = tempfile::tempdir().expect("a folder");
@@ -103,7 +104,7 @@ impl House {
         .await
     }
 
-    /// Opens plain Zenoh with a daemon's certificate; it can send anything.
+    /// Opens a plain Zenoh session with the certificate of a daemon; it can send anything.
     async fn rogue(&self, name: &str, at: &Daemon) -> Session {
         let name = DaemonId::new(name).expect("a name");
         drop(self.identity(name.as_str()));
@@ -116,7 +117,7 @@ impl House {
     }
 }
 
-/// Opens a plain Zenoh session, as any tool would.
+/// Opens a plain Zenoh session, as any tool would do.
 async fn raw(
     at: &Daemon,
     with: &[(&str, &String)],
@@ -140,7 +141,8 @@ async fn raw(
     zenoh::open(config).await
 }
 
-/// Waits until the session sees the subscription of a daemon; messages sent before are lost.
+/// Waits until the session sees the subscription of a daemon to `key`; messages sent before that are
+/// lost.
 async fn reach(rogue: &Session, key: &'static str) {
     let publisher = rogue.declare_publisher(key).await.expect("open");
     let seen = async {

@@ -1,4 +1,4 @@
-//! Messages, tokens and queries of plain Zenoh clients, and what such clients receive.
+//! Tests of messages, tokens and queries of plain Zenoh clients, and of what such clients receive.
 
 use substrate::Resource;
 use zenoh::query::Query;
@@ -6,7 +6,7 @@ use zenoh::{Session, Wait};
 
 use crate::daemon::{DEADLINE, Daemon, ecosystem};
 
-/// Opens a plain Zenoh client, as any tool would.
+/// Opens a plain Zenoh client, as any tool would do.
 async fn stranger(daemon: &Daemon) -> Session {
     let mut config = zenoh::Config::default();
     let endpoints = serde_json::to_string(&daemon.substrate.locators()).expect("strings");
