@@ -43,11 +43,11 @@ use crate::validate::World;
 ///     let found = replanner.plan(
 ///         &domain, &problem(objects), &[], &Default::default(), &Default::default(),
 ///     ).unwrap();
-///     (found.outcome.plan.unwrap().steps.len(), found.grounding)
+///     (found.outcome.plan.unwrap().steps.len(), found.grounding_reuse)
 /// };
-/// assert_eq!(plan("front"), (1, planner::Grounding::Afresh));
-/// assert_eq!(plan("front back"), (2, planner::Grounding::Extended));
-/// assert_eq!(plan("back"), (1, planner::Grounding::Kept));
+/// assert_eq!(plan("front"), (1, planner::GroundingReuse::Full));
+/// assert_eq!(plan("front back"), (2, planner::GroundingReuse::Extended));
+/// assert_eq!(plan("back"), (1, planner::GroundingReuse::Kept));
 /// ```
 #[derive(Debug, Default)]
 pub struct Replanner {
