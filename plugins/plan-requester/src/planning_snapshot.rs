@@ -166,7 +166,7 @@ impl PlanningSnapshot {
         self.world().map_or_else(|_| vec![goal.clone()], |world| self.conjuncts(world, goal))
     }
 
-    /// Splits a goal into its conjuncts, with the quantifiers in it resolved by the state `world`.
+    /// Splits a goal into its conjuncts. `world` gives the objects over which quantifiers are expanded.
     fn conjuncts(&self, world: &World, goal: &Condition) -> Vec<Condition> {
         // A fact about a room may come from a device that has left, although no device derives it now.
         let is_unknown = |atom: &pddl::Atom| {
