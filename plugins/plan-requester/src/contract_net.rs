@@ -33,7 +33,7 @@ pub(crate) struct ContractNetState {
     known: Arc<PlanningSnapshot>,
     open: Vec<Condition>,
     conjuncts: Vec<String>,
-    /// Agents that have not answered in this round, with the exchange of each.
+    /// Called agents that have not answered in this round, each with the exchange of its call.
     awaited: BTreeMap<AgentId, ReplyToken>,
     bids: Bids,
     refusals: BTreeMap<AgentId, String>,

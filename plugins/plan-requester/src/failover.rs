@@ -39,7 +39,8 @@ struct GoalRecord {
     /// Identifier of the running plan of the goal; `None` if no plan runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     running: Option<RunningPlanId>,
-    /// History of the goal, oldest entry first. Records of older versions lack it.
+    /// History of the goal, oldest entry first. Records that older versions of Althing wrote lack the
+    /// history.
     #[serde(default)]
     happened: Vec<HistoryEntry>,
     /// Whether the goal is being cancelled. The agent that requested the cancellation has received the
@@ -380,7 +381,7 @@ impl PlanRequester {
         }
     }
 
-    /// Resumes a goal from the record that the Journals kept of it.
+    /// Resumes a goal from the record in the Journals.
     fn resume_from_record(
         &mut self,
         record: GoalRecord,

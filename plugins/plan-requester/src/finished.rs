@@ -32,7 +32,7 @@ pub(crate) struct FinishedGoals {
 }
 
 impl FinishedGoals {
-    /// Whether a record of at least this version says that the goal has ended.
+    /// Whether the cache knows that a goal has ended, from a record of this version or a later one.
     pub(crate) fn has(&self, id: &ConversationId, version: Version) -> bool {
         self.known.iter().any(|(other, at, _)| other == id && *at >= version)
     }

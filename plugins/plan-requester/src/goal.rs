@@ -24,8 +24,8 @@ const HISTORY_LINES_MAX: usize = 64;
 const AVOIDED_FIRST: Duration = Duration::from_secs(10);
 const AVOIDED_MAX: Duration = Duration::from_secs(300);
 
-/// Warm-up after a fail-over. During this time a missing agent does not count as gone: daemons that
-/// boot together need this long to connect and to announce their models.
+/// Duration of the warm-up after a fail-over, in which a missing agent does not count as gone. Daemons
+/// that boot together need this long to connect and to announce their models.
 const WARM_UP: Duration = Duration::from_secs(10);
 
 /// Number of failures of an action after which it is no longer used for a goal that is to be achieved
@@ -61,7 +61,8 @@ pub(crate) struct Goal {
     pub(crate) version: Version,
     /// Time at which this replica took the goal over; `None` if it has had the goal from the start.
     pub(crate) adopted_at: Option<Instant>,
-    /// Steps of the running plan that are not known to be done, under the names that their agents use.
+    /// Steps of the running plan that are not known to be done, with the action names that their agents
+    /// use.
     pub(crate) steps_left: Vec<PlanStep>,
     /// Steps of the failed plan that were not done; the planner may reuse them.
     pub(crate) failed_steps: Vec<PlanStep>,

@@ -6,8 +6,7 @@ use planner::{Cancel, StopReason};
 
 use crate::planning_snapshot::PlanningSnapshot;
 
-/// Maximum number of conjuncts of a goal up to which its pairs of conjuncts are tested for mutual
-/// exclusion.
+/// Maximum number of conjuncts of a goal for which pairs of conjuncts are tested for mutual exclusion.
 const PARTS_MAX: usize = 6;
 
 /// Result of planning with the actions of all agents.

@@ -62,7 +62,7 @@ impl Drop for ExplanationTask {
     }
 }
 
-/// Decision about a plan that was found.
+/// Decision about what is done with a plan that was found.
 pub(crate) enum PlanDecision {
     /// Execute the plan at once.
     Run,
@@ -427,7 +427,7 @@ impl PlanRequester {
             }));
     }
 
-    /// Estimates in the background what each running goal would cost if it were planned for now.
+    /// Estimates in the background what the plan of each running goal would cost if it were made now.
     fn compare(&mut self, snapshot: &Snapshot, joined: &str, ctx: &mut Context<Self>) {
         let Ok(known) = PlanningSnapshot::read(snapshot.clone()) else { return };
         let executing = self.goals.iter().filter(|(_, goal)| {
