@@ -24,7 +24,7 @@ struct LastHeartbeat {
 /// A confirmed change that contradicts the last heartbeat of its agent.
 #[derive(Clone, Debug)]
 pub(crate) struct UnverifiedEffect {
-    /// The ground action, under the name that its agent uses.
+    /// The ground action that the agent confirmed, under the name that the agent uses.
     pub(crate) action: String,
     change: ChangeState,
     /// Incarnation and sequence number of the heartbeat that contradicts the change; only a later

@@ -48,7 +48,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 struct Config {
-    /// Name of the Domain Maintainer.
+    /// Name of the Domain Maintainer that the Plan Executor works with.
     domain_maintainer: AgentId,
 }
 
@@ -101,7 +101,7 @@ struct RunningPlan {
     /// While the number is not zero, the Domain Maintainer's state is older than the state known here.
     unconfirmed_changes: usize,
     check_timer: Option<TimerId>,
-    /// Timer that ends the grace of an absent agent that the plan needs.
+    /// Timer that ends the wait (grace) for an agent that the plan needs and that is absent.
     grace_timer: Option<TimerId>,
     /// Whether the plan has waited for the grace since the last check that succeeded.
     grace_used: bool,
