@@ -48,7 +48,7 @@ pub struct Actuator<D: Device> {
     cache_expiry: Option<TimerId>,
 }
 
-/// Data that one bid leaves for the next.
+/// Data that the planner keeps from one bid for the next.
 #[derive(Default)]
 struct BidCache {
     sight: CompositionCache,
@@ -460,8 +460,8 @@ impl<D: Device> Actuator<D> {
         }
     }
 
-    /// Handles that a requester has stood down: the action goes on if another requester follows it, now
-    /// or soon.
+    /// Handles that a requester of the running action has stood down. The action goes on if another
+    /// requester follows it now or soon.
     fn requester_stood_down(&mut self, exchange: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(acting) = &mut self.running_command else { return };
         if !acting.subscribers.iter().any(|asker| asker.exchange == *exchange) {

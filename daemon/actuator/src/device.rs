@@ -80,7 +80,7 @@ pub struct Description {
     pub methods: Methods,
 }
 
-/// A fact that a device answers for.
+/// A fact about which the device has the decisive word: its reports count more than those of others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnFact {
     /// The fact, as it is written in the `:init` section of a problem.
@@ -113,16 +113,16 @@ pub struct MethodResult {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MethodFailure {
-    /// The device has no such method.
+    /// The device has no method of this name.
     #[error("find a method `{0}`")]
     UnknownMethod(String),
-    /// The method needs an argument that was not given.
+    /// The method needs this argument, which was not given.
     #[error("run a method without its argument `{0}`")]
     MissingArgument(&'static str),
-    /// The driver returned an error.
+    /// The driver of the device returned this error.
     #[error("{0}")]
     Driver(String),
-    /// The method took longer than its time limit.
+    /// The method took longer than its time limit, which is given here.
     #[error("finish within {0:?}")]
     TimedOut(Duration),
     /// The method was cancelled on request.

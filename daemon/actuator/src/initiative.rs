@@ -47,8 +47,8 @@ const OPEN_MAX: usize = 32;
 /// An event of a device, as a function that changes the device and returns the device's initiatives.
 pub type DeviceEvent<D> = Box<dyn FnOnce(&mut D) -> Vec<Initiative> + Send>;
 
-/// An action that a device takes by itself. The device chooses the names, which identify its goals and
-/// its questions.
+/// An action that a device takes without a request. The device chooses the names of its initiatives,
+/// which identify its goals and its questions.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Initiative {
     /// Requests a goal from the Plan Requester. The same goal under the same name is requested once;
@@ -62,7 +62,8 @@ pub enum Initiative {
         /// withdrawn.
         insists: bool,
     },
-    /// Withdraws the goal and the question of this name, if there are any. No more news of them follow.
+    /// Withdraws the goal and the question of this name, if there are any. No more news about them
+    /// follow.
     Withdraw {
         /// Name under which the goal was requested or the question was asked.
         name: String,

@@ -101,12 +101,12 @@ impl Ledger {
         }
     }
 
-    /// Loads the command ledger of earlier incarnations from `folder`. With `None` the ledger is in
-    /// memory only.
+    /// Loads the command ledger of earlier incarnations from `folder`. If `folder` is `None`, the
+    /// ledger is in memory only.
     ///
     /// # Errors
     ///
-    /// Returns an error if the file exists and cannot be read.
+    /// Returns an error if the ledger's file exists and cannot be read.
     pub(crate) fn open(
         agent: &AgentId,
         folder: Option<&StateFolder>,

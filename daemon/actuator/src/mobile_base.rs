@@ -47,7 +47,7 @@ const LOOKED_WITHIN: Duration = Duration::from_secs(1);
 /// Cost of charging in a plan, in meters: a detour past the dock alone is not worth this cost.
 const RECHARGE_COST: u32 = 10;
 
-/// Driver of a mobile base.
+/// Interface to the hardware of a mobile base.
 pub trait BaseDriver: Send + Sync + 'static {
     /// Drives the base to a neighboring place. The text of an error completes “failed to …”. Dropping
     /// the future stops the base.
@@ -59,7 +59,8 @@ pub trait BaseDriver: Send + Sync + 'static {
     /// Returns the place where the base really stands.
     fn place(&self) -> BoxFuture<Result<String, String>>;
 
-    /// Returns how far the base can still drive, in meters; `None` if it needs no battery.
+    /// Returns how far the base can still drive, in meters; `None` if the range of the base is
+    /// unlimited.
     fn charge(&self) -> BoxFuture<Result<Option<f64>, String>>;
 }
 
@@ -67,7 +68,7 @@ pub trait BaseDriver: Send + Sync + 'static {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct BaseConfig {
-    /// Place where the base stands at first.
+    /// Place where the base stands at the start.
     start: PlaceName,
     /// Speed of the base, in meters per second.
     #[serde(default = "default_speed")]
@@ -451,7 +452,7 @@ impl MobileBase {
     }
 }
 
-/// Driver and state that a running method uses.
+/// Driver and state of a mobile base, as a running method uses them.
 struct BaseHandle {
     driver: Arc<dyn BaseDriver>,
     state: Arc<watch::Sender<BaseState>>,
