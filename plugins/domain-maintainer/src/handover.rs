@@ -58,7 +58,7 @@ impl DomainMaintainer {
         }
     }
 
-    /// Stands down: sends the noted changes to the new leader.
+    /// Stands down from leading: sends the changes noted for a hand-over to the new leader.
     pub(crate) fn stand_down(&mut self, ctx: &mut Context<Self>) {
         let changed = self.upkeep.maintainer.stand_down(self.upkeep.timestamp());
         if changed != RequestedSince::default() {

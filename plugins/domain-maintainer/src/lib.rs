@@ -96,7 +96,7 @@ struct DomainMaintainer {
     /// Whether this replica of the Domain Maintainer leads. A standby receives the same messages and
     /// sends none.
     is_leading: bool,
-    /// Version of the last record of requested changes that was read or written.
+    /// Version of the record of requested changes that this replica last read or wrote.
     record_version: Option<Version>,
     known_replicas: KnownReplicas,
 }
@@ -256,7 +256,7 @@ impl DomainMaintainer {
         domain_sync::receive_inform(self, &message, ctx);
     }
 
-    /// Announces the requested changes, even if nothing else is new.
+    /// Announces the requested changes in force, even if nothing else has changed.
     fn announce_requests(&mut self, ctx: &mut Context<Self>) {
         let maintainer = &self.upkeep.maintainer;
         let (epoch, revision) = (maintainer.epoch(), maintainer.revision());
