@@ -32,8 +32,8 @@ use crate::store::{Store, StoreError};
 /// request is a change of one goal, and one write serves all that wait.
 const QUEUED_MAX: usize = 256;
 
-/// Interval between tries to open the file. The disk may have been full when the daemon started, or an
-/// earlier process may still hold the file.
+/// Interval between tries to open the Journal's file. The disk may have been full when the daemon
+/// started, or an earlier process may still have the file open.
 const REOPEN_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Delay before another Journal that gave no answer is asked again; that Journal may still be opening
@@ -265,7 +265,7 @@ impl Journal {
         }
     }
 
-    /// Fetches all records of another Journal and takes those that are newer.
+    /// Fetches all records of another Journal, and stores those that are newer than the records here.
     fn fetch(&mut self, other: AgentId, ctx: &mut Context<Self>) {
         let Some(resident) = ctx.find(&other) else { return };
         let ask = ResourceQuery {

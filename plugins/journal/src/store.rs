@@ -62,7 +62,7 @@ pub(crate) enum StoreError {
     /// The daemon has no state folder in which records could be stored.
     #[error("keep anything: this daemon has no state folder")]
     Nowhere,
-    /// A newer version of Althing wrote the file.
+    /// A newer version of Althing wrote the Journal's file.
     #[error(
         "read {}: a newer Althing wrote it (format {found}; this one reads up to {FORMAT}); \
          update this machine, or move the file away: the other Journals have copies",
@@ -74,7 +74,7 @@ pub(crate) enum StoreError {
         /// Number of the format in which the file is written.
         found: u64,
     },
-    /// Another version of the embedded store wrote the file.
+    /// Another version of the embedded store wrote the Journal's file.
     #[error(
         "read {}: another version of the store wrote it ({why}); update this machine, or move the file \
          away: the other Journals have copies",
@@ -83,7 +83,7 @@ pub(crate) enum StoreError {
     Foreign {
         /// Path of the file that another version of the embedded store wrote.
         path: PathBuf,
-        /// The store's error about the format.
+        /// The embedded store's error about the format of the file.
         why: String,
     },
     /// Another process has the Journal's file open.
@@ -113,7 +113,7 @@ pub(crate) enum StoreError {
 // === impl StoreError ===
 
 impl StoreError {
-    /// Whether the error may disappear without a person's action.
+    /// Whether the cause of the error may disappear without a person's action.
     pub(crate) fn is_transient(&self) -> bool {
         match self {
             StoreError::Nowhere | StoreError::Newer { .. } | StoreError::Foreign { .. } => false,
