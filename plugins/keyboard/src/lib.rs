@@ -32,7 +32,7 @@ use tokio::time::Instant;
 use crate::questions::Questions;
 pub use crate::terminal::{GoalRequest, MessageDraft, Terminal, UserEvent, UserRequest};
 
-/// Capacity of each of the two channels between keyboard and terminal, in messages.
+/// Capacity in messages of each of the two channels between a Keyboard Agent and its terminal.
 const CHANNEL_CAPACITY: usize = 1_024;
 
 /// How long a requested goal may go without any report. A maintained goal may hold for a year.
@@ -82,7 +82,7 @@ struct RequestedGoal {
     last_report_at: Instant,
     /// The request for the goal, as it was sent to the Plan Requester.
     request: Request,
-    /// How often the Plan Requester has left before it had received this request.
+    /// Number of times that a Plan Requester has left before it had received this request.
     departures: u32,
 }
 
@@ -97,7 +97,7 @@ pub struct Keyboard {
     actions_in_preparation: BTreeMap<ConversationId, WorkHandle>,
     /// Requested goals that have not ended.
     goals: BTreeMap<ConversationId, RequestedGoal>,
-    /// Running actions, by conversation.
+    /// Running actions that the person requested singly, by conversation.
     running_actions: BTreeMap<ConversationId, ReplyToken>,
     user_requests: Option<mpsc::Receiver<UserRequest>>,
     listening: Option<WorkHandle>,

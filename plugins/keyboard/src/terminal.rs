@@ -89,7 +89,7 @@ pub enum UserEvent {
     QuestionClosed(u64, String),
 }
 
-/// The person's end of the channels.
+/// The ends of the two channels to a Keyboard Agent that belong to the person.
 pub struct Terminal {
     /// Inputs of the person.
     pub requests: mpsc::Sender<UserRequest>,
