@@ -22,7 +22,7 @@ const LANDMARK_CUT: &str = "astar(lmcut())";
 /// or conditional effects: A* without a heuristic.
 const BLIND: &str = "astar(blind())";
 
-/// Exit code “unsupported”: the search refuses a feature of the task.
+/// Exit code of Fast Downward for “unsupported”: the search refuses a feature of the task.
 const UNSUPPORTED: i32 = 34;
 
 /// Runs Fast Downward for a task and reads the result of the run.

@@ -94,7 +94,7 @@ pub enum EngineError {
         /// The last line of the engine's output.
         said: String,
     },
-    /// The engine's plan is not valid. It is not returned.
+    /// The engine's plan is not valid, and is not returned.
     #[error("confirm the plan of {engine}: {fault}")]
     WrongPlan {
         /// The engine that returned the invalid plan.

@@ -31,7 +31,7 @@ pub enum PlanningAim {
     /// Any plan, as soon as possible.
     #[default]
     Plan,
-    /// A plan that is proved to be the cheapest. Only Fast Downward supports this.
+    /// A plan that is proved to be the cheapest. Only Fast Downward supports this aim.
     CheapestPlan,
 }
 

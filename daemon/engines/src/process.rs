@@ -54,7 +54,7 @@ pub(crate) struct EngineRun {
 pub(crate) enum EngineEnd {
     /// The process exited on its own (not killed by a limit).
     Itself(ExitStatus),
-    /// The process was killed because its time was up.
+    /// The process was killed because its time limit was reached.
     OutOfTime,
     /// The process was killed because the caller cancelled it.
     Cancelled,

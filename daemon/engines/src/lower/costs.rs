@@ -72,7 +72,7 @@ struct FunctionProperties {
     weights: BTreeMap<Name, f64>,
     /// Functions that an action changes.
     changed: BTreeSet<Name>,
-    /// Functions that an action sets to a value that does not depend on the former one.
+    /// Functions that an action sets to a value that does not depend on the function's former value.
     assigned: BTreeSet<Name>,
     values: FluentValues,
     objects: BTreeMap<Name, TypeExpr>,

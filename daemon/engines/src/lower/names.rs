@@ -24,7 +24,7 @@ const TOTAL_COST: &str = "total-cost";
 /// Number of characters that are kept of a name that is longer.
 const LENGTH_MAX: usize = 40;
 
-/// The kind of a named thing. Things of different kinds may have the same name.
+/// The kind of a thing that has a name. Things of different kinds may have the same name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum SymbolKind {
     Type,
@@ -44,7 +44,7 @@ pub(crate) struct EngineNames {
     taken: BTreeSet<String>,
 }
 
-/// Renames everything in the task.
+/// Gives everything in the task a name that every engine can read, and returns these names.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> EngineNames {
     let mut names = EngineNames::default();
     (domain.name, problem.domain, problem.name) = ("d".into(), "d".into(), "p".into());

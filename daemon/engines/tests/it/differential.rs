@@ -18,11 +18,11 @@ const TASKS: u64 = 40;
 enum Kind {
     /// Costs, and no other features.
     Strips,
-    /// Negation, disjunction, quantifiers, equality.
+    /// Negation, disjunction, quantifiers and equality.
     Adl,
-    /// Conditional and universal effects, costs that depend on objects.
+    /// Conditional and universal effects, and costs that depend on objects.
     Conditional,
-    /// Derived predicates, recursive or negated.
+    /// Derived predicates that are recursive or negated.
     Derived,
 }
 

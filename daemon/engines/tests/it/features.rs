@@ -12,7 +12,7 @@ pub(crate) struct Feature {
     pub(crate) by: Judges,
 }
 
-/// The external programs that a feature is checked with, in addition to the own validator.
+/// The external programs that a feature is checked with, in addition to Althing's own validator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Judges {
     /// Both programs: unified-planning accepts the plan, and Fast Downward finds one.
