@@ -24,7 +24,7 @@ pub const UNPROVEN: u8 = 4;
 pub const OUT_OF_MEMORY: u8 = 22;
 /// Exit code of `plan`: time ran out before a plan was found.
 pub const OUT_OF_TIME: u8 = 23;
-/// A file of the user's cannot be read, or has errors.
+/// A file that the user has given cannot be read, or has errors.
 pub const BAD_INPUT: u8 = 33;
 /// The input is valid, but uses a feature that this version does not support.
 pub const UNSUPPORTED: u8 = 34;

@@ -25,9 +25,9 @@ pub enum FormError<'a> {
     },
     /// The text has a value of another kind than expected.
     Kind {
-        /// Serde's description of the value, for [`got`].
+        /// Serde's description of the value; [`got`] turns it into words for the author.
         got: &'a str,
-        /// Serde's name of the expected type, for [`kind`].
+        /// Serde's name of the expected type; [`kind`] turns it into words for the author.
         wanted: &'a str,
     },
     /// The text has a value that matches none of the allowed forms.

@@ -237,8 +237,8 @@ impl DiagnosticReport {
         }
     }
 
-    /// If a feature is not supported, removes from the report the errors that may only follow from it:
-    /// such a feature leaves gaps in the parsed text.
+    /// Returns the report; if a feature is not supported, without the errors that may only follow from that
+    /// feature, which leaves gaps in the parsed text.
     pub fn refused(mut self) -> DiagnosticReport {
         if self.is_unsupported() {
             self.findings.retain(|finding| {
