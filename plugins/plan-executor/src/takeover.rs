@@ -113,8 +113,9 @@ impl FinishedPlans {
 
 impl PlanExecutor {
     /// Answers a request for a plan that this Plan Executor already runs or has ended, and refuses the
-    /// request if a plan of another term runs for the same goal. Returns whether the request was
-    /// answered. If an older plan of the same goal and the same term runs, gives that plan up.
+    /// request if a newer plan, or a plan of another term, runs for the same goal. Returns whether the
+    /// request was answered. If an older plan of the same goal and the same term runs, gives that plan
+    /// up.
     pub(crate) fn answer_if_known(
         &mut self,
         engagement: &Participation,
